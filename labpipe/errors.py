@@ -22,10 +22,10 @@ from typing import Self
 
 INTERLACED, EXCHANGED, IN_MOTION, MARKER = "interlaced", "width and height", "in motion", "marker"
 UNKNOWN_FORMAT, NO_FILM, NO_MATERIAL, MATERIAL_FILE = "unknown format", "no film", "no material", "material file"
-UNREADABLE = "unreadable"
+UNREADABLE, UNSAID = "unreadable", "left unsaid"
 """Reasons: rows of two instants; width and height exchanged; a record that begins in motion; a marker in place of a
 reading; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole one; a
-file that is not what it claims to be in another way."""
+file that is not what it claims to be in another way, or that leaves unsaid what reading it needs."""
 
 
 class LabpipeError(Exception):
@@ -39,7 +39,8 @@ class LabpipeError(Exception):
         Whether the run was stopped by something else than what it was given: such an error says
         nothing about a record, and the same run may succeed another time.
     reason : str
-        One of the constants of this module where a caller acts on why it was raised; else empty.
+        One of the constants of this module, or the name of what was given wrongly, where a caller acts on why it
+        was raised; else empty.
     """
 
     exit_code = 1

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labpipe.errors import MARKER, SourceError
+from labpipe.errors import MARKER, UNSAID, SourceError
 from labpipe.numbers import DOT, Separators, is_number, plain_number, shorten
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def survey(
         path,
         f"no codec decodes the file; tried {'; '.join(failures)}",
         hint='Give the codec it was written with, for example encoding="cp932".',
-    )
+    ).because(UNSAID)
 
 
 def unmarked_codec(head: bytes) -> str | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from instruments._clock import moment
 from instruments.keyence._columns import even_interval, seconds
 from instruments.keyence._header import Header, KeyenceProfile, is_length_or_volts
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import UNSAID, InputError, SourceError
 from labpipe.numbers import shorten
 from labpipe.units import quantity, unit
 
@@ -33,10 +33,11 @@ def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tup
             path,
             "the file does not say the unit of its readings",
             hint='Give one for every output, in order: units=["mm"].',
-        )
+        ).because(UNSAID)
     if len(units) != len(header.outputs):
         text = f"found {len(units)} units for {len(header.outputs)} outputs"
-        raise SourceError(path, text, line=line, hint='Give one for every output, in order: units=["mm", "um"].')
+        hint = 'Give one for every output, in order: units=["mm", "um"].'
+        raise SourceError(path, text, line=line, hint=hint).because(UNSAID)
     for text in units:
         if not is_length_or_volts(text):
             message = f"found the unit {shorten(text)}, expected a length, volts or a derivative"
@@ -70,7 +71,8 @@ def stated_cycle(path: Path, header: Header, given: str | float | None) -> float
         raise InputError(f'cycle must be a time such as "50 us", found "{given}"')
     if "cycle" not in header.entries:
         if asked is None:
-            raise SourceError(path, "the file does not say its sampling cycle", hint='Give it: cycle="50 us".')
+            message = "the file does not say its sampling cycle"
+            raise SourceError(path, message, hint='Give it: cycle="50 us".').because(UNSAID)
         return asked
     line, cells, unit_text = header.entries["cycle"]
     text = f"{' '.join(cells)} {unit_text}".strip()
@@ -110,7 +112,7 @@ def stated_storage(path: Path, header: Header, given: int | None, cycle: float, 
                 path,
                 "the file does not say whether every sample was stored",
                 hint="Give the factor between samples and stored points: storage_factor=1.",
-            )
+            ).because(UNSAID)
         return given or 1
     line, cells, unit_text = header.entries["storage"]
     text = " ".join(cells).strip()

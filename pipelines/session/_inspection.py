@@ -41,7 +41,6 @@ _OWN = (".toml", ".nc", ".png")
 _MOST = 2000  # files of a folder, of which each is told in a line
 _QUICK = 16 << 20
 """Bytes of a file that is read whole to say a line about it; of a larger film, what opening it tells."""
-_MISSING = "frames are missing"
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is worth telling."""
 
@@ -184,11 +183,9 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
         warnings.simplefilter("always")
         source = instruments.read(file, **options | {"instrument": name} | ({"fps": 1.0} if untimed else {}))
         is_table = isinstance(source, xr.Dataset)
-        found = table(source) if isinstance(source, xr.Dataset) else film(source)
+        found = table(source) if isinstance(source, xr.Dataset) else film(source, is_timed=not untimed)
     said = [str(w.message) for w in caught]
     if untimed:  # what does not depend on it is told all the same
-        found = {what: value for what, value in found.items() if what not in ("interval", "rate", "time")}
-        found["problems"] = [told for told in found["problems"] if not told.startswith(_MISSING)]
         said.insert(0, f"no frame rate. {images.NEEDS_RATE}")
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
     return {"reader": name, "kind": "table" if is_table else "film", **found, "problems": problems}
@@ -365,8 +362,8 @@ def _reading_problems(dataset: xr.Dataset, columns: list[dict[str, Any]]) -> lis
     return found
 
 
-def film(frames: FrameSource) -> dict[str, Any]:
-    """Describe a film: size, times, exposure, levels, damaged frames."""
+def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:
+    """Describe a film: size, times where they are known, exposure, levels, damaged frames."""
     import numpy as np
 
     count, rows, columns = frames.shape
@@ -377,15 +374,18 @@ def film(frames: FrameSource) -> dict[str, Any]:
         problems.append(f"{int((~valid).sum())} of {count} frames are damaged")
     steps = np.diff(time)
     interval = float(np.nanmedian(steps)) if count > 1 else None
-    if interval is not None and (np.abs(steps - interval) > 0.5 * interval).any():
-        problems.append(f"{_MISSING}: the longest step is {np.nanmax(steps):.4g} s")
+    if is_timed and interval is not None and (np.abs(steps - interval) > 0.5 * interval).any():
+        problems.append(f"frames are missing: the longest step is {np.nanmax(steps):.4g} s")
     exposure = frames.exposure
-    return {
-        "frames": count,
-        "image": f"{columns} × {rows} px",
+    timing = {
         "interval": "unknown" if interval is None else f"{interval:.6g} s",
         "rate": "unknown" if interval is None else f"{1.0 / interval:.6g} Hz",
         "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the {'trigger' if axis is not None else 'first image'}",
+    }
+    return {
+        "frames": count,
+        "image": f"{columns} × {rows} px",
+        **(timing if is_timed else {}),
         "exposure": "unknown" if exposure is None else f"{np.nanmedian(exposure):.3g} s",
         "levels": f"{frames.levels[0]:g} black, {frames.levels[1]:g} white",
         "problems": problems,

@@ -150,13 +150,13 @@ def _filled(polygons: Sequence[ArrayLike], size: tuple[int, int], name: str) -> 
                 f"{name} must hold polygons of three or more corners (x, y) in px, found shape {corners.shape} "
                 f"as polygon {number}"
             )
-            raise InputError(message)
+            raise InputError(message).because(name)
         if (crossing := _crossing(corners)) is not None:
             message = (
                 f"{name}: polygon {number} crosses itself, its sides from corner {crossing[0] + 1} and from corner "
                 f"{crossing[1] + 1}; list its corners in the order in which they follow each other around it"
             )
-            raise InputError(message)
+            raise InputError(message).because(name)
         own = np.zeros(size, np.uint8)
         cv2.fillPoly(own, [np.rint(corners.clip(-_FARTHEST, _FARTHEST)).astype(np.int32)], 1)
         if not own.any() or not cv2.contourArea(corners.astype(np.float32)):
@@ -165,7 +165,7 @@ def _filled(polygons: Sequence[ArrayLike], size: tuple[int, int], name: str) -> 
                 f"y {corners[:, 1].min():g} to {corners[:, 1].max():g} px; the frames are {size[1]} px wide and "
                 f"{size[0]} px high"
             )
-            raise InputError(message)
+            raise InputError(message).because(name)
         image |= own
     return image
 

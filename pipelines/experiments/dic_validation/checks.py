@@ -64,7 +64,14 @@ _JUMPS = {"dx": 0.3, "rotation": 2e-3, "stretch_x stretch_y": 2e-3}
 _AROUND = 31  # frames whose contrast is compared
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
+_MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
+_MENDS |= {name: f"tracking.{name}" for name in ("regions", "covers", "obstructions")}
+_POLYGON = "the polygon is not drawn in px of the first image, x to the right and y down, or around something else"
 _FAILED = CAUSES | {
+    reason: f"{setting} does not lie in the images" if reason == setting else _POLYGON
+    for reason, setting in _MENDS.items()
+}
+_FAILED |= {
     "track": "the film is not what the session says, or was not copied whole",
     "motion": "the calibration record is of another view or day, or tracking.body is not on the holder",
     "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder "
@@ -81,13 +88,16 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     """Judge one film; what gave no result is judged by that."""
     track, motion, bounces, comparison, laser = map(given.get, _STEPS)
     whole = whole_film(context, settings.film)
-    failed = judgements.failed_steps(context, _FAILED)
-    checks = [_of_places(_of_masks(explained(check, whole), settings)) for check in failed]
+    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     checks.append(not_smoothed(context, settings.film))
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
-        found = _of_masks(_found(track, settings), settings)
+        found = _found(track, settings)
+        if settings.tracking.masks:
+            names = " and ".join(f"tracking.{name}" for name in settings.tracking.masks)
+            also = f"; or {names} leave too little of it, or what does not move with it"
+            found = replace(found, cause=found.cause + also)
         if whole.level and found.level:  # frames that the file lacks show no holder
             found = replace(found, cause=whole.cause, setting="")
         # of a holder that is not found, what the images show is the better cause
@@ -161,26 +171,6 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
         cause = "frames are black, damaged or of something else there: the light failed, or something came between"
         return stated(name, law, text, "note", cause=cause, file=settings.film)
     return stated(name, law, message, level, cause=cause, setting="tracking.body")
-
-
-def _of_masks(check: Check, settings: DicValidation) -> Check:
-    """Name the masks as the cause of what is said of them, and as one of a holder that is not found."""
-    drawn = list(settings.tracking.masks)
-    told = [name for name in drawn if name in check.message]
-    if told:
-        cause = "the polygon is not drawn in px of the first image, x to the right and y down, or around something else"
-        return replace(check, cause=cause, setting=f"tracking.{told[0]}")
-    if check.name != "holder is found" or not drawn:
-        return check
-    names = " and ".join(f"tracking.{name}" for name in drawn)
-    return replace(check, cause=f"{check.cause}; or {names} leave too little of it, or what does not move with it")
-
-
-def _of_places(check: Check) -> Check:
-    """Name the place in the images that is wrong as the cause of what is said of it."""
-    name = check.message.partition(":")[0]
-    is_named = name in ("tracking.body", "tracking.body_subset", "tracking.line")
-    return replace(check, cause=f"{name} does not lie in the images", setting=name) if is_named else check
 
 
 def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:

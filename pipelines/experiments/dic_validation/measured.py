@@ -123,7 +123,7 @@ def _refuse_covered(body: xr.Dataset, chosen: Tracking) -> None:
         raise InputError(
             f"{names_of_masks} leave too few pixels of the square of {width} px about {at}, "
             "which tells the motion: draw them in px of the first image, or give another tracking.body"
-        )
+        ).because(next(iter(chosen.masks)))
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
@@ -147,7 +147,7 @@ def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, fl
                 raise InputError(
                     f"tracking.{name}: {what}({x:g}, {y:g}) reaches beyond the images, which are {columns} px wide and "
                     f"{rows} px high; give px of the first image, x to the right and y down"
-                )
+                ).because(f"tracking.{name}")
     return [(float(x), float(y)) for x, y in points], subsets
 
 

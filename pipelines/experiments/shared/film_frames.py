@@ -123,7 +123,8 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, *, is_int
 
 def explained(failed: Check, whole: Check) -> Check:
     """Give a step that failed on a film that is not whole that cause, where nothing better is known."""
-    is_of_film = whole.level and failed.level == "impossible" and failed.cause not in CAUSES.values()
+    is_known = failed.setting or failed.cause in CAUSES.values()
+    is_of_film = whole.level and failed.level == "impossible" and not is_known
     return replace(failed, cause=whole.cause) if is_of_film else failed
 
 

@@ -6,7 +6,7 @@ from typing import Protocol
 import xarray as xr
 
 import instruments
-from labpipe.errors import SourceError
+from labpipe.errors import UNSAID, SourceError
 from pipelines.experiments.shared.settings import Keyence
 
 
@@ -47,9 +47,9 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
 
 def _with_place(error: SourceError) -> SourceError:
     """Add where a session says what the file leaves unsaid."""
-    if error.hint is None or not error.hint.startswith("Give"):
+    if error.reason != UNSAID:
         return error
     example = 'keyence = { cycle = "50 us", storage_factor = 1, units = ["mm"] }'
     place = {"line": error.line, "column": error.column, "offset": error.offset}
     hint = f"{error.hint} In session.toml, for the experiment: {example}."
-    return SourceError(error.path, error.message, **place, hint=hint)
+    return SourceError(error.path, error.message, **place, hint=hint).because(UNSAID)

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import date, timedelta
+from types import MappingProxyType
 from typing import Any
 
 import xarray as xr
@@ -23,6 +24,7 @@ _USUAL = {
     errors.MATERIAL_FILE: "the file of the material lacks a table or holds a wrong value",
     errors.UNKNOWN_FORMAT: "the file is not what the session says, or of a format that is not read",
     errors.UNREADABLE: _NOT_READ,
+    errors.UNSAID: _NOT_READ,
     "readings": _NOT_READ,
     errors.NO_FILM: "the folder is not that of the film, or its images are of a format that is not read",
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
@@ -73,12 +75,15 @@ def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recor
     return stated(name, law, text, "note", cause=cause, setting="measured_on")
 
 
-def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
+def failed_steps(
+    context: Context, causes: Mapping[str, str], settings: Mapping[str, str] = MappingProxyType({})
+) -> list[Check]:
     """Turn steps that gave no result into checks that failed, or that could not be made.
 
     Where the run was at fault, as by a program that changed under it, a full disk, or a mistake of
     the program itself, nothing is said of the record but that the verdict lacks a step. ``causes`` say
-    by stage, or by the reason of the error, what most likely is wrong with a record on which it fails.
+    by stage, or by the reason of the error, what most likely is wrong with a record on which it fails,
+    ``settings`` by that reason which setting mends it.
     """
     found: dict[str, Check] = {}
     for failure in context.failures:
@@ -103,7 +108,7 @@ def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
             "impossible",
             cause=known.get(failure.reason) or known.get(failure.stage, ""),
             file=failure.recording or "",
-            setting=_SETTINGS.get(failure.reason, ""),
+            setting=(_SETTINGS | dict(settings)).get(failure.reason, ""),
         )
     return list(found.values())
 
