@@ -1,16 +1,16 @@
 """Decide whether a fit shows a contact: rings beyond doubt, no soft edge and no sphere that only touches."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, radial_table, ring_limits, scaled_gap
+from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, ring_limits, scaled_gap
 from labpipe.imaging.fringes._radial_scan import Window, edge_width, faded, is_edge, left_by_sphere, radial_profile
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, VISIBILITY, Parameter
+from labpipe.imaging.fringes._ring_sums import NONE_FREE, tabulate
 from labpipe.imaging.fringes._view import View
 
 #: Misfit from which another explanation is looked for.
@@ -93,7 +93,7 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit, *, by_som
 
 def _is_sphere(window: Window, terms: Floats, distance: Floats, view: View, found: RingFit) -> bool:
     """Tell whether a sphere explains a profile nearly as well as a contact, either in light that fades outwards."""
-    blur, has_harmonics = _blur_of(view, found), any(_harmonics_of(found))
+    blur, has_harmonics = _blur_of(view, found), bool(found.parameters[list(HARMONICS)].any())
     phase = view.optics.phase_scale * scaled_gap(distance, float(found.parameters[Parameter.RADIUS]), view.optics.flat)
     spheres, contacts = [], []
     for spread in _SPREADS:
@@ -124,25 +124,16 @@ def _blur_of(view: View, found: RingFit) -> float:
     return math.sqrt(max(view.optics.blur**2 + float(found.parameters[Parameter.BLUR]), 0.0))
 
 
-def _harmonics_of(found: RingFit) -> tuple[float, float, float]:
-    """Return the harmonics of a fit."""
-    second, turned, third = (float(found.parameters[p]) for p in HARMONICS)
-    return second, turned, third
-
-
 def profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
     """Profile about the centre of a fit, the term that was fitted with its derivatives, and the distances."""
     x, y, radius = (float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS))
-    travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     settings = view.settings
-    scale = math.exp(float(found.parameters[Parameter.SCALE]))
-    optics = replace(view.optics, phase_scale=view.optics.phase_scale * scale, blur=_blur_of(view, found))
     inner, outer = ring_limits(radius, view.optics, settings.fringes, settings.least_spacing)
     width = min(1.0, (outer - inner) / _LEAST_RINGS)
     first, last = math.ceil(inner / width), math.floor(outer / width)
     stretch, shear = (float(found.parameters[p]) for p in (Parameter.STRETCH, Parameter.SHEAR))
     profile, counts = radial_profile(frame, x, y, width, last, (stretch, shear))
-    table = radial_table(inner, outer, radius, travel, optics, _harmonics_of(found))
+    table, _ = tabulate((inner, outer), found.parameters, NONE_FREE, view.optics)
     distance = (np.arange(last - first, dtype=np.float64) + first + 0.5) * width
     index = (distance - table.start) * SAMPLES_PER_PIXEL
     terms = np.stack([np.interp(index, np.arange(table.values.shape[1]), line) for line in table.values[:4]])

@@ -53,6 +53,7 @@ class Attempts:
     ) -> Trial | None:
         """Return the fits, or None when one of them fails; what settled before is not fitted again."""
         extra, seen = tuple(sorted(set(extra))), self._seen(known, pixels, extra)
+        count = min(count, len(self._images))
         key = extra, seen, count
         if key not in self._made or not (pixels or _is_settled(self._made[key])):
             self._made[key] = self._fit(seen, extra, count)
@@ -66,11 +67,10 @@ class Attempts:
         self._ended.clear()
         # what all pixels of all frames told holds, in the noise that is known now
         noise = tuple(fit.between for fit in trial.fits)
-        whole = {
-            key: made for key, made in self._made.items() if key[2] == MOST_FRAMES and not key[1].settings.is_rough
-        }
+        count = len(self._images)
+        whole = {key: made for key, made in self._made.items() if key[2] == count and not key[1].settings.is_rough}
         self._made = {key: made and Trial(made.fits, noise) for key, made in whole.items()}
-        self._made[tuple(sorted(set(extra))), seen, MOST_FRAMES] = Trial(trial.fits, noise)
+        self._made[tuple(sorted(set(extra))), seen, count] = Trial(trial.fits, noise)
 
     def keep(self, places: Sequence[int], trial: Trial, extra: Sequence[Parameter], known: Calibration) -> None:
         """Go on with some of the frames alone, from a trial of these."""

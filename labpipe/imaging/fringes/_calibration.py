@@ -48,7 +48,7 @@ _BLUR, _BAND, _HARMONICS, _COATING, _PHASE, _SCALE = "blur", "band", "harmonics"
 _UNEVEN, _FLAT, _FLAT_BESIDE, _FOCUS = "uneven light", "flat", "flat beside the stated scale", "focus"
 _BEFORE_CAMERA, _COLOUR, _SHARPENED = "blur before the camera", "second colour", "sharpened"
 #: Those that cost most: a simpler one that leaves less than that by chance is taken before.
-_COSTLY = (_BEFORE_CAMERA, _COLOUR)
+_COSTLY = (_SHARPENED, _BEFORE_CAMERA, _COLOUR)
 #: Share of the squared misfit that what is tried would explain to first order, at least: what is much better explains
 #: half of it, and a blur of 2.5 px beside harmonics, which explained 0.97, promised 0.44; and squared misfit from which
 #: half as much is enough: harmonics of 0.4 promised 0.41 of 0.02 and explained all.
@@ -364,7 +364,7 @@ def _find_optics(
     """
     beside = what_is_found(known)
     free = tuple(dict.fromkeys((*axes, parameter, *beside)))
-    if not best.may_gain((parameter,), HALF * VARIANCES * len(best.fits)):
+    if not best.may_gain((parameter,), HALF * best.least_gain):
         return None
     trial = attempt(free, known)
     if trial is None or not trial.is_better_than(best):

@@ -10,6 +10,7 @@ from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, BEAMS, Parameter
 from labpipe.imaging.fringes._together import what_is_found
 from labpipe.imaging.fringes._trials import FACTOR, FEW_PIXELS, HINT, WEAK_HINT, Attempt, Calibration, Trial
+from labpipe.imaging.fringes._worn_flat import flats_beside
 
 #: Probability that faces, R, wavelength or ruler are not what they are said to be in a film that does not show it
 #: beyond doubt, and by how much they then are: a phase (rad) and the logarithm of a scale. Share of the misfit that
@@ -19,8 +20,8 @@ _HIDDEN, _USUAL_SIZE, _ROUND_LEFT = 0.2, {Parameter.PHASE: 0.3, Parameter.SCALE:
 _MUCH_LEFT = 0.02
 #: Standard deviations from which a phase or a scale counts that what else is wrong, as coma, may look like.
 _NOTABLE = 3.0
-#: Usual fourth power of a flat over that of the smallest contact, and half of the largest that is tried.
-_USUAL_FLAT, _QUARTIC = 0.2, 0.05
+#: Usual fourth power of a flat over that of the smallest contact.
+_USUAL_FLAT = 0.2
 
 
 def with_hidden(
@@ -68,15 +69,16 @@ def with_hidden_flat(attempt: Attempt, axes: Sequence[Parameter], known: Calibra
     if known.flat or (best.expected_gain(ASSUMED) <= HINT if best.is_quiet else best.is_doubtful):
         return known
     smallest = min(float(fit.parameters[Parameter.RADIUS]) for fit in best.fits)
-    flats = [smallest * (step * _QUARTIC) ** 0.25 for step in range(3)]
+    flats = [0.0, *flats_beside(best)[:2]]
+    quartic = (flats[1] / smallest) ** 4
     tried = [attempt(axes, replace(known, flat=flat), pixels=FEW_PIXELS) for flat in flats]
     made = [trial for trial in tried if trial is not None]
     if len(made) < len(tried):
         return known
     share = best.pixels / max(made[0].pixels, 1)
     none, half, whole = (share * trial.left_of_each for trial in made)
-    information = np.maximum(0.5 * (none + whole - 2.0 * half), 1e-9) / _QUARTIC**2
-    values = (4.0 * (none - half) - (none - whole)) / (4.0 * _QUARTIC * information)
+    information = np.maximum(0.5 * (none + whole - 2.0 * half), 1e-9) / quartic**2
+    values = (4.0 * (none - half) - (none - whole)) / (4.0 * quartic * information)
     place = Parameter.RADIUS
     by_memory = np.array([fit.covariance[place, place] / fit.inverse[place, place] for fit in best.fits])
     by_memory /= np.maximum(np.array(best.noise), 1e-6) ** 2
@@ -86,7 +88,7 @@ def with_hidden_flat(attempt: Attempt, axes: Sequence[Parameter], known: Calibra
     if value <= math.sqrt(HINT if best.is_quiet else 0.0) * deviation:
         return known
     size = _expected_size(value, deviation, _USUAL_FLAT, _likelihood(value, deviation, _USUAL_FLAT))
-    return known.with_shared(best, made[1].changes(made[0]) / _QUARTIC * size)
+    return known.with_shared(best, made[1].changes(made[0]) / quartic * size)
 
 
 def _with_hidden_scale(best: Trial, known: Calibration) -> Calibration:

@@ -13,8 +13,8 @@ from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
 from labpipe.imaging.fringes._trials import ALL_PIXELS, FEW_FRAMES, FEW_PIXELS, Attempt, Calibration, Trial, doubt
 
 #: Rounds in which the blur is found, its least (px), the relative change of its square at which they
-#: end, and the step by which its effect is told.
-BLUR_ROUNDS, LEAST_BLUR, _SAME_BLUR, _BLUR_STEP = 5, 0.2, 0.02, 0.1
+#: end, by all pixels and by some, and the step by which its effect is told.
+BLUR_ROUNDS, LEAST_BLUR, _SAME_BLUR, _ROUGHLY, _BLUR_STEP = 5, 0.2, 0.005, 0.06, 0.1
 #: Steps of the search for a blur over what a motion in its stead shows; logarithm of the odds against an
 #: equal motion in each further frame.
 _GAINS, _EQUAL_MOTION = (0.3, 2.0), math.log(10.0)
@@ -140,8 +140,12 @@ def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
     start = few(axes, replace(known, blur=blur))
     rough = [] if start is None else _likely_shapes(few, axes, known, start, blur)
     all_told = partial(attempt, pixels=ALL_PIXELS)
-    sized = (_size_of_blur(all_told, axes, known, lens.trial, lens.disc, lens.blur, is_near=True) for lens in rough)
-    lens = _settled_shape(all_told, axes, known, [lens for lens in sized if lens is not None], are_sized=True)
+    sized: list[_Lens] = []
+    for one in rough:
+        most = _FAR_WORSE * min((other.trial.left for other in sized), default=math.inf)
+        found = _size_of_blur(all_told, axes, known, one.trial, one.disc, one.blur, is_near=True, most=most)
+        sized += [] if found is None else [found]
+    lens = _settled_shape(all_told, axes, known, sized, are_sized=True)
     trial = None if lens is None else attempt(axes, replace(known, blur=lens.blur, disc=lens.disc))
     return None if lens is None or trial is None else replace(lens, trial=trial)
 
@@ -163,7 +167,8 @@ def _likely_shapes(
     if last is not None:
         tried.append(last)
         _settled_shape(attempt, axes, known, tried)
-    return sorted(tried, key=lambda lens: lens.trial.left)[:_LEAST_SHAPES]
+    likely = sorted(tried, key=lambda lens: lens.trial.left)[:_LEAST_SHAPES]
+    return likely[:2] + [lens for lens in likely[2:] if lens.trial.left <= _FAR_WORSE * likely[0].trial.left]
 
 
 def _settled_shape(
@@ -173,9 +178,10 @@ def _settled_shape(
 
     Where those tried ``are_sized`` by all that is known, sizes between theirs are near.
     """
-    if len(tried) < _LEAST_SHAPES:
-        return min(tried, key=lambda lens: lens.trial.left, default=None)
-    for _ in range(_SHAPE_ROUNDS):
+    near, spread = sorted(tried, key=lambda lens: lens.trial.left), 0.0
+    if len(near) < 2:
+        return near[0] if near else None
+    for _ in range(_SHAPE_ROUNDS if len(tried) >= _LEAST_SHAPES else 0):
         near = sorted(tried, key=lambda lens: lens.trial.left)[:_LEAST_SHAPES]
         # How likely each shape is: what the frames leave goes with the square of what is wrong in the
         # fourth moment, to which the disc adds by the square of its share.
@@ -226,8 +232,8 @@ def _size_of_blur(
 ) -> _Lens | None:
     """Find the blur of a lens, of one shape, as that of the frame of least blur.
 
-    The blur to begin with ``is_near`` where it was found for that shape. What leaves more than ``most`` is
-    pursued no further.
+    The blur to begin with ``is_near`` where it was found for that shape by some pixels: all of them settle it. What
+    leaves more than ``most`` is pursued no further.
     """
     square, u_square, gain = blur**2, 0.0, 1.0
     for done in range(BLUR_ROUNDS):
@@ -243,7 +249,7 @@ def _size_of_blur(
         trial = found
         if trial.left > most:
             break
-        if abs(step) < _SAME_BLUR * square:
+        if abs(step) < (_SAME_BLUR if is_near else _ROUGHLY) * square:
             if done or is_near:
                 break
             continue  # what it began with is of another shape

@@ -44,22 +44,24 @@ class Sums:
     pairs: int
 
 
-def tabulate(ring: Ring, parameters: Floats, free: Integers, optics: Optics) -> tuple[RadialTable, int]:
-    """Radial table for the present parameters, by compiled loops, and its kind."""
+def tabulate(
+    limits: tuple[float, float], parameters: Floats, free: Integers, optics: Optics
+) -> tuple[RadialTable, int]:
+    """Radial table between two distances for the present parameters, by compiled loops, and its kind."""
     from labpipe.imaging.fringes._fit_kernel import PLAIN
     from labpipe.imaging.fringes._table_kernel import fill_table
 
     if optics.halo[0]:
-        (sharp, kind), (soft, _) = (tabulate(ring, parameters, free, seen) for seen in optics.before_sharpening)
+        (sharp, kind), (soft, _) = (tabulate(limits, parameters, free, seen) for seen in optics.before_sharpening)
         return sharp.sharpened(soft, optics.halo[0]), kind
-    kind = kind_of_table(parameters, free)
+    (inner, outer), kind = limits, kind_of_table(parameters, free)
     is_rich = kind > PLAIN
     radius, travel = float(parameters[Parameter.RADIUS]), table_travel(parameters)
     blur = math.sqrt(max(optics.blur**2 + float(parameters[Parameter.BLUR]), 0.0))
-    middle = 0.5 * (max(radius, 1.0) + ring.outer) if optics.disc else math.inf
+    middle = 0.5 * (max(radius, 1.0) + outer) if optics.disc else math.inf
     kernel = pixel_weights(blur, optics.disc, middle)
-    start, distance = table_distances(ring.inner, ring.outer, blur, len(kernel) // 2)
-    spacing = 2.0 * math.pi / max(phase_slope(ring.outer, radius, optics), 1e-12)
+    start, distance = table_distances(inner, outer, blur, len(kernel) // 2)
+    spacing = 2.0 * math.pi / max(phase_slope(outer, radius, optics), 1e-12)
     nodes, weights = exposure_nodes(travel, spacing)
     phase = float(parameters[Parameter.PHASE])
     spread, (ratio, share) = optics.spread + float(parameters[Parameter.SPREAD]), optics.colour
@@ -138,7 +140,7 @@ def ring_cells(ring: Ring, parameters: Floats, free: Integers, optics: Optics, l
     """Sum residuals over the cells of a ring, and what parts between limits of distance say, by compiled loops."""
     from labpipe.imaging.fringes._cell_kernel import accumulate_cells
 
-    table, kind = tabulate(ring, parameters, free, optics)
+    table, kind = tabulate((ring.inner, ring.outer), parameters, free, optics)
     pixels = math.pi * (ring.outer**2 - ring.inner**2) / ring.stride
     bins = max(4, min(MOST_BINS, int(ring.outer - ring.inner), int(pixels / (SECTORS * _PIXELS_PER_CELL))))
     model = parameters, ring.origin, table.values, table.start, free, ring.ceiling, kind
@@ -149,7 +151,7 @@ def ring_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, to
     """Sum over the ring, by compiled loops; covariance and noise of the first parameters where some are ``told``."""
     from labpipe.imaging.fringes._fit_kernel import accumulate
 
-    table, kind = tabulate(ring, parameters, free, optics)
+    table, kind = tabulate((ring.inner, ring.outer), parameters, free, optics)
     normal, right, weighted, totals = accumulate(
         *ring.region, parameters, ring.origin, table.values, table.start, free, ring.ceiling, told, kind
     )

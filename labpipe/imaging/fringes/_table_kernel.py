@@ -204,7 +204,7 @@ def fill_table(
     skew: float,
     focus: float,
 ) -> Floats:
-    """Compiled twin of the loop in :func:`.radial_table`; rich tables have 9 lines, and more for spread and focus."""
+    """Lines of a :class:`.RadialTable`: rich ones have 9, and more for spread and focus."""
     count = len(distance)
     is_rich, is_spread, is_bent = lines > 5, spread > 0.0 or lines > 9, focus != 0.0 or lines > 10
     raw = np.zeros((lines, count))

@@ -291,9 +291,12 @@ class Trial:
     def least_gain(self) -> float:
         """Variances by which the squares fall at least from here to what :meth:`is_better_than` this.
 
-        Much of the misfit is then explained, which the squares hold, or some of it and far more than such noise.
+        Beside noise with a memory much of the misfit is then explained, which the squares hold, or some of it and far
+        more than such noise.
         """
         least = VARIANCES * len(self.fits)
+        if all(fit.slow is None for fit in self.fits):
+            return least
         squares = [(fit.slow or 0.0) ** 2 * fit.pixels / max(fit.noise, 1e-6) ** 2 for fit in self.fits]
         beyond_memory = max(_BY_MEMORY * least, (1.0 - PROMISE) * sum(squares))
         much = (1.0 - 1.0 / FACTOR) * sum(squares)

@@ -10,12 +10,12 @@ import numpy as np
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, Parameter
 from labpipe.imaging.fringes._together import what_is_found, with_beside
-from labpipe.imaging.fringes._trials import ALL_PIXELS, HINT, Attempt, Calibration, Trial, doubt
+from labpipe.imaging.fringes._trials import ALL_PIXELS, HALF, HINT, Attempt, Calibration, Trial, doubt
 from labpipe.imaging.fringes._view import View
 
-#: Flats that are tried as shares of the smallest contact, until one leaves so much more than
+#: Fourth powers of a flat over those of the smallest contact that are tried, until one leaves so much more than
 #: another; frames and pixels for that, and variances by which one must lower the sum of squares.
-_FLATS, _WORSE = (0.35, 0.5, 0.62, 0.74, 0.82, 0.88, 0.92, 0.96), 1.2
+_QUARTICS, _WORSE = (0.05, 0.1, 0.19, 0.32, 0.46, 0.6, 0.73, 0.86), 1.2
 _FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES = 4, 12_000, 40.0
 #: Vertices of parabolas by which some pixels search the best between flats, and the share of the width between these to
 #: which they tell it; the step of the parabola from there, and the step of the one by all pixels, in uncertainties by
@@ -122,21 +122,24 @@ def _best_flat(
 
     None where it leaves more than ``most``, in variances of a pixel.
     """
-    smallest = min(float(fit.parameters[Parameter.RADIUS]) for fit in best.fits)
 
     def left(flat: float) -> float:
         trial = attempt(axes, replace(known, flat=flat), _FLAT_FRAMES, _FLAT_PIXELS)
         return math.inf if trial is None else trial.left / trial.pixels
 
+    def is_vain() -> bool:
+        return not (tried[0.0] - tried[flat]) * best.pixels >= HALF * _FLAT_VARIANCES
+
+    # where nothing but noise is left that grows by what chance does not make
+    by_chance = math.inf if best.is_doubtful else HINT / (_FLAT_PIXELS * min(len(best.fits), _FLAT_FRAMES))
     tried = {0.0: left(0.0)}
-    for flat in (share * smallest for share in _FLATS):
+    for count, flat in enumerate(flats_beside(best)):
         tried[flat] = left(flat)
-        if tried[flat] > _WORSE * min(tried.values()):
+        least = min(tried.values())
+        if count and tried[flat] > min(_WORSE * least, least + by_chance):
             break
     flat = min(tried, key=tried.__getitem__)
-    if flat == 0.0:
-        return None
-    low = max(size for size in tried if size < flat)
+    low = max((size for size in tried if size < flat), default=0.0)
     high = min((size for size in tried if size > flat), default=flat)
     width = high - low
     for _ in range(_VERTICES):
@@ -145,6 +148,10 @@ def _best_flat(
             break
         tried[vertex] = left(vertex)
         flat = min(tried, key=tried.__getitem__)
+        if is_vain():
+            break
+    if is_vain():
+        return None
     # how well some pixels place it
     few = partial(attempt, count=_FLAT_FRAMES, pixels=_FLAT_PIXELS)
     rough = few(axes, replace(known, flat=flat))
@@ -157,6 +164,12 @@ def _best_flat(
     return placed.flat, trial, min(_STEP * width, _NARROWER * placed.u_flat), width
 
 
+def flats_beside(best: Trial) -> list[float]:
+    """Return flats (px) that may lie in the contacts of a trial; in steps of a pixel, so that they stay the same."""
+    smallest = round(min(float(fit.parameters[Parameter.RADIUS]) for fit in best.fits))
+    return [max(smallest, 1) * share**0.25 for share in _QUARTICS]
+
+
 def _vertex_about(left: dict[float, float], flat: float) -> float:
     """Vertex of a parabola through what a flat and those beside it leave; the flat where there is none.
 
@@ -165,8 +178,11 @@ def _vertex_about(left: dict[float, float], flat: float) -> float:
     sizes = sorted(left)
     first = min(max(sizes.index(flat) - 1, 0), len(sizes) - 3)
     near = np.array(sizes[first : first + 3])
-    bend, slope, _ = np.polyfit((near / flat) ** 4 - 1.0, [left[size] for size in near.tolist()], 2)
-    return flat * max(1.0 - 0.5 * float(slope / bend), 0.0) ** 0.25 if bend > 0.0 else flat
+    values = np.array([left[size] for size in near.tolist()])
+    if not np.isfinite(values).all():
+        return flat
+    bend, slope, _ = np.polyfit((near / near[1]) ** 4, values, 2)
+    return float(near[1]) * max(-0.5 * float(slope / bend), 0.0) ** 0.25 if bend > 0.0 else flat
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
 from labpipe.arrays import Floats, Integers
@@ -12,7 +12,20 @@ from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
 from labpipe.imaging.dic._subset_kernel import compose_with_inverse
 from labpipe.imaging.dic._subset_solver import DEFAULT_ITERATIONS
 from labpipe.imaging.dic._subsets import _RIGID_FROM_AFFINE
-from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table
+from labpipe.imaging.fringes._interference import (
+    BETWEEN_BEAMS,
+    HIGHEST,
+    SAMPLES_PER_PIXEL,
+    Optics,
+    RadialTable,
+    beyond_third,
+    exposure_nodes,
+    flat_parts,
+    phase_slope,
+    pixel_weights,
+    scaled_gap,
+    table_distances,
+)
 from labpipe.imaging.fringes._ring_parameters import HARMONICS, LIGHT, Parameter
 from labpipe.imaging.fringes._ring_pixels import Ring
 from labpipe.imaging.fringes._ring_sums import Sums, by_smear, shrinkage, table_travel
@@ -236,3 +249,109 @@ def _steps_along(whole: Floats, dx: Floats, dy: Floats, stride: int) -> Floats:
     beside = np.where(is_flat, before, np.where(is_upright, above, diagonal))
     steps = whole - beside
     return np.asarray(steps[np.isfinite(steps)])
+
+
+def scaled_slopes(distance: Floats, contact_radius: ArrayLike, flat: float = 0.0) -> tuple[Floats, Floats]:
+    """Differentiate :func:`scaled_gap` by distance and by contact radius."""
+    if flat > 0.0:
+        a, r, square, s, root, turn = flat_parts(distance, contact_radius, flat)
+        by_distance = 2.0 * (s * root / np.where(r > 0.0, r, 1.0) + r * (0.5 * np.pi - turn)) / np.pi
+        by_radius = -2.0 * (2.0 * a * a - square) / np.where(s > 0.0, s, 1.0) * np.arctan2(root, a) / np.pi
+        return np.where(r > a, by_distance, 0.0), np.where(r > a, by_radius, 0.0)
+    a = np.asarray(contact_radius, float)
+    r = np.maximum(distance, a)
+    root = np.sqrt(r * r - a * a)
+    angle = np.arctan2(root, a)
+    by_distance = 2.0 * (a * root / np.where(r > 0.0, r, 1.0) + r * angle) / np.pi
+    return np.where(r > a, by_distance, 0.0), np.where(r > a, -4.0 * a * angle / np.pi, 0.0)
+
+
+def _out_of_focus(
+    distance: Floats, contact_radius: float, optics: Optics, by_distance: Floats, by_radius: Floats
+) -> tuple[Floats, Floats]:
+    """Slopes by distance and contact radius of the gap as it is seen out of focus, from those of the gap.
+
+    Light leaves a gap g at a slope of 2 dg/dr: what is seen at a distance D from there is g - D (dg/dr)².
+    """
+    if not optics.focus:
+        return by_distance, by_radius
+    a, r, square, s, root, turn = flat_parts(distance, contact_radius, optics.flat)
+    root, twice = np.maximum(root, 1e-9), 2.0 * optics.focus * by_distance
+    curve = s / root - s * root / r**2 + 0.5 * np.pi - turn + s * r**2 / (root * (r**2 - square))
+    bend = -a * (2.0 * a * a - square) / (s * root * r)
+    return by_distance - twice * 2.0 / np.pi * curve, by_radius - twice * 2.0 / np.pi * bend
+
+
+def radial_table(
+    inner: float,
+    outer: float,
+    contact_radius: float,
+    travel: float,
+    optics: Optics,
+    harmonics: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> RadialTable:
+    """Tabulate the interference term between two distances.
+
+    Parameters
+    ----------
+    inner, outer : float [px]
+        Distances from the centre.
+    contact_radius : float [px]
+        Contact radius in the middle of the exposure.
+    travel : float [px]
+        Change of the contact radius during the exposure; its square changes evenly with time,
+        as the approach of the bodies does.
+    optics : Optics
+        The interference.
+    harmonics : (float, float, float), optional
+        Real and imaginary part of the ratio of one harmonic to the one before, and a third harmonic beside.
+    """
+    if optics.halo[0]:
+        rest = contact_radius, travel
+        sharp, soft = (radial_table(inner, outer, *rest, seen, harmonics) for seen in optics.before_sharpening)
+        return sharp.sharpened(soft, optics.halo[0])
+    kernel = pixel_weights(optics.blur, optics.disc, 0.5 * (max(contact_radius, 1.0) + outer))
+    start, distance = table_distances(inner, outer, optics.blur, len(kernel) // 2)
+    spacing = 2.0 * math.pi / max(phase_slope(outer, contact_radius, optics), 1e-12)
+    nodes, weights = exposure_nodes(travel, spacing)
+    squares = contact_radius**2 + nodes * contact_radius * travel
+    radii = np.sqrt(np.maximum(squares, 0.0))
+    raw = np.zeros((11, len(distance)))
+    second, turned, third = harmonics
+    orders, further = np.arange(4, HIGHEST + 1), (turned == 0.0) * beyond_third(second, third)
+    for node, weight, radius in zip(nodes, weights, radii, strict=True):
+        by_distance, by_radius = scaled_slopes(distance, radius, optics.flat)
+        lag = optics.phase_scale * (scaled_gap(distance, radius, optics.flat) - optics.focus * by_distance**2)
+        by_focus = -optics.phase_scale * by_distance**2
+        by_distance, by_radius = _out_of_focus(distance, radius, optics, by_distance, by_radius)
+        shrunk = 1.0 / (1.0 - 2j * optics.skew * optics.spread * lag)
+        wave = np.sqrt(shrunk) * np.exp(1j * (lag + optics.phase) - 0.5 * optics.spread * lag**2 * shrunk)
+        # a harmonic leaves at twice the slope, and is behind by four times as much
+        again = np.exp(2j * by_focus * optics.focus)
+        wave = wave * (1.0 - BETWEEN_BEAMS * (second**2 + turned**2) * (again - 1.0))
+        beams = wave / (1.0 - complex(second, turned) * again * wave)
+        high = np.stack([wave**order for order in orders])
+        steep = weight * (beams**2 / wave + 3.0 * third * wave**3 + (orders * further[:, 0]) @ high)
+        sine = -steep.imag
+        turned_by = 1j * optics.skew * optics.spread * lag * shrunk
+        by_lag = 1j + (1j * optics.skew - lag * (1.0 + turned_by)) * optics.spread * shrunk
+        by_spread = (1j * optics.skew - 0.5 * lag * (1.0 + 2.0 * turned_by)) * lag * shrunk
+        by_gap = (steep * by_lag).real
+        change = optics.phase_scale * by_radius * by_gap
+        divisor = 2.0 * max(radius, 1e-6)
+        raw[0] += weight * (beams + third * wave**3 + further[:, 0] @ high).real
+        raw[6] += weight * (beams**2 * again + further[:, 1] @ high).real
+        raw[7] -= weight * (beams**2 * again).imag
+        raw[8] += weight * (wave**3 + further[:, 2] @ high).real
+        raw[9] += (steep * by_spread).real
+        turning = complex(second, turned) * beams**2 * again
+        raw[10] += by_focus * (by_gap + 2.0 * weight * (1j * turning).real)
+        raw[1] += optics.phase_scale * by_distance * by_gap
+        raw[2] += change * (2.0 * contact_radius + node * travel) / divisor
+        raw[3] += sine
+        raw[4] += change * node * contact_radius / divisor
+    averaged = np.stack([np.correlate(line, kernel, mode="valid") for line in raw])
+    half = len(kernel) // 2
+    middle = np.maximum(distance[half : half + averaged.shape[1]], 1.0)
+    averaged[5] = 0.5 * (np.gradient(averaged[1], 1.0 / SAMPLES_PER_PIXEL) + averaged[1] / middle)
+    return RadialTable(start, averaged)

@@ -18,15 +18,14 @@ from labpipe.imaging.fringes._interference import (
     outer_distance,
     phase_slope,
     pixel_weights,
-    radial_table,
     ring_limits,
     scaled_gap,
-    scaled_slopes,
     table_distances,
 )
 from labpipe.imaging.fringes._table_kernel import fill_table
 from tests.labpipe.imaging.contact_scenes import gap_of_worn_flat
 from tests.labpipe.imaging.fringe_film import gap_of_hertz, gap_of_pressure
+from tests.labpipe.imaging.oracles import radial_table, scaled_slopes
 
 PIXEL, SPHERE, WAVELENGTH = 2.17e-6, 9.525e-3, 633e-9
 OPTICS = make_optics(PIXEL, SPHERE, WAVELENGTH)
