@@ -49,10 +49,16 @@ class ComesBack:
     def __init__(self, reference: Reference) -> None:
         self._reference = reference
         self._half = max(_LEAST_HALF, int(reference.subsets.half.max(initial=0)))
+        self._before: Floats | None = None
 
-    @cached_property
+    @property
     def asked(self) -> Integers:
         """Points that are asked, none where the pattern does not come back."""
+        return self._spread if len(self._copy) else self._spread[:0]
+
+    @cached_property
+    def _spread(self) -> Integers:
+        """Points whose texture tells a place, spread over the image."""
         subsets = self._reference.subsets
         x, y, half = subsets.x, subsets.y, self._half
         rows, columns = self._reference.mean.shape
@@ -64,20 +70,22 @@ class ComesBack:
         )
         cells = np.stack([x[usable], y[usable]], axis=1) // (2 * half + 1)
         chosen = usable[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
-        chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, _MOST).astype(int))] if len(chosen) else chosen
-        if len(chosen) < _FEWEST:
-            return chosen[:0]
-        for some in (chosen[:: len(chosen) // _FEWEST], chosen):
-            self._chosen = some
-            seen = self._scores(self._image, np.zeros((len(some), MOTIONS)), _NEAR)
+        return chosen[np.unique(np.linspace(0, len(chosen) - 1, _MOST).astype(int))] if len(chosen) else chosen
+
+    @cached_property
+    def _copy(self) -> Floats:
+        """What each of these points leaves of the copy in the reference that is most alike; empty where none is."""
+        none, points = np.zeros(0), self._spread
+        if len(points) < _FEWEST:
+            return none
+        for some in (points[:: len(points) // _FEWEST], points):
+            seen = self._scores(some, self._image, np.zeros((len(some), MOTIONS)), _NEAR)
             mean = _mean(*seen[:2])
             copies = [p for p in _tops(mean) if mean[p] > max(_ALIKE, mean[_halfway(p)] + _FALLS)]
             if not copies:
-                return chosen[:0]
+                return none
         left = np.array([self._left(*seen, p) for p in copies])
-        self._copy = left[int(np.nanmean(left, axis=1).argmin())]
-        self._before = np.full(len(chosen), np.log(_LEAST))
-        return chosen
+        return np.asarray(left[int(np.nanmean(left, axis=1).argmin())])
 
     def look(self, image: Floats32, motion: Floats, *, is_known: bool) -> Place:
         """Tell where the pattern of a frame is.
@@ -88,16 +96,17 @@ class ComesBack:
         """
         image = _blurred(image)
         place, left = self._find(image, motion, _NEAR if is_known else _FAR, is_known=is_known)
-        if is_known and _clearly(left, self._before):
+        before = np.full(len(left), np.log(_LEAST)) if self._before is None else self._before
+        if is_known and _clearly(left, before):
             # worse than it was: farther than a period, it may have gone to any other place
             place, left = self._find(image, motion, _FAR, is_known=True)
         if place.shift is not None and not np.isfinite(place.rival):
-            self._before = np.where(np.isfinite(left), left, self._before)
+            self._before = np.where(np.isfinite(left), left, before)
         return place
 
     def _find(self, image: Floats32, motion: Floats, reach: int, *, is_known: bool) -> tuple[Place, Floats]:
         """Tell where the pattern is within some reach, and what it leaves there (asked,)."""
-        seen = self._scores(image, motion, reach)
+        seen = self._scores(self._spread, image, motion, reach)
         mean = _mean(*seen[:2])
         best = mean.max()
         tops = sorted((p for p in _tops(mean) if mean[p] > best - _LESS), key=lambda p: -mean[p])[:_PLACES]
@@ -107,7 +116,7 @@ class ComesBack:
             own = (int(row) + reach - _APART, int(column) + reach - _APART)
             tops = [own, *(p for p in tops if np.hypot(p[0] - own[0], p[1] - own[1]) > _APART)]
         if not tops:
-            return Place(None, np.inf), self._before
+            return Place(None, np.inf), np.full(len(motion), np.nan)
         left = np.array([self._left(*seen, p) for p in tops])
         first = 0
         for k in range(1, len(tops)):
@@ -129,19 +138,21 @@ class ComesBack:
 
     @cached_property
     def _alike(self) -> Floats:
-        """What a shift, gain and offset make of the asked points (asked, pixel, column), orthogonal."""
+        """What a shift, gain and offset make of each of these points (asked, pixel, column), orthogonal."""
         image = self._image
         subsets, half = self._reference.subsets, self._half
         down, across = np.gradient(image.astype(float))
         bends = (*np.gradient(down), np.gradient(across)[1])
         alike = []
-        for x, y in zip(subsets.x[self._chosen].tolist(), subsets.y[self._chosen].tolist(), strict=True):
+        for x, y in zip(subsets.x[self._spread].tolist(), subsets.y[self._spread].tolist(), strict=True):
             cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
             columns = [part[cut].ravel() for part in (np.ones_like(image), image, down, across, *bends)]
             alike.append(np.linalg.qr(np.stack(columns, axis=1).astype(float))[0])
         return np.stack(alike)
 
-    def _scores(self, image: Floats32, motion: Floats, reach: int) -> tuple[Floats32, Flags, Floats32]:
+    def _scores(
+        self, points: Integers, image: Floats32, motion: Floats, reach: int
+    ) -> tuple[Floats32, Flags, Floats32]:
         """Correlations (asked, row, column) around each point as it has moved, which count, and what is seen there."""
         import cv2
 
@@ -149,7 +160,7 @@ class ComesBack:
         rows, columns = image.shape
         scores, counts, windows = [], [], []
         steps = np.arange(-reach, reach + 1)
-        for n, p in zip(self._chosen.tolist(), motion, strict=True):
+        for n, p in zip(points.tolist(), motion, strict=True):
             x, y = int(subsets.x[n]), int(subsets.y[n])
             area = self._image[y - half : y + half + 1, x - half : x + half + 1]
             turn = np.array([[1.0 + p[1], p[2]], [p[4], 1.0 + p[5]]])
