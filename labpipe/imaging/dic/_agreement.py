@@ -16,9 +16,9 @@ from labpipe.imaging.dic._places import nearest, powers
 #: their displacements; and their farthest distance in widths of the subset, and where there are no more than tell
 #: a curved surface.
 _AROUND, _PLANE, _CURVED, _REACH, _REACH_OF_FEW = 20, 6, 12, 1.5, 2.0
-#: Standard deviations of the difference from which it is none by chance, and how far it must stand out from the
-#: scatter of those around about that surface: beside the border of two bodies that is large.
-_BY_CHANCE, _STANDS_OUT = 4.0, 3.0
+#: Standard deviations of the difference from which it is none by chance, and how many of those around, the most alike
+#: of them, are a body of their own: beside the border of two bodies the surface is neither's.
+_BY_CHANCE, _ALIKE = 4.0, 3
 #: Share of the variances of independent displacements that a difference of overlapping subsets has at least.
 _LEAST_SHARE = 0.2
 #: Points of a frame from which their scatter is judged, its multiple of what the uncertainties say from which they
@@ -39,14 +39,15 @@ def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Flo
     """Variance (frame, point, 3) [px²] along x and y, and covariance, that the points around tell to be missing.
 
     ``places``: (point, 2) [px], where the points are in the reference; ``widths``: integer (point,) [px], of
-    their subsets; ``value``, ``deviation``: (frame, point, 2 or more) [px], displacements and their standard
-    uncertainties; ``is_found``: bool (frame, point), which displacements count.
+    their subsets; ``value``, ``deviation``: (frame, point, 3) [px, px, rad], displacements, rotations and their
+    standard uncertainties; ``is_found``: bool (frame, point), which displacements count.
 
     Notes
     -----
     A plane or a curved surface through the displacements of the points around, by least squares, tells the
     displacement of each. Where the differences of most points of a frame are larger than the uncertainties say,
-    all are widened alike; where that of one stands out, it is itself its uncertainty.
+    all are widened alike; where that of one does, it is itself its uncertainty, or what it differs by from those of a
+    few points around that move most alike.
     """
     more = np.zeros((*is_found.shape, 3))
     used = np.flatnonzero(is_found.any(axis=0))
@@ -54,9 +55,9 @@ def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Flo
         return more
     surroundings = _look_around(places[used], widths[used])
     found = is_found[:, used]
-    shown = np.where(found[..., None], value[:, used, :2], 0.0)
+    shown = np.where(found[..., None], value[:, used], 0.0)
     variance = np.where(found[..., None], deviation[:, used, :2] ** 2, 0.0)
-    apart, square = _differences(surroundings, shown, variance, found)
+    apart, square = _differences(surroundings, shown[..., :2], variance, found)
     judged = np.isfinite(square)
     scale, part = np.ones(len(square)), np.zeros((*found.shape, 3))
     # A plane leaves what is bent, which is no scatter.
@@ -69,9 +70,8 @@ def disagreement(places: Floats, widths: Integers, value: Floats, deviation: Flo
         usual = np.maximum(variance[k], np.median(variance[k, curved[k]], axis=0))
         part[k, :, :2] = np.maximum(scatter[k] * usual - variance[k], 0.0)
     rows, points = np.nonzero(judged & (square > _BY_CHANCE**2 * scale[:, None]))
-    x, y = apart[rows, points].T
-    stands_out = np.hypot(x, y) > _STANDS_OUT * _scatter(surroundings, shown, found, rows, points)
-    part[rows, points] += np.stack([x * x, y * y, x * y], axis=1) * stands_out[:, None]
+    x, y = _stray(surroundings, places[used], shown, found, apart, rows, points).T
+    part[rows, points] += np.stack([x * x, y * y, x * y], axis=1)
     more[:, used] = part
     return more
 
@@ -208,15 +208,26 @@ def _scatter_of_frames(square: Floats, counts: Flags) -> tuple[Integers, Floats]
     return number, 0.5 * np.where(counts, square, 0.0).sum(axis=1) / np.maximum(number, 1)
 
 
-def _scatter(around: _Surroundings, shown: Floats, found: Flags, rows: Integers, points: Integers) -> Floats:
-    """Root mean square [px] (result,) of those around about a plane through them."""
-    result = np.zeros(len(rows))
+def _stray(
+    around: _Surroundings, places: Floats, shown: Floats, found: Flags, apart: Floats, rows: Integers, points: Integers
+) -> Floats:
+    """How far (result, 2) [px] displacements lie from what the points around show.
+
+    That is from the surface, or, beside the border of two bodies, from those of a few that move most alike. ``shown``
+    (frame, point, 3) are the displacements and the rotation.
+    """
+    stray = apart[rows, points]
     for first in range(0, len(rows), _BLOCK):
         row, point = rows[first : first + _BLOCK], points[first : first + _BLOCK]
         near = row[:, None], around.near[point]
-        counts = around.within[point] & found[near]
-        result[first : first + _BLOCK] = _about_plane(around.away[point], counts, shown[near] * counts[..., None])
-    return result
+        right, down = np.moveaxis(places[around.near[point]] - places[point][:, None], 2, 0)
+        x, y, turn = shown[row, point, :, None].transpose(1, 0, 2)
+        off = shown[near][..., :2] - np.stack([x - turn * down, y + turn * right], axis=-1)
+        size = np.where(around.within[point] & found[near], np.hypot(off[..., 0], off[..., 1]), np.inf)
+        last = np.arange(len(row)), np.argsort(size, axis=1)[:, min(_ALIKE, size.shape[1]) - 1]
+        is_nearer = size[last] < np.hypot(*stray[first : first + _BLOCK].T)
+        stray[first : first + _BLOCK][is_nearer] = off[last][is_nearer]
+    return stray
 
 
 def _about_plane(away: Floats, counts: Flags, moved: Floats) -> Floats:

@@ -694,12 +694,33 @@ def test_the_border_of_two_bodies_that_most_surfaces_cross_widens_none_beside_it
     """A disc within a field of overlapping subsets: what its border leaves made all uncertain by 0.8 px."""
     places = grid((160, 160), 26, 12).astype(float)
     from_border = np.hypot(*(places - 80.0).T) - 36.0
-    value = np.where(from_border[:, None] < 0.0, (5.0, 1.0), (0.0, 0.0))
-    value = value + np.random.default_rng(2).normal(0.0, 0.01, (3, *value.shape))
+    value = np.where(from_border[:, None] < 0.0, (5.0, 1.0, 0.0), (0.0, 0.0, 0.0))
+    value = value + np.random.default_rng(2).normal(0.0, (0.01, 0.01, 0.001), (3, *value.shape))
     missing = disagreement(
         places, np.full(len(places), 31), value, np.full(value.shape, 0.01), np.ones((3, len(places)), bool)
     )
     assert missing[:, np.abs(from_border) > 15.5].max() < 0.05**2
+
+
+def test_beside_the_border_of_two_bodies_what_moves_as_neither_is_uncertain() -> None:
+    """A subset that sees both of them, or one and light that stands still, matches somewhere between."""
+    places = grid((160, 160), 26, 12).astype(float)
+    turn, middle = 0.05, 80.0
+    is_left = places[:, 0] < middle
+    turned = np.stack([-turn * (places[:, 1] - middle), turn * (places[:, 0] - middle)], axis=1)
+    value = np.concatenate(
+        [np.where(is_left[:, None], turned + np.array([5.0, 1.0]), 0.0), np.where(is_left, turn, 0.0)[:, None]], 1
+    )
+    value = value + np.random.default_rng(3).normal(0.0, (0.01, 0.01, 0.001), (3, *value.shape))
+    beside = int(np.argmin(np.hypot(places[:, 0] - middle + 6.0, places[:, 1] - middle)))
+    value[1, beside, :2] = 0.6 * value[1, beside, :2]
+    missing = disagreement(
+        places, np.full(len(places), 31), value, np.full(value.shape, 0.01), np.ones((3, len(places)), bool)
+    )
+    away = np.hypot(*(value[1, beside, :2] / 1.5))
+    assert away / 4.0 < np.sqrt(missing[1, beside, :2].sum()) < away
+    missing[1, beside] = 0.0
+    assert missing.max() < 0.1**2
 
 
 def moved_by_waves(before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -736,13 +757,13 @@ def test_what_a_kernel_moves_otherwise_than_asked_is_found_as_the_film_has_it(ke
 def test_points_along_a_line_tell_nothing_of_one_beside_it() -> None:
     """A large subset above the line of small ones, as a holder is followed: all move alike, by far."""
     places = np.array([(60.0, 45.0), *((30.0 + 60.0 * k / 7.0, 60.0) for k in range(8))])
-    value = np.zeros((3, 9, 2))
+    value = np.zeros((3, 9, 3))
     value[:, :, 1] = np.array([[0.0], [7.0], [38.0]])
-    missing = disagreement(places, np.array([61] + 8 * [21]), value, np.full((3, 9, 2), 2e-3), np.ones((3, 9), bool))
+    missing = disagreement(places, np.array([61] + 8 * [21]), value, np.full((3, 9, 3), 2e-3), np.ones((3, 9), bool))
     assert missing.max() == 0.0
     value[1, 4, 1] += 1.0
     around = np.array([(x, y) for x in (30.0, 45.0, 60.0) for y in (30.0, 45.0, 60.0)])
-    told = disagreement(around, np.full(9, 21), value, np.full((3, 9, 2), 2e-3), np.ones((3, 9), bool))
+    told = disagreement(around, np.full(9, 21), value, np.full((3, 9, 3), 2e-3), np.ones((3, 9), bool))
     assert told[1, 4, 1] > 0.5
 
 
