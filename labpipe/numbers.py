@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from labpipe.errors import InputError
 
+_MOST_LISTED = 5  # lines
 _NUMBER = re.compile(r"\s*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?\s*")
 
 
@@ -147,7 +148,7 @@ def plain_number(cell: str, signs: Separators = DOT) -> float | None:
     return float(cell) if is_number(cell) else None
 
 
-def listed(lines: Sequence[int], most: int = 5) -> str:
+def listed(lines: Sequence[int]) -> str:
     """Name lines for a message.
 
     Examples
@@ -155,8 +156,8 @@ def listed(lines: Sequence[int], most: int = 5) -> str:
     >>> listed([3]), listed([3, 7]), listed(range(10, 20))
     ('line 3', 'lines 3, 7', 'lines 10, 11, 12, 13, 14 and 5 more')
     """
-    shown = ", ".join(map(str, lines[:most]))
-    more = f" and {len(lines) - most} more" if len(lines) > most else ""
+    shown = ", ".join(map(str, lines[:_MOST_LISTED]))
+    more = f" and {len(lines) - _MOST_LISTED} more" if len(lines) > _MOST_LISTED else ""
     return f"line{'s' * (len(lines) > 1)} {shown}{more}"
 
 

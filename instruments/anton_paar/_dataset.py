@@ -234,10 +234,7 @@ def make_column(header: str, unit: str, values: Any) -> Column:
     return Column(name, header, unit, words.unit_of(unit).si, np.asarray(values, dtype=float))
 
 
-def make_interval(
-    test: str, result: str, number: int, columns: Sequence[Column], *, declared: int | None = None
-) -> Interval:
+def make_interval(test: str, result: str, number: int, columns: Sequence[Column]) -> Interval:
     """Make an interval of valid points, numbered from 1."""
     count = len(columns[0].values)
-    stated, points = count if declared is None else declared, np.arange(1, count + 1)
-    return Interval(test, result, number, stated, points, np.ones(count, dtype=bool), tuple(columns))
+    return Interval(test, result, number, count, np.arange(1, count + 1), np.ones(count, dtype=bool), tuple(columns))

@@ -74,13 +74,11 @@ def sort_columns(names: Sequence[str], row: Sequence[str]) -> Columns:
         name = _LABEL.fullmatch(names[index]) if names else None
         if times is None and (_TIME.fullmatch(name[1]) if name else _CLOCK.fullmatch(cell)):
             times, unit_text = index, (name and name[2]) or ""
-        elif not ((not cell and (not names or not names[index])) or _is_words(name[1] if name else "", cell)):
+        elif (cell or (names and names[index])) and not (
+            _WORDS.fullmatch(name[1] if name else "") or _JUDGEMENT.fullmatch(cell)
+        ):
             kept.append(index)
     return Columns(len(row), tuple(kept), times, unit_text)
-
-
-def _is_words(name: str, cell: str) -> bool:
-    return _WORDS.fullmatch(name) is not None or _JUDGEMENT.fullmatch(cell) is not None
 
 
 def only_readings(

@@ -39,14 +39,10 @@ class Setup:
     shutter: float | None
     black_level: int | None
     white_level: int | None
-    real_bits: int | None
     serial: int | None
-    software_version: int | None
     colour_filter: int
-    camera_model: str
     lens: str
     description: str
-    time_zone: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,14 +230,10 @@ def _setup(window: Window, start: int) -> tuple[Setup, int]:
         shutter=shutter,
         black_level=whole("i", 5732, 4),
         white_level=whole("i", 5736, 4),
-        real_bits=whole("I", 896, 4),
         serial=whole("I", 743, 4),
-        software_version=whole("I", 800, 4),
         colour_filter=whole("I", 808, 4) or 0,
-        camera_model=text(10128, 256),
         lens=text(5740, 256),
         description=text(1596, 4096),
-        time_zone=whole("i", 804, 4),
     ), length
 
 

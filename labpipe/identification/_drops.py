@@ -99,13 +99,14 @@ class DropModel:
         moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
         moved = [self.names[role] for role in moved if role in self.names]
         trials = [_Trial(material, given), *self._term_trials(material, nodes, given)]
-        trials += self._factor_trials(material, given)
+        scaled = _STIFFNESS & set(self.names)  # by terms it would be a small difference of large ones
+        trials += [_Trial(material.scaled(factor), given) for factor in _BOTH_SIDES if scaled]
         for name in moved:
             trials += [_Trial(material, {**given, name: factor * given[name]}) for factor in _BOTH_SIDES]
         made = iter(self._runs(trials))
         at = next(made)
         by_term = self._by_term(material, material.rho, nodes, at, made)
-        others = self._of_body(self._by_factor(made), at, given)
+        others = self._of_body(_central(made) if scaled else np.zeros(self._size), at, given)
         for name in moved:
             others[name] = _central(made) / given[name]
         factor = self._film(given)
@@ -167,17 +168,6 @@ class DropModel:
             times = rho if known.any() else np.append(rho, time)
             changed.append(Prony(material.E_relaxed, E, times, nu=material.nu))
         return [_Trial(other, given) for other in changed]
-
-    def _factor_trials(self, material: Prony, given: Given) -> list["_Trial"]:
-        """Return what to run for differences by a common factor of all moduli."""
-        return [_Trial(material.scaled(factor), given) for factor in _BOTH_SIDES if _STIFFNESS & set(self.names)]
-
-    def _by_factor(self, made: Iterator[Floats]) -> Floats:
-        """Return the derivative (n,) by a common factor of all moduli.
-
-        The sum of those by the terms would be a small difference of large ones.
-        """
-        return _central(made) if _STIFFNESS & set(self.names) else np.zeros(self._size)
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the numbers of an accurate run."""

@@ -75,19 +75,12 @@ class Fit:
         return replace(self, tangent=Tangent.at(self.problem, self.xi))
 
 
-def fit(
-    problem: Problem,
-    *,
-    start: Floats | None = None,
-    with_misfit: bool = True,
-    progress: Callable[[str], None] | None = None,
-) -> Fit:
+def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[str], None] | None = None) -> Fit:
     """Find the most probable material and nuisances.
 
     ``problem``: At least one experiment. ``start`` (parameter,): Standard coordinates to begin from; by default a
-    scan over moduli and losses. ``with_misfit``: Allow for a model discrepancy where the residuals show one.
-    ``progress``: Called with a line of text now and then. Raises InputError: There is no evidence. Raises
-    LabpipeError: No start can be simulated.
+    scan over moduli and losses. ``progress``: Called with a line of text now and then. Raises InputError: There is no
+    evidence. Raises LabpipeError: No start can be simulated.
     """
     if not problem.evidence:
         raise InputError("there are no observations: identification needs at least one experiment")
@@ -107,7 +100,7 @@ def fit(
         decrease = _EXACT if moved < _NEAR else _ROUGH
         if not is_converged and round_ < _PATIENCE:
             continue  # what corrections still explain is no discrepancy
-        found = objective.new_misfits(xi) if with_misfit and looks < _LOOKS else misfits
+        found = objective.new_misfits(xi) if looks < _LOOKS else misfits
         looks += 1
         if is_converged and _is_alike(found, misfits):
             break

@@ -47,15 +47,13 @@ class Posterior:
     ``covariance`` (parameter, parameter): Of the standard coordinates; the prior's is the unit matrix.
     ``sensitivity`` (n, parameter): Derivative of the predictions over their deviations. ``singular_values``
     (combination,): Of ``sensitivity``, descending: how many times better the data know a combination than the prior
-    does. ``combinations`` (combination, parameter): Unit vectors of standard coordinates. ``structures``: Candidates
-    for the structure of the spectrum, where they were weighed.
+    does. ``structures``: Candidates for the structure of the spectrum, where they were weighed.
     """
 
     fit: Fit
     covariance: Floats
     sensitivity: Floats
     singular_values: Floats
-    combinations: Floats
     structures: tuple[Structure, ...] = ()
 
     @property
@@ -78,8 +76,7 @@ class Posterior:
 def posterior(found: Fit) -> Posterior:
     """Approximate what is known after a fit."""
     rows = Objective.of(found).data_jacobian(found.xi)
-    _, values, vectors = np.linalg.svd(rows, full_matrices=False)
-    return Posterior(found, laplace(rows)[0], rows, values, vectors)
+    return Posterior(found, laplace(rows)[0], rows, np.linalg.svd(rows, full_matrices=False)[1])
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,9 @@ _STRONG = 0.3  # of the strongest change of speed: the first impact
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One reversal from down to up: samples of the fastest descent and ascent, and around it."""
+    """One reversal from down to up: the sample of the fastest descent, and what is around it."""
 
     descent: int
-    ascent: int
     before: int  # first sample of the descending stretch
     end: int  # sample of the next fastest descent, or the end of the record
     touch: float  # rough times of touch and lift-off
@@ -56,7 +55,7 @@ def find_turns(time: Floats, speed: Floats, u_speed: Floats) -> list[Turn]:
             end = starts[i + 2] + int(np.argmin(speed[starts[i + 2] : stops[i + 2]]))
         touch, liftoff = _rough_contact(time, speed, descent, ascent)
         jump = float(speed[ascent] - speed[descent])
-        turns.append(Turn(descent, ascent, int(starts[i]), end, touch, liftoff, jump))
+        turns.append(Turn(descent, int(starts[i]), end, touch, liftoff, jump))
     # The holder may tremble before the release; the first impact is among the strongest.
     strongest = max([turn.jump for turn in turns], default=0.0)
     first = next((i for i, turn in enumerate(turns) if turn.jump > _STRONG * strongest), 0)

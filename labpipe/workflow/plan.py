@@ -104,7 +104,6 @@ def plan(
     only: Iterable[str] | None = None,
     *,
     full: bool = False,
-    paranoid: bool = False,
     keep: bool | None = False,
 ) -> Plan:
     """Say what a run would do.
@@ -121,8 +120,6 @@ def plan(
         Experiments whose results are wanted; default all. What they need of others is done too.
     full : bool
         Plan for a run without shortcuts.
-    paranoid : bool
-        Read every file again instead of trusting size, times and inode.
     keep : bool or None
         Take results of earlier code as they are; with None, those that an earlier run took.
 
@@ -138,7 +135,7 @@ def plan(
     ConfigError, InputError
         The experiments, or the stages, do not fit together.
     """
-    store = Store(session.folder, paranoid=paranoid)
+    store = Store(session.folder)
     tasks = spell_out(session, stages)
     wanted = wanted_tasks(session, tasks, targets, only)
     store.code.is_asked = store.root.is_dir()

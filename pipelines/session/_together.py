@@ -72,7 +72,7 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     said, *difference = _difference(own, others, first, second)
     found = Comparison((*own, *others), {}, {}, session.folder / PAGE)
     names = (first, second)
-    answer = (*_verdicts(session, names, verdicts, found.rows), said, *_chart(results, names))
+    answer = (*_verdicts(names, verdicts, found.rows), said, *_chart(results, names))
     sections = [
         Section("Answer", answer),
         Section("Difference", (*difference, *_reports(session, names), *synthetic_notice(session))),
@@ -95,7 +95,7 @@ def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]
         names = list(dict.fromkeys([*source, *(row.experiment for row in rows)]))
         own = tuple(document for document in found.experiments if document["experiment"] in names)
         part = replace(found, rows=tuple(rows), experiments=own, failed={}, absent={})
-        answer = (*_verdicts(session, names, verdicts, rows), *_reports(session, names), *synthetic_notice(session))
+        answer = (*_verdicts(names, verdicts, rows), *_reports(session, names), *synthetic_notice(session))
         sections = [Section("Answer", answer), *parts(part)]
         name = f"{MATERIAL}{_safe(material)}.html"
         files.write_text(
@@ -109,9 +109,7 @@ def _safe(name: str) -> str:
     return re.sub(r"[^\w.-]+", "_", name)
 
 
-def _verdicts(
-    session: Session, names: Sequence[str], verdicts: Mapping[str, Verdict], rows: Iterable[Row]
-) -> Iterator[Block]:
+def _verdicts(names: Sequence[str], verdicts: Mapping[str, Verdict], rows: Iterable[Row]) -> Iterator[Block]:
     by: dict[str, str] = {}  # what an experiment is compared with; a film, the laser
     for row in rows:
         by[row.experiment] = "model" if by.get(row.experiment) == "model" else row.against

@@ -60,7 +60,8 @@ def law_of(creep: Creep) -> Law:
         "creep_rate": creep.rate,
         "mixed": mixed,
     }
-    terms = _room_for(rho.size, creep.rate.size)
+    # a power of two, of which one suffices for nearly all
+    terms = 1 << max(_LEAST_ROOM, (max(rho.size, creep.rate.size) - 1).bit_length())
     fields = [
         (name, np.int64 if isinstance(value, int) else np.float64, (terms,) * np.ndim(value))
         for name, value in values.items()
@@ -72,11 +73,6 @@ def law_of(creep: Creep) -> Law:
         else:
             law[name] = value
     return cast("Law", law)
-
-
-def _room_for(*terms: int) -> int:
-    """Terms that a record has room for: a power of two, of which one suffices for nearly all."""
-    return 1 << max(_LEAST_ROOM, (max(terms) - 1).bit_length())
 
 
 def _room(dtype: np.dtype[np.void]) -> np.record:

@@ -134,7 +134,8 @@ def collision(
         raise InputError(f"rtol is {rtol}, expected {_FINEST:g} to {_COARSEST:g}")
     motion = Motion(law, mass, gravity, rtol)
     phases, bounces = motion.run(height, duration, impacts)
-    instants = _instants(phases) if time is None else _checked_times(time, duration)
+    grids = [grid(phase) for phase in phases]
+    instants = np.unique(np.concatenate(grids)) if time is None else _checked_times(time, duration)
     gained = [-bounce.energy_dissipated / (mass * bounce.impact_speed**2) for bounce in bounces]
     if as_printed and any(share > _ENERGY_ROUNDING for share in gained):
         warnings.warn(
@@ -181,10 +182,6 @@ def _law(
         raise InputError(f"unloading_multiplier is {unloading_multiplier}, expected a number from 1 up")
     stiffness = contact_stiffness(radius, youngs_modulus, nu, as_printed=as_printed)
     return CollisionLaw(stiffness, damping, yield_depth, unloading_multiplier, as_printed)
-
-
-def _instants(phases: list[Phase]) -> Floats:
-    return np.unique(np.concatenate([grid(phase) for phase in phases]))
 
 
 def _checked_times(time: ArrayLike, duration: float) -> Floats:

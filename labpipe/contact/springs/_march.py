@@ -294,13 +294,11 @@ class March:
         moved = moved + memory.sum(axis=0) - state.memory.sum(axis=0)
         return 0.5 * float(self.contact.inner(old + answer.load, moved))
 
-    def _elastic(self, load: Floats) -> float:
-        return 0.5 * self.creep.instantaneous * float(self.contact.inner(load, load))
-
     def stored(self, state: State) -> float:
         """Energy held elastically in all springs (per unit depth for a line)."""
-        kelvin = self.contact.inner(state.memory, state.memory) @ self.creep.inverse
-        return self._elastic(state.answer.load) + 0.5 * float(kelvin)
+        inner, load = self.contact.inner, state.answer.load
+        kelvin = float(inner(state.memory, state.memory) @ self.creep.inverse)
+        return 0.5 * self.creep.instantaneous * float(inner(load, load)) + 0.5 * kelvin
 
     def _heat(self, dt: float, state: State, new_load: Floats, *, hold: bool) -> float:
         r"""Heat of one step, exactly: the integral of (q − w/C)² C/τ; never negative."""

@@ -77,7 +77,8 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         groups, gaps = _gaps(points, model.temperature, state.log10_aT)
         groups = groups - (groups @ share)[:, None]
         covariance = covariance + (groups.T * (_GAP_ERROR * gaps**2) ** 2) @ groups
-        error = _GRID_SHARE / found.fit.grid.terms_per_decade if _is_fine(found) else 0.0
+        fine = found.fit.grid.terms_per_decade
+        error = _GRID_SHARE / fine if fine > TERMS_PER_DECADE else 0.0
         apart = np.eye(model.temperature.size) - share
         covariance = covariance + error**2 * (apart @ apart.T)
     if found.alternatives:
@@ -147,10 +148,6 @@ def _gaps(points: Points, temperature: Floats, log10_aT: Floats) -> tuple[Floats
     for k in range(gaps.size):
         groups[k, order[: k + 1]] = 1.0
     return groups[gaps > 0], gaps[gaps > 0]
-
-
-def _is_fine(found: Superposition) -> bool:
-    return found.fit.grid.terms_per_decade > TERMS_PER_DECADE
 
 
 def _shares(temperature: Floats, T_ref: float) -> Floats:

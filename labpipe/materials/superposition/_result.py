@@ -20,7 +20,7 @@ from labpipe.materials.codes import CODES, Bulk, Code, deck_text, make_deck
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum import KramersKronig, kramers_kronig
 from labpipe.materials.superposition._anchoring import anchor_at
-from labpipe.materials.superposition._limits import BARELY_DETERMINED, limits_of
+from labpipe.materials.superposition._limits import limits_of
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._shift_parameters import OuterModel
 from labpipe.materials.superposition._spectrum_modes import modes_of
@@ -246,14 +246,14 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
     times = np.exp(found.fit.grid.ln_time) * 10.0**anchor.offset
     prony = Prony(weights[-1], weights[:-1], times, nu)
     laws = _laws(model, log10_aT, covariance)
-    chosen = _chosen_law(found, law, laws)
+    chosen = _chosen_law(found, laws)
     reduced = predictions(sweeps, data, found, log10_aT)
     moduli = without_delay(data.points, found.fit)
     frequency = data.points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[data.points.isotherm]
     # Where the loss is small its noise may be larger than what the delay leaves of it.
     lossy = moduli.imag > 0
     kk = kramers_kronig(frequency[lossy], moduli.real[lossy], moduli.imag[lossy])
-    overlap = overlap_of_neighbours(data, log10_aT, covariance, BARELY_DETERMINED)
+    overlap = overlap_of_neighbours(data, log10_aT, covariance)
     window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
     verdict = verdict_on(data.points, found, kk)
     notes = limits_of(data, found, law, chosen, overlap, verdict)
@@ -320,7 +320,7 @@ def _laws(model: OuterModel, log10_aT: Floats, covariance: Floats) -> dict[str, 
     return {name: fit_law(name, model.temperature, log10_aT, usable, model.T_ref) for name in names}
 
 
-def _chosen_law(found: Superposition, law: LawName | None, laws: dict[str, ShiftLaw]) -> ShiftLaw:
+def _chosen_law(found: Superposition, laws: dict[str, ShiftLaw]) -> ShiftLaw:
     """Return the law of the fit itself, or the better one through free shifts."""
     model = found.model
     if model.horizontal in ("wlf", "arrhenius"):

@@ -8,6 +8,7 @@ from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum import maxwell_shapes, solve_normal
 from labpipe.materials.superposition._anchoring import Anchor
 from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, modelled, sensitivity
+from labpipe.materials.superposition._limits import BARELY_DETERMINED
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._sweep_data import SweepData
 from labpipe.uncertainty import propagated_variance
@@ -62,7 +63,7 @@ def without_delay(points: Points, fit: Fit) -> Complexes:
     return np.asarray(undone / np.exp(fit.state.ln_bT[points.isotherm]))
 
 
-def overlap_of_neighbours(data: SweepData, log10_aT: Floats, covariance: Floats, limit: float) -> xr.Dataset:
+def overlap_of_neighbours(data: SweepData, log10_aT: Floats, covariance: Floats) -> xr.Dataset:
     """Return step, uncertainty and overlap of every pair of neighbouring temperatures."""
     order = np.argsort(data.temperature, kind="stable")
     cold, warm = order[:-1], order[1:]
@@ -78,7 +79,7 @@ def overlap_of_neighbours(data: SweepData, log10_aT: Floats, covariance: Floats,
         "step": (log10_aT[cold] - log10_aT[warm], "1", "step of log10 a_T in decades"),
         "u_step": (u_step, "1", "standard uncertainty of the step"),
         "overlap": (shared, "1", "common decades of reduced frequency, negative for a gap"),
-        "determined": (u_step <= limit, "1", "whether the data determine the step"),
+        "determined": (u_step <= BARELY_DETERMINED, "1", "whether the data determine the step"),
     }
     return xr.Dataset({name: variable("pair", values, units, text) for name, (values, units, text) in columns.items()})
 

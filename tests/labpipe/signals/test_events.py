@@ -291,7 +291,7 @@ def test_the_fall_before_the_first_touch_alone_tells_the_acceleration():
     touch = 0.04
     height = 0.5 * 9.7 * (touch**2 - time**2)
     at = int(np.searchsorted(time, touch))
-    turn = Turn(at - 1, at + 2, 0, at + 4, touch, touch + 3e-4, 0.8)
+    turn = Turn(at - 1, 0, at + 4, touch, touch + 3e-4, 0.8)
     noise = 1e-8 * np.random.default_rng(4).standard_normal(time.size)
     fall, u = common_fall(time, height + noise, 1e-8, [turn], None)
     assert fall == pytest.approx(9.7, abs=4 * u)
