@@ -94,7 +94,6 @@ Temperature = Annotated[Quantity, Dimension("degC", "temperature", "23 degC")]
 Force = Annotated[Quantity, Dimension("N", "force", "0.5 N")]
 Acceleration = Annotated[Quantity, Dimension("m/s2", "acceleration", "9.81 m/s2")]
 Scale = Annotated[Quantity, Dimension("m/px", "image scale", "12.5 um/px")]
-Stiffness = Annotated[Quantity, Dimension("N/m", "stiffness", "3 N/mm")]
 Adhesion = Annotated[Quantity, Dimension("J/m2", "work of adhesion", "50 ± 20 mJ/m2")]
 Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 ± 0.01")]
 

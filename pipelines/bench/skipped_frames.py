@@ -18,7 +18,7 @@ from pipelines.bench.shortcut import Shortcut, counted, work_of
 from pipelines.experiments.dic_validation import measured as dic_validation
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 
-_SPHERE, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
+_SPHERE = 9.525e-3
 _WAVELENGTH, _PIXEL = 633e-9, 4.34e-6
 #: How fast the gap opens (m per length of the contact), and from where on no ring is seen.
 _CLIMB, _SMEARED = 1e-4, 2e-5
