@@ -32,17 +32,21 @@ _MOST_BLOCKS = 1 << 10  # tagged blocks; a film has about five
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """The recording's settings; None where this version of the format has no such field."""
+    """The recording's settings, shown beside the film; None where this version of the format has no such field."""
 
     frame_rate: int | None
     decimation: float | None
     shutter: float | None
     black_level: int | None
     white_level: int | None
+    real_bits: int | None
     serial: int | None
+    software_version: int | None
     colour_filter: int
+    camera_model: str
     lens: str
     description: str
+    time_zone: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,10 +234,14 @@ def _setup(window: Window, start: int) -> tuple[Setup, int]:
         shutter=shutter,
         black_level=whole("i", 5732, 4),
         white_level=whole("i", 5736, 4),
+        real_bits=whole("I", 896, 4),
         serial=whole("I", 743, 4),
+        software_version=whole("I", 800, 4),
         colour_filter=whole("I", 808, 4) or 0,
+        camera_model=text(10128, 256),
         lens=text(5740, 256),
         description=text(1596, 4096),
+        time_zone=whole("i", 804, 4),
     ), length
 
 

@@ -39,10 +39,10 @@ _KNOWN = log(2.0)
 
 @dataclass(frozen=True, slots=True)
 class LongTimeModulus:
-    """Limits of the long-time modulus, and what they rest on.
+    """Limits of the long-time modulus, and what they rest on; stored as they are.
 
     ``end`` [s]: The longest time of which the data tell. ``modulus`` [Pa]: Relaxation modulus at that time.
-    ``fall``, ``most_fall``: Share of the modulus that the
+    ``u_ln_modulus``: Standard deviation of its logarithm. ``fall``, ``most_fall``: Share of the modulus that the
     decade of time before ``end`` took, and the upper end of its interval. ``low``, ``high`` [Pa]: Ends of the
     interval; ``low`` is 0 where there is no plateau. ``left`` [Pa]: The least that is left after thirty years if
     every further decade takes as many pascals.
@@ -50,6 +50,7 @@ class LongTimeModulus:
 
     end: float
     modulus: float
+    u_ln_modulus: float
     fall: float
     most_fall: float
     low: float
@@ -68,10 +69,10 @@ def long_time_modulus(known: Posterior) -> LongTimeModulus:
     decades = max(log10(HORIZON / end), 0.0)
     left = max(modulus * (exp(-reach * u) - decades * taken), 0.0)
     if reach * u > _KNOWN:
-        return LongTimeModulus(end, modulus, fell, most, 0.0, float("inf"), 0.0, "not identifiable")
+        return LongTimeModulus(end, modulus, u, fell, most, 0.0, float("inf"), 0.0, "not identifiable")
     is_flat = decades * taken <= PLATEAU
     verdict: Verdict = "identified" if is_flat else "bounded from above"
-    return LongTimeModulus(end, modulus, fell, most, left if is_flat else 0.0, high, left, verdict)
+    return LongTimeModulus(end, modulus, u, fell, most, left if is_flat else 0.0, high, left, verdict)
 
 
 def _at_the_end(known: Posterior, end: float) -> list[tuple[float, float]]:

@@ -3,6 +3,7 @@
 import importlib
 import platform
 import time
+import traceback
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -66,10 +67,10 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How one task ended: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``.
+    """How one task ended: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``; written into the log.
 
     ``key`` finds the result in the store (None where there is none). ``message`` says why there
-    is none; ``exit_code`` and ``error`` (the class) tell what went wrong,
+    is none; ``exit_code`` and ``error`` (the class) tell what went wrong, ``details`` where;
     ``is_of_run`` that the run was at fault, which tells nothing about what was recorded.
     ``reason`` is the error's. ``seconds`` passed on the clock, ``processor_seconds`` on all cores of this process.
     """
@@ -82,6 +83,7 @@ class Outcome:
     message: str = ""
     exit_code: int = 0
     error: str = ""
+    details: str = ""
     seconds: float = 0.0
     processor_seconds: float = 0.0
     is_of_run: bool = False
@@ -243,6 +245,7 @@ class _Run:
         return Outcome(*task.id, DONE, key, seconds=seconds, processor_seconds=processor)
 
     def _failed(self, task: Task, error: Exception, text: str, code: int, begun: "_Clock") -> Outcome:
+        details = "".join(traceback.format_exception(error))
         seconds, processor = begun.until_now()
         return Outcome(
             *task.id,
@@ -250,6 +253,7 @@ class _Run:
             message=self._relative(text),
             exit_code=code,
             error=type(error).__name__,
+            details=details,
             seconds=seconds,
             processor_seconds=processor,
             # what a step did not expect is a mistake of its own, and tells nothing about a record

@@ -248,6 +248,9 @@ def test_a_failure_stops_only_what_depends_on_it_and_the_page_tells(tmp_path: Pa
         "acrylic/page": "done",
     }
     assert [o.message for o in result.failures] == ["unexpected ZeroDivisionError: by zero"] * 2
+    told = [line["details"] for line in events(session) if line.get("state") == "failed"]
+    assert [o.details for o in result.failures] == told  # the log says where
+    assert "toy_laboratory.py" in told[0]
     page = (session.folder / "reports" / "acrylic.html").read_text()
     assert "[None, None]\nmissing" in page
     assert "text='unexpected ZeroDivisionError: by zero'" in page
