@@ -46,7 +46,8 @@ def _sniff(head: bytes, path: Path) -> bool:
 
         return names_quantities(path)
     text = _text(head)
-    if "\0" in text or not head:
+    # a page or a document of JSON is no table; of its long lines every part would be tried as a heading
+    if "\0" in text or not head or text.lstrip("\ufeff \t\r\n").startswith(("{", "<!", "<html", "<?xml")):
         return False
     if any(word in text for word in _PROCEDURE):  # many lines before the first table
         try:

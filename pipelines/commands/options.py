@@ -100,9 +100,12 @@ _APART = {"instrument": "--instrument", "cycle": "--cycle", "storage_factor": "-
 
 def as_typed(hint: str) -> str:
     """Turn options as they are written in Python into those of the command line."""
+    import instruments
 
     def typed(match: re.Match[str]) -> str:
         name, value = match[1], match[2] if " " in match[2] else match[2].strip('"')
+        if name not in {"instrument", *instruments.Options.__annotations__}:  # what a file holds is shown as it is
+            return match[0]
         if name == "units":
             return " ".join(f"--unit {unit}" for unit in re.findall(r'"([^"]*)"', value))
         if name in _APART:

@@ -289,10 +289,20 @@ def recognise(folder: Path) -> Found:
 
 
 def recognised_below(folder: Path, used: Set[Path]) -> Iterator[tuple[str, str]]:
-    """Yield name and title of each record and file of a known instrument that is not among some paths, nor below."""
+    """Yield name and title of each record and file of a known instrument that is not among some paths, nor below.
+
+    Those of a session within the folder, as of a copy, are its own.
+    """
     titles = {each.name: each.title for each in instruments.known()}
+    is_session: dict[Path, bool] = {}
     for path in _candidates(folder):
         name, whole = path.relative_to(folder).as_posix(), path.resolve()
+        between = path.parents[: len(path.relative_to(folder).parts) - 1]
+        for place in between:
+            if place not in is_session:
+                is_session[place] = (place / FILE_NAME).is_file()
+        if any(is_session[place] for place in between):  # what belongs to another session
+            continue
         if not used.isdisjoint((whole, *whole.parents)) or _leads_out(path, folder) or name_problem(name):
             continue
         kind = _record_kind(path) if path.suffix == ".toml" else _instrument(path)
@@ -418,7 +428,9 @@ def _candidates(folder: Path) -> Iterator[Path]:
 def _is_ours(path: Path, folder: Path) -> bool:
     """Tell whether a path is hidden, or of labpipe itself."""
     parts = path.relative_to(folder).parts
-    return any(part.startswith(".") for part in parts) or parts[0] in {"labpipe", "truth", FILE_NAME}
+    written = (at for at, part in enumerate(parts[:-1], 1) if part in {"labpipe", "truth"})
+    is_written = any(folder.joinpath(*parts[: at - 1], FILE_NAME).is_file() for at in written)
+    return any(p.startswith(".") for p in parts) or parts[0] in {"labpipe", "truth", FILE_NAME} or is_written
 
 
 def _instrument(path: Path) -> str | None:

@@ -11,6 +11,7 @@ from instruments import keyence
 from instruments.keyence._markers import Status
 from labpipe.errors import SourceError, UsageError
 from labpipe.frames import ArrayFrames
+from pipelines.commands.options import as_typed
 from pipelines.session import _inspection, describe, inspect, write_sheet
 from pipelines.session._contact_sheet import strip
 from pipelines.session._inspection import film
@@ -105,6 +106,11 @@ def test_a_folder_tells_what_is_wrong_with_large_films_and_lists_what_is_alike_o
     assert cut.startswith("a.cine: ")
     assert "lie beyond the end of the file" in cut
     assert other.startswith("stack/f3.png: 9 × 8 px")
+
+
+def test_what_a_file_begins_with_is_shown_as_it_is_and_options_as_they_are_typed() -> None:
+    said = 'begins with <?xml version="1.0"?>: give fps=10000, cycle="50 us"'
+    assert as_typed(said) == 'begins with <?xml version="1.0"?>: give --option fps=10000, --cycle "50 us"'
 
 
 def test_a_damaged_picture_is_refused(tmp_path: Path) -> None:

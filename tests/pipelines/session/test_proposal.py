@@ -26,7 +26,7 @@ from pipelines.rig.session_text import laser_record
 from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, write_static
 from pipelines.session import Gap, describe, init, survey
-from pipelines.session._proposal import UNKNOWN, why_unknown
+from pipelines.session._proposal import UNKNOWN, recognise, recognised_below, why_unknown
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -184,6 +184,18 @@ def test_copies_are_named_and_the_recordings_keep_their_names(pile: Path) -> Non
     assert copy.endswith(': a copy of "acrylic 7mm rep1.csv"')
     (pictures,) = (line for line in found.unused if line.startswith("photos/"))
     assert "photos/a.jpg and 1 more beside it: a picture" in pictures
+
+
+def test_a_session_within_a_folder_keeps_its_files_and_what_was_written_for_it(pile: Path) -> None:
+    init(pile)
+    (pile / "forgotten.csv").write_bytes((pile / "acrylic 7mm rep1.csv").read_bytes())
+    inner = pile / "copy"
+    (inner / "labpipe").mkdir(parents=True)
+    for name in ("session.toml", "other.csv", "labpipe/export.csv"):
+        (inner / name).write_bytes((pile / "acrylic 7mm rep1.csv").read_bytes())
+    assert "forgotten.csv" in dict(recognised_below(pile, set()))
+    assert not any(name.startswith("copy/") for name, _ in recognised_below(pile, set()))
+    assert [name for name in recognise(pile).owners if name.startswith("copy/")] == ["copy/other.csv"]
 
 
 def test_pictures_beside_records_are_no_film(pile: Path) -> None:
