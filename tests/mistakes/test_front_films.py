@@ -102,13 +102,13 @@ ROWS = (
     FrontMistake(
         "frames of the fall lost, times renewed",
         "doubtful",
-        ("the holder jumps", "frames were lost", "in its motion after"),
+        ("as far as in 30", "frames were lost", "in its motion from 39.8 ms to"),
         _without(lambda numbers, first: abs(numbers - first + 60) < 15),
     ),
     FrontMistake(
         "frames of the second flight lost, times renewed",
         "doubtful",
-        ("the holder jumps", "frames were lost", "in its motion before"),
+        ("as far as in 26", "frames were lost", "in its motion from 0 s to"),
         _without(lambda numbers, first: abs(numbers - first - 160) < 13),
     ),
     FrontMistake(

@@ -1,5 +1,6 @@
 """Whether a film of a contact can be believed: its size, fringes, flights, and order of frames."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import hypot, inf, isfinite, log, nan, sqrt
@@ -33,7 +34,7 @@ from pipelines.experiments.contact_area._frame_checks import contacts_whole, fra
 from pipelines.experiments.contact_area._image_checks import ONE_SCALE, image_checks, in_view
 from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
-from pipelines.experiments.contact_area.measured import brightness, edges_only
+from pipelines.experiments.contact_area.measured import LATER, brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import CAUSES, explained, not_smoothed, whole_film
@@ -69,8 +70,11 @@ _NEAR, _OF_HEIGHT = 3.0, ", or the drop is of another height than stated"
 """Factor of the frame rate, below which a wrong height may be meant."""
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _STICKS = 1.0  # J/m²
+_ANEW = 0.75  # of the first largest radius, from which a contact after the third impact is of another drop
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
+_MENDS = {"region": "region"}  # setting, by the reason of the error
 _FAILED = CAUSES | {
+    "region": "region does not lie in the images",
     "radius": "the calibration record is of another view or day, or the film is not what the session says",
     "impacts": "the film shows no contact: it is of another view or drop, or its scale or wavelength is wrong",
 }
@@ -85,7 +89,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     """Judge one film; what gave no result is judged by that."""
     radius, impacts = given.get("radius"), given.get("impacts")
     whole = whole_film(context, settings.film)
-    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED)]
+    checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
     body = settings.sphere.radius.value, settings.sphere.mass.value
     checks += [fall_checks.gravity_stated(settings.model.gravity), fall_checks.body_stated(*body)]
     checks += [judgements.day_known(radius, settings.camera, settings.film), _sticks(settings)]
@@ -100,8 +104,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
             mosaic,
         ]
         checks += frame_checks(radius, whole, settings)
-        # rows of a mosaic differ as those of an interlaced film do
-        checks = judgements.because(checks, mosaic.cause if mosaic.level else "", "sound frames", "step impacts")
+        checks = judgements.because(checks, mosaic.cause if mosaic.level else "", "step impacts")
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
         checks += given.each((contacts_whole, none_lost, none_missed, flights_alike))
@@ -111,7 +114,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks.append(summits)
         # where impacts do not follow each other, what is held against the stated height is another one
         order = next(c for c in checks if c.name == ORDER)
-        checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, DURATION, log_ratio=nan)
+        is_wrong = order.level not in (None, "note")
+        checks = judgements.because(checks, order.cause if is_wrong else "", FLIGHT, DURATION, log_ratio=nan)
     return Scene(
         checks,
         given.each([_causes]),
@@ -221,7 +225,8 @@ def _size(impacts: xr.Dataset, settings: ContactArea) -> Check:
     ratio = seen / body.value
     u = ratio * hypot(own / seen, body.u / body.value)
     message = f"{settings.film}: {quantity(seen, 'm')} in a sphere of {quantity(body.value, 'm')}: {ratio:.3g}"
-    return bounded(name, law, message, ratio, u, at_most=_LARGEST, file=settings.camera)
+    cause = f"the scale in {settings.camera} is wrong or of another view, or sphere.radius is"
+    return bounded(name, law, message, ratio, u, at_most=_LARGEST, file=settings.camera, cause=cause)
 
 
 def _like(name: str, law: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
@@ -253,7 +258,16 @@ def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
     cause = f"the frames stand in reverse order, or {joined}"
     if a.size > 2:
         cause = "the frames stand in reverse order" if np.all(rise > DOUBTFUL * own) else joined
-    return bounded(name, law, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
+    found = bounded(name, law, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
+    later = [one for one in json.loads(impacts.attrs.get(LATER, "[]")) if one[1] > max(_ANEW * a[0], a[-1])]
+    if found.level or not later:
+        return found
+    begins, (_, size) = quantity(later[0][0], "s"), later[0]
+    text = (
+        f"{settings.film}: {quantity(a[-1], 'm')} at impact {a.size}, {quantity(size, 'm')} in a later one, at {begins}"
+    )
+    cause = f"another drop begins before {begins}: the first was measured; cut the film there for the other"
+    return stated(name, law, text, "note", cause=cause, file=settings.film)
 
 
 def _flies(radius: xr.Dataset, settings: ContactArea) -> Check:
@@ -389,6 +403,10 @@ def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> C
     return stated(name, law, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
 
 
+def _stiffer(k: float) -> str:
+    return f"some {in_words(max(k, 1 / k), 1)} times {'stiffer' if k > 1.0 else 'softer'}"
+
+
 def _causes(
     settings: ContactArea, radius: xr.Dataset | None = None, impacts: xr.Dataset | None = None
 ) -> Iterator[Cause]:
@@ -432,9 +450,10 @@ def _causes(
         SLIPS["decimal"],
         setting="height",
     )
+    mass = times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml")
     yield Cause(
         {RADIUS: -0.2},
-        times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml"),
+        lambda k: f"{mass(k)}; or the polymer is another than stated, {_stiffer(k)} in the impact",
         SLIPS["mass"],
         only_usual=True,
         setting="sphere.mass",

@@ -29,6 +29,7 @@ from pipelines.experiments.shared.film_stated import said_by_file
 FRINGE_FIT, EDGE, OPEN_GAP = READ = (1, 2, 5)
 """Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: by fringes, by the edge of the spot,
 by fringes of a gap that is wider than Hertz's."""
+LATER = "later"  # attribute of impacts: contacts after those that are measured
 _LEAST_REGION = 32  # px: below it no contact with a ring would fit
 _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
@@ -90,12 +91,19 @@ def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice
     if settings.region is None:
         return slice(0, shape[0]), slice(0, shape[1])
     (x1, y1), (x2, y2) = settings.region
+    wide, high, (rows, columns) = max(x1, x2), max(y1, y2), shape
+    if wide > columns or high > rows:
+        swapped = ": x and y are exchanged" if wide <= rows and high <= columns else ""
+        raise InputError(
+            f"region: the part from ({x1:g}, {y1:g}) to ({x2:g}, {y2:g}) reaches beyond the images, {columns} px "
+            f"wide and {rows} px high{swapped}; give px of the images, x to the right and y down"
+        ).because("region")
     found = []
-    for low, high, size in ((*sorted((y1, y2)), shape[0]), (*sorted((x1, x2)), shape[1])):
+    for low, high, size in ((*sorted((y1, y2)), rows), (*sorted((x1, x2)), columns)):
         found.append(slice(min(math.floor(low), size), min(math.ceil(high) + 1, size)))
     if min(part.stop - part.start for part in found) < _LEAST_REGION:
         raise InputError(
-            f"region: the part from ({x1:g}, {y1:g}) to ({x2:g}, {y2:g}) of a film of {shape[1]} x {shape[0]} px is "
+            f"region: the part from ({x1:g}, {y1:g}) to ({x2:g}, {y2:g}) of a film of {columns} x {rows} px is "
             f"less than {_LEAST_REGION} px wide or high; draw it around the contact with its rings"
         )
     return found[0], found[1]
@@ -116,7 +124,9 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
         raise InputError(
             f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength"
         ).because(INTERLACED if radius.attrs.get("interlaced") else "")
-    brief = _brief_contacts(time, a, runs)[:_IMPACTS]
+    brief = _brief_contacts(time, a, runs)
+    later = [[float(time[run[0]]), float(np.nanmax(a[run]))] for run in brief[_IMPACTS:]]
+    brief = brief[:_IMPACTS]
     peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
     shared = radius["radius_systematic"].values / a
     relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
@@ -136,7 +146,8 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
             "impact", np.array([time[run[place]] for run in brief], float), "s", f"{text} frame with contact"
         )
     table |= _at_rest(time, a, u, runs, relative)
-    return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
+    # times and largest radii of those that follow: of a second drop
+    return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)}, attrs={LATER: json.dumps(later)})
 
 
 def edges_only(radius: xr.Dataset) -> tuple[int, int]:

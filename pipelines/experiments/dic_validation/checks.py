@@ -1,5 +1,6 @@
 """Whether a film of a falling holder can be believed: free fall, bounces, frames, and the laser."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import degrees, exp, hypot, isfinite, log, nan
@@ -15,7 +16,7 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
-from pipelines.experiments.dic_validation._jumps import FEWEST, KNOCKED, STEP, jump
+from pipelines.experiments.dic_validation._jumps import FEWEST, KNOCKED, STEP, jump, left_out
 from pipelines.experiments.dic_validation._view_checks import (
     BEGINNING,
     begins_at_rest,
@@ -29,7 +30,7 @@ from pipelines.experiments.dic_validation._view_checks import (
     tilt,
 )
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import INTERLACED, PART, statuses
+from pipelines.experiments.dic_validation.measured import INTERLACED, PART, SWAPPED, statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import Fall
@@ -42,7 +43,7 @@ from pipelines.experiments.shared.film_frames import (
     sound_frames,
     whole_film,
 )
-from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
+from pipelines.experiments.shared.film_light import LIGHT, exposed, lit, no_mosaic
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
@@ -67,6 +68,7 @@ _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measurin
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
 _MENDS |= {name: f"tracking.{name}" for name in ("regions", "covers", "obstructions")}
 _POLYGON = "the polygon is not drawn in px of the first image, x to the right and y down, or around something else"
+_NUMBERED_ON = "frames were lost there and those after them numbered on: export them with the camera's own numbers"
 _FAILED = CAUSES | {
     reason: f"{setting} does not lie in the images" if reason == setting else _POLYGON
     for reason, setting in _MENDS.items()
@@ -93,26 +95,32 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     checks.append(not_smoothed(context, settings.film))
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
-        found = _found(track, settings)
+        found, mosaic = _found(track, settings), no_mosaic(track, settings.film)
         if settings.tracking.masks:
             names = " and ".join(f"tracking.{name}" for name in settings.tracking.masks)
             also = f"; or {names} leave too little of it, or what does not move with it"
             found = replace(found, cause=found.cause + also)
         if whole.level and found.level:  # frames that the file lacks show no holder
             found = replace(found, cause=whole.cause, setting="")
+        elif mosaic.level and found.level:
+            found = replace(found, cause=mosaic.cause, file=settings.film, setting="")
         # of a holder that is not found, what the images show is the better cause
-        checks = judgements.because(checks, found.cause if found.level else "", "step motion")
+        blamed = ["step motion", *["step bounces"] * bool(track.attrs.get("moves_instead"))]
+        checks = judgements.because(checks, found.cause if found.level else "", *blamed)
         along = track["dy"].isel(point=0).values
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
         checks += [sound_frames(_is_sound(track), whole, settings.film), sideways(track, settings)]
         checks.append(seen_whole(track, settings))
-        checks += [_lit(track, settings), exposed(track, settings.film), no_mosaic(track, settings.film)]
+        checks += [_lit(track, settings), exposed(track, settings.film), mosaic]
     if motion is not None:
         steady = _steady(track, motion, bounces, settings)
         # where no bounce was found, what the displacement itself shows is the better cause
         better = steady.cause if steady.level else no_fall(motion, _GRAVITY.value)
-        checks = judgements.because(checks, better, "step bounces")
-        checks += [_times(motion, bounces, settings), steady]
+        times = _times(motion, bounces, settings)
+        better = times.cause if bounces is None and times.level else better
+        if track is None or not track.attrs.get("moves_instead"):
+            checks = judgements.because(checks, better, "step bounces")
+        checks += [times, steady]
         checks += [of(motion, settings) for of in (direction, tilt, one_scale)]
         begins = begins_at_rest(motion, settings)
         checks += [still_before(motion, bounces, settings), stands(motion, bounces, settings), begins]
@@ -132,7 +140,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     if any(check.cause == fall_checks.BACKWARDS for check in checks):
         checks = judgements.because(checks, fall_checks.BACKWARDS, HEIGHT, SAME, BEGINNING, log_ratio=nan, setting="")
     if motion is not None and steady.level:  # a level that jumps makes rebounds of another height
-        checks = judgements.because(checks, steady.cause, *_BY_JUMPS, log_ratio=nan, file=settings.film, setting="")
+        by_jumps = (*_BY_JUMPS, G, SPEED) if steady.cause == _NUMBERED_ON else _BY_JUMPS
+        checks = judgements.because(checks, steady.cause, *by_jumps, log_ratio=nan, file=settings.film, setting="")
     if comparison is not None and "gain" in comparison:
         gain, wrong = _gain(comparison, settings), {c.name for c in checks if c.level}
         # of two drops that are not alike, or not in one time, no scale can be told
@@ -157,7 +166,11 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
     if status.size and np.mean(status == INTERLACED) > _MOSTLY:
         return stated(name, law, message, level, cause=FIELDS, file=settings.film)
-    if turned := str(track.attrs.get("moves_instead", "")):
+    if (turned := str(track.attrs.get("moves_instead", ""))) == SWAPPED:
+        (x, y), cause = settings.tracking.body or (nan, nan), f"{SWAPPED} are exchanged: x is to the right, y down"
+        text = f"{message} or stands still at [{x:g}, {y:g}]; at [{y:g}, {x:g}] it falls"
+        return stated(name, law, text, "doubtful", cause=cause, setting="tracking.body")
+    if turned:
         cause = (
             f"the film is {turned}, or the camera was: what would then lie at tracking.body moves up in the images "
             "first, as a holder that falls: turn the film, or export it anew"
@@ -229,13 +242,20 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | 
     if np.isfinite(np.diff(y, 2)).sum() < FEWEST:
         return not_made(name, law, "twenty frames in a row")
     knocked = "frames were lost, two films were joined, the camera or its mirror was knocked, or the track slipped"
-    # where bounces are not found, what is smaller is told too: single frames that were lost
+    part = "" if bounces is None else str(bounces.attrs.get(PART, ""))
+    apart = f"; bounces are found in its motion {part} alone" if part else ""
+    if gaps := left_out(time, y):
+        at, count = gaps[0]
+        text = (
+            f"{settings.film}: between {quantity(float(time[at]), 's')} and the next frame the holder goes as far as "
+        )
+        text += f"in {count + 1}" + (f", and too far in {len(gaps) - 1} more places" if gaps[1:] else "") + apart
+        return stated(name, law, text, "doubtful", cause=_NUMBERED_ON, file=settings.film)
+    # where bounces are not found, what is smaller is told too
     found = jump(time, y, 0.0 if bounces is None else KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
     if found is not None:
         text = f"{settings.film}: the holder jumps by {quantity(found[1], 'm')} between two frames at "
-        text += quantity(float(time[found[0] + 1]), "s")
-        if bounces is not None and PART in bounces.attrs:
-            text += f"; bounces are found in its motion {bounces.attrs[PART]} alone"
+        text += f"{quantity(float(time[found[0] + 1]), 's')}{apart}"
         return stated(name, law, text, "doubtful", cause=knocked, file=settings.film)
     zoomed = (
         "zoom, focus or distance of the lens changed within the film, films of two views were joined, or tracking.body "
@@ -268,10 +288,13 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | 
 def _lit(track: xr.Dataset, settings: DicValidation) -> Check:
     """Look for frames whose contrast falls below that of the frames around them."""
     contrast = track["contrast"].isel(point=0).values if "contrast" in track else np.empty(0)
-    known = np.flatnonzero(np.isfinite(contrast))
+    known, frames = np.flatnonzero(np.isfinite(contrast)), track["frame"].values
     usual = ndimage.median_filter(contrast[known], _AROUND, mode="nearest") if known.size else contrast[known]
-    brightness = {int(i): float(c) for i, c in zip(known, contrast[known] / usual, strict=True)}
-    # what is dark is found all the same, with a larger uncertainty
+    seen = json.loads(track.attrs.get(LIGHT, "{}")).get("brightness", {})
+    lost = np.flatnonzero(~np.isfinite(contrast))
+    brightness = {int(i): float(seen[str(frames[i])]) for i in lost if str(frames[i]) in seen}
+    brightness |= {int(i): float(c) for i, c in zip(known, contrast[known] / usual, strict=True)}
+    # what is dark is mostly found all the same, with a larger uncertainty
     return lit(settings.film, brightness, np.zeros(track.sizes["frame"], bool), track["time"].values)
 
 

@@ -7,6 +7,7 @@ is the result; the others are the line of small subsets, whose scatter tells how
 
 import contextlib
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from labpipe.report import quantity
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation import viewing_angle
-from pipelines.experiments.dic_validation._jumps import KNOCKED, jump
+from pipelines.experiments.dic_validation._jumps import KNOCKED, jump, left_out
 from pipelines.experiments.dic_validation.settings import DicValidation, Polygons, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.shared.film_light import light_of
@@ -38,7 +39,9 @@ _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
 _KEYS = 9
+_DARK = 32  # frames without the holder whose light is measured
 PART = "part"  # attribute of bounces: the part of the film in which they were found
+SWAPPED = "x and y of tracking.body"  # what is exchanged where the holder falls at the other place
 INTERLACED = "interlaced"  # status of a point whose frame's rows are of two instants
 LOST = 0.5  # of the frames: a body that is found in fewer is looked for where it is in a film that was turned
 _TURNED, _FALLS = 100, 5.0  # frames looked at for it, and px by which it falls, upwards in the images
@@ -60,8 +63,9 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     if not full:
         coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
     found = imaging.track(source, points, **options)
-    if float(found["valid"].isel(point=0).mean()) < LOST:
-        found.attrs["moves_instead"] = _seen_turned(source, points[0], subsets[0])
+    body = found.isel(point=0)
+    if float(body["valid"].mean()) < LOST or float(np.ptp(body["dy"].values[body["valid"].values])) < _FALLS:
+        found.attrs["moves_instead"] = _falls_elsewhere(source, points[0], subsets[0], chosen)
     if chosen.obstructions:
         found.attrs["hides_nothing"] = json.dumps(_seen_through(source, found, chosen.obstructions))
     return _with_bytes(found, source, coarse)
@@ -99,17 +103,19 @@ def _seen_through(source: FrameSource, found: xr.Dataset, stated: Polygons) -> l
     return nothing
 
 
-def _seen_turned(source: FrameSource, body: tuple[float, float], width: int) -> str:
-    """Say how a film was turned in which something falls where the body would be, and "" where nothing does."""
+def _falls_elsewhere(source: FrameSource, body: tuple[float, float], width: int, chosen: Tracking) -> str:
+    """Say how a film was turned in which something falls where the body would be, :data:`SWAPPED`, or ""."""
     (_, rows, columns), (x, y) = source.shape, body
     sound = np.flatnonzero(source.valid)[:: len(source) // _TURNED + 1]
-    places = {"upside down": (x, rows - 1 - y), "turned by 180°": (columns - 1 - x, rows - 1 - y)}
-    for how, place in places.items():
+    places = {"upside down": (x, rows - 1 - y, -1.0), "turned by 180°": (columns - 1 - x, rows - 1 - y, -1.0)} | (
+        {} if chosen.body is None else {SWAPPED: (y, x, 1.0)}
+    )
+    for how, (*place, way) in places.items():
         inside = all(width / 2 < at < size - width / 2 for at, size in zip(place, (columns, rows), strict=True))
         if not inside or len(sound) < 2:
             continue
-        found = imaging.track(source, [place], subset=[width], order=3, select=sound)
-        seen, down = found["valid"].values[:, 0], found["dy"].values[:, 0]
+        found = imaging.track(source, [(place[0], place[1])], subset=[width], order=3, select=sound)
+        seen, down = found["valid"].values[:, 0], -way * found["dy"].values[:, 0]
         if seen.mean() >= LOST and np.nanmin(down) < -max(_FALLS, 2 * np.nanmax(down)):
             return how
     return ""
@@ -205,7 +211,7 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
     return found.assign_attrs(
         work=json.dumps(work),
         recorded=recorded_on(source),
-        light=light_of(source, ()),
+        light=light_of(source, found["frame"].values[~found["valid"].isel(point=0).values][:_DARK]),
         said_by_file=said_by_file(source),
     )
 
@@ -229,6 +235,7 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         remedy = "give tracking.body a place on the speckled holder that stays in the image while it falls"
         if turned or why == INTERLACED:
             remedy = "turn the film" if turned else "record progressive frames"
+            remedy = f"exchange {turned}" if turned == SWAPPED else remedy
         text = f"the holder was found in {100 * share:.0f} % of the frames only (others: {why}); {remedy}"
         raise InputError(text).because(errors.INTERLACED if why == INTERLACED else "")
     found = viewing_angle.seen(body, settings.camera_distance)
@@ -261,8 +268,8 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
 def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
     """Find release, contacts, bounces and rest in the film's displacement.
 
-    Where frames were lost a displacement jumps, and no flight goes on across it. Then they are those before it, or
-    else after it, which the attribute ``part`` says.
+    Where frames were lost a displacement jumps, and no flight goes on across it. Then they are those of the first part
+    that has any, which the attribute ``part`` says.
     """
     del settings
     y = motion["displacement"]
@@ -271,14 +278,13 @@ def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
     except InputError:
         time = y["time"].values
         found = jump(time, y.values, KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
-        if found is None:
-            raise
-        at = found[0] + 1
+        cuts = sorted({at + 1 for at, _ in [*left_out(time, y.values), *([] if found is None else [found])]})
         # the first impact is that by which the film is laid against the laser
-        for side, part in (("before", slice(None, at)), ("after", slice(at, None))):
+        for begin, end in pairwise([0, *cuts, time.size]) if cuts else ():
             with contextlib.suppress(InputError):
-                told = signals.bounces(y.isel(time=part))
-                return told.assign_attrs({PART: f"{side} {quantity(float(time[at]), 's')}"})
+                told = signals.bounces(y.isel(time=slice(begin, end)))
+                part = f"from {quantity(float(time[begin]), 's')} to {quantity(float(time[end - 1]), 's')}"
+                return told.assign_attrs({PART: part})
         raise
 
 

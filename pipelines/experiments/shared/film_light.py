@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
+from labpipe.imaging.films import MOSAIC, mosaic_of
 from labpipe.judging import Check, in_words, not_made, stated
 from labpipe.report import quantity
 
@@ -22,9 +22,6 @@ are heaped there: noise spreads any bright plane over more levels than one."""
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of pixels at that level that is told, and that spoils a film
 _FEW_LEVELS = 16.0  # between black and bright places, below which grey levels are coarser than noise
 _FLICKERS = 2.0  # ratio of bright to dim frames, each beyond a twentieth of them, that is told
-_TILE, _FEWEST_TILES, _MOSAIC = 16, 4, 0.05
-"""Part of an image (px) in which rows and columns are compared, how many there must be, and the
-difference that is told: fixed patterns of grey cameras are below a hundredth."""
 DARK = 0.5
 """Share of the usual brightness below which a frame is dark: lamps flicker, but do not fall to half for a frame."""
 LIGHT = "light"
@@ -53,24 +50,8 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     share, level = _heap(seen)
     middle = np.asarray(film[chosen[len(chosen) // 2]], float) - black if chosen else np.empty((0, 0))
     shown: dict[str, Any] = {"brightness": {str(i): b / usual for i, b in bright.items()} if usual > 0.0 else {}}
-    shown |= {"clipped": share, "level": level, "mosaic": _mosaic(middle), "view": list(film.shape[1:])}
+    shown |= {"clipped": share, "level": level, "mosaic": mosaic_of(middle), "view": list(film.shape[1:])}
     return json.dumps(shown | ({"used": usual / _apart(seen)} if seen.dtype.kind in "iu" else {}))
-
-
-def _mosaic(image: Floats) -> float:
-    """Return how far pixels of even and odd rows and columns differ in most parts of an image."""
-    rows, columns = (size // _TILE for size in image.shape)
-    if rows * columns < _FEWEST_TILES:
-        return 0.0
-    tiles = image[: rows * _TILE, : columns * _TILE].reshape(rows, _TILE // 2, 2, columns, _TILE // 2, 2)
-    means = tiles.mean(axis=(1, 4)).transpose(0, 2, 1, 3).reshape(-1, 4)
-    light = means.mean(axis=1)
-    # a part without light has no brightness to compare
-    seen = light > 0.5 * max(float(np.quantile(light, 0.9)), 0.0)
-    if np.count_nonzero(seen) < _FEWEST_TILES:
-        return 0.0
-    relative = np.median(means[seen] / light[seen, np.newaxis], axis=0)
-    return float(np.ptp(relative))
 
 
 def _apart(levels: NDArray[np.integer]) -> int:
@@ -119,7 +100,7 @@ def no_mosaic(found: xr.Dataset, film: str) -> Check:
     if "mosaic" not in json.loads(found.attrs.get(LIGHT, "{}")):
         return not_made(name, law, "the frames")
     apart = float(json.loads(found.attrs[LIGHT])["mosaic"])
-    if apart < _MOSAIC:
+    if apart < MOSAIC:
         return stated(name, law, f"{film}: rows and columns are equally bright", None, file=film)
     text = f"{film}: pixels of even and odd rows and columns differ by {in_words(100 * apart, 2)} % in brightness "
     text += "throughout"
@@ -148,6 +129,6 @@ def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time
     lost = [run for run in runs if counts[max(run[0] - 1, 0) : run[-1] + 2].any()]
     first = int((lost or runs)[0][0])
     text = f"{film}: {dark.size} of {len(brightness)} frames looked at are dark; frame {first}, at "
-    text += f"{quantity(float(time[first]), 's')}, has {100 * brightness[first]:.0f} % of the usual light"
+    text += f"{quantity(float(time[first]), 's')}, has {100 * max(brightness[first], 0.0):.0f} % of the usual light"
     cause = "the light failed, flickers or is pulsed, or the shutter dropped: dark frames show nothing"
     return stated(name, law, text, "doubtful" if lost else "note", cause=cause, file=film)

@@ -59,7 +59,7 @@ def judgement(scene: Scene) -> xr.Dataset:
     # what an impossible experiment on which little rests does to that little, nobody knows
     if not is_held or (scene.basis.wrong and made.attrs["model"] == "differs"):
         made.attrs["model"], is_held = "undecided", False
-    doubted = _doubted(judged, named) if made.attrs["model"] == "agrees" else ""
+    doubted = _doubted(judged, {*named, *scene.inputs}) if made.attrs["model"] == "agrees" else ""
     if doubted:
         made.attrs["model"], is_held = "undecided", False
     if made.attrs["model"] == "differs" or not is_held:

@@ -261,6 +261,20 @@ def test_frames_lost_at_the_top_of_a_contact_are_told_though_the_others_were_num
         assert "smooth only if frames are missing after frame 111" in told.message
 
 
+def test_a_second_drop_after_the_third_impact_is_noted(film):
+    twice = xr.concat([film, film.isel(frame=slice(0, 400))], "frame")
+    twice = twice.assign_coords(frame=np.arange(twice.sizes["frame"]))
+    twice["time"] = ("frame", np.arange(twice.sizes["frame"]) * 1e-4)
+    assert finding(judged(twice.assign_attrs(film.attrs))[0], checks.ORDER).level == "note"
+    assert not any(f.check == checks.ORDER for f in judged(film)[0].findings)
+
+
+def test_another_polymer_is_told_beside_the_mass(film):
+    told = finding(judged(film, sphere=msgspec.structs.replace(SETTINGS.sphere, material="nbr"))[0], checks.RADIUS)
+    assert "sphere.mass in session.toml); or the polymer is another than stated, some" in told.cause
+    assert told.cause.endswith("times stiffer in the impact")
+
+
 def test_a_repeated_frame_is_found(film):
     for name in ("radius", "centre_x", "centre_y"):
         film[name].values[180] = film[name].values[179]

@@ -160,6 +160,11 @@ def test_a_region_around_the_contact_gives_the_same_circle(session: Path) -> Non
     small = msgspec.structs.replace(settings, region=((0.0, 0.0), (20.0, 50.0)))
     with pytest.raises(InputError, match="less than 32 px wide or high"):
         radius(film, record, settings=small, full=False)
+    assert rows < columns
+    swapped = msgspec.structs.replace(settings, region=((0.0, 0.0), (rows - 1.0, columns - 1.0)))
+    with pytest.raises(InputError, match="x and y are exchanged") as refused:
+        radius(film, record, settings=swapped, full=False)
+    assert refused.value.reason == "region"
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from labpipe import contact, materials
 from labpipe.variables import variable
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.dic_validation import _view_checks, checks, measured, page
+from pipelines.experiments.dic_validation._jumps import left_out
 from pipelines.experiments.dic_validation.comparison import comparison
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.judgements import believed
@@ -172,6 +173,20 @@ def test_bursts_count_where_the_holder_moves(motion, laser, lost, level):
     assert (told.level, "recorded in bursts" in told.cause) == (level, True)
 
 
+@pytest.mark.parametrize(("at", "count"), [(200, 1), (212, 3), (300, 2)])
+def test_lost_frames_that_were_numbered_on_are_counted_in_a_flight(motion, laser, at, count):
+    """The laser's record, in which nothing is lost, has no such place; g is not blamed on the frame rate."""
+    y = motion["displacement"].values
+    assert left_out(motion["time"].values, y) == []
+    lost = motion.isel(time=slice(None, -count)).copy(deep=True)
+    lost["displacement"].values[:] = np.delete(y, range(at, at + count))
+    assert left_out(lost["time"].values, lost["displacement"].values) == [(at - 1, count)]
+    found = judged(lost, laser)[0]
+    told = finding(found, "level between frames")
+    assert (told.level, f"as far as in {count + 1}" in told.message) == ("doubtful", True)
+    assert not any("frame rate" in f.cause for f in found.findings)
+
+
 def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
     told = finding(judged(motion, laser, share=0.7)[0], "holder is found")
     assert (told.level, told.setting) == ("doubtful", "tracking.body")
@@ -225,6 +240,12 @@ def test_dark_and_saturated_frames_are_named(motion, laser):
     track["contrast"].values[200:204] *= 0.05
     told = finding(judged(motion, laser, track=track)[0], "light of the frames")
     assert (told.level, "4 of 1000" in told.message, "frame 200" in told.message) == ("note", True, True)
+    track = tracked()
+    track["contrast"].values[300] = np.nan  # not found: its light is what the frame itself shows
+    track.attrs["light"] = '{"brightness": {"300": -0.01, "310": 1.0}}'
+    told = checks._lit(track, SETTINGS)
+    assert (told.level, "frame 300, at 75.0 ms, has 0 %" in told.message) == ("note", True)
+    del track.attrs["light"]
     track["status"] = xr.full_like(track["valid"], 2, dtype=int).assign_attrs(
         flag_values=[0, 2], flag_meanings="ok saturated"
     )

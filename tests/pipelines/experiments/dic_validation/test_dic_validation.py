@@ -5,6 +5,7 @@ import shutil
 from datetime import datetime
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -143,6 +144,14 @@ def test_a_film_that_is_upside_down_is_told_by_what_moves_at_the_mirrored_place(
     assert found.attrs["moves_instead"] == "upside down"
     assert "the film is upside down" in checks._found(found, settings).cause
     assert "moves_instead" not in result(session, "film", "track").attrs
+
+
+def test_a_body_whose_x_and_y_are_exchanged_is_told_by_what_falls_there(session: Path) -> None:
+    settings = open_session(session).experiments["film"].settings
+    x, y = settings.tracking.body
+    swapped = msgspec.structs.replace(settings.tracking, body=(y, x))
+    film = instruments.read(session / settings.film)
+    assert measured._falls_elsewhere(film, (y, x), settings.tracking.body_subset, swapped) == measured.SWAPPED
 
 
 def test_masks_that_leave_nothing_of_the_holder_are_refused(session: Path, tmp_path: Path) -> None:

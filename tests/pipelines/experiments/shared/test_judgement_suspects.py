@@ -219,6 +219,10 @@ def test_a_model_agrees_by_no_value_that_is_doubtful_itself() -> None:
     found = judgement(Scene([height], rows=_rows(temperature=0.2), inputs=INPUTS))
     assert found.attrs["model"] == "undecided"
     assert "height, which the model takes, is doubtful itself" in json.loads(found.attrs["suspects"])
+    # though nothing that was compared goes with it
+    mass = stated("mass", "a sphere is no truck", "505 kg", "doubtful", setting="sphere.mass")
+    found = judgement(Scene([mass], rows=_rows(temperature=0.2), inputs=INPUTS | {"mass": Quantity(505.0, 0.5, "kg")}))
+    assert found.attrs["model"] == "undecided"
 
 
 @pytest.mark.parametrize("u", [0.0, 0.01])
