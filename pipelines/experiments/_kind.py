@@ -101,6 +101,8 @@ class Found:
         Calibration records that will be written.
     unknown : tuple of str
         Files that no instrument recognises.
+    copies : mapping of str to str
+        Those of the owned files that hold what another one does, to that one.
     """
 
     folder: Path
@@ -108,6 +110,7 @@ class Found:
     owners: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
     unknown: tuple[str, ...] = ()
+    copies: Mapping[str, str] = field(default_factory=dict)
 
     def of(self, sort: str) -> list[str]:
         """Return the names of one sort; empty when there is none."""

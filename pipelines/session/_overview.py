@@ -111,9 +111,7 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in table.columns)
         caption = (sort if can_sort else "") + (error if has_error else "")
         sections.append(Section(title, (IndexTable(table.columns, rows, caption.strip()),)))
-        done += sum(
-            row.name not in unfinished and (row.name in verdicts or row.state.startswith(_DONE)) for row in rows
-        )
+        done += sum(row.name not in unfinished for row in rows)
         sort, error = "" if can_sort else sort, "" if has_error else error
     if session.waiting:
         sections.append(Section("Waiting", (_those_that_wait(session),)))

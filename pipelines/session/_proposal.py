@@ -142,8 +142,8 @@ def _unused_files(found: Found, text: str) -> list[str]:
     for name, (title, reason) in found.owners.items():
         if f'"{quoted(name)}"' in text:
             continue
-        if reason.startswith(_COPY_OF):
-            first = Path(copied_from(reason))
+        if name in found.copies:
+            first = Path(found.copies[name])
             copies.setdefault((title, Path(name).parent.as_posix(), first.parent), []).append(name)
         else:
             told = _unreadable(found.folder / name) or reason
@@ -168,17 +168,11 @@ def _shown(folder: Path, name: str) -> str:
     return f"{name}/" if (folder / name).is_dir() else name
 
 
-_COPY_OF = "a copy of "
 UNKNOWN = "no instrument recognises the content"
 _ZEROS = "it begins with zeros only, as a copy that broke off leaves it; copy it again from the instrument"
 LINK = "a link that leads out of the folder"
 PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
 _PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
-
-
-def copied_from(reason: str) -> str:
-    """Return the file that a reason names as the first of equal ones; empty for another reason."""
-    return reason.removeprefix(_COPY_OF)[1:-1] if reason.startswith(_COPY_OF) else ""
 
 
 def why_unknown(folder: Path, name: str) -> str:
@@ -261,6 +255,7 @@ def recognise(folder: Path) -> Found:
     """Return what the files of a folder are: of which instrument, what they hold, which records."""
     found: dict[str, list[str]] = {}
     owners: dict[str, tuple[str, str]] = {}
+    copies: dict[str, str] = {}
     unknown: list[str] = []
     for path in _candidates(folder):
         name = path.relative_to(folder).as_posix()
@@ -277,15 +272,16 @@ def recognise(folder: Path) -> Found:
         else:
             unknown.append(name)
     for each in instruments.known():
-        copies = copies_among(folder, found.get(each.name, []))
+        own = copies_among(folder, found.get(each.name, []))
         if each.name in found:
-            found[each.name] = [name for name in found[each.name] if name not in copies]
-        owners |= {name: (each.title, f'{_COPY_OF}"{first}"') for name, first in copies.items()}
+            found[each.name] = [name for name in found[each.name] if name not in own]
+        owners |= {name: (each.title, f'a copy of "{first}"') for name, first in own.items()}
+        copies |= own
         for name in found.get(each.name, []):
             owners[name] = (each.title, _why_not(each))
             if not each.unproposed:
                 found.setdefault(each.content, []).append(name)
-    return Found(folder, found, owners, unknown=tuple(unknown))
+    return Found(folder, found, owners, unknown=tuple(unknown), copies=copies)
 
 
 def recognised_below(folder: Path, used: Set[Path]) -> Iterator[tuple[str, str]]:

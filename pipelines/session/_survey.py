@@ -13,7 +13,7 @@ from labpipe.errors import InputError
 from labpipe.names import printable, safe_join
 from labpipe.workflow.document import nodes
 from labpipe.workflow.session import FILE_NAME
-from pipelines.session._proposal import PICTURE, copied_from, recognise, wholes, why_unknown
+from pipelines.session._proposal import PICTURE, recognise, wholes, why_unknown
 
 _MOST = 5000
 """Entries; more would be nobody's list."""
@@ -72,7 +72,7 @@ def survey(folder: Path) -> list[Surveyed]:
     for name, (title, reason) in found.owners.items():
         if Path(name).parent.as_posix() in whole:
             continue
-        copy_of = copied_from(reason)
+        copy_of = found.copies.get(name, "")
         instrument = of_instrument.get(copy_of or name)
         content: str = instrument.content if instrument else "record" if name.endswith(".toml") else ""
         why = reason
