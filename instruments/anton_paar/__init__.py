@@ -11,7 +11,6 @@ from labpipe.text import Limits
 
 if TYPE_CHECKING:
     from instruments.anton_paar._dataset import (
-        CLIPPED as CLIPPED,
         assemble as assemble,
         make_column as make_column,
         make_interval as make_interval,

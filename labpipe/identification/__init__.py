@@ -36,4 +36,4 @@ from labpipe.identification._spectra import (
     SmoothSpectrum as SmoothSpectrum,
     relaxation_times as relaxation_times,
 )
-from labpipe.identification._structure import STRUCTURE_PRIORS as STRUCTURE_PRIORS, infer as infer
+from labpipe.identification._structure import infer as infer

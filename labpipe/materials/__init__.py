@@ -66,7 +66,6 @@ if TYPE_CHECKING:
         isothermal_runs as isothermal_runs,
         master_curve as master_curve,
         modulus_factor as modulus_factor,
-        read_sweeps as read_sweeps,
         trusted_tables as trusted_tables,
         uncertain_spectra as uncertain_spectra,
     )

@@ -6,6 +6,4 @@ from pipelines.identify._identify import (
     identify_materials as identify_materials,
 )
 from pipelines.identify._materials import material_name as material_name
-from pipelines.identify._page import relaxed_text as relaxed_text, render as render, statements as statements
-from pipelines.identify._result import dataset as dataset, document as document
 from pipelines.identify._verb import Identification as Identification, identify as identify

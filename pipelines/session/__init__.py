@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
-    from pipelines.session._catalogue import (
-        CATALOGUE as CATALOGUE,
-        Catalogued as Catalogued,
-        catalogue as catalogue,
-        query as query,
-    )
+    from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue, query as query
     from pipelines.session._compare import compare as compare
     from pipelines.session._comparison import Comparison as Comparison
     from pipelines.session._contact_sheet import write_sheet as write_sheet
@@ -35,11 +30,7 @@ if TYPE_CHECKING:
         open_session as open_session,
         reopen_session as reopen_session,
     )
-    from pipelines.session._overview import (
-        COMPARISON_PAGE as COMPARISON_PAGE,
-        PAGE as PAGE,
-        write_overview as write_overview,
-    )
+    from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
     from pipelines.session._processing import (
         plan as plan,
         process as process,
