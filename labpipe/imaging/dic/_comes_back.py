@@ -26,6 +26,8 @@ _ALIKE, _FALLS = 0.6, 0.1
 #: By how much less than the best other places match at most, so many of them, how far (px) places are apart, and how
 #: far the place of one point may be from that of most.
 _LESS, _PLACES, _APART, _OWN = 0.2, 48, 3, 1
+#: Motion (px) beyond what was expected up to which a place is not looked for again that nothing told.
+_HARDLY = 0.5
 #: Share that is left at least.
 _LEAST = 1e-6
 #: Standard deviations by which all points together tell two places apart, and logarithm of the ratio that they leave.
@@ -50,6 +52,7 @@ class ComesBack:
         self._reference = reference
         self._half = max(_LEAST_HALF, int(reference.subsets.half.max(initial=0)))
         self._before: Floats | None = None
+        self._rival = np.inf
 
     @property
     def asked(self) -> Integers:
@@ -87,22 +90,42 @@ class ComesBack:
         left = np.array([self._left(*seen, p) for p in copies])
         return np.asarray(left[int(np.nanmean(left, axis=1).argmin())])
 
-    def look(self, image: Floats32, motion: Floats, *, is_known: bool) -> Place:
+    def look(self, image: Floats32, motion: Floats, moved: Floats, *, is_known: bool) -> Place:
         """Tell where the pattern of a frame is.
 
         ``image``: (row, column), grey levels of the whole frame; ``motion``: (asked, 6), where the asked
-        points are, or are expected; ``is_known``: whether they were found there, or are looked for far
-        around.
+        points are, or are expected; ``moved``: (2,) [px], how far that is from where they were expected;
+        ``is_known``: whether they were found there, or are looked for far around.
         """
-        image = _blurred(image)
-        place, left = self._find(image, motion, _NEAR if is_known else _FAR, is_known=is_known)
-        before = np.full(len(left), np.log(_LEAST)) if self._before is None else self._before
-        if is_known and _clearly(left, before):
+        image, reach = _blurred(image), _FAR
+        if is_known:
+            shift, left = self._here(image, motion)
+            is_worse = self._before is not None and _clearly(left, self._before)
+            if _clearly(self._copy, left) and not is_worse:
+                self._before, self._rival = self._kept(left), np.inf
+                return Place(shift, np.inf)
+            # what nothing told in the last frame is told by nothing in one that hardly moves
+            if np.isfinite(self._rival) and np.hypot(*(moved + shift)) <= _HARDLY:
+                return Place(shift, self._rival)
             # worse than it was: farther than a period, it may have gone to any other place
-            place, left = self._find(image, motion, _FAR, is_known=True)
+            reach = _FAR if is_worse or self._before is None else _NEAR
+        place, left = self._find(image, motion, reach, is_known=is_known)
+        self._rival = place.rival if is_known else np.inf
         if place.shift is not None and not np.isfinite(place.rival):
-            self._before = np.where(np.isfinite(left), left, before)
+            self._before = self._kept(left)
         return place
+
+    def _kept(self, left: Floats) -> Floats:
+        """Return what points leave (asked,), or left before where they are not seen."""
+        before = np.full(len(left), np.log(_LEAST)) if self._before is None else self._before
+        return np.where(np.isfinite(left), left, before)
+
+    def _here(self, image: Floats32, motion: Floats) -> tuple[Floats, Floats]:
+        """Shift (2,) [px] to the place that is nearest, and what it leaves (asked,)."""
+        reach = _APART + _OWN
+        seen = self._scores(self._spread, image, motion, reach)
+        own = _nearest(_mean(*seen[:2]))
+        return np.subtract(own, reach)[::-1].astype(float), self._left(*seen, own)
 
     def _find(self, image: Floats32, motion: Floats, reach: int, *, is_known: bool) -> tuple[Place, Floats]:
         """Tell where the pattern is within some reach, and what it leaves there (asked,)."""
@@ -111,9 +134,7 @@ class ComesBack:
         best = mean.max()
         tops = sorted((p for p in _tops(mean) if mean[p] > best - _LESS), key=lambda p: -mean[p])[:_PLACES]
         if is_known:
-            near = mean[reach - _APART : reach + _APART + 1, reach - _APART : reach + _APART + 1]
-            row, column = np.unravel_index(int(near.argmax()), near.shape)
-            own = (int(row) + reach - _APART, int(column) + reach - _APART)
+            own = _nearest(mean)
             tops = [own, *(p for p in tops if np.hypot(p[0] - own[0], p[1] - own[1]) > _APART)]
         if not tops:
             return Place(None, np.inf), np.full(len(motion), np.nan)
@@ -203,6 +224,14 @@ def _mean(scores: Floats32, counts: Flags) -> Floats:
     """Mean correlation (row, column) of the points (asked, row, column) that count; -1 where they are few."""
     number = counts.sum(axis=0)
     return np.where(number >= max(_FEWEST, _SHARE * len(counts)), scores.sum(axis=0) / np.maximum(number, 1), -1.0)
+
+
+def _nearest(mean: Floats) -> tuple[int, int]:
+    """Row and column of the best place near the middle."""
+    first = len(mean) // 2 - _APART
+    near = mean[first : first + 2 * _APART + 1, first : first + 2 * _APART + 1]
+    row, column = np.unravel_index(int(near.argmax()), near.shape)
+    return int(row) + first, int(column) + first
 
 
 def _halfway(place: tuple[int, int]) -> tuple[int, int]:

@@ -74,11 +74,11 @@ class Recovery:
         trusted = attempt.trusted[asked]
         is_known = bool(2 * trusted.sum() > len(asked))
         motion = np.where(trusted[:, None], attempt.motion[asked], self._expected[asked])
-        place = tracker.comes_back.look(self._whole_frame().image, motion, is_known=is_known)
+        moved = np.median((motion - self._expected[asked])[:, [0, 3]], axis=0)
+        place = tracker.comes_back.look(self._whole_frame().image, motion, moved, is_known=is_known)
         if place.shift is None:
             return True
-        moved = np.median((motion - self._expected[asked])[:, [0, 3]], axis=0) + place.shift
-        if np.hypot(*moved) > _OF_RIVAL * place.rival:
+        if np.hypot(*(moved + place.shift)) > _OF_RIVAL * place.rival:
             attempt.trusted[:] = False
             return False
         if not is_known or np.hypot(*place.shift) > _CONFIRMED:
