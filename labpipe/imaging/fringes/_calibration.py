@@ -15,13 +15,13 @@ from labpipe.imaging.fringes._attempts import Attempts
 from labpipe.imaging.fringes._band import weigh_band, with_small_band
 from labpipe.imaging.fringes._gains import in_order
 from labpipe.imaging.fringes._harmonics import find_blur_before_camera, find_coating, find_harmonics, settle_harmonics
-from labpipe.imaging.fringes._hidden import with_hidden, with_hidden_flat
+from labpipe.imaging.fringes._hidden import by_uneven_scale, with_hidden, with_hidden_flat
 from labpipe.imaging.fringes._lens_blur import find_blur, settle_blur
 from labpipe.imaging.fringes._open_gap import explained_by_gap
 from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, AXES, BEAMS, COATING, RADIAL, Parameter
 from labpipe.imaging.fringes._second_colour import find_second_colour, settle_colour
-from labpipe.imaging.fringes._sharpening import find_sharpening
+from labpipe.imaging.fringes._sharpening import find_sharpening, sharpen_together
 from labpipe.imaging.fringes._together import find_together, what_is_found, with_beside
 from labpipe.imaging.fringes._trials import (
     FACTOR,
@@ -140,14 +140,15 @@ def calibrate(
         best = settled
         attempt.begin_from(best, plain_axes, result)
     result = find_together(attempt, plain_axes, settle_harmonics(attempt, plain_axes, result), view)
-    result = find_flat_together(attempt, plain_axes, result, view)
+    result = sharpen_together(attempt, plain_axes, find_flat_together(attempt, plain_axes, result, view), view)
     result = weigh_band(attempt, plain_axes, with_small_band(attempt, plain_axes, result, view), view)
     is_told = not is_phase_free or result.phase_shift != 0.0
     is_open = ((Parameter.PHASE, not is_told), (Parameter.SCALE, result.log_scale == 0.0))
     best = attempt(plain_axes, result)
     if best is None:
         return result
-    result = with_hidden_flat(attempt, plain_axes, replace(result, fits=best.fits), best)
+    result = replace(result, fits=best.fits).with_shared(best, by_uneven_scale(best))
+    result = with_hidden_flat(attempt, plain_axes, result, best)
     return with_hidden(attempt, plain_axes, result, best, [parameter for parameter, is_free in is_open if is_free])
 
 

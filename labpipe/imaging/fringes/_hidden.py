@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from labpipe.arrays import Floats
 from labpipe.imaging.fringes._attempts import Attempts
+from labpipe.imaging.fringes._ring_fit import RingFit
 from labpipe.imaging.fringes._ring_parameters import ASSUMED, BEAMS, Parameter
 from labpipe.imaging.fringes._together import what_is_found
 from labpipe.imaging.fringes._trials import FACTOR, FEW_PIXELS, HINT, WEAK_HINT, Attempt, Calibration, Trial
@@ -58,6 +60,31 @@ def with_hidden(
         size = _expected_size(value, deviation, usual, likelihood)
         known = known.with_shared(best, best.slopes(parameter, beside) * size)
     return known
+
+
+def by_uneven_scale(best: Trial) -> Floats:
+    """Return what makes the scales of the fringes differ from frame to frame beyond chance, in the radii (px).
+
+    Wavelength and sphere are the same in all of them: what differs is how long a pixel is where each contact has its
+    rim, as behind a lens that distorts. The scale goes with the square of that.
+    """
+    radii = np.array([fit.parameters[Parameter.RADIUS] for fit in best.fits])
+    slopes, bends = (
+        np.ravel(parts) for parts in zip(*(fit.along((Parameter.SCALE,), 1.0) for fit in best.fits), strict=True)
+    )
+    if len(slopes) < max(len(radii), 2):
+        return np.zeros(len(radii))
+    pulls = np.array([max(fit.residual**2 * bend, _by_memory(fit)) for fit, bend in zip(best.fits, bends, strict=True)])
+    scales, weights = slopes / bends, bends**2 / pulls
+    apart = weights @ (scales - np.average(scales, weights=weights)) ** 2
+    if apart < HINT + 2.0 * len(radii):
+        return np.zeros(len(radii))
+    return 0.5 * radii * math.sqrt((apart / (len(radii) - 1) - 1.0) * len(radii) / weights.sum())
+
+
+def _by_memory(fit: RingFit) -> float:
+    """Return the variance by which noise with a memory pulls at the scale of a frame."""
+    return 0.0 if fit.by_memory is None else float(fit.by_memory[fit.asked.index(Parameter.SCALE)]) ** 2
 
 
 def with_hidden_flat(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> Calibration:

@@ -8,7 +8,9 @@ import numpy as np
 
 from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, least_blur
 from labpipe.imaging.fringes._ring_parameters import EVEN, Parameter
+from labpipe.imaging.fringes._together import what_is_found, with_beside
 from labpipe.imaging.fringes._trials import ALL_PIXELS, FEW_PIXELS, HINT, SIGNIFICANT, Attempt, Calibration, Trial
+from labpipe.imaging.fringes._view import View
 
 #: Standard deviations (px) of the blur that a camera takes from its images: those tried, and by how much the likeliest
 #: is placed by all pixels; most of what it takes; relative change at which that is settled.
@@ -25,28 +27,58 @@ def find_sharpening(
     if known.halo[0] or square > -max(EVEN * LEAST_BLUR**2, SIGNIFICANT * deviation):
         return None
 
-    def sharpened(width: float, share: float, pixels: int) -> tuple[Trial, float] | None:
-        """Fit with as much of it as leaves no travel in the frame at rest."""
-        trial = best
-        for _ in range(BLUR_ROUNDS):
-            made = attempt(axes, replace(known, halo=(share, width)), pixels=pixels)
-            if made is None or not made.pixels:
-                return None
-            trial = made
-            step = -least_blur(trial, 0.0)[0] / width**2
-            share = float(np.clip(share + step, 0.5 * share, min(2.0 * share, _MOST_SHARE)))
-            if abs(step) < _SETTLED * share:
-                break
-        return trial, share
-
     first = -square / EVEN
-    some = {w: found for w in _WIDTHS if (found := sharpened(w, first / w**2, FEW_PIXELS)) is not None}
+    some = {
+        width: found
+        for width in _WIDTHS
+        if (found := _sharpened(attempt, axes, known, best, (first / width**2, width), FEW_PIXELS)) is not None
+    }
     if not some:
         return None
     width = min(some, key=lambda w: some[w][0].left / some[w][0].pixels)
-    share = some[width][1]
+    settled = _settled(attempt, axes, known, best, (some[width][1], width))
+    return None if settled is None or settled[0].gain_over(best) <= HINT else settled
+
+
+def sharpen_together(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, view: View) -> Calibration:
+    """Find sharpening again together with what was found beside it: either was found while the other was wrong."""
+    beside = what_is_found(known)
+    free = (*axes, *beside)
+    best = attempt(free, known) if known.halo[0] and beside else None
+    settled = None if best is None else _settled(attempt, free, known, best, known.halo)
+    return known if settled is None else with_beside(*settled, beside, view)
+
+
+def _sharpened(
+    attempt: Attempt,
+    axes: Sequence[Parameter],
+    known: Calibration,
+    best: Trial,
+    halo: tuple[float, float],
+    pixels: int = ALL_PIXELS,
+) -> tuple[Trial, float] | None:
+    """Fit with as much of a sharpening of one width as leaves no travel in the frame at rest, and tell how much."""
+    trial, (share, width) = best, halo
+    for _ in range(BLUR_ROUNDS):
+        made = attempt(axes, replace(known, halo=(share, width)), pixels=pixels)
+        if made is None or not made.pixels:
+            return None
+        trial = made
+        step = -least_blur(trial, 0.0)[0] / width**2
+        share = float(np.clip(share + step, 0.5 * share, min(2.0 * share, _MOST_SHARE)))
+        if abs(step) < _SETTLED * share:
+            break
+    return trial, share
+
+
+def _settled(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, halo: tuple[float, float]
+) -> tuple[Trial, Calibration] | None:
+    """Place the width by all pixels of all frames, and tell what its uncertainty makes of the radius."""
+    share, width = halo
     for _ in range(_ROUNDS):
-        near = [sharpened(w, share * (width / w) ** 2, ALL_PIXELS) for w in (width / _STEP, width, width * _STEP)]
+        sizes = (width / _STEP, width, width * _STEP)
+        near = [_sharpened(attempt, axes, known, best, (share * (width / w) ** 2, w)) for w in sizes]
         made = [found for found in near if found is not None]
         if len(made) < len(near):
             return None
@@ -58,7 +90,7 @@ def find_sharpening(
             break
     seen = replace(known, halo=(share, width))
     trial = attempt(axes, seen)
-    if trial is None or trial.gain_over(best) <= HINT:
+    if trial is None:
         return None
     steps = math.sqrt(2.0 * max(middle.left / middle.pixels, 1.0) / bend)
     return trial, seen.with_shared(trial, 0.5 * larger.changes(smaller) * min(steps, _MOST_STEPS))
