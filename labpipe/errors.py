@@ -22,10 +22,11 @@ from typing import Self
 
 INTERLACED, EXCHANGED, IN_MOTION, MARKER = "interlaced", "width and height", "in motion", "marker"
 UNKNOWN_FORMAT, NO_FILM, NO_MATERIAL, MATERIAL_FILE = "unknown format", "no film", "no material", "material file"
-UNREADABLE, UNSAID = "unreadable", "left unsaid"
+UNREADABLE, UNSAID, NO_INPUT = "unreadable", "left unsaid", "no input"
 """Reasons: rows of two instants; width and height exchanged; a record that begins in motion; a marker in place of a
 reading; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole one; a
-file that is not what it claims to be in another way, or that leaves unsaid what reading it needs."""
+file that is not what it claims to be in another way, or that leaves unsaid what reading it needs;
+a step before that gave no result."""
 
 
 class LabpipeError(Exception):

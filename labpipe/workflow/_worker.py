@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from labpipe import files
-from labpipe.errors import InputError, LabpipeError, SourceError, StageError, StoreError
+from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError, StoreError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import _ledger, provenance
@@ -228,7 +228,9 @@ class _Run:
         is_page = task.stage.output == "page" and task.stage.context
         if missing and not (is_page or task.stage.tolerant):
             is_of_run = any(self.failures[name].is_of_run for name in missing)
-            return Outcome(*task.id, SKIPPED, message=f"{missing[0]} gave no result", is_of_run=is_of_run)
+            return Outcome(
+                *task.id, SKIPPED, message=f"{missing[0]} gave no result", is_of_run=is_of_run, reason=NO_INPUT
+            )
         self.emit("started", task.id)
         begun = _Clock.now()
         try:
@@ -268,7 +270,7 @@ class _Run:
             if name.experiment == self.job.experiment or name in self.failures:
                 continue
             if value is None or self.store.state(value) != "stored":
-                self.failures[name] = Failure(f"{name} gave no result", is_of_run=True)
+                self.failures[name] = Failure(f"{name} gave no result", is_of_run=True, reason=NO_INPUT)
         failed = [name for name in task.before if name in self.failures]
         return [name for name in failed if name in task.required or self.failures[name].is_of_run]
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from labpipe.errors import NO_INPUT
 from labpipe.workflow._ledger import LedgerRow
 
 _MOST_MODULES = 3
@@ -49,7 +50,7 @@ class Failed:
     @property
     def is_consequence(self) -> bool:
         """Whether it failed only because one before it did."""
-        return self.text.endswith("gave no result")
+        return self.reason == NO_INPUT
 
 
 @dataclass(frozen=True, slots=True)

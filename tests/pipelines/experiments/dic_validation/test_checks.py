@@ -1,5 +1,6 @@
 """Mistakes with films of a falling holder are named; clean films are believed."""
 
+import msgspec
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,7 +11,7 @@ from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.dic_validation import _view_checks, checks, measured, page
 from pipelines.experiments.dic_validation._jumps import left_out
 from pipelines.experiments.dic_validation.comparison import comparison
-from pipelines.experiments.dic_validation.settings import DicValidation
+from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.judgements import believed
 
 pytestmark = pytest.mark.filterwarnings("ignore:the record ends before the body is at rest")
@@ -291,6 +292,24 @@ def test_a_record_of_another_view_is_impossible():
     found = believed(checks.judgement(None, None, None, None, None, settings=SETTINGS, context=context))
     assert found.believable == "impossible"
     assert "another view" in found.causes[0]
+
+
+@pytest.mark.parametrize(
+    ("reason", "setting", "cause"),
+    [
+        ("tracking.line", "tracking.line", "tracking.line does not lie in the images"),
+        ("covers", "tracking.covers", "the polygon is not drawn in px of the first image"),
+        ("", "", "the film is not what the session says"),
+    ],
+)
+def test_what_a_step_failed_over_is_told_by_its_reason_not_by_its_words(reason, setting, cause):
+    """A file called covers.cine was blamed on the polygons."""
+    failed = (Failed("track", None, "films/covers.cine: polygon 1 or a place", reason=reason),)
+    context = Context("film", "dic_validation", "", "", "", True, failures=failed)
+    drawn = msgspec.structs.replace(SETTINGS, tracking=Tracking(covers=[[(0.0, 0.0), (9.0, 0.0), (0.0, 9.0)]]))
+    found = believed(checks.judgement(None, None, None, None, None, settings=drawn, context=context))
+    (told,) = (one for one in found.findings if one.check == "step track")
+    assert (told.setting, told.cause.startswith(cause)) == (setting, True)
 
 
 def test_an_interlaced_film_is_named_as_one():
