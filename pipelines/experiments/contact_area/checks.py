@@ -38,7 +38,7 @@ from pipelines.experiments.contact_area.measured import LATER, brightness, edges
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.film_frames import CAUSES, explained, not_smoothed, whole_film
-from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic
+from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic, not_written
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, times_over
@@ -103,6 +103,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
             exposed(radius, settings.film),
             mosaic,
         ]
+        written = not_written(radius, settings.film)
+        checks += [written] if written.level else []
         checks += frame_checks(radius, whole, settings)
         checks = judgements.because(checks, mosaic.cause if mosaic.level else "", "step impacts")
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
@@ -112,6 +114,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         # a largest contact that was not seen is taken to be that before it, and one that recedes for one that grows
         checks = judgements.because(checks, summits.cause if summits.level else "", ONE_SCALE, level=summits.level)
         checks.append(summits)
+        checks = judgements.because(checks, written.cause if written.level else "", FLIGHT, DURATION, log_ratio=nan)
         # where impacts do not follow each other, what is held against the stated height is another one
         order = next(c for c in checks if c.name == ORDER)
         is_wrong = order.level not in (None, "note")

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from labpipe.frames import as_frames
-from pipelines.experiments.shared.film_light import LIGHT, exposed, light_of, lit, no_mosaic
+from pipelines.experiments.shared.film_light import LIGHT, exposed, light_of, lit, no_mosaic, not_written
 
 COUNT, SHAPE = 60, (64, 96)
 
@@ -99,3 +99,13 @@ def test_a_colour_filter_over_the_image_is_named(share: float) -> None:
     light = xr.Dataset(attrs={LIGHT: light_of(as_frames(digitised(images)), ())})
     found = no_mosaic(light, "a.cine")
     assert (found.level, "Bayer" in found.cause) == (("note", True) if share > 0.05 else (None, False))
+
+
+@pytest.mark.parametrize("rows", [0, 8])
+def test_a_caption_over_the_images_is_named(rows: int) -> None:
+    images = digitised(film())
+    images[:, :rows, ::3], images[:, :rows, 1::3] = 250, 0
+    light = xr.Dataset(attrs={LIGHT: light_of(as_frames(images), ())})
+    found = not_written(light, "a.cine")
+    assert (found.level, "caption" in found.cause) == (("note", True) if rows else (None, False))
+    assert not_written(xr.Dataset(), "a.cine").needs
