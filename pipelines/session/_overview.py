@@ -261,7 +261,10 @@ def _row(
         state, level = "page out of date", "warning"
     elif waiting and has_page:
         known = "" if verdict is None else f"{_judged(verdict.believable, verdict.model)[0]}, "
-        state, level = f"{known}{len(waiting)} of {len(rows)} steps to do or failed", "error"
+        has_failed = verdict is not None and verdict.state == "failed"
+        state, level = f"{known}{len(waiting)} of {len(rows)} steps to do", "warning"
+        if has_failed:
+            state, level = f"{state} or failed", "error"
     elif waiting:
         state, level = "not processed", "info"
     elif verdict is not None:

@@ -13,6 +13,8 @@ from labpipe.report import (
     Table,
     budget_table,
     difference_unit,
+    display_unit,
+    number,
     quantity,
     shown_source,
     value_with_uncertainty,
@@ -102,8 +104,10 @@ def _others(found: Quantity) -> tuple[Block, ...]:
 
 
 def half_width(budget: Budget, unit: str) -> str:
-    """Write the expanded uncertainty, for 95 %; that of a temperature is a difference."""
-    return quantity(budget.expanded(), difference_unit(unit), 2)
+    """Write the expanded uncertainty, for 95 %, in the unit of its value; of a temperature it is a difference."""
+    half = budget.expanded()
+    shown = display_unit([max(abs(budget.value), half)], difference_unit(unit))
+    return f"{number(half / shown.factor, 2)} {shown.text}".rstrip()
 
 
 def compared(budget: Budget, drawn: MonteCarlo) -> str:
