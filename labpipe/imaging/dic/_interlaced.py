@@ -6,12 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
+from labpipe.frames import FrameSource
 from labpipe.imaging.dic._reference import Status
 from labpipe.imaging.dic._results import Displacements
-from labpipe.imaging.films import read_rows
+from labpipe.imaging.films import MOSAIC, mosaic_of, read_rows
 
 
-def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[np.int64], is_static: Flags) -> str:
+def refuse_rows(
+    found: Displacements, rows: dict[int, Floats], indices: NDArray[np.int64], is_static: Flags, film: FrameSource
+) -> str:
     """Take back the results of frames whose rows show two instants, or repeat each other.
 
     A frame of two instants shows two displacements. Where most moving frames do, the film is
@@ -27,6 +30,8 @@ def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[
         Frames of ``found`` in the film.
     is_static : bool array (frame,)
         Frames of the reference.
+    film : FrameSource
+        Asked for one frame where rows differ: under a colour filter columns do as well, and nothing is refused.
 
     Returns
     -------
@@ -53,6 +58,13 @@ def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[
             "an interlaced recording, and displacements down the rows cannot be told; keep every second row of "
             "it, and give the height of a row as twice that of a pixel"
         )
+    elif not (told.is_interlaced(steps) or told.is_combed.any()):
+        return ""
+    elif mosaic_of(np.asarray(film[int(indices[seen][0])], np.float64) - film.levels[0]) > MOSAIC:
+        text = (
+            "odd and even rows and columns of the film differ in brightness throughout, as under a colour camera's "
+            "filter (Bayer pattern), which adds to all uncertainties; export it as grey, interpolated"
+        )
     elif told.is_interlaced(steps):
         refused = ~is_static
         text = (
@@ -60,15 +72,13 @@ def refuse_rows(found: Displacements, rows: dict[int, Floats], indices: NDArray[
             "the static ones tells where a point was when; record progressive frames, or keep every second row and "
             "give the height of a row as twice that of a pixel"
         )
-    elif told.is_combed.any():
+    else:
         refused[np.flatnonzero(seen)[told.is_combed]] = True
         most = int(np.argmax(told.apart))
         text = (
             f"odd and even rows of {int(told.is_combed.sum())} of {int(seen.sum())} frames show different instants, "
             f"by {told.apart[most]:.2g} px in frame {int(indices[seen][most])}: these frames were left out"
         )
-    if not text:
-        return ""
     found.refuse(refused, Status.INTERLACED)
     warnings.warn(text, UserWarning, stacklevel=3)
     return text

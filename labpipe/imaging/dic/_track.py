@@ -214,7 +214,7 @@ def track(
     is_static = indices < static_frames
     found = displacements(table, reference, is_static)
     box = [] if stated is hidden else unstated_box(hidden, stated, reach_of(blur))
-    rows = refuse_rows(found, window.rows, indices, is_static)
+    rows = refuse_rows(found, window.rows, indices, is_static, film)
     strained = told_of_strain(found.missed, found.deviation, shapes[reference.usable] == "rigid")
     stands = standing_told(box, is_beside_stated=stated is not None) if box else ""
     note = "; ".join(filter(None, (stuck.note, rows, stands, strained)))

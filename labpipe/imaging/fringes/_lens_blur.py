@@ -272,9 +272,9 @@ def settle_blur(
     lens = _blur_of_lens(attempt, axes, known)
     if lens is None:
         return best, known
-    gain = sum(
-        (a.residual**2 / b.residual**2 - 1.0) * b.pixels for a, b in zip(best.fits, lens.trial.fits, strict=True)
-    )
+    pairs = zip(best.fits, lens.trial.fits, strict=True)
+    # of a contact beside the images no pixel is left, and no residual
+    gain = sum((a.residual**2 / b.residual**2 - 1.0) * b.pixels for a, b in pairs if b.residual > 0.0)
     # That a contact moves as far in every frame is unlikely.
     gain += 2.0 * _EQUAL_MOTION * (least_blur(lens.trial, lens.blur)[2] - 1)
     changes = lens.trial.changes(best) * math.sqrt(doubt(gain))

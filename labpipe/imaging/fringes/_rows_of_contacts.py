@@ -7,7 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.films import PIECE, FilmReader, RowsSeen, is_inside, pieces_of, read_rows, row_sums
+from labpipe.imaging.films import (
+    MOSAIC,
+    PIECE,
+    FilmReader,
+    RowsSeen,
+    is_inside,
+    mosaic_of,
+    pieces_of,
+    read_rows,
+    row_sums,
+)
 from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_parameters import Parameter
@@ -39,7 +49,9 @@ def leave_out_rows(reader: FilmReader, result: FilmResult) -> None:
     tried = sorted(change, key=lambda index: -change[index])[:_MOST_FRAMES]
     if not tried:
         return
-    told = _told(reader, result, tried)
+    told, first = _told(reader, result, tried), np.asarray(reader.whole(tried[0]), float)
+    if mosaic_of(first) > MOSAIC:  # under a colour filter all rows differ
+        return
     if told.is_repeated:
         result.repeats_rows = True
         result.leave_out([*change, *result.blanks])

@@ -64,6 +64,17 @@ def test_an_interlaced_film_is_refused(name: str, motion: str) -> None:
     assert "interlaced" in found.attrs["note"]
 
 
+def test_a_raw_film_under_a_colour_filter_is_named_and_measured_with_a_larger_uncertainty() -> None:
+    film = digitised(moving(PATTERNS["field"], STEPS["half a pixel"]), NOISE, 8).astype(float)
+    film[:, ::2, ::2] *= 0.75
+    film[:, 1::2, 1::2] *= 0.6
+    with pytest.warns(UserWarning, match="Bayer pattern"):
+        found = track(film, POINTS)
+    assert "interlaced" not in found.attrs["note"]
+    assert found.valid[1:].any()
+    assert beyond_5_u(found, STEPS["half a pixel"]) == 0
+
+
 def test_an_interlaced_film_of_what_stands_still_is_as_good_as_any() -> None:
     found = track(interlaced(PATTERNS["field"], (0.0, 0.0)), POINTS)
     assert found.valid.all()
