@@ -76,14 +76,8 @@ def picture(path: Path, index: int = 0) -> Picture:
 class Length:
     """A length between two places of a picture.
 
-    Attributes
-    ----------
-    points : tuple of (float, float)
-        x to the right and y down [px], the centre of the first pixel at (0, 0).
-    value, u : float [px]
-        Length, with its standard uncertainty.
-    found : tuple of str
-        What lies at either end, ``"edge"`` or ``"graduation"``.
+    ``points`` are these, x to the right and y down [px], the centre of the first pixel at (0, 0). ``value`` and ``u``
+    are in px; ``found`` is what lies at either end, ``"edge"`` or ``"graduation"``.
     """
 
     points: tuple[tuple[float, float], tuple[float, float]]

@@ -7,20 +7,11 @@ _HOME = "pipelines.figures"
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """Experiments that a figure shows.
+    """What a figure reads of the results of a session.
 
-    Attributes
-    ----------
-    kind : str
-        Kind of experiment, as in session.toml.
-    stages : tuple of str
-        Stages whose results are read.
-    material : str or None
-        Only experiments on this material.
-    is_optional : bool
-        The figure is drawn without them too, and then says so.
-    heated : bool or None
-        Only experiments at room temperature (False), only heated ones, or both (None).
+    ``kind`` is that of the experiments, as in session.toml; ``stages`` are those whose results are read. Only
+    experiments on this ``material`` count. ``is_optional``: the figure is drawn without them too, and then says so.
+    ``heated``: only experiments at room temperature (False), only heated ones (True), or both (None).
     """
 
     kind: str
@@ -38,20 +29,9 @@ class Need:
 class Figure:
     """One figure or table of the thesis.
 
-    Attributes
-    ----------
-    id : str
-        Its number, for example ``2.6``.
-    title : str
-        What it shows.
-    function : str
-        ``module:function`` that draws it; empty when none does.
-    need : Need or None
-        What it needs of a session; None when it is computed.
-    also : tuple of Need
-        What it needs beside that.
-    reason : str
-        Why it cannot be regenerated; empty for one that this version does not draw.
+    ``id`` is its number, for example ``2.6``; ``title`` what it shows; ``function`` the ``module:function`` that draws
+    it, "" when none does; ``need`` what it needs of a session, None when it is computed, and ``also`` what it needs
+    beside that; ``reason`` why it cannot be regenerated, "" for one that this version does not draw.
     """
 
     id: str

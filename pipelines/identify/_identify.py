@@ -28,20 +28,9 @@ Say = Callable[[str], None]
 class Identified:
     """One identified material.
 
-    Attributes
-    ----------
-    material : str
-        As the session names it.
-    known : Posterior
-        Its fit is ``known.fit``.
-    relaxed : LongTimeModulus
-        What is known of the long-time modulus.
-    prior : Posterior or None
-        What the rheometer alone says, when it was taken as prior.
-    remarks : tuple of str
-        What was left out and why.
-    drawn : Sample or None
-        Draws of the posterior, when they were asked for.
+    ``material`` is its name in the session, ``known`` what is known of it (its fit is ``known.fit``), ``relaxed`` what
+    is known of the long-time modulus. ``prior`` is what the rheometer alone says, when it was taken as prior;
+    ``remarks`` say what was left out and why; ``drawn`` are draws of the posterior, when they were asked for.
     """
 
     material: str

@@ -19,19 +19,10 @@ from pipelines.session._results import derive
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """A quantity with its budget, checked.
+    """A quantity of an experiment with its budget, checked.
 
-    Attributes
-    ----------
-    experiment : str
-    quantity : Quantity
-    budget : Budget
-        Linear.
-    drawn : MonteCarlo
-    is_linear : bool
-        The linear 95 % interval agrees with the drawn one.
-    indices : dict of str to Indices
-        Sobol's.
+    ``budget`` is linear; ``is_linear`` tells that its 95 % interval agrees with that of ``drawn``; ``indices`` are
+    Sobol's, by input.
     """
 
     experiment: str

@@ -74,13 +74,8 @@ class _Column(NamedTuple):
 class Line:
     """One quantity of one experiment.
 
-    Attributes
-    ----------
-    row : Row
-        What was measured and what it is compared with; of a key number that is compared with
-        nothing ``against`` is empty.
-    believable, model : str
-        The verdict on its experiment; empty where there is none.
+    ``row`` is what was measured and what it is compared with; of a key number that is compared with nothing
+    ``against`` is empty. ``believable`` and ``model`` are the verdict on its experiment, "" where there is none.
     """
 
     row: Row

@@ -17,31 +17,13 @@ def refuse_rows(
 ) -> str:
     """Take back the results of frames whose rows show two instants, or repeat each other.
 
-    A frame of two instants shows two displacements. Where most moving frames do, the film is
-    interlaced, and none of its frames tells where a point was when.
+    A frame of two instants shows two displacements. Where most moving frames do, the film is interlaced, and none of
+    its frames tells where a point was when.
 
-    Parameters
-    ----------
-    found : Displacements
-        Changed in place.
-    rows : dict of arrays (piece, 16)
-        Of frames that were looked at, see :func:`.row_sums`.
-    indices : integer array (frame,)
-        Frames of ``found`` in the film.
-    is_static : bool array (frame,)
-        Frames of the reference.
-    film : FrameSource
-        Asked for one frame where rows differ: under a colour filter columns do as well, and nothing is refused.
-
-    Returns
-    -------
-    str
-        What is wrong with the film; empty when nothing is.
-
-    Warns
-    -----
-    UserWarning
-        The same.
+    ``found`` is changed in place. ``rows``: of frames that were looked at, (piece, 16), see :func:`.row_sums`;
+    ``indices`` (frame,): frames of ``found`` in the film; ``is_static`` (frame,): those of the reference. ``film`` is
+    asked for one frame where rows differ: under a colour filter columns do as well, and nothing is refused. Returns
+    what is wrong with the film, "" when nothing is; a UserWarning says the same.
     """
     seen = np.array([int(index) in rows for index in indices], bool)
     if not seen.any():

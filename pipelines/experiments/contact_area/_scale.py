@@ -24,12 +24,8 @@ _LIGHT = 1e-3
 class FringeScale(NamedTuple):
     """What fringes say of 1/(λ R) over what is stated of it, in lengths of the stated pixel.
 
-    Attributes
-    ----------
-    ratio, u : float [1]
-        Found over stated; ``u`` without what is stated of pixel, sphere and wavelength.
-    n : int
-        Frames behind it.
+    ``ratio`` is found over stated, ``u`` without what is stated of pixel, sphere and wavelength; ``n`` frames are
+    behind it.
     """
 
     ratio: float

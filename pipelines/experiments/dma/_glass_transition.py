@@ -34,12 +34,9 @@ class Ramp:
 def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
     """Return the readings of all ramps in one row, and the transition of every ramp.
 
-    Returns
-    -------
-    Dataset
-        Over ``point``: ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``. Over
-        ``ramp``: ``frequency``, ``T_peak`` (maximum of tan δ), ``T_loss`` (maximum of E″),
-        ``T_drop`` (steepest fall of ln E′), each with its uncertainty; NaN where there is none.
+    Over ``point`` these are ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``; over ``ramp``:
+    ``frequency``, ``T_peak`` (maximum of tan δ), ``T_loss`` (maximum of E″), ``T_drop`` (steepest fall of ln E′), each
+    with its uncertainty, NaN where there is none.
     """
     ordered = [_ascending(ramp) for ramp in ramps]
     counts = [r.temperature.size for r in ordered]

@@ -17,14 +17,8 @@ _ON_GROUND = (9.76, 9.84)  # m/s²: from the equator's mountains to the poles, b
 class Fall:
     """One record of a drop as it was measured.
 
-    Attributes
-    ----------
-    name : str
-        File, for messages.
-    bounces : Dataset
-        As :func:`labpipe.signals.bounces` returns it.
-    relative : float
-        Relative standard uncertainty of its scale of length.
+    ``name`` is its file, for messages; ``bounces`` as :func:`labpipe.signals.bounces` returns them; ``relative`` the
+    relative standard uncertainty of its scale of length.
     """
 
     name: str

@@ -23,13 +23,10 @@ _LEAST_OWN = 0.05
 def judgement(scene: Scene) -> xr.Dataset:
     """Make one verdict of a scene: whether the record is believable and the model agrees.
 
-    Returns
-    -------
-    Dataset
-        ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the
-        smallest error that the comparison would have shown, ``detectable`` (relative, NaN
-        where the input is 0 or a temperature). Attributes ``judgement``, ``model`` and ``believable`` hold the
-        words and, as JSON, all checks; ``suspects`` what would explain a model that differs.
+    Returned are ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the smallest error
+    that the comparison would have shown, ``detectable`` (relative, NaN where the input is 0 or a temperature).
+    Attributes ``judgement``, ``model`` and ``believable`` hold the words and, as JSON, all checks; ``suspects`` what
+    would explain a model that differs.
     """
     judged = judge([*scene.checks, *scene.basis.checks], scene.causes)
     compared_rows = [row for row in scene.rows if row.deviation is not None]

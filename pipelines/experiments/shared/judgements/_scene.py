@@ -17,17 +17,10 @@ _VISIBLE = 0.5  # of the uncertainty of a difference
 class Basis(NamedTuple):
     """What is known of the experiments that one rests on: its material's DMA, its plate, its laser.
 
-    Attributes
-    ----------
-    checks : sequence of Check
-        One for each of them.
-    is_sound : bool
-        Whether none on which all rests is impossible. What is computed from an impossible one is no
-        expectation, so that nothing is held against it.
-    reason : str
-        Of what is not believable; empty where all is.
-    wrong : tuple of str
-        Beginnings of the names of inputs that come from an impossible one on which little rests.
+    There is one of ``checks`` for each of them. ``is_sound``: none on which all rests is impossible; what is computed
+    from an impossible one is no expectation, so that nothing is held against it. ``reason`` says what is not
+    believable, "" where all is. ``wrong`` are beginnings of the names of inputs that come from an impossible one on
+    which little rests.
     """
 
     checks: Sequence[Check] = ()
@@ -84,23 +77,12 @@ def _ends(settings: Any, dotted: str) -> list[str | None]:
 class Scene(NamedTuple):
     """What the checks of an experiment lead to.
 
-    Attributes
-    ----------
-    checks : sequence of Check
-    causes : sequence of Cause
-    rows : sequence of Row
-        Of the comparison; empty where there is no model.
-    inputs : mapping of str to Quantity
-        Values and uncertainties of what the rows name in their slopes.
-    shared : mapping of str to Quantity
-        What rows name there too because they have it in common, but nobody states and could have
-        stated wrongly, such as the scatter of another measurement.
-    basis : Basis
-        Its checks are added to the others.
-    unstated : str
-        What nobody stated and would explain a model that differs; it is told first.
-    measured_by : str
-        Experiment or file that knows the modulus of the material; empty where that is known by its name alone.
+    ``rows`` are those of the comparison, empty where there is no model. ``inputs`` are values and uncertainties of
+    what the rows name in their slopes; ``shared`` is what they name there too because they have it in common, but
+    nobody states and could have stated wrongly, such as the scatter of another measurement. The checks of ``basis``
+    are added to the others. ``unstated`` is what nobody stated and would explain a model that differs; it is told
+    first. ``measured_by`` is the experiment or file that knows the modulus of the material, "" where that is known by
+    its name alone.
     """
 
     checks: Sequence[Check]

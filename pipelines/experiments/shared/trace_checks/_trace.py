@@ -23,14 +23,8 @@ WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not s
 class Trace:
     """The readings of one record.
 
-    Attributes
-    ----------
-    name : str
-        File, for messages.
-    time, reading : array (time,)
-        In s and m; NaN where there is no valid reading.
-    header : str
-        What the file says above its readings.
+    ``name`` is its file, for messages; ``time`` [s] and ``reading`` [m] (time,) are NaN where there is no valid
+    reading; ``header`` is what the file says above its readings.
     """
 
     name: str
