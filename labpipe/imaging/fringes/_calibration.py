@@ -432,7 +432,7 @@ def _find_focus(
 
 
 def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:
-    """Frames whose radius is best known among the larger contacts."""
+    """Frames whose radius is best known among the larger contacts, and of many the smallest of these."""
     radius = {index: float(fit.parameters[Parameter.RADIUS]) for index, fit in fits.items()}
     if not radius:
         return ()
@@ -440,4 +440,8 @@ def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:
     large = [index for index, value in radius.items() if value > 0.5 * largest]
     # Contacts that hardly move and are seen from all sides come first.
     large.sort(key=lambda index: (fits[index].deviation(Parameter.RADIUS), index))
-    return tuple(sorted(large[:MOST_FRAMES]))
+    chosen = large[:MOST_FRAMES]
+    if len(large) > MOST_FRAMES:
+        # a flat shows most in the smallest
+        chosen[-1] = min(large, key=radius.__getitem__)
+    return tuple(sorted(chosen))

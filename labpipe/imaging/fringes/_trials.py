@@ -18,6 +18,9 @@ HINT = 25.0
 WEAK_HINT = 10.0
 #: Frames that are used, the largest contacts first.
 MOST_FRAMES = 8
+#: Share of the largest below which a part of a systematic uncertainty counts as that much, and sum of squares of
+#: logarithms of radii that tell no power.
+_LEAST_PART, _NO_POWER = 0.03, 0.01
 #: A freed quantity is believed when it lowers the squared misfit by this factor, ...
 FACTOR = 2.0
 #: ... the sum of squares by this many variances per frame, ...
@@ -122,7 +125,17 @@ class Calibration:
 
     def shared(self, radius: float) -> float:
         """Return the standard uncertainty (px) that blur, harmonics and flat give to a radius (px)."""
-        return float(np.interp(radius, self.radii, self.u_shared)) if self.radii else 0.0
+        if not self.radii:
+            return 0.0
+        value = float(np.interp(radius, self.radii, self.u_shared))
+        beyond = math.log(max(radius, 1.0) / min(max(radius, self.radii[0], 1.0), self.radii[-1]))
+        if beyond == 0.0 or value == 0.0:
+            return value
+        # what a flat or a scale makes of a radius goes with a power of it
+        sizes, parts = np.log(self.radii), np.log(np.maximum(self.u_shared, _LEAST_PART * max(self.u_shared)))
+        away = sizes - sizes.mean()
+        power = float(away @ parts) / (float(away @ away) + _NO_POWER)
+        return value * math.exp(max(power * beyond, 0.0))
 
     def applied(self, view: View) -> View:
         """Return the view with what was found."""

@@ -19,8 +19,8 @@ _QUARTICS, _WORSE = (0.05, 0.1, 0.19, 0.32, 0.46, 0.6, 0.73, 0.86), 1.2
 _FLAT_FRAMES, _FLAT_PIXELS, _FLAT_VARIANCES = 4, 12_000, 40.0
 #: Vertices of parabolas by which some pixels search the best between flats, and the share of the width between these to
 #: which they tell it; the step of the parabola from there, and the step of the one by all pixels, in uncertainties by
-#: some.
-_VERTICES, _ROUGH, _STEP, _NARROWER = 5, 0.05, 0.1, 2.0
+#: some; the largest of the fourth power; and the part of a step within which the flat is settled.
+_VERTICES, _ROUGH, _STEP, _NARROWER, _LARGEST, _SETTLED = 5, 0.05, 0.1, 2.0, 0.5, 0.9
 #: Change of the phase (rad) that a flat may seem to be.
 _FLAT_PHASE = 0.15
 
@@ -199,15 +199,20 @@ def _placed(
     attempt: Attempt, axes: Sequence[Parameter], known: Calibration, flat: float, middle: Trial, step: float
 ) -> _Placed | None:
     """Place the minimum by the vertex of a parabola through what a flat leaves and others a step (px) from it."""
-    smaller, larger = (attempt(axes, replace(known, flat=size)) for size in (flat - step, flat + step))
+    # a parabola of the fourth power, with which the gap changes
+    quartic, slope = flat**4, 4.0 * flat**3
+    width = min(slope * step, _LARGEST * quartic)
+    sizes = (quartic - width) ** 0.25, (quartic + width) ** 0.25
+    smaller, larger = (attempt(axes, replace(known, flat=size)) for size in sizes)
     if smaller is None or larger is None:
         return None
-    bend = max((smaller.left + larger.left - 2.0 * middle.left) / step**2, 1e-9)
-    flat += float(np.clip((smaller.left - larger.left) / (2.0 * step * bend), -step, step))
+    bend = max((smaller.left + larger.left - 2.0 * middle.left) / width**2, 1e-9 / slope**2)
+    vertex = quartic + float(np.clip((smaller.left - larger.left) / (2.0 * width * bend), -width, width))
+    flat = vertex**0.25
     trial = attempt(axes, replace(known, flat=flat)) or middle
     least = 2.0 * max(trial.left / trial.pixels, 1.0) / bend
-    u_flat = math.sqrt(least * _disagreement(smaller, middle, larger, least * bend))
-    return _Placed(flat, u_flat, trial, larger.changes(smaller) / (2.0 * step))
+    u_flat = math.sqrt(least * _disagreement(smaller, middle, larger, least * bend)) / slope
+    return _Placed(flat, u_flat, trial, larger.changes(smaller) / (sizes[1] - sizes[0]))
 
 
 def _settled_flat(
@@ -220,7 +225,13 @@ def _settled_flat(
     width: float,
 ) -> tuple[Trial, Calibration] | None:
     """Place the minimum by all pixels of all frames, and tell what its uncertainty makes of the radius."""
-    placed = _placed(partial(attempt, pixels=ALL_PIXELS), axes, known, flat, trial, step)
+    place = partial(_placed, partial(attempt, pixels=ALL_PIXELS), axes, known)
+    placed = place(flat, trial, step)
+    for _ in range(_VERTICES):
+        if placed is None or abs(placed.flat - flat) < _SETTLED * step:
+            break
+        flat = placed.flat
+        placed = place(flat, placed.trial, step)
     if placed is None:
         return None
     found = replace(known, flat=placed.flat)

@@ -406,6 +406,16 @@ def test_a_worn_flat_is_found_again_beside_what_else_is_wrong(scene: Disturbed) 
     assert found.attrs["flat_radius"] == pytest.approx(120 * UM, rel=5e-3)
 
 
+@pytest.mark.parametrize("radius", by_day([72.0, 84.0], 1))
+def test_a_worn_flat_in_many_contacts_of_different_size(radius: float) -> None:
+    """The largest were to tell it: the smallest was up to 60 nm off, which was 18 u."""
+    radii = [v * UM for v in 125.0 + 93.0 * np.sin(np.pi * (np.arange(16) + 0.5) / 16)]
+    film = film_of(PLAIN, lambda r, a: gap_of_worn_flat(r, a, SPHERE, radius * UM), radii, CENTRE, seed=4)
+    found, _ = measure(film)
+    check(found, radii, 0.02 * UM)
+    assert found.attrs["flat_radius"] == pytest.approx(radius * UM, rel=0.01)
+
+
 def test_a_worn_flat_that_noise_with_a_memory_hides_is_in_the_uncertainty() -> None:
     """Stray fringes: radii are 0.3 to 0.5 µm off, which was 3.9 u."""
     found, _ = measure(film_of(replace(PLAIN, parasitic=0.2, drift=0.13), worn, RADII, CENTRE, seed=2))
