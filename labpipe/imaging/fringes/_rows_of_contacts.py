@@ -49,8 +49,10 @@ def leave_out_rows(reader: FilmReader, result: FilmResult) -> None:
     tried = sorted(change, key=lambda index: -change[index])[:_MOST_FRAMES]
     if not tried:
         return
-    told, first = _told(reader, result, tried), np.asarray(reader.whole(tried[0]), float)
-    if mosaic_of(first) > MOSAIC:  # under a colour filter all rows differ
+    told = _told(reader, result, tried)
+    if not (told.is_repeated or told.is_combed.any()):
+        return
+    if mosaic_of(np.asarray(reader.whole(tried[0]), float)) > MOSAIC:  # under a colour filter all rows differ
         return
     if told.is_repeated:
         result.repeats_rows = True
