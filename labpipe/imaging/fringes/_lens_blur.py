@@ -34,8 +34,8 @@ _SHAPES, _SHAPE_ROUNDS, _SAME_SHAPE = np.linspace(0.0, 1.0, 101), 3, 0.03
 _SHAPE_FRAMES, _SHAPE_PIXELS = 2, 6_000
 #: Share of the uncertainty of a shape within which the likeliest one need not be fitted.
 _NEAR_ENOUGH = 0.3
-#: What a shape leaves over what the best one does from which its size is not sought.
-_FAR_WORSE = 1.2
+#: What a shape leaves over what the best one does from which its size is not sought, and over what none does.
+_FAR_WORSE, _HOPELESS = 1.2, 2.0
 
 
 def find_blur(
@@ -53,7 +53,7 @@ def find_blur(
     if square <= LEAST_BLUR**2:
         return None
     axes = (*axes, *beside)
-    lens = _blur_of_lens(attempt, axes, known)
+    lens = _blur_of_lens(attempt, axes, known, best)
     if lens is None or not lens.trial.is_better_than(best):
         return None
     return lens.trial, lens.known(attempt, axes, known)
@@ -130,15 +130,19 @@ def next_gain(gain: float, step: float, beyond: float) -> float:
     return float(np.clip(step / change, *_GAINS)) if step and change else 1.0
 
 
-def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) -> _Lens | None:
+def _blur_of_lens(attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial) -> _Lens | None:
     """Fit the frames with a lens that blurs as much, and in the shape, as the frames show.
 
-    Some pixels of a few frames tell nearly as much; all of them say it of the likeliest shapes.
+    Some pixels of a few frames tell nearly as much; all of them say it of the likeliest shapes, and are not asked
+    where these leave far more than the best trial without any.
     """
     few = partial(attempt, count=_SHAPE_FRAMES, pixels=_SHAPE_PIXELS)
     blur = math.sqrt(_square_beside_motion(attempt, axes, known))
     start = few(axes, replace(known, blur=blur))
     rough = [] if start is None else _likely_shapes(few, axes, known, start, blur)
+    left = min((lens.trial.left / lens.trial.pixels for lens in rough), default=math.inf)
+    if left > _HOPELESS * best.left / best.pixels:
+        return None
     all_told = partial(attempt, pixels=ALL_PIXELS)
     sized: list[_Lens] = []
     for one in rough:
@@ -213,7 +217,7 @@ def shape_anew(attempt: Attempt, axes: Sequence[Parameter], known: Calibration) 
         return known
     sharp = replace(known, blur=0.0, disc=0.0)
     trial = attempt(axes, sharp)
-    lens = None if trial is None else _blur_of_lens(attempt, axes, sharp)
+    lens = None if trial is None else _blur_of_lens(attempt, axes, sharp, trial)
     if lens is None or lens.trial.left > before.left:
         return known
     return replace(lens.known(attempt, axes, sharp), harmonics=lens.trial.harmonics)
@@ -269,7 +273,7 @@ def settle_blur(
     least, deviation, _ = least_blur(best, 0.0)
     if known.blur or least <= max(LEAST_BLUR**2, _SEEN * deviation):
         return best, known
-    lens = _blur_of_lens(attempt, axes, known)
+    lens = _blur_of_lens(attempt, axes, known, best)
     if lens is None:
         return best, known
     pairs = zip(best.fits, lens.trial.fits, strict=True)
