@@ -31,12 +31,12 @@ def find_sharpening(
     some = {
         width: found
         for width in _WIDTHS
-        if (found := _sharpened(attempt, axes, known, best, (first / width**2, width), FEW_PIXELS)) is not None
+        if (found := _sharpened(attempt, axes, known, (first / width**2, width), FEW_PIXELS)) is not None
     }
     if not some:
         return None
     width = min(some, key=lambda w: some[w][0].left / some[w][0].pixels)
-    settled = _settled(attempt, axes, known, best, (some[width][1], width))
+    settled = _settled(attempt, axes, known, (some[width][1], width))
     return None if settled is None or settled[0].gain_over(best) <= HINT else settled
 
 
@@ -44,41 +44,36 @@ def sharpen_together(attempt: Attempt, axes: Sequence[Parameter], known: Calibra
     """Find sharpening again together with what was found beside it: either was found while the other was wrong."""
     beside = what_is_found(known)
     free = (*axes, *beside)
-    best = attempt(free, known) if known.halo[0] and beside else None
-    settled = None if best is None else _settled(attempt, free, known, best, known.halo)
+    # the fit with all of it free is what the others begin from
+    is_again = known.halo[0] and beside and attempt(free, known) is not None
+    settled = _settled(attempt, free, known, known.halo) if is_again else None
     return known if settled is None else with_beside(*settled, beside, view)
 
 
 def _sharpened(
-    attempt: Attempt,
-    axes: Sequence[Parameter],
-    known: Calibration,
-    best: Trial,
-    halo: tuple[float, float],
-    pixels: int = ALL_PIXELS,
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, halo: tuple[float, float], pixels: int = ALL_PIXELS
 ) -> tuple[Trial, float] | None:
     """Fit with as much of a sharpening of one width as leaves no travel in the frame at rest, and tell how much."""
-    trial, (share, width) = best, halo
+    (share, width), trial = halo, None
     for _ in range(BLUR_ROUNDS):
-        made = attempt(axes, replace(known, halo=(share, width)), pixels=pixels)
-        if made is None or not made.pixels:
+        trial = attempt(axes, replace(known, halo=(share, width)), pixels=pixels)
+        if trial is None or not trial.pixels:
             return None
-        trial = made
         step = -least_blur(trial, 0.0)[0] / width**2
         share = float(np.clip(share + step, 0.5 * share, min(2.0 * share, _MOST_SHARE)))
         if abs(step) < _SETTLED * share:
             break
-    return trial, share
+    return None if trial is None else (trial, share)
 
 
 def _settled(
-    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, halo: tuple[float, float]
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, halo: tuple[float, float]
 ) -> tuple[Trial, Calibration] | None:
     """Place the width by all pixels of all frames, and tell what its uncertainty makes of the radius."""
     share, width = halo
     for _ in range(_ROUNDS):
         sizes = (width / _STEP, width, width * _STEP)
-        near = [_sharpened(attempt, axes, known, best, (share * (width / w) ** 2, w)) for w in sizes]
+        near = [_sharpened(attempt, axes, known, (share * (width / w) ** 2, w)) for w in sizes]
         made = [found for found in near if found is not None]
         if len(made) < len(near):
             return None
