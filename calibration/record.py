@@ -211,10 +211,9 @@ class CameraRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True
     values: CameraValues
 
 
-#: Begins what is said of the validity where no day is known: the clock of the instrument was never set, or runs
-#: ahead; or the file holds none, as images and videos do, and nobody states one, of which all is said.
-NO_DAY = "not possible: "
-UNDATED = f"{NO_DAY}the recording holds no day, and none is stated"
+#: Why no day is known: the file holds none, as images and videos do, and nobody states one; or the clock of the
+#: instrument was never set, or runs ahead.
+UNDATED, WRONG_CLOCK = "no day", "wrong clock"
 _CLOCKS_SET = date(2001, 1, 1)  # clocks that lose their battery begin at 1970, 1980 or 2000
 
 #: Every kind of record.
@@ -308,6 +307,7 @@ def require(
             + f', the measurement to the view "{view}"; take the record of that view'
         )
         raise CalibrationError(message)
+    validity, no_day = _check_validity(record, attrs, measured, ignore_validity)
     return {
         "id": record.id,
         "kind": record.kind,
@@ -319,7 +319,8 @@ def require(
         "when": record.when.isoformat(),
         "how": record.how,
         "sensor_check": _check_sensor(record, attrs),
-        "validity_check": _check_validity(record, attrs, measured, ignore_validity),
+        "validity_check": validity,
+        "no_day": no_day,
         "stated_day": measured.isoformat() if isinstance(measured, date) else "",
         "recorded_day": _recorded_day(attrs),
     }
@@ -372,16 +373,17 @@ def _other_sensor(record: Record, found: str, expected: str) -> CalibrationError
 
 def _check_validity(
     record: Record, attrs: Mapping[str, Any], measured: str | date | None, ignore_validity: bool
-) -> str:
+) -> tuple[str, str]:
+    """Say how a record's period lies to the day of a measurement, and why that is not known, if it is not."""
     day = _day(measured if measured is not None else str(attrs.get("start", "")))
     if day is None:
-        return UNDATED
+        return "not known: the recording holds no day, and none is stated", UNDATED
     if record.valid_from <= day <= record.valid_until:
-        return f"valid on {day}"
+        return f"valid on {day}", ""
     if not isinstance(measured, date) and not _CLOCKS_SET <= day <= date.today():
-        return f"{NO_DAY}the clock of the instrument says {day}"
+        return f"not known: the clock of the instrument says {day}", WRONG_CLOCK
     if ignore_validity:
-        return f"ignored: measured on {day}, outside the period of the record"
+        return f"ignored: measured on {day}, outside the period of the record", ""
     word = "expired" if day > record.valid_until else "was not yet valid"
     raise CalibrationError(
         f'record "{record.id}" is valid from {record.valid_from} until {record.valid_until}; it '

@@ -16,6 +16,7 @@
 Every message says where, what was found, what was expected, and what to do.
 """
 
+import warnings
 from collections.abc import Sequence
 from os import PathLike
 from typing import Self
@@ -196,3 +197,18 @@ class StorageError(LabpipeError):
 
     exit_code = 5
     is_of_run = True
+
+
+class SourceWarning(UserWarning):
+    """What is told of a file that is read all the same; ``message`` is that without the name of the file."""
+
+    def __init__(self, path: str | PathLike[str], message: str, line: int | None = None) -> None:
+        self.message = message if line is None else f"line {line}: {message}"
+        super().__init__(f"{path}{'' if line is None else f':{line}'}: {message}")
+
+
+def warn_of(
+    path: str | PathLike[str], message: str, *, line: int | None = None, category: type[SourceWarning] = SourceWarning
+) -> None:
+    """Warn whoever reads a file of what was found in it."""
+    warnings.warn(category(path, message, line), stacklevel=5)

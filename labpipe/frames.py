@@ -1,6 +1,5 @@
 """Film interface: the contract between camera readers and imaging functions."""
 
-import warnings
 from collections.abc import Iterator
 from typing import Protocol, cast, runtime_checkable
 
@@ -8,21 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
-from labpipe.errors import InputError
+from labpipe.errors import InputError, SourceWarning
 from labpipe.notebook import html_table, shown
 
 
-class IncompleteFilmWarning(UserWarning):
+class IncompleteFilmWarning(SourceWarning):
     """The file of a film lacks frames that it should hold, or holds some that are damaged."""
 
 
-class SmoothedFilmWarning(UserWarning):
+class SmoothedFilmWarning(SourceWarning):
     """Compression smoothed the frames of a film, by an amount that nothing in its file tells."""
-
-
-def warn_incomplete(text: str) -> None:
-    """Warn whoever opens a film that it is not whole; a session judges it by that."""
-    warnings.warn(text, IncompleteFilmWarning, stacklevel=5)
 
 
 @runtime_checkable

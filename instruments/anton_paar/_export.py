@@ -6,7 +6,6 @@ come from the file. What was not seen in a real file is marked in the result's `
 
 import json
 import os
-import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from instruments.anton_paar._sources import delimiter_of, text_rows, workbook_ro
 from instruments.anton_paar._table import Export, RawInterval, Row, read_table, text_of
 from instruments.anton_paar._values import Findings, interpret, signs_of
 from instruments.anton_paar._words import column_name
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.numbers import check_decimal
 from labpipe.text import Limits, TextFile, first_bytes, survey
 
@@ -107,9 +106,7 @@ def _complete(source: TextFile, rows: Iterable[Row], allow: bool) -> Iterable[Ro
     """Leave out a last line that is not ended, when that is allowed."""
     for row in rows:
         if row.line == source.n_lines and not source.is_ended and allow:
-            warnings.warn(
-                f"{source.path}:{row.line}: the last line is cut, it has no line end; it is dropped", stacklevel=4
-            )
+            warn_of(source.path, "the last line is cut, it has no line end; it is dropped", line=row.line)
             return
         yield row
 
@@ -165,5 +162,5 @@ def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | Non
     except InputError as error:
         raise SourceError(path, str(error)) from None
     for note in findings.notes:
-        warnings.warn(f"{path}: {note}", stacklevel=3)
+        warn_of(path, note)
     return dataset

@@ -7,7 +7,6 @@ point that failed carries SIGMA = -1 and becomes NaN.
 import math
 import os
 import re
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import xarray as xr
 
 from labpipe import files, text
 from labpipe.arrays import Floats, Integers
-from labpipe.errors import SourceError
+from labpipe.errors import SourceError, warn_of
 from labpipe.variables import variable
 
 _FILE = re.compile(r"^DICe_solution_(-?\d+)\.txt$")
@@ -152,9 +151,7 @@ def _dataset(path: Path, header: list[str], values: Floats, frames: Integers, fp
         coordinates["time"] = variable("frame", time, "s", "time")
     lost = int((~valid).sum())
     if lost:
-        warnings.warn(
-            f"{path.name}: {lost} of {valid.size} points failed in DICe and are NaN", UserWarning, stacklevel=4
-        )
+        warn_of(path.name, f"{lost} of {valid.size} points failed in DICe and are NaN")
     known = {*_FIELDS, "COORDINATE_X", "COORDINATE_Y", "SUBSET_ID"}
     other = ", ".join(name for name in header if name not in known)
     return xr.Dataset(variables, coordinates, {"instrument": "DICe", "source": path.name, "other_fields": other})

@@ -1,7 +1,6 @@
 """Images in files: a folder of PNG, TIFF, BMP or JPEG, and the pages of a TIFF."""
 
 import re
-import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,8 +16,8 @@ from instruments.images._headers import CutOffError, ImageHeader, one_page, png_
 from instruments.images._names import LOSSY, SUFFIXES, images_in, is_numbered
 from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.errors import SourceError
-from labpipe.frames import SmoothedFilmWarning, warn_incomplete
+from labpipe.errors import SourceError, warn_of
+from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
 
 _NUMBER = re.compile(r"[-+]?\d+")
 _COUNT = "Where names hold times, number the images in the order they were taken: frame_0001.png, …"
@@ -144,13 +143,13 @@ def _warn_of_lossy(folder: Path, beside: Sequence[Path], headers: Sequence[Image
             "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
             f"calibrated; their compression {SMOOTHED}"
         )
-        warnings.warn(f"{folder.name}: {text}", SmoothedFilmWarning, stacklevel=4)
+        warn_of(folder.name, text, category=SmoothedFilmWarning)
     elif beside:
         text = (
             f"JPEG images lie beside the others and are left out, {len(beside)} with a number in the name, the first "
             f"{beside[0].name}: if they are frames of the film, export them as the others"
         )
-        warnings.warn(f"{folder.name}: {text}", UserWarning, stacklevel=4)
+        warn_of(folder.name, text)
 
 
 def _signed(stem: str, found: "re.Match[str]", has_plus: bool) -> int:
@@ -165,19 +164,14 @@ def _warn_of_gaps(folder: Path, numbers: Integers) -> None:
     usual = int(np.min(steps)) if len(steps) else 1
     missing = int(np.sum(steps // usual - 1))
     if usual > 1:
-        text = (
-            f"{folder.name}: the numbers of the images go up by {usual}, so its times do by {usual} / frame rate; "
-            "if every frame of the camera is here, number them one by one"
-        )
-        warnings.warn(text, UserWarning, stacklevel=4)
+        text = f"the numbers of the images go up by {usual}, so its times do by {usual} / frame rate; "
+        warn_of(folder.name, text + "if every frame of the camera is here, number them one by one")
     if missing:
         first = int(numbers[int(np.flatnonzero(steps > usual)[0])])
         images = "1 image is" if missing == 1 else f"{missing} images are"
-        warnings.warn(
-            f"{folder.name}: {images} missing, the first after number {first}; times "
-            "follow the numbers, so the film has gaps",
-            UserWarning,
-            stacklevel=4,
+        warn_of(
+            folder.name,
+            f"{images} missing, the first after number {first}; times follow the numbers, so the film has gaps",
         )
 
 
@@ -235,9 +229,11 @@ class ImageFiles:
         is_one = len({place.path for place in self._places}) == 1
         which = f"image {bad[0] + 1}" if is_one else first.path.name
         verb, told = ("is", which) if len(bad) == 1 else ("are", f"the first {which}")
-        warn_incomplete(
-            f"{self._path.name}: {len(bad)} of {count} images {verb} {how} and left out, {told}: "
-            f"{self.fault(bad[0])}. Copy the film from the camera again"
+        warn_of(
+            self._path.name,
+            f"{len(bad)} of {count} images {verb} {how} and left out, {told}: "
+            f"{self.fault(bad[0])}. Copy the film from the camera again",
+            category=IncompleteFilmWarning,
         )
 
     def fault(self, index: int) -> str:

@@ -1,7 +1,6 @@
 """Videos by OpenCV's decoders, for what they are worth: baked levels, 8 bit, no times."""
 
 import os
-import warnings
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
 from labpipe.arrays import Flags
-from labpipe.errors import SourceError
-from labpipe.frames import SmoothedFilmWarning, warn_incomplete
+from labpipe.errors import SourceError, SourceWarning, warn_of
+from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
 
 # Of a film that was cut off the decoders print, for every image, that its end is missing; we tell it once.
 # OpenCV 5 moved the switch; 0 is silent in both.
@@ -33,12 +32,12 @@ _LOSSLESS = ("FFV1", "HFYU", "FFVH", "MPNG", "Y800")
 def warn_of_video(path: Path, playback: float, codec: str = "") -> None:
     """Warn that neither levels nor times of a video are the camera's, nor details where its codec loses them."""
     lossy = f"; its compression ({codec}) {SMOOTHED}"
-    warnings.warn(
-        f"{path.name}: a video has its levels baked in (gain, brightness, gamma), so its "
+    warn_of(
+        path.name,
+        f"a video has its levels baked in (gain, brightness, gamma), so its "
         f"intensities are not calibrated; its own {playback:g} frames a second are the rate of "
         f"playback, and not used{lossy * bool(codec)}",
-        SmoothedFilmWarning if codec else UserWarning,
-        stacklevel=5,
+        category=SmoothedFilmWarning if codec else SourceWarning,
     )
 
 
@@ -133,9 +132,11 @@ class Video:
 
 def warn_of_lost(path: Path, declared: int, count: int) -> None:
     """Warn of frames that a video declares and does not hold."""
-    warn_incomplete(
-        f"{path.name}: {declared} frames are declared, {count} can be read: the copy may have broken off. "
-        "Copy the film from the camera again"
+    warn_of(
+        path.name,
+        f"{declared} frames are declared, {count} can be read: the copy may have broken off. "
+        "Copy the film from the camera again",
+        category=IncompleteFilmWarning,
     )
 
 

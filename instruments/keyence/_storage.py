@@ -20,7 +20,6 @@ import contextlib
 import json
 import os
 import re
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
@@ -43,7 +42,7 @@ from instruments.keyence._statements import (
     stated_units,
 )
 from instruments.keyence._writer import DEVICE, output_variables
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.numbers import check_decimal, shorten
 from labpipe.text import Limits, TextFile, survey
 from labpipe.units import Quantity, unit
@@ -196,7 +195,7 @@ def _complete_rows(
         if not allow_incomplete:
             hint = "Export the file again, or drop this row with allow_incomplete=True."
             raise SourceError(source.path, message, line=number, column=len(line) + 1, hint=hint)
-        warnings.warn(f"{source.path}:{number}: {message}; it is dropped", stacklevel=2)
+        warn_of(source.path, f"{message}; it is dropped", line=number)
 
 
 _END = re.compile(r"\[?/?(?:end|eof)(?: of (?:file|data))?\]?", re.IGNORECASE)
@@ -246,7 +245,7 @@ def _check_count(source: TextFile, header: Header, readings: Rows, profile: Keye
             hint = "The recording or the copy stopped early, or rows were added; export it "
             hint += "again, or read what there is with allow_incomplete=True."
             raise SourceError(source.path, message, line=header.n_lines + found, column=1, hint=hint)
-        warnings.warn(f"{source.path}: {message}", stacklevel=3)
+        warn_of(source.path, message)
 
 
 def _check_counter(source: TextFile, header: Header, readings: Rows, allow: bool) -> None:
@@ -262,7 +261,7 @@ def _check_counter(source: TextFile, header: Header, readings: Rows, allow: bool
         if wrong.size and allow:
             missing = int(counter[-1] - counter[0]) + 1 - len(counter)
             message = f"{missing} rows are missing between, the time follows the counter"
-            warnings.warn(f"{source.path}: {message}", stacklevel=3)
+            warn_of(source.path, message)
             return
     if not wrong.size:
         return

@@ -17,7 +17,6 @@ Everything that departs from it is refused with file, line and column.
 """
 
 import re
-import warnings
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -25,7 +24,7 @@ import numpy as np
 
 from instruments.mach1._lines import COPY_AGAIN, END_DATA, Cursor, Options, pair_of, refuse_incomplete, tag_of
 from labpipe.arrays import Floats
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.numbers import Separators, plain_number, shorten
 from labpipe.text import TextFile, not_a_number, parse_rows
 from labpipe.units import Unit, unit
@@ -176,10 +175,10 @@ _STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "
 
 
 def _note_second_title(cursor: Cursor) -> None:
-    warnings.warn(
-        f"{cursor.source.path}:{cursor.number}: a second {TITLE}: two files were joined; "
-        "their blocks are numbered through",
-        stacklevel=2,
+    warn_of(
+        cursor.source.path,
+        f"a second {TITLE}: two files were joined; their blocks are numbered through",
+        line=cursor.number,
     )
     cursor.advance()
 
@@ -296,10 +295,10 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
         raise cursor.error(f"the column {shorten(twice)} stands there twice")
     unknown = [column.header for column in columns if _met_units(column.quantity) is None]
     if unknown:
-        warnings.warn(
-            f"{cursor.source.path}:{cursor.number}: the column {', '.join(map(shorten, unknown))} "
-            "is not known; it is read under its own name",
-            stacklevel=2,
+        warn_of(
+            cursor.source.path,
+            f"the column {', '.join(map(shorten, unknown))} is not known; it is read under its own name",
+            line=cursor.number,
         )
     cursor.advance()
     return tuple(columns)

@@ -2,11 +2,10 @@
 
 import csv
 import re
-import warnings
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from labpipe.errors import SourceError
+from labpipe.errors import SourceError, warn_of
 from labpipe.numbers import shorten
 from labpipe.text import TextFile
 
@@ -94,7 +93,7 @@ def refuse_incomplete(cursor: Cursor, message: str, options: Options) -> None:
         message += f"; the line is {shorten(cursor.cut)}"
     if not options.allow_incomplete:
         raise cursor.error(message, hint=COPY_AGAIN)
-    warnings.warn(f"{cursor.source.path}:{cursor.number}: {message}", stacklevel=2)
+    warn_of(cursor.source.path, message, line=cursor.number)
 
 
 def pair_of(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str, str] | None:

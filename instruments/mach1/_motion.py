@@ -14,7 +14,6 @@ The grammar is in :mod:`instruments.mach1._blocks`. Facts of the instrument that
 import json
 import os
 import re
-import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from instruments.mach1._blocks import DIVIDER, TITLE, Block, parse
 from instruments.mach1._dataset import assemble, start_of
 from instruments.mach1._lines import END_DATA, Options
 from labpipe import files
+from labpipe.errors import warn_of
 from labpipe.numbers import check_decimal
 from labpipe.text import Limits, survey
 
@@ -102,10 +102,10 @@ def _decimal_of(lines: Iterable[str]) -> str:
 def _note_unknown_starts(path: Path, blocks: list[Block]) -> None:
     unknown = [str(number) for number, block in enumerate(blocks) if not start_of(block)]
     if unknown:
-        warnings.warn(
-            f"{path}: date and time of block {', '.join(unknown)} are not of the form "
+        warn_of(
+            path,
+            f"date and time of block {', '.join(unknown)} are not of the form "
             '"Wed, Jul 19, 2023" and "12:14:21.065"; the start is left empty',
-            stacklevel=3,
         )
 
 

@@ -18,8 +18,8 @@ from instruments.phantom._pixels import PACKED_GROUP, decode, linear_from_compan
 from instruments.phantom._times import TimeAxis, exposure_times, time_axis
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.binary import Window
-from labpipe.errors import InputError, SourceError
-from labpipe.frames import ShownFrames, warn_incomplete
+from labpipe.errors import InputError, SourceError, warn_of
+from labpipe.frames import IncompleteFilmWarning, ShownFrames
 
 #: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
 _FAULT_AROUND = 64 * 2**10
@@ -63,9 +63,11 @@ def _warn_of_end(window: Window, header: Header) -> None:
     beyond = np.flatnonzero(header.offsets > last)
     if beyond.size:
         frames = "frames lie" if beyond.size > 1 else "frames lies"
-        warn_incomplete(
-            f"{window.path.name}: {beyond.size} of {header.count} {frames} beyond the end of the file, the "
-            f"first is frame {beyond[0]}; they are left out. Copy the film from the camera again"
+        warn_of(
+            window.path.name,
+            f"{beyond.size} of {header.count} {frames} beyond the end of the file, the "
+            f"first is frame {beyond[0]}; they are left out. Copy the film from the camera again",
+            category=IncompleteFilmWarning,
         )
 
 

@@ -5,7 +5,6 @@ same quantity the first counts; a time of day is no time, and the only column in
 """
 
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from instruments.tables._cells import is_clock
 from instruments.tables._layout import Block
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
-from labpipe.errors import SourceError
+from labpipe.errors import SourceError, warn_of
 from labpipe.numbers import shorten
 
 Pair = tuple[Heading, Floats]
@@ -120,16 +119,15 @@ def name_the_temperature(path: Path, block: Block) -> None:
     ]
     names = shorten(", ".join(block.headings[k].text for k in places))
     if len(places) > 1:
-        warnings.warn(
-            f"{path}:{block.line}: several columns are in degrees, none is called temperature and none taken: {names}. "
+        warn_of(
+            path,
+            f"several columns are in degrees, none is called temperature and none taken: {names}. "
             f'Name the columns in order: columns="{example(block)}"',
-            stacklevel=4,
+            line=block.line,
         )
     elif places:
         block.headings[places[0]] = replace(block.headings[places[0]], name="temperature", is_known=True)
-        warnings.warn(
-            f"{path}:{block.line}: {names}, the only column in degrees, is taken for the temperature", stacklevel=4
-        )
+        warn_of(path, f"{names}, the only column in degrees, is taken for the temperature", line=block.line)
 
 
 def _nearest(shared: Sequence[Pair], pairs: Sequence[Pair], first: Pair) -> list[Pair]:
@@ -172,10 +170,11 @@ def _unique(path: Path, block: Block, pairs: Sequence[Pair]) -> list[Pair]:
         elif (
             heading.is_known and heading.name not in beside and not _is_the_same(kept[heading.name], (heading, column))
         ):
-            warnings.warn(
-                f"{path}:{block.line}: two columns hold {_words.SPOKEN.get(heading.name, heading.name)} and differ; "
+            warn_of(
+                path,
+                f"two columns hold {_words.SPOKEN.get(heading.name, heading.name)} and differ; "
                 f'the first, "{kept[heading.name][0].text}", is taken',
-                stacklevel=3,
+                line=block.line,
             )
     return list(kept.values())
 

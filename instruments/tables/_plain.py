@@ -17,7 +17,6 @@ form of :func:`instruments.anton_paar.read`.
 import json
 import os
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +35,7 @@ from instruments.tables._columns import example
 from instruments.tables._layout import Block
 from instruments.tables._values import Table
 from instruments.tables._words import Heading
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.numbers import Separators, check_decimal, separators, shorten
 from labpipe.text import Limits, TextFile, first_bytes, survey
 
@@ -179,9 +178,7 @@ def _lines(source: TextFile, allow_incomplete: bool) -> list[tuple[int, str]]:
     found = [(number, line) for number, line in _layout.joined(source.lines()) if line.strip("\t;,| ")]
     if source.is_ended or not found or not allow_incomplete:
         return found
-    warnings.warn(
-        f"{source.path}:{source.n_lines}: the last line is cut, it has no line end; it is dropped", stacklevel=3
-    )
+    warn_of(source.path, "the last line is cut, it has no line end; it is dropped", line=source.n_lines)
     return found[:-1]
 
 
@@ -192,10 +189,11 @@ def _check_last_row(path: Path, line: int, block: Block) -> None:
     if len(block.rows[-1][1]) < max(map(len, (cells for _, cells in block.rows))):
         text = "the last line has no line end and fewer cells than the others; it is cut"
         raise SourceError(path, text, line=line, hint="Complete the line, or drop it with allow_incomplete=True.")
-    warnings.warn(
-        f"{path}:{line}: the last line has no line end; it is kept, as no cell is missing, "
+    warn_of(
+        path,
+        "the last line has no line end; it is kept, as no cell is missing, "
         "but if the file was cut, its last number is wrong",
-        stacklevel=3,
+        line=line,
     )
 
 
@@ -246,10 +244,7 @@ def _complete(path: Path, tables: Sequence[Table]) -> list[Table]:
     whole = [table for table in tables if not table.missing]
     sweeps = [table for table in whole if not table.block.names() & SHIFTS]
     if sweeps and len(sweeps) < len(whole):
-        warnings.warn(
-            f"{path}: a table of shift factors beside the readings is left out; give it as a file of its own",
-            stacklevel=3,
-        )
+        warn_of(path, "a table of shift factors beside the readings is left out; give it as a file of its own")
         whole = sweeps
     if not whole:
         block = tables[0].block
@@ -263,10 +258,10 @@ def _complete(path: Path, tables: Sequence[Table]) -> list[Table]:
     for table in tables:
         if table.missing:
             title = f' "{table.block.title}"' if table.block.title else ""
-            warnings.warn(
-                f"{path}:{table.block.line}: the table{title} is left out: found {_spoken(table.block.headings)}; "
-                f"no {table.missing}",
-                stacklevel=3,
+            warn_of(
+                path,
+                f"the table{title} is left out: found {_spoken(table.block.headings)}; no {table.missing}",
+                line=table.block.line,
             )
     return whole
 
@@ -292,9 +287,7 @@ def _warn_of_a_cut(path: Path, sizes: NDArray[np.intp]) -> bool:
     usual = int(sizes[0])
     is_cut = sizes.size > 2 and bool((sizes[:-1] == usual).all()) and int(sizes[-1]) < usual
     if is_cut:
-        warnings.warn(
-            f"{path}: the last set holds {sizes[-1]} rows, all others {usual}; the file may be cut", stacklevel=4
-        )
+        warn_of(path, f"the last set holds {sizes[-1]} rows, all others {usual}; the file may be cut")
     return is_cut
 
 

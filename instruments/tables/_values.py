@@ -1,7 +1,6 @@
 """From the cells of a table to columns in SI: what is a reading, its unit, and the moduli that columns make."""
 
 import re
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +27,7 @@ from instruments.tables._columns import (
 from instruments.tables._layout import Block, is_of_parameters
 from instruments.tables._words import Heading
 from labpipe.arrays import Flags, Floats
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.numbers import Separators, listed, plain_number, shorten
 from labpipe.text import not_a_number
 
@@ -103,10 +102,10 @@ class Table:
             if name in self.columns:
                 is_none = np.asarray(self.columns[name].values) <= 0.0
                 if is_none.any():
-                    warnings.warn(
-                        f"{path}: {int(is_none.sum())} of {is_none.size} rows have a frequency of zero or below; "
+                    warn_of(
+                        path,
+                        f"{int(is_none.sum())} of {is_none.size} rows have a frequency of zero or below; "
                         "they are no readings and are marked invalid",
-                        stacklevel=4,
                     )
                 self.is_whole &= ~is_none
 
@@ -119,9 +118,7 @@ def _leave_out_statistics(path: Path, block: Block) -> None:
     ]
     if not all(kept) and any(kept):
         left_out = [number for (number, _), is_kept in zip(block.rows, kept, strict=True) if not is_kept]
-        warnings.warn(
-            f"{path}: {listed(left_out)}: rows of means or deviations are no readings; left out", stacklevel=4
-        )
+        warn_of(path, f"{listed(left_out)}: rows of means or deviations are no readings; left out")
         block.rows = [row for row, is_kept in zip(block.rows, kept, strict=True) if is_kept]
         block.widths = [width for width, is_kept in zip(block.widths, kept, strict=True) if is_kept]
 
@@ -163,10 +160,11 @@ def _check_order(path: Path, block: Block, unnamed: list[Heading], columns: dict
         block.headings += unnamed
         hint = f'Name the columns in order: columns="{example(block)}", without those that hold no numbers.'
         raise SourceError(path, message, line=block.line, hint=hint)
-    warnings.warn(
-        f"{path}:{block.line}: {message}; {', '.join(heading.text for heading in unnamed)} at the end are taken as "
+    warn_of(
+        path,
+        f"{message}; {', '.join(heading.text for heading in unnamed)} at the end are taken as "
         "empty, for the moduli agree with what else is given of them",
-        stacklevel=4,
+        line=block.line,
     )
 
 
@@ -182,10 +180,10 @@ def _short_rows(path: Path, block: Block) -> Flags:
         return np.zeros(len(block.rows), dtype=bool)
     short = [number for (number, _), is_one in zip(block.rows, is_short, strict=True) if is_one]
     if short:
-        warnings.warn(
-            f"{path}: {listed(short)}: {len(short)} of {len(block.rows)} rows hold fewer than "
+        warn_of(
+            path,
+            f"{listed(short)}: {len(short)} of {len(block.rows)} rows hold fewer than "
             f"{width} cells; it is unknown which are missing, so these rows are marked invalid",
-            stacklevel=3,
         )
     return is_short
 
@@ -231,10 +229,11 @@ def _tell_of_specimens(path: Path, block: Block) -> None:
         if heading.name in _SPECIMEN:
             names = sorted({row[k] for _, row in block.rows if k < len(row) and row[k]})
             if len(names) > 1:
-                warnings.warn(
-                    f"{path}:{block.line}: {heading.text} names {len(names)} specimens ({shorten(', '.join(names))}), "
+                warn_of(
+                    path,
+                    f"{heading.text} names {len(names)} specimens ({shorten(', '.join(names))}), "
                     "which are read as one; if they are of different materials, give each a file of its own",
-                    stacklevel=5,
+                    line=block.line,
                 )
 
 
@@ -262,7 +261,7 @@ def _converted(path: Path, block: Block, pairs: Sequence[Pair]) -> dict[str, Col
         found["temperature"] = replace(found["temperature_set"], name="temperature")
     found, contradictions = with_moduli(found)
     for said in contradictions:
-        warnings.warn(f"{path}:{block.line}: {said}", stacklevel=5)
+        warn_of(path, said, line=block.line)
     return _with_log_shift(path, found)
 
 
@@ -289,10 +288,10 @@ def _column(path: Path, block: Block, heading: Heading, values: Floats) -> Colum
             f'columns="{example(block)}".',
         )
     if stated.strip("[]() ") == "mPa":
-        warnings.warn(
-            f"{path}:{block.unit_line or block.line}: {heading.text} is in mPa, which is read as MPa (megapascal); "
-            "if it is in millipascal, write 1e-3 Pa",
-            stacklevel=6,
+        warn_of(
+            path,
+            f"{heading.text} is in mPa, which is read as MPa (megapascal); if it is in millipascal, write 1e-3 Pa",
+            line=block.unit_line or block.line,
         )
     column = 10.0**values if heading.is_logarithm else values
     si = "rad/s" if name == "angular_frequency" else "Hz" if name == "frequency" else unit.si

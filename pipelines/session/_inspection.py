@@ -10,7 +10,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from labpipe.errors import ConfigError, LabpipeError, SourceError
+from labpipe.errors import ConfigError, LabpipeError, SourceError, SourceWarning
 from labpipe.files import files_below
 from labpipe.notebook import html_table
 from labpipe.workflow.session import FILE_NAME
@@ -184,7 +184,7 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
         source = instruments.read(file, **options | {"instrument": name} | ({"fps": 1.0} if untimed else {}))
         is_table = isinstance(source, xr.Dataset)
         found = table(source) if isinstance(source, xr.Dataset) else film(source, is_timed=not untimed)
-    said = [str(w.message) for w in caught]
+    said = _said(caught)
     if untimed:  # what does not depend on it is told all the same
         said.insert(0, f"no frame rate. {images.NEEDS_RATE}")
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
@@ -213,8 +213,8 @@ def _folder(folder: Path) -> dict[str, Any]:
         try:
             said, of_part = _briefly(part)
             row |= said
-            for problem in of_part:  # it may name the film itself
-                problems.setdefault(problem.removeprefix(f"{part.name}: "), []).append(name)
+            for problem in of_part:
+                problems.setdefault(problem, []).append(name)
         except LabpipeError as error:
             at = Path(getattr(error, "path", part))
             inside = at.relative_to(folder).as_posix() if at.is_relative_to(folder) else name
@@ -267,7 +267,12 @@ def _on_opening(film: Path, name: str) -> list[str]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         instruments.read(film, instrument=name, **rate)
-    return [str(w.message) for w in caught]
+    return _said(caught)
+
+
+def _said(caught: list[warnings.WarningMessage]) -> list[str]:
+    """Return what readers warned of, without the name of the file, which is told beside it."""
+    return [w.message.message if isinstance(w.message, SourceWarning) else str(w.message) for w in caught]
 
 
 def _with_a_look(file: Path, error: SourceError) -> SourceError:

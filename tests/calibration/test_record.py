@@ -7,7 +7,7 @@ from datetime import date, datetime
 import pytest
 
 import calibration
-from calibration.record import KINDS, NO_DAY, load_record, require
+from calibration.record import KINDS, UNDATED, WRONG_CLOCK, load_record, require
 from labpipe.errors import CalibrationError, ConfigError, SourceError
 from labpipe.units import Quantity
 
@@ -200,14 +200,14 @@ def test_day_outside_the_period_is_refused_unless_ignored(tmp_path, day, word):
 @pytest.mark.parametrize("day", ["2000-01-01", "2099-05-14"])
 def test_a_clock_that_was_never_set_tells_no_day(tmp_path, day):
     record = load(tmp_path, LASER)
-    assert require(record, "laser", {"start": f"{day}T00:00:12"})["validity_check"].startswith(NO_DAY)
+    assert require(record, "laser", {"start": f"{day}T00:00:12"})["no_day"] == WRONG_CLOCK
     with pytest.raises(CalibrationError):  # a person wrote it
         require(record, "laser", {}, measured=date.fromisoformat(day))
 
 
 def test_a_measurement_without_a_day_says_that_nothing_was_checked(tmp_path):
     record = load(tmp_path, LASER)
-    assert require(record, "laser", {"start": ""})["validity_check"].startswith(f"{NO_DAY}the recording holds no day")
+    assert require(record, "laser", {"start": ""})["no_day"] == UNDATED
     with pytest.raises(CalibrationError, match="must read like"):
         require(record, "laser", {}, measured="14.5.2024")
 

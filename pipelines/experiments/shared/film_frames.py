@@ -84,7 +84,7 @@ def _is_exchanged(film: FrameSource) -> bool:
 def whole_film(context: Context, film: str) -> Check:
     """Tell what the reader of a film warned of: frames that its file lacks, or that are damaged."""
     name, law = "whole film", "a file holds every frame that it declares"
-    text = _warned(context, IncompleteFilmWarning)
+    text = _warned(context, IncompleteFilmWarning, film)
     if not text:
         return stated(name, law, f"{film}: no frame is missing in the file", None, file=film)
     return stated(name, law, f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
@@ -93,16 +93,16 @@ def whole_film(context: Context, film: str) -> Check:
 def not_smoothed(context: Context, film: str) -> Check:
     """Tell that compression took detail from a film, which its uncertainties do not hold."""
     name, law = "detail of the frames", "a file holds the frames as the camera saw them"
-    text = _warned(context, SmoothedFilmWarning)
+    text = _warned(context, SmoothedFilmWarning, film)
     if not text:
         return stated(name, law, f"{film}: its reader told of no compression that smooths", None, file=film)
     cause = "the film was exported with lossy compression: export it as PNG or TIFF, or give the camera's own file"
     return stated(name, law, f"{film}: {text}", "note", cause=cause, file=film)
 
 
-def _warned(context: Context, category: type[Warning]) -> str:
+def _warned(context: Context, category: type[Warning], film: str) -> str:
     texts = (warned.text for warned in context.warnings if warned.category == category.__name__)
-    return next(texts, "").partition(": ")[2]
+    return next(texts, "").removeprefix(f"{Path(film).name}: ")
 
 
 def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, *, is_interlaced: bool = False) -> Check:

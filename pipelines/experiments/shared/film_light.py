@@ -126,15 +126,25 @@ def not_written(found: xr.Dataset, film: str) -> Check:
 def no_mosaic(found: xr.Dataset, film: str) -> Check:
     """Look for the colour filter of a camera: every second pixel and row of another brightness."""
     name, law = "one sensitivity", "pixels of a grey camera see alike, whatever their row and column"
-    if "mosaic" not in json.loads(found.attrs.get(LIGHT, "{}")):
+    apart = mosaic_seen(found)
+    if apart is None:
         return not_made(name, law, "the frames")
-    apart = float(json.loads(found.attrs[LIGHT])["mosaic"])
     if apart < MOSAIC:
         return stated(name, law, f"{film}: rows and columns are equally bright", None, file=film)
-    text = f"{film}: pixels of even and odd rows and columns differ by {in_words(100 * apart, 2)} % in brightness "
-    text += "throughout"
+    text = f"{film}: {mosaic_text(apart)}"
     cause = "a colour camera's filter (Bayer pattern) lies over its raw images: export them as grey, interpolated"
     return stated(name, law, text, "note", cause=cause, file=film)
+
+
+def mosaic_seen(found: xr.Dataset) -> float | None:
+    """Return how far the pixels of each square of two by two differ, over their mean."""
+    apart = json.loads(found.attrs.get(LIGHT, "{}")).get("mosaic")
+    return None if apart is None else float(apart)
+
+
+def mosaic_text(apart: float) -> str:
+    """Say that a colour filter lies over the pixels, by how far they differ."""
+    return f"pixels of even and odd rows and columns differ by {in_words(100 * apart, 2)} % in brightness throughout"
 
 
 def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time: NDArray[np.float64]) -> Check:

@@ -9,7 +9,7 @@ from typing import Any
 
 import xarray as xr
 
-from calibration.record import NO_DAY, UNDATED
+from calibration.record import UNDATED
 from labpipe import errors
 from labpipe.judging import Check, Level, not_made, stated, unfinished
 from labpipe.report import quantity
@@ -66,13 +66,12 @@ def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recor
         text += "" if is_valid else f", when {record} was not valid"
         cause = "measured_on is the day of another recording, or the clock of the instrument was set wrongly"
         return stated(name, law, text, "note" if is_valid else "doubtful", cause=cause, setting="measured_on")
-    if not said.startswith(NO_DAY):
+    if not checked.get("no_day"):
         return stated(name, law, f"{record}: {said}", None)
     cause = "the clock of the instrument was never set, or lost its battery"
-    if said == UNDATED:
+    if checked["no_day"] == UNDATED:
         cause = "files of this form hold no day: state it as measured_on"
-    text = f"whether {record} was valid is not known: {said.removeprefix(NO_DAY)}"
-    return stated(name, law, text, "note", cause=cause, setting="measured_on")
+    return stated(name, law, f"whether {record} was valid is {said}", "note", cause=cause, setting="measured_on")
 
 
 def failed_steps(

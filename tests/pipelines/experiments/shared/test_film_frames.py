@@ -127,9 +127,9 @@ def test_a_film_that_compression_smoothed_has_a_note(tmp_path):
     (told,) = (w for w in caught if w.category is SmoothedFilmWarning)
     warned = Warned("track", None, told.category.__name__, str(told.message), 1)
     context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
-    found = not_smoothed(context, "film")
+    found = not_smoothed(context, tmp_path.name)
     assert (found.level, found.cause[:38]) == ("note", "the film was exported with lossy compr")
-    assert found.message.startswith("film: JPEG images have their levels baked in")
+    assert found.message.startswith(f"{tmp_path.name}: JPEG images have their levels baked in")
     assert not_smoothed(replace(context, warnings=()), "film").level is None
 
 
