@@ -7,8 +7,9 @@
 - :mod:`~labpipe.workflow.plan`: what would run, and why
 - :mod:`~labpipe.workflow.store`: results by key; :mod:`~labpipe.workflow.results`: the reader of
   those that are up to date
-- :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.engines` and
-  :mod:`~labpipe.workflow._worker`: doing it
+- :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow._session_run`,
+  :mod:`~labpipe.workflow.engines` and :mod:`~labpipe.workflow._worker`: doing it, which
+  :mod:`~labpipe.workflow.run_result` tells
 - :mod:`~labpipe.workflow._log`: what the runs did, and when
 - :mod:`~labpipe.workflow._ledger`, :mod:`~labpipe.workflow.provenance`,
   :mod:`~labpipe.workflow.context`: what was done, from what, and what a page is told of it
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
     from labpipe.workflow.graph import Stage as Stage
     from labpipe.workflow.plan import Plan as Plan
     from labpipe.workflow.results import Results as Results, open_result as open_result
-    from labpipe.workflow.runner import RunResult as RunResult, run as run, run_all as run_all
+    from labpipe.workflow.run_result import RunResult as RunResult
+    from labpipe.workflow.runner import run as run, run_all as run_all
     from labpipe.workflow.session import Experiment as Experiment, Session as Session, load as load
     from labpipe.workflow.store import Store as Store
 else:

@@ -6,7 +6,7 @@ here by name; its code is imported only where it runs, so a plan needs none of i
 
 import graphlib
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,10 @@ from labpipe.workflow.fields import fields_of, split, suggest
 
 FILE = "file:"
 OTHER = "other:"
+_IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow._worker")
+"""What every worker needs."""
+_IMPORTS_TO_DRAW = ("jinja2", "labpipe.report._document", "labpipe.report._pictures")
+"""What workers need that write pages: loaded once, not once for every experiment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,3 +174,12 @@ def _has_field(kind: Any, dotted: str) -> bool:
         if first in fields:
             return not rest or _has_field(fields[first], rest)
     return False
+
+
+def imports_of(stages: Iterable[Stage]) -> tuple[str, ...]:
+    """Modules that local processes load once for all before they run stages."""
+    stages = tuple(stages)
+    own = {stage.function.partition(":")[0] for stage in stages}
+    own |= {name for stage in stages for name in stage.imports}
+    is_drawn = any(stage.output == "page" for stage in stages)
+    return (*_IMPORTS, *sorted(own), *(_IMPORTS_TO_DRAW if is_drawn else ()))

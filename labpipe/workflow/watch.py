@@ -20,7 +20,7 @@ from labpipe.workflow.session import FILE_NAME, Experiment, Session, load
 from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out
 
 if TYPE_CHECKING:
-    from labpipe.workflow.runner import RunResult
+    from labpipe.workflow.run_result import RunResult
 
 WAITING, ARRIVING, REFUSED, BROKEN = "waiting", "arriving", "refused", "broken"
 PROCESSED, FAILED = "processed", "failed"

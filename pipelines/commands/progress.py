@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
-    from labpipe.workflow.runner import Event
+    from labpipe.workflow.run_result import Event
 
 
 def _is_shown(enabled: bool) -> bool:

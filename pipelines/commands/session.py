@@ -25,7 +25,7 @@ from pipelines.session import PAGE
 
 if TYPE_CHECKING:
     from labpipe.workflow.plan import Row
-    from labpipe.workflow.runner import RunResult
+    from labpipe.workflow.run_result import RunResult
     from pipelines.session import Gap, Verdicts
 
 _STATE_WIDTH = 10

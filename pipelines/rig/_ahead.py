@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labpipe.errors import InputError
 from labpipe.workflow.engines import Call, Died, alongside, elsewhere
-from labpipe.workflow.runner import imports_of
+from labpipe.workflow.graph import imports_of
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session import STAGES
 

@@ -17,7 +17,7 @@ from pipelines.session._waiting import WAITING
 
 if TYPE_CHECKING:
     from labpipe.judging import Finding, Level
-    from labpipe.workflow.runner import RunResult
+    from labpipe.workflow.run_result import RunResult
 
 _WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
 

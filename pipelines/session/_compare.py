@@ -27,7 +27,7 @@ from pipelines.session._together import write_materials
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
-    from labpipe.workflow.runner import Event
+    from labpipe.workflow.run_result import Event
 
 
 def compare(

@@ -23,7 +23,8 @@ from pipelines.session._results import needed, opened
 
 if TYPE_CHECKING:
     from labpipe.report import Report
-    from labpipe.workflow.runner import Event, Options, RunResult
+    from labpipe.workflow.run_result import Event, RunResult
+    from labpipe.workflow.runner import Options
     from pipelines.session._verdicts import Verdicts
 
 

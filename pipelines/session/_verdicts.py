@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.judging import Finding, Judgement
-    from labpipe.workflow.runner import RunResult
+    from labpipe.workflow.run_result import RunResult
 
 VERDICTS = f"{__name__}:stored_verdicts"
 """Whose code the kept ones are of."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.workflow.runner import RunResult
+from labpipe.workflow.run_result import RunResult
 from pipelines.process import SETTINGS, process
 from pipelines.rig.samples import laser_record
 

@@ -14,7 +14,8 @@ from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import Plan, make_plan, plan
 from labpipe.workflow.results import open_result
-from labpipe.workflow.runner import RunResult, run
+from labpipe.workflow.run_result import RunResult
+from labpipe.workflow.runner import run
 from labpipe.workflow.session import Session, load
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import TaskId, spell_out

@@ -12,7 +12,8 @@ from labpipe.errors import ConfigError, InputError, UsageError
 from labpipe.workflow.fields import ExperimentName
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import Plan, plan
-from labpipe.workflow.runner import RunResult, run
+from labpipe.workflow.run_result import RunResult
+from labpipe.workflow.runner import run
 from labpipe.workflow.session import Session, load
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Task, TaskId, spell_out

@@ -25,7 +25,8 @@ from labpipe.workflow._log import events
 from labpipe.workflow._worker import Job, work
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.results import open_result
-from labpipe.workflow.runner import Event, RunResult, run, run_all
+from labpipe.workflow.run_result import Event, RunResult
+from labpipe.workflow.runner import run, run_all
 from labpipe.workflow.session import Session
 from tests.by_day import by_day
 

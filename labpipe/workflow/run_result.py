@@ -1,0 +1,107 @@
+"""What a run tells while it goes on, and how it ended."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labpipe.errors import InputError, StorageError
+from labpipe.notebook import html_table, text_table
+from labpipe.workflow._ledger import LedgerRow
+from labpipe.workflow._worker import FAILED, Outcome
+from labpipe.workflow.plan import Plan
+from labpipe.workflow.results import read
+from labpipe.workflow.session import Session
+from labpipe.workflow.store import Store
+from labpipe.workflow.tasks import TaskId
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Told to the ``progress`` of a run.
+
+    ``kind`` is ``planned`` (once, with what would run and how long that may take, and the first
+    task), ``started``, or how the task ended (``done``, ``cached``, ``kept``, ``failed``,
+    ``skipped``); ``done`` of ``total`` tasks of its session have ended.
+    """
+
+    kind: str
+    task: TaskId
+    done: int
+    total: int
+    message: str
+    session: Path
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """How a run ended.
+
+    ``reports`` are the pages by experiment, where there is one. ``ledger`` holds the counts of
+    all results and, per experiment with an empty stage name, tasks run (done) and cached (skipped).
+    ``plan`` is that of the run where it is one of the whole session, nothing was left to do and no
+    shortcut refused, so that it still holds; otherwise None.
+    """
+
+    session: Session
+    outcomes: tuple[Outcome, ...]
+    ledger: tuple[LedgerRow, ...]
+    reports: Mapping[str, Path]
+    plan: Plan | None = field(default=None, repr=False)
+
+    @property
+    def failures(self) -> tuple[Outcome, ...]:
+        """Tasks that failed; those skipped because of them are not among them."""
+        return tuple(outcome for outcome in self.outcomes if outcome.state == FAILED)
+
+    @property
+    def exit_code(self) -> int:
+        """What the command line returns.
+
+        0 when nothing failed; 5 when something could not be written; the common code when every
+        experiment failed with the same one; otherwise 1.
+        """
+        codes = {outcome.exit_code for outcome in self.failures}
+        if not codes:
+            return 0
+        if StorageError.exit_code in codes:
+            return StorageError.exit_code
+        experiments = {outcome.experiment for outcome in self.outcomes}
+        has_all_failed = experiments == {outcome.experiment for outcome in self.failures}
+        return codes.pop() if has_all_failed and len(codes) == 1 else 1
+
+    def dataset(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
+        """Return a result.
+
+        Raises
+        ------
+        InputError
+            There is no such result.
+        StoreError
+            It is damaged.
+        """
+        wanted = TaskId(experiment, stage, recording)
+        for outcome in self.outcomes:
+            if outcome.task == wanted and outcome.key is not None:
+                return read(Store(self.session.folder), outcome.key, wanted)
+        raise InputError(f"{wanted} gave no result in this run")
+
+    @property
+    def summary(self) -> str:
+        """Say in one line how many steps ended how."""
+        count = Counter(o.state for o in self.outcomes)
+        return ", ".join(f"{n} {s}" for s, n in sorted(count.items())) or "nothing to do"
+
+    def __repr__(self) -> str:
+        failed = [("failed", str(o.task), o.message) for o in self.failures]
+        reports = [("report", name, str(path)) for name, path in self.reports.items()]
+        return text_table(f"{self.session.title}: {self.summary}", failed + reports)
+
+    def _repr_html_(self) -> str:
+        names = ("experiment", "stage", "recording", "state", "message")
+        rows = [[getattr(o, name) or "" for name in names] for o in self.outcomes]
+        return html_table(f"{self.session.title}: {self.summary}", names, rows)
