@@ -1,6 +1,7 @@
 """Keyence storage files as a controller would write them, in the assumed layout."""
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
@@ -145,7 +146,7 @@ def encode(dataset: xr.Dataset, *, encoding: str = "utf-8-sig", delimiter: str =
     """
     if delimiter == decimal:
         raise InputError(f'"{delimiter}" cannot be both delimiter and decimal sign')
-    outputs = sorted(int(str(name)[3:]) for name in dataset.data_vars if _is_output(str(name)))
+    outputs = sorted(int(name[3:]) for name in map(str, dataset.data_vars) if re.fullmatch(r"out\d+", name))
     units = [_original_unit(dataset, output) for output in outputs]
     columns = [_written(dataset, output, name) for output, name in zip(outputs, units, strict=True)]
     if decimal != ".":
@@ -154,10 +155,6 @@ def encode(dataset: xr.Dataset, *, encoding: str = "utf-8-sig", delimiter: str =
     lines = _header_lines(dataset, outputs, units, delimiter)
     lines += map(delimiter.join, zip(numbers, *columns, strict=True))
     return ("\r\n".join(lines) + "\r\n").encode(encoding)
-
-
-def _is_output(name: str) -> bool:
-    return name.startswith("out") and name[3:].isdigit()
 
 
 def _original_unit(dataset: xr.Dataset, output: int) -> str:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         hysteresis_loops as hysteresis_loops,
     )
     from labpipe.signals._derivative import velocity as velocity
-    from labpipe.signals._events import PHASES as PHASES, bounces as bounces, phases as phases
+    from labpipe.signals._events import PHASES as PHASES, bounces as bounces
     from labpipe.signals._first_touch import FirstTouch as FirstTouch, first_touch as first_touch
     from labpipe.signals._floor import Floor as Floor
     from labpipe.signals._mains import MAINS as MAINS, Hum as Hum, hum_at_rest as hum_at_rest

@@ -33,7 +33,7 @@ from labpipe.signals._turns import (
     flights_after,
 )
 from labpipe.uncertainty import propagated_covariance, propagated_u
-from labpipe.variables import described, variable, with_u
+from labpipe.variables import variable, with_u
 
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
 """Meanings of the integers that :func:`phases` returns."""
@@ -274,37 +274,6 @@ def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) 
 def _is_flight(value: float, u: float, fall: float) -> bool:
     """Whether a curvature is that of the fall, and known well enough to say so."""
     return u <= _FALL_TOLERANCE * fall and abs(value - fall) <= max(_FALL_TOLERANCE * fall, 3.0 * u)
-
-
-def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
-    """Say for every time in which phase the body is.
-
-    Parameters
-    ----------
-    events : Dataset
-        From :func:`bounces`.
-    time : DataArray (time,) [s]
-
-    Returns
-    -------
-    DataArray (time,) of int8
-        Index into :data:`PHASES`: held until release, falling until first contact, bouncing until
-        the last resolved touch, vibration until rest, static from then on.
-
-    Raises
-    ------
-    InputError
-        A time is not a number.
-    """
-    if np.isnan(np.asarray(time.values, float)).any():
-        raise InputError("a time is NaN; leave it out")
-    edges = np.array(
-        [float(events[name]) for name in ("release_time", "first_contact_time", "settling_time", "rest_time")]
-    )
-    edges = np.where(np.isnan(edges), np.inf, edges)
-    index = np.searchsorted(edges, np.asarray(time.values, float), side="right").astype(np.int8)
-    attributes = described("1", "phase", flag_values=list(range(len(PHASES))), flag_meanings=" ".join(PHASES))
-    return xr.DataArray(index, {"time": time}, dims="time", name="phase", attrs=attributes)
 
 
 def _fitted(

@@ -24,7 +24,7 @@ from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._processing import process
 from pipelines.session._results import derive, needed, opened
 from pipelines.session._together import write_materials
-from pipelines.session._verdicts import Verdict, stored_verdicts
+from pipelines.session._verdicts import stored_verdicts
 
 if TYPE_CHECKING:
     from labpipe.workflow.run_result import Event
@@ -83,7 +83,8 @@ def compare(
             failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}")
     results = opened(folder)
     verdicts = stored_verdicts(results)
-    failed = {n: f"{why}{_likely(verdicts.get(n))}" for n, why in failed.items()}
+    causes = {n: verdict.cause for n, verdict in verdicts.items() if verdict is not None and verdict.cause}
+    failed = {n: f"{why}. Likely: {causes[n]}" if n in causes else why for n, why in failed.items()}
     rows: list[Row] = []
     absent: dict[str, str] = {}
     for name, experiment in session.experiments.items():
@@ -107,11 +108,6 @@ def compare(
     files.write_text(found.page, render(session, found, write_materials(results, found)))
     write_overview(session, STAGES)
     return found
-
-
-def _likely(verdict: Verdict | None) -> str:
-    """Return what most likely is wrong with a record, to follow what failed; "" where nothing is known."""
-    return f". Likely: {verdict.cause}" if verdict is not None and verdict.cause else ""
 
 
 def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:

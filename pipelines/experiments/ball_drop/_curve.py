@@ -18,7 +18,8 @@ def along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) -
     They share the scale of length, the moment of first touch, what the model takes of its inputs, and the
     scatter between repeats, of each as a whole and of each impact, which moves what follows.
     """
-    lost = np.flatnonzero(model["u_impact_time"].values[:FOLLOWED] > _LOST * _flight_times(model))
+    flown = np.diff(model["impact_time"].values[:FOLLOWED], prepend=0.0)
+    lost = np.flatnonzero(model["u_impact_time"].values[:FOLLOWED] > _LOST * flown)
     known = slice(int(lost[0]) if lost.size else FOLLOWED)
     touches = model["impact_time"].values[known] - float(model["impact_time"][0])
     leaves = touches + model["contact_duration"].values[known]
@@ -41,8 +42,3 @@ def along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) -
         sd = repeats["touch_time_sd"].values * wider / np.sqrt(n)
         shared += moved_by_scatter(time, repeats["touch_time"].values, sd, later)
     return along_curve(means, own, stretch_means(shared, places))
-
-
-def _flight_times(model: xr.Dataset) -> Floats:
-    """Return how long the sphere falls before each of the impacts that are followed."""
-    return np.diff(model["impact_time"].values[:FOLLOWED], prepend=0.0)

@@ -152,8 +152,8 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
         *pages.model_curves(shown, work["model"], work["u_model"]),
         Series("eq. (2.31)", shown, work["theory"], role="reference"),
     )
-    tau = float(theory["characteristic_time"])
-    caption = f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {_scale_text(theory)}. Bars: one standard uncertainty. "
+    tau, over = float(theory["characteristic_time"]), f"(E λ R d = {float(theory['work_scale']):.4g} J)"
+    caption = f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {over}. Bars: one standard uncertainty. "
     caption += "Eq. (2.31) is the limit of small amplitudes."
     labels = ("Dissipated work, dimensionless", "frequency f τ₀ / 10⁻¹⁰", "work W/(E λ R d) / 10⁻⁶")
     chart = LineChart(*labels, series, x_scale="log", height_px=280, caption=caption)
@@ -175,10 +175,6 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
         "contact at amplitudes beyond the tapping front (2.34).",
     )
     return Section("Dissipation and detachment", (chart, table))
-
-
-def _scale_text(theory: xr.Dataset) -> str:
-    return f"(E λ R d = {float(theory['work_scale']):.4g} J)"
 
 
 def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None = None) -> Section:

@@ -53,10 +53,12 @@ def _summary(
     rows = []
     if tests is not None:
         rows.append(("tests", str(tests.sizes["test"]), "ramps with their holds"))
+        peak = _peak(tests)
+        of_peak = "force as recorded" if peak == "peak_force" else "force; the peak before the cell's filter"
         for i in range(tests.sizes["test"]):
             at = tests.isel(test=i)
-            shown = ", ".join(pages.told(at, name) for name in (_peak(tests), "plateau_force"))
-            rows.append((f"peak and plateau, {_label(tests, i)}", shown, _of_peak(tests)))
+            shown = ", ".join(pages.told(at, name) for name in (peak, "plateau_force"))
+            rows.append((f"peak and plateau, {_label(tests, i)}", shown, of_peak))
         if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
             remark = "in tension, from the plateaus of all tests"
             rows.append(("relaxed modulus", pages.told(tests, "mean_relaxed_modulus"), remark))
@@ -94,10 +96,6 @@ def _peak(tests: xr.Dataset) -> str:
     """Return the name of the peak that the hold had: before the cell's filter where that is known."""
     clean = "peak_force_unfiltered"
     return clean if clean in tests and bool(np.isfinite(tests[clean]).all()) else "peak_force"
-
-
-def _of_peak(tests: xr.Dataset) -> str:
-    return "force; the peak before the cell's filter" if _peak(tests) != "peak_force" else "force as recorded"
 
 
 def _tests(tests: xr.Dataset) -> Section:
