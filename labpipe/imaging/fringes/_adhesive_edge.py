@@ -6,7 +6,8 @@ tell an adhesive contact from a Hertz contact that is smaller by R √(πw/(2aE*
 is therefore that of the Hertz gap, and the edge follows from it with w and E*.
 
 The two shapes part where the shift s is no longer small against the distance d of the first bright ring
-from the edge: to second order they are alike for a shift of s (1 + s/(4d)).
+from the edge: to second order they are alike for a shift of s (1 + s/(4d)). A dark spot whose rings no pixel
+resolves tells where the gap is an eighth of a wavelength, and no more.
 """
 
 import numpy as np
@@ -15,11 +16,16 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
+#: Wavelength (m) where none is stated: the middle of white light.
+NOMINAL_WAVELENGTH = 550e-9
 #: Work of adhesion (J/m²) where none is stated: a clean smooth polymer on glass or sapphire, the
 #: most to expect; roughness and dust take away most of it.
 USUAL_WORK = 0.05
 #: The closed form holds to this share of the difference, and to as much of it again as it is of the radius.
 _CLOSED_FORM = 0.03
+#: Pixels within which the first bright ring must lie from the edge for the spot alone to tell a radius, and how well
+#: it then tells the difference: exact JKR contacts of 3 to 10 MPa in pixels of 10 µm, to 5 to 20 %.
+_UNRESOLVED, _BY_SPOT = 2.0, 0.1
 #: How far apart (m) surfaces still attract each other, at most: a third of a nanometre where they are clean and smooth,
 #: and about one over roughness.
 _REACH = 1e-9
@@ -93,51 +99,60 @@ def adhesive_edge(
     for _ in range(_ROUNDS):
         edge = found + scale / np.sqrt(edge)
     if wavelength is not None:
-        # Hertz's gap opens as 8 √2/(3π) a²/R (r/a - 1)^(3/2), and is a quarter of a wavelength in the bright ring
-        ring = found * (3.0 * np.pi * sphere_radius * wavelength / (32.0 * np.sqrt(2.0) * found**2)) ** (2.0 / 3.0)
-        edge = edge + (edge - found) ** 2 / (4.0 * ring)
+        edge = edge + (edge - found) ** 2 / (4.0 * _first_ring(found, sphere_radius, wavelength))
     return np.asarray(edge)
 
 
-def edge_of_spot(
-    half_radius: ArrayLike, sphere_radius: float, reduced_modulus: float, work_of_adhesion: float, wavelength: float
-) -> Floats:
-    """Radius of a JKR contact of whose spot only the circle of half brightness is known.
+def _first_ring(hertz_radius: Floats, sphere_radius: float, wavelength: float) -> Floats:
+    """Return how far (m) from the edge Hertz's gap, 8 √2/(3π) a²/R (r/a - 1)^(3/2), is a quarter of a wavelength."""
+    a = hertz_radius
+    return np.asarray(a * (3.0 * np.pi * sphere_radius * wavelength / (32.0 * np.sqrt(2.0) * a**2)) ** (2.0 / 3.0))
 
-    Parameters
-    ----------
-    half_radius : array [m]
-        Where the gap is an eighth of a wavelength.
-    sphere_radius, reduced_modulus, work_of_adhesion, wavelength : float [m, Pa, J/m², m]
 
-    Returns
-    -------
-    array [m]
-    """
-    r = np.asarray(half_radius, float)
-    low, high = 0.01 * r, r
+def _of_spot(found: Floats, sphere_radius: float, reduced_modulus: float, work: float, wavelength: float) -> Floats:
+    """Return the radius of a JKR contact whose circle of half brightness is that of a Hertz contact."""
+
+    def hertz(a: Floats, r: Floats) -> Floats:
+        gap = a * np.sqrt(r**2 - a**2) - (2.0 * a**2 - r**2) * np.arccos(a / r)
+        return np.asarray(gap / (np.pi * sphere_radius))
+
+    low, high = found, found + np.sqrt(sphere_radius * wavelength)
+    for _ in range(_ROUNDS):
+        r = 0.5 * (low + high)
+        is_wide = hertz(found, r) > wavelength / 8.0
+        low, high = np.where(is_wide, low, r), np.where(is_wide, r, high)
+    low, r = found, high
     for _ in range(_ROUNDS):
         a = 0.5 * (low + high)
-        beyond = np.sqrt(2.0 * np.pi * a * work_of_adhesion / reduced_modulus) * (2.0 / np.pi) * np.arccos(a / r)
-        hertz = (a * np.sqrt(r**2 - a**2) - (2.0 * a**2 - r**2) * np.arccos(a / r)) / (np.pi * sphere_radius)
-        is_wide = hertz + beyond > wavelength / 8.0
+        beyond = np.sqrt(2.0 * np.pi * a * work / reduced_modulus) * (2.0 / np.pi) * np.arccos(a / r)
+        is_wide = hertz(a, r) + beyond > wavelength / 8.0
         low, high = np.where(is_wide, a, low), np.where(is_wide, high, a)
     return np.asarray(0.5 * (low + high))
 
 
 def edge_shift(
-    shift: Floats, radius: Floats, reduced_modulus: float, work: float | None, u_work: float = 0.0
+    radius: Floats,
+    sphere_radius: float,
+    reduced_modulus: float,
+    work: float | None,
+    u_work: float,
+    wavelength: float | None,
+    pixel_size: float,
+    is_spot: ArrayLike = False,
 ) -> tuple[Floats, Floats]:
     """Return how far an edge lies outside Hertz's radius, and the standard uncertainty of that.
 
     Parameters
     ----------
-    shift, radius : array [m]
-        Distance for the work of adhesion, or for :data:`USUAL_WORK`, by JKR; Hertz's radius.
-    reduced_modulus : float [Pa]
+    radius : array [m]
+        Hertz-equivalent; positive.
+    sphere_radius, reduced_modulus : float [m, Pa]
     work : float or None [J/m²]
-        As it is stated; None: the edge lies anywhere up to the distance.
-    u_work : float [J/m²]
+        As it is stated; None: the edge lies anywhere up to where :data:`USUAL_WORK` puts it.
+    u_work, pixel_size : float [J/m², m]
+    wavelength : float or None [m]
+    is_spot : bool or array
+        Whether the edge of a dark spot told the radius instead of rings.
 
     Notes
     -----
@@ -145,11 +160,16 @@ def edge_shift(
     they do so up to a distance z: with r² this width over the shift, the edge lies nearer to Hertz's, as in
     the theory of Derjaguin, Muller and Toporov, from r = 2 on more so than to JKR's.
     """
+    w, light = USUAL_WORK if work is None else work, wavelength or NOMINAL_WAVELENGTH
+    bodies = sphere_radius, reduced_modulus, w, light
+    spot = np.logical_or(is_spot, _first_ring(radius, sphere_radius, light) < _UNRESOLVED * pixel_size)
+    shift = np.where(spot, _of_spot(radius, *bodies), adhesive_edge(radius, *bodies)) - radius
     if work is None:
         return 0.5 * shift, shift / np.sqrt(12.0)
     if work == 0.0:
-        return shift, 0.0 * shift
-    r = _REACH * np.sqrt(np.pi * reduced_modulus / (4.0 * work * np.maximum(shift, 1e-15)))
+        return 0.0 * radius, 0.0 * radius
+    r = _REACH * np.sqrt(np.pi * reduced_modulus / (4.0 * w * np.maximum(shift, 1e-15)))
     # of what lies evenly on one side, the root mean square
-    shares = (np.full_like(shift, _CLOSED_FORM), shift / radius, r / (r + _BY_REACH) / np.sqrt(3.0))
-    return shift, shift * np.sqrt((0.5 * u_work / work) ** 2 + sum(share**2 for share in shares))
+    form = np.where(spot, _BY_SPOT, np.hypot(_CLOSED_FORM, shift / radius))
+    shares = (np.full_like(shift, 0.5 * u_work / w), form, r / (r + _BY_REACH) / np.sqrt(3.0))
+    return shift, shift * np.sqrt(sum(share**2 for share in shares))

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
 from labpipe.imaging.fringes._acceptance import visibility_of
-from labpipe.imaging.fringes._adhesive_edge import USUAL_WORK, adhesive_edge, edge_of_spot, edge_shift
+from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH, edge_shift
 from labpipe.imaging.fringes._arguments import FilmOptions
 from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._edge import corrected_radius
-from labpipe.imaging.fringes._every_frame import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._open_gap import has_free_gap
 from labpipe.imaging.fringes._radial_scan import edge_width, has_resolved_fringes
 from labpipe.imaging.fringes._ring_fit import RingFit
@@ -108,7 +107,7 @@ def make_dataset(
         noise = edge.scatter * math.sqrt(2.0 / edge.points)
         values["u_centre_x"][index] = values["u_centre_y"][index] = noise
         parts[index] = _edge_systematic(radius, result, options, uncertainties)
-    _put_edges(values, parts, options, result, uncertainties)
+    _put_edges(values, parts, method, options, uncertainties["work_of_adhesion"])
     values["radius_systematic"] = np.sqrt((parts**2).sum(axis=1))
     method[result.resting] = RESTING
     method[list(result.filled)] = FILLED
@@ -180,7 +179,7 @@ def _by_motion(fit: RingFit, result: FilmResult) -> float:
 
 
 def _put_edges(
-    values: dict[str, Floats], parts: Floats, options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]
+    values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], options: FilmOptions, u_work: float
 ) -> None:
     """Enter the edge of adhesive contacts, and adhesion among what all frames share.
 
@@ -190,17 +189,17 @@ def _put_edges(
     seen = np.isfinite(values["radius"]) & (values["radius"] > 0.0)
     if options.reduced_modulus is None or not seen.any():
         return
-    radius, work = values["radius"][seen], options.work_of_adhesion
-    bodies = options.sphere_radius, options.reduced_modulus, USUAL_WORK if work is None else work
-    light = options.wavelength or NOMINAL_WAVELENGTH
-    farther = adhesive_edge(radius, *bodies, light) - radius
-    at = np.flatnonzero(seen).tolist()
-    spots = np.array([result.edges[i].half_radius if i in result.edges else math.nan for i in at])
-    by_spot = edge_of_spot(spots * options.pixel_size, *bodies, light) - edge_of_spot(
-        spots * options.pixel_size, *bodies[:2], 0.0, light
+    radius = values["radius"][seen]
+    shift, u = edge_shift(
+        radius,
+        options.sphere_radius,
+        options.reduced_modulus,
+        options.work_of_adhesion,
+        u_work,
+        options.wavelength,
+        options.pixel_size,
+        method[seen] == EDGE,
     )
-    shift = np.where(np.isfinite(spots), by_spot, farther)
-    shift, u = edge_shift(shift, radius, options.reduced_modulus, work, uncertainties["work_of_adhesion"])
     known = np.hypot(values["u_radius"][seen], np.sqrt(np.nansum(parts[seen] ** 2, axis=1)))
     parts[seen, SOURCES.index("adhesion")] = np.hypot(shift, u)
     values["edge_radius"][seen], values["u_edge_radius"][seen] = radius + shift, np.hypot(known, u)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags
 from labpipe.frames import FrameSource
 from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading, without_stuck_pixels
+from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import (
     FilmResult,
@@ -31,8 +32,6 @@ from labpipe.imaging.fringes._scale_of_contacts import scales_of_contacts
 from labpipe.imaging.fringes._search import search_contact
 from labpipe.imaging.fringes._view import View
 
-#: Wavelength assumed for the edge of the spot when it is not known: the middle of white light.
-NOMINAL_WAVELENGTH = 550e-9
 #: Finest fringes used (px). The model averages over pixels, so that fringes count down to where
 #: they alias.
 _LEAST_SPACING = 2.0

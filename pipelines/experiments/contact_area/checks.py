@@ -16,6 +16,7 @@ from labpipe.judging import (
     Level,
     bounded,
     compared,
+    explain,
     in_words,
     not_made,
     stated,
@@ -68,6 +69,7 @@ _SPOILED = ", or something alters the rings (a bubble or liquid in the gap, a ga
 _SLIGHT = 0.05  # relative, up to which that changes the scale of fringes
 _NEAR, _OF_HEIGHT = 3.0, ", or the drop is of another height than stated"
 """Factor of the frame rate, below which a wrong height may be meant."""
+_UNSEEN = "frames of the flights were lost or left out, as by bursts, and those after them numbered on, or are repeated"
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _STICKS = 1.0  # J/m²
 _ANEW = 0.75  # of the first largest radius, from which a contact after the third impact is of another drop
@@ -110,6 +112,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
         checks += given.each((contacts_whole, none_lost, none_missed, flights_alike))
+        # where frames of a flight are lost it ends too soon for any height
+        alike = checks[-1]
+        checks = judgements.because(checks, alike.cause if alike.level else "", FLIGHT, log_ratio=nan)
         summits = summits_seen(radius, impacts, settings)
         # a largest contact that was not seen is taken to be that before it, and one that recedes for one that grows
         checks = judgements.because(checks, summits.cause if summits.level else "", ONE_SCALE, level=summits.level)
@@ -119,9 +124,14 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         order = next(c for c in checks if c.name == ORDER)
         is_wrong = order.level not in (None, "note")
         checks = judgements.because(checks, order.cause if is_wrong else "", FLIGHT, DURATION, log_ratio=nan)
+    causes = given.each([_causes])
+    is_told = any(FLIGHT in one.checks for one in explain(checks, causes))
+    lost = [
+        replace(c, cause=_UNSEEN) if c.name == FLIGHT and c.level and not (c.cause or is_told) else c for c in checks
+    ]
     return Scene(
-        checks,
-        given.each([_causes]),
+        lost,
+        causes,
         given.each([rows]),
         given.ask(_inputs),
         {FRAMES: Quantity(0.0, 1.0, "1")},

@@ -55,6 +55,11 @@ _SOURCES = {
     "phase": "phase in the contact",
     "optics": "blur, harmonics and wear, found in the film",
 }
+_AROUND = (
+    "Film and model around each largest radius: both are aligned there, and the model then shifted in time to fit all "
+    "frames of the contact, since the largest radius is flat in time. Bars: standard uncertainty of the film. Band: "
+    "twice that of the model, in which size and duration of a contact move together, as by a wrong modulus."
+)
 _GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
@@ -111,7 +116,7 @@ def _summary(
                 said = (value_with_uncertainty(seen, u, "m"), f"{how} (by the frames at the top alone: {alone})")
         rows.append(("largest contact radius, film", *said))
     if model is not None and model.sizes["impact"]:
-        remark = "first impact; uncertainty from height, radius and mass"
+        remark = "first impact; uncertainty from height, body and material"
         rows.append(("largest contact radius, model", pages.told(model, "peak_contact_radius", 0), remark))
         rows.append(("edge of the contact", *_edge(model, settings)))
     if comparison is not None and comparison.sizes["impact"]:
@@ -257,7 +262,8 @@ def _over_time(
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
     charts += _gap_factor(radius, impacts)
-    if comparison is not None and model is not None:
+    if comparison is not None and model is not None and comparison.sizes["impact"]:
+        charts.append(Paragraph(_AROUND))
         for i in range(comparison.sizes["impact"]):
             charts += _around(comparison, model, i)
     return Section("Contact radius over time", tuple(charts))
@@ -316,8 +322,7 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset, i: int) -> tuple[Line
         ),
         group=f"impact {i + 1}",
         height_px=220,
-        caption="Bars: standard uncertainty of the film. Band: twice that of the model, in which size and duration "
-        f"of a contact move together, as by a wrong modulus. {_alignment(comparison, i)}",
+        caption=_alignment(comparison, i),
     )
     return curves, residual
 
@@ -334,15 +339,12 @@ def _u_model(since: Floats, radius: Floats, simulated: xr.Dataset, i: int) -> Fl
 
 
 def _alignment(comparison: xr.Dataset, i: int) -> str:
-    """Say how film and model were aligned in time."""
+    """Say by how much the model was shifted in time."""
     shift, u = float(comparison["time_shift"][i]), float(comparison["u_time_shift"][i])
     if not math.isfinite(u):
-        return "Both are aligned at their largest radius; a shift in time was not fitted."
-    stated = value_with_uncertainty(abs(shift), u, "s")
+        return "A shift in time was not fitted."
     return (
-        f"Both are aligned at their largest radius, and the model then by {stated} to "
-        f"{'earlier' if shift > 0 else 'later'} times, fitted to the frames of this contact: the largest radius is "
-        "flat in time and does not place it better."
+        f"Model shifted by {value_with_uncertainty(abs(shift), u, 's')} to {'earlier' if shift > 0 else 'later'} times."
     )
 
 

@@ -172,8 +172,8 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
         return stated(name, law, text, "doubtful", cause=cause, setting="tracking.body")
     if turned:
         cause = (
-            f"the film is {turned}, or the camera was: what would then lie at tracking.body moves up in the images "
-            "first, as a holder that falls: turn the film, or export it anew"
+            f"the film is {turned} or runs backwards, or the camera was turned: what would then lie at tracking.body "
+            "moves up in the images first, as a holder that falls: turn the film, or export it anew"
         )
         return stated(name, law, message, level, cause=cause, file=settings.film)
     lost = np.flatnonzero(np.diff(~track["valid"].isel(point=0).values.astype(bool), prepend=False, append=False))

@@ -233,9 +233,10 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         lost, times = np.unique(statuses(track)[~body["valid"].values], return_counts=True)
         why, turned = str(lost[np.argmax(times)]), track.attrs.get("moves_instead", "")
         remedy = "give tracking.body a place on the speckled holder that stays in the image while it falls"
-        if turned or why == INTERLACED:
-            remedy = "turn the film" if turned else "record progressive frames"
-            remedy = f"exchange {turned}" if turned == SWAPPED else remedy
+        if why == INTERLACED:
+            remedy = "record progressive frames"
+        elif turned:
+            remedy = f"exchange {turned}" if turned == SWAPPED else "turn the film"
         text = f"the holder was found in {100 * share:.0f} % of the frames only (others: {why}); {remedy}"
         raise InputError(text).because(errors.INTERLACED if why == INTERLACED else "")
     found = viewing_angle.seen(body, settings.camera_distance)

@@ -233,6 +233,19 @@ def test_an_impact_that_no_frame_shows_is_named_by_the_flight_across_it(film):
     assert not any(f.check == "impacts in turn" and f.level for f in whole.findings)
 
 
+@pytest.mark.parametrize("about", [None, 20])
+def test_frames_lost_in_flight_are_blamed_where_no_height_explains_it(film, about):
+    """The model ended with the film, before its third impact, and the sentence was empty."""
+    peaks = np.rint(impacts(film, settings=SETTINGS)["peak_time"].values * 1e4).astype(int)
+    kept = np.arange(peaks[2] + 15)
+    near = np.abs(kept[:, None] - peaks).min(axis=1)
+    # 120 frames of the second flight, or all but bursts about the contacts
+    kept = kept[near < about] if about else np.delete(kept, np.arange(peaks[1] + 50, peaks[1] + 170))
+    cut = film.isel(frame=kept).assign(frame=np.arange(kept.size), time=("frame", 1e-4 * np.arange(kept.size)))
+    told = finding(judged(cut)[0], "first flight")
+    assert ("frames of the flights were lost" if about else "frames were lost between") in told.cause
+
+
 def test_exchanged_frames_are_found_by_their_times_and_by_the_growth(film):
     time = film["time"].values.copy()
     time[[180, 181]] = time[[181, 180]]
