@@ -100,6 +100,9 @@ class Attempts:
     def _fit(self, view: View, extra: tuple[Parameter, ...], count: int) -> Trial | None:
         """Fit frames with further parameters free."""
         free = tuple(dict.fromkeys(view.settings.free + extra))
+        if Parameter.BLUR in extra:
+            # a motion and a blur are hardly told from each other: that stands for both
+            free = tuple(p for p in free if p is not Parameter.SMEAR)
         settings = replace(view.settings, free=free, max_iterations=_ITERATIONS)
         last = self._last.setdefault(free, [])
         # All that is tried is compared on the same pixels: what a blur leaves out at the border is left out of all.
@@ -182,10 +185,13 @@ def _parameters(start: RingFit, before: View, view: View, extra: tuple[Parameter
         parameters[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
     parameters[Parameter.PHASE] = view.optics.phase
     parameters[Parameter.SCALE] = 0.0
-    if Parameter.SMEAR in view.settings.free:
-        beyond = before.optics.blur**2 + float(parameters[Parameter.BLUR]) - view.optics.blur**2
-        parameters[Parameter.SMEAR] = max(float(parameters[Parameter.SMEAR]) + EVEN * beyond, 0.0)
-    parameters[[Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS]] = 0.0
+    beyond = before.optics.blur**2 + float(parameters[Parameter.BLUR]) - view.optics.blur**2
+    beyond += float(parameters[Parameter.SMEAR]) / EVEN
+    parameters[[Parameter.BLUR, Parameter.SPREAD, Parameter.FOCUS, Parameter.SHAPE]] = 0.0
+    if Parameter.BLUR in extra:
+        parameters[[Parameter.BLUR, Parameter.SMEAR]] = beyond, 0.0
+    elif Parameter.SMEAR in view.settings.free:
+        parameters[Parameter.SMEAR] = max(EVEN * beyond, 0.0)
     for place, harmonic in zip(HARMONICS, view.harmonics, strict=True):
         if place not in extra:
             parameters[place] = harmonic

@@ -22,7 +22,7 @@ DX, _U, _V, R, _ACROSS, _CURVE, _LIGHT, _TERM, _CORE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 _BY_R, _BY_RADIUS, _BY_PHASE, _BY_SMEAR, RESIDUAL, _COLUMN = 9, 10, 11, 12, 13, 14
 _SEEN = 15
 LINES = 16
-USUAL, PARAMETERS = 13, 28
+USUAL, PARAMETERS = 13, 29
 
 
 @part(fastmath=FAST)
@@ -79,10 +79,10 @@ def _evaluate_unevenly(
         x = (work[DX, i] + offset) / origin[2]
         curve = (x * x + down * down - origin[3]) * origin[4]
         power = parameters[5] * x + parameters[6] * down + parameters[7] * curve
-        power += parameters[19] * (x * x - down * down) + parameters[20] * x * down
-        power += x * x * (parameters[21] * x + parameters[22] * down)
-        power += down * down * (parameters[23] * x + parameters[24] * down)
-        seen = 1.0 + parameters[25] * x + parameters[26] * down + parameters[27] * curve
+        power += parameters[20] * (x * x - down * down) + parameters[21] * x * down
+        power += x * x * (parameters[22] * x + parameters[23] * down)
+        power += down * down * (parameters[24] * x + parameters[25] * down)
+        seen = 1.0 + parameters[26] * x + parameters[27] * down + parameters[28] * curve
         for line in range(_BY_R, _BY_SMEAR + 1):
             work[line, i] *= seen
         work[_SEEN, i] = seen
@@ -187,16 +187,16 @@ def differentiate_rich(
         core = work[_CORE, i] * light
         for line in range(5, 8):
             slopes[line, i] *= light
-        slopes[19, i] = core * (x * x - down * down)
-        slopes[20, i] = core * x * down
-        slopes[21, i] = core * x * x * x
-        slopes[22, i] = core * x * x * down
-        slopes[23, i] = core * x * down * down
-        slopes[24, i] = core * down * down * down
+        slopes[20, i] = core * (x * x - down * down)
+        slopes[21, i] = core * x * down
+        slopes[22, i] = core * x * x * x
+        slopes[23, i] = core * x * x * down
+        slopes[24, i] = core * x * down * down
+        slopes[25, i] = core * down * down * down
         fringes = parameters[4] * light * work[_TERM, i] / work[_SEEN, i]
-        slopes[25, i] = fringes * x
-        slopes[26, i] = fringes * down
-        slopes[27, i] = fringes * work[_CURVE, i]
+        slopes[26, i] = fringes * x
+        slopes[27, i] = fringes * down
+        slopes[28, i] = fringes * work[_CURVE, i]
 
 
 @part(fastmath=FAST)

@@ -16,7 +16,8 @@ class Parameter(IntEnum):
     is the variance of the wavenumbers in the light, relative to the square of their mean, beyond
     that of the optics: a band of colours, or a cone of directions. FOCUS is the distance (of path,
     in the unit of the sphere's radius) over which light that the gap has bent runs on to where it
-    is in focus, beyond that of the optics.
+    is in focus, beyond that of the optics. SHAPE is the square of the disc's share in the blur, with
+    which the fourth cumulant of the image of a point goes, beyond that of the optics.
 
     With any of LIGHT_, which are the higher powers of x and y, x² - y², xy, x³, x²y, xy², y³, and
     VISIBILITY_, the light is (GAIN + MODULATION · cos · (1 + VISIBILITY_X x + ...)) exp(SLOPE_X x + ...):
@@ -42,15 +43,16 @@ class Parameter(IntEnum):
     THIRD = 16
     SPREAD = 17
     FOCUS = 18
-    LIGHT_XX = 19
-    LIGHT_XY = 20
-    LIGHT_X3 = 21
-    LIGHT_X2Y = 22
-    LIGHT_XY2 = 23
-    LIGHT_Y3 = 24
-    VISIBILITY_X = 25
-    VISIBILITY_Y = 26
-    VISIBILITY_BOWL = 27
+    SHAPE = 19
+    LIGHT_XX = 20
+    LIGHT_XY = 21
+    LIGHT_X3 = 22
+    LIGHT_X2Y = 23
+    LIGHT_XY2 = 24
+    LIGHT_Y3 = 25
+    VISIBILITY_X = 26
+    VISIBILITY_Y = 27
+    VISIBILITY_BOWL = 28
 
 
 #: Square of an even motion over its variance: what a lens blurs looks like a motion, and the reverse.

@@ -1,7 +1,7 @@
 """Sums over the pixels of a ring: normal equations, residuals, differences of neighbours."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebder, chebval
@@ -26,6 +26,8 @@ from labpipe.imaging.fringes._ring_pixels import Ring
 _LEAST_TRAVEL = 0.3
 #: Pixels of a cell in the mean, at least.
 _PIXELS_PER_CELL = 8
+#: Least square of a blur (px²), steps of that and of its shape which tell how light changes with them, lines with both.
+_LEAST_SIZE, _STEP, _LINES = 0.01, 0.02, 12
 _NO_LIMITS = np.empty(0)
 #: What is asked of cells where only what is left in them counts.
 NONE_FREE = np.empty(0, np.int64)
@@ -44,15 +46,15 @@ class Sums:
     pairs: int
 
 
-def tabulate(
+def _tabulated(
     limits: tuple[float, float], parameters: Floats, free: Integers, optics: Optics
 ) -> tuple[RadialTable, int]:
-    """Radial table between two distances for the present parameters, by compiled loops, and its kind."""
+    """Radial table of a blur whose shape is not free."""
     from labpipe.imaging.fringes._fit_kernel import PLAIN
     from labpipe.imaging.fringes._table_kernel import fill_table
 
     if optics.halo[0]:
-        (sharp, kind), (soft, _) = (tabulate(limits, parameters, free, seen) for seen in optics.before_sharpening)
+        (sharp, kind), (soft, _) = (_tabulated(limits, parameters, free, seen) for seen in optics.before_sharpening)
         return sharp.sharpened(soft, optics.halo[0]), kind
     (inner, outer), kind = limits, kind_of_table(parameters, free)
     is_rich = kind > PLAIN
@@ -82,6 +84,39 @@ def tabulate(
     if is_rich and optics.by_camera:
         _distort(table.values, float(parameters[Parameter.SECOND]), float(parameters[Parameter.THIRD]))
     return table, kind
+
+
+def tabulate(
+    limits: tuple[float, float], parameters: Floats, free: Integers, optics: Optics
+) -> tuple[RadialTable, int]:
+    """Radial table between two distances for the present parameters, by compiled loops, and its kind.
+
+    How it changes with size and shape of a blur, where these are free, differences tell: where a disc is wider than
+    the fringes these are reversed, and no derivative by distance tells that.
+    """
+    if Parameter.SHAPE not in free and not (optics.disc and Parameter.BLUR in free):
+        return _tabulated(limits, parameters, free, optics)
+    sharp = parameters.copy()
+    sharp[[Parameter.BLUR, Parameter.SHAPE]] = 0.0
+    size, shape = optics.blur**2 + parameters[Parameter.BLUR], optics.disc**2 + parameters[Parameter.SHAPE]
+    near, like = max(size, _LEAST_SIZE), min(max(shape, 0.0), 1.0)
+    table, kind = _tabulated(limits, sharp, free, _seen(optics, near, like))
+    values = np.zeros((_LINES, table.values.shape[1]))
+    values[: len(table.values)] = table.values
+    step, turn = _STEP * near, _STEP if like < 0.5 else -_STEP
+    larger = _tabulated(limits, sharp, NONE_FREE, _seen(optics, near + step, like))[0].values[0]
+    values[5] = (larger - values[0]) / step
+    values[0] += (size - near) * values[5]
+    if Parameter.SHAPE in free:
+        flatter = _tabulated(limits, sharp, NONE_FREE, _seen(optics, near, like + turn))[0].values[0]
+        values[-1] = (flatter - table.values[0]) / turn
+        values[0] += (shape - like) * values[-1]
+    return RadialTable(table.start, values), kind
+
+
+def _seen(optics: Optics, size: float, shape: float) -> Optics:
+    """Return optics with a blur of this square (px²) and square of the disc's share."""
+    return replace(optics, blur=math.sqrt(size), disc=math.sqrt(shape))
 
 
 def _distort(values: Floats, second: float, third: float) -> None:

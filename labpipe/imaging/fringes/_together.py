@@ -1,16 +1,13 @@
 """What was found about the optics of a film one after the other, found again together."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from labpipe.imaging.fringes._lens_blur import BLUR_ROUNDS, LEAST_BLUR, least_blur, next_gain
+from labpipe.imaging.fringes._lens_blur import with_blur
 from labpipe.imaging.fringes._ring_parameters import AXES, BEAMS, Parameter
 from labpipe.imaging.fringes._trials import SIGNIFICANT, Attempt, Calibration, Trial
 from labpipe.imaging.fringes._view import View
 
-#: Relative change of the blur at which it is settled with all else free.
-_SETTLED_BLUR = 0.003
 #: Things from how many on they are found again together.
 _TOGETHER = 2
 
@@ -62,25 +59,11 @@ def find_together(attempt: Attempt, axes: Sequence[Parameter], known: Calibratio
     if len(found) + bool(known.blur) < _TOGETHER:
         return known
     free, known = _without_vain(attempt, axes, known, free)
-    before, gain = 0.0, 1.0
-    for _ in range(BLUR_ROUNDS):
-        trial = attempt((*axes, *free), known)
-        if trial is None:
-            return known
-        known = with_beside(trial, known, free, view)
-        if not known.blur:
-            break
-        square = known.blur**2
-        beyond = least_blur(trial, known.blur)[0] - square
-        # What else is found with it bends what the frames show: a step may overshoot.
-        gain = next_gain(gain, before, beyond)
-        before = gain * beyond
-        square = max(square + before, LEAST_BLUR**2)
-        is_settled = abs(math.sqrt(square) - known.blur) < _SETTLED_BLUR * known.blur
-        known = replace(known, blur=math.sqrt(square))
-        if is_settled:
-            break
-    return known
+    again = with_blur(attempt, (*axes, *free), known) if known.blur else None
+    if again is not None:
+        known = replace(known, blur=again.blur, disc=again.disc)
+    trial = attempt((*axes, *free), known)
+    return known if trial is None else with_beside(trial, known, free, view)
 
 
 def _without_vain(

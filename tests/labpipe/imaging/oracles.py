@@ -176,11 +176,19 @@ def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, t
         focus=optics.focus + float(parameters[Parameter.FOCUS]),
     )
     second, turned, third = (float(parameters[p]) for p in HARMONICS)
-    table = radial_table(
-        ring.inner, ring.outer, float(radius), table_travel(parameters), phased, (second, turned, third)
-    )
+    contact = ring.inner, ring.outer, float(radius), table_travel(parameters)
+    shape = optics.disc**2 + float(parameters[Parameter.SHAPE])
+    table = radial_table(*contact, replace(phased, disc=math.sqrt(shape)), (second, turned, third))
     table.values[0] += min(optics.blur**2 + more_blur, 0.0) * table.values[5] + min(spread, 0.0) * table.values[9]
     table = by_smear(table, parameters)
+    if Parameter.SHAPE in free:
+        flatter = radial_table(*contact, replace(phased, disc=math.sqrt(shape + 0.02)), (second, turned, third))
+        larger = replace(phased, disc=math.sqrt(shape), blur=phased.blur * math.sqrt(1.02))
+        wider = radial_table(*contact, larger, (second, turned, third))
+        moved = [by_smear(one, parameters).values[0] - table.values[0] for one in (wider, flatter)]
+        values = np.vstack((table.values, moved[1] / 0.02))
+        values[5] = moved[0] / (0.02 * phased.blur**2)
+        table = RadialTable(table.start, values)
     places = table.start + np.arange(table.values.shape[1]) / SAMPLES_PER_PIXEL
     lines = (np.interp(r[used], places, line) for line in table.values)
     term, by_r, by_radius, by_phase, by_square, *rich = lines

@@ -31,9 +31,14 @@ def test_the_excess_is_the_mean_square_of_the_misfits() -> None:
 
 def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
     """Fits of pixels with noise 1, so that a lower misfit is also a significant one."""
+    fits = tuple(_fit(misfit, smear) for _ in range(count))
+    return Trial(fits, (1.0,) * count)  # type: ignore[arg-type]
+
+
+def _fit(misfit: float, smear: float) -> SimpleNamespace:
     parameters = np.full(len(Parameter), 50.0)
-    parameters[Parameter.SMEAR] = smear
-    fit = SimpleNamespace(
+    parameters[[Parameter.SMEAR, Parameter.BLUR, Parameter.SHAPE]] = smear, 0.0, 0.0
+    return SimpleNamespace(
         is_converged=True,
         misfit=misfit,
         residual=misfit,
@@ -51,18 +56,22 @@ def trial(misfit: float, count: int = 4, smear: float = 0.0) -> Trial:
         parameters=parameters,
         free=tuple(Parameter),
         inverse=np.eye(len(Parameter)),
-        deviation=lambda _: 1.0,
+        deviation=lambda _: 0.05,
     )
-    return Trial((fit,) * count, (1.0,) * count)  # type: ignore[arg-type]
 
 
 def test_the_blur_of_the_frame_that_moves_least_is_that_of_the_lens() -> None:
     def attempt(extra: object, known: Calibration, count: int = 4, pixels: int | None = None) -> Trial:
-        return trial(1.0 if known.blur or extra else 3.0, count, smear=12.0 * (2.1**2 - known.blur**2))
+        found = trial(1.0 if known.blur else 3.0, count)
+        for k, fit in enumerate(found.fits):
+            fit.parameters[Parameter.BLUR] = (2.1 + 0.5 * k) ** 2 - known.blur**2
+            fit.parameters[Parameter.SHAPE] = 0.5 + k - known.disc**2
+        return found
 
     found = find_blur(attempt, (), Calibration(), trial(3.0, 4, smear=12.0 * 2.0**2))
     assert found is not None
     assert found[1].blur == pytest.approx(2.1, rel=0.02)
+    assert found[1].disc == pytest.approx(math.sqrt(0.5), rel=0.02)
 
 
 def test_the_flat_that_explains_the_frames_is_found() -> None:

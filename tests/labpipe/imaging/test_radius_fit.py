@@ -33,7 +33,7 @@ def test_compiled_sums_equal_the_plain_ones(last: int) -> None:
     frame = expose(clean_image(SCENE, 180e-6, (150.3, 130.2), samples=2), SCENE, rng)
     parameters = start_at(180.5e-6, 150.0, 130.5)
     parameters[5 : Parameter.BLUR] = 0.02, -0.03, 0.05, 3.0, 0.004, -0.003, 2.3, 0.01
-    rich = 0.7, 0.1, 0.07, -0.05, 0.002, 0.003, 0.02, 0.01, -0.02, 0.03, 0.01, -0.01, 0.04, -0.06, 0.05
+    rich = 0.4, 0.1, 0.07, -0.05, 0.002, 0.003, 0.04, 0.02, 0.01, -0.02, 0.03, 0.01, -0.01, 0.04, -0.06, 0.05
     parameters[Parameter.BLUR : last] = rich[: last - Parameter.BLUR]
     free = np.arange(last)
     inner, outer = ring_limits(parameters[0], OPTICS, 3.0, 3.0)
