@@ -1,7 +1,8 @@
 """Patterns that come back: which of the places that match alike a frame shows, told by all points together.
 
-Bricks, rulers and grids match a period farther as well as a subset can tell. What does not repeat, grain and tones,
-tells the places apart in the sum of many subsets, though in none of them; where it does not, the place is not known.
+Bricks, rulers and grids match a period farther as well as a subset can tell, and edges and lines all along themselves.
+What does not repeat, grain and tones, tells the places apart in the sum of many subsets, though in none of them; where
+it does not, the place is not known.
 """
 
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.imaging.dic._edge_profile import along_edges
 from labpipe.imaging.dic._motion_uncertainty import one_way
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subset_kernel import MOTIONS
@@ -30,6 +32,9 @@ _LESS, _PLACES, _APART, _OWN = 0.2, 48, 3, 1
 _HARDLY = 0.5
 #: Share that is left at least.
 _LEAST = 1e-6
+#: Ratio of squared slopes from which it is a line, points of them that are asked at most, and places that are compared
+#: with the best one.
+_LINES, _MOST_LINES, _RIVALS = 4.0, 16, 8
 #: Standard deviations by which all points together tell two places apart, and logarithm of the ratio that they leave.
 _TOLD, _CLEARLY = 5.0, 0.7
 
@@ -62,18 +67,37 @@ class ComesBack:
     @cached_property
     def _spread(self) -> Integers:
         """Points whose texture tells a place, spread over the image."""
+        return self._chosen(~one_way(self._reference.subsets), _MOST)
+
+    @cached_property
+    def lines(self) -> Integers:
+        """Points with a texture beside lines, spread over the image, where most hold little more than lines."""
+        is_line = one_way(self._reference.subsets, _LINES)
+        points = self._chosen(is_line & (2 * is_line.sum() > len(is_line)), _MOST_LINES)
+        return points[np.array([self._has_texture(n) for n in points.tolist()], bool)]
+
+    def _has_texture(self, point: int) -> bool:
+        """Whether a point holds more than edges and noise."""
+        reference = self._reference
+        noise, _ = reference.own_noise(point, np.zeros(0))
+        noise = min(noise, reference.most_noise[point] / reference.noise.static_frames)
+        texture = along_edges(reference, point, noise).texture
+        return bool(texture - noise > _TOLD * np.sqrt(2.0 / reference.subsets.level[point, 2]) * texture)
+
+    def _chosen(self, some: Flags, most: int) -> Integers:
+        """Return at most so many of some points (point,) that lie within the image, spread over it."""
         subsets = self._reference.subsets
         x, y, half = subsets.x, subsets.y, self._half
         rows, columns = self._reference.mean.shape
         usable = np.flatnonzero(
-            ~one_way(subsets)
+            some
             & ~self._reference.is_faint
             & (np.minimum(x, columns - 1 - x) >= half)
             & (np.minimum(y, rows - 1 - y) >= half)
         )
         cells = np.stack([x[usable], y[usable]], axis=1) // (2 * half + 1)
         chosen = usable[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
-        return chosen[np.unique(np.linspace(0, len(chosen) - 1, _MOST).astype(int))] if len(chosen) else chosen
+        return chosen[np.unique(np.linspace(0, len(chosen) - 1, most).astype(int))] if len(chosen) else chosen
 
     @cached_property
     def _copy(self) -> Floats:
@@ -114,6 +138,23 @@ class ComesBack:
         if place.shift is not None and not np.isfinite(place.rival):
             self._before = self._kept(left)
         return place
+
+    def along_lines(self, image: Floats32, motion: Floats) -> Floats | None:
+        """Shift (2,) [px] of lines from where they were looked for, None where their texture does not tell one place.
+
+        ``image``: (row, column), grey levels of the whole frame; ``motion``: (line, 6), where they are looked for.
+        """
+        _, counts, windows = self._scores(self.lines, _blurred(image), motion, _FAR)
+        alike = self._explained(self.lines).reshape(len(windows), 2 * self._half + 1, 2 * self._half + 1, -1)
+        left = np.stack([_left_everywhere(*each) for each in zip(windows, alike, strict=True)])
+        number = counts.sum(axis=0)
+        told = -np.where(counts, left, 0.0).sum(axis=0) / np.maximum(number, 1)
+        told[number < max(_FEWEST, _SHARE * len(counts))] = -1.0
+        tops = sorted(_tops(told), key=lambda p: -told[p])[: _RIVALS + 1]
+        by_point = [np.where(counts[:, *p], left[:, *p], np.nan) for p in tops]
+        if not tops or not all(_clearly(other, by_point[0]) for other in by_point[1:]):
+            return None
+        return np.subtract(tops[0], _FAR)[::-1].astype(float)
 
     def _kept(self, left: Floats) -> Floats:
         """Return what points leave (asked,), or left before where they are not seen."""
@@ -159,13 +200,16 @@ class ComesBack:
 
     @cached_property
     def _alike(self) -> Floats:
-        """What a shift, gain and offset make of each of these points (asked, pixel, column), orthogonal."""
+        return self._explained(self._spread)
+
+    def _explained(self, points: Integers) -> Floats:
+        """Tell what a shift, gain and offset make of points (asked, pixel, column), orthogonal."""
         image = self._image
         subsets, half = self._reference.subsets, self._half
         down, across = np.gradient(image.astype(float))
         bends = (*np.gradient(down), np.gradient(across)[1])
         alike = []
-        for x, y in zip(subsets.x[self._spread].tolist(), subsets.y[self._spread].tolist(), strict=True):
+        for x, y in zip(subsets.x[points].tolist(), subsets.y[points].tolist(), strict=True):
             cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
             columns = [part[cut].ravel() for part in (np.ones_like(image), image, down, across, *bends)]
             alike.append(np.linalg.qr(np.stack(columns, axis=1).astype(float))[0])
@@ -212,6 +256,23 @@ class ComesBack:
             energy = float(seen @ seen)
             result[n] = (energy - float(np.square(self._alike[n].T @ seen).sum())) / max(energy, 1e-30)
         return np.log(np.maximum(result, _LEAST))
+
+
+def _left_everywhere(seen: Floats32, alike: Floats) -> Floats:
+    """Logarithm (row, column) of the share of what is seen (row, column) that columns (row, column, k) leave there."""
+    import cv2
+
+    seen = seen - seen.mean(dtype=np.float64)
+    size = alike.shape[0]
+    first = size // 2, len(seen) - size // 2
+    energy, total = (
+        cv2.boxFilter(part, cv2.CV_64F, (size, size), normalize=False)[first[0] : first[1], first[0] : first[1]]
+        for part in (seen.astype(float) ** 2, seen.astype(float))
+    )
+    columns = [np.ascontiguousarray(column, np.float32) for column in np.moveaxis(alike, 2, 0)]
+    explained = sum(cv2.matchTemplate(seen.astype(np.float32), c, cv2.TM_CCORR).astype(float) ** 2 for c in columns)
+    share = (energy - explained) / np.maximum(energy - total**2 / size**2, 1e-30)
+    return np.asarray(np.log(np.maximum(share, _LEAST)))
 
 
 def _blurred(image: Floats32) -> Floats32:

@@ -12,7 +12,6 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats
 from labpipe.imaging.dic._motion_uncertainty import strongest_slopes
-from labpipe.imaging.dic._periodic import repeats_along
 from labpipe.imaging.dic._reference import Reference
 
 #: Weights of the slope at a pixel, and how many pixels they reach beyond the subset.
@@ -30,22 +29,16 @@ _MISPLACED = 0.08
 #: Share of the texture that edges may be, and ratio of the squared slopes across and along, from which it is looked
 #: whether they are.
 _MAY_BE, _SIDED = 0.1, 10.0
-#: The same from which a motion is doubtful if edges seem to be more than a share of what resists it, or what they are
-#: not is less clear than that; and share and clarity below them.
-_MAY_BE_ALL, _ONE_WAY, _ARE, _CLEAR = 0.35, 20.0, 0.4, 4.0
-_ARE_MOST, _HARDLY_CLEAR = 0.7, 2.0
-#: Ratio of squared slopes from which the lower share counts, and that of results that misfit by a multiple of noise;
-#: and what clarity is at least, over that ratio: the steeper an edge, the more a profile misses of it.
-_STEEP, _LESS_STEEP, _MISFITS, _ARE_OF_STEEP, _CLEARER = 100.0, 50.0, 4.0, 0.2, 0.05
-#: Ratio of squared slopes from which it is looked whether steps repeat along a line, and clarity from which what
-#: repeats may be none of them.
-_MAY_REPEAT, _SURELY = 4.0, 20.0
+#: Share of what resists from which steps pull the motion.
+_ARE = 0.4
 #: Shift (px) to which edges mislead that are all of the texture.
 _MISLEADS = 0.16
+#: Misfit that noise hides, in standard deviations of what noise shows.
+_HIDDEN = 0.5
+#: Standard deviations by which a residual is less than at another place, where steps match and no texture does.
+_TOLD = 6.5
 #: Share of the frames that show a point's own noise.
 _BETTER = 0.1
-#: Relative variance of the sum of squared slopes of noise, times the pixels.
-_SPREAD = 4.0
 
 
 @dataclass(frozen=True)
@@ -56,12 +49,12 @@ class Along:
     ----------
     folded : float [1]
         Share of it that steps of edges may be, 0 to 1.
-    clarity : float [1]
-        What is none of them, in standard deviations of what noise makes of nothing.
+    texture : float [grey²]
+        Variance of a pixel about the profile of the edges, noise of the reference in it.
     """
 
     folded: float
-    clarity: float
+    texture: float
 
 
 def misled(
@@ -78,35 +71,49 @@ def misled(
     shift, is_doubtful = _MISLEADS * bound, np.zeros(found.shape, bool)
     sided = strongest_slopes(reference.subsets) / np.maximum(texture, 1e-30)
     is_asked = found & ((bound > _MAY_BE) | (sided > _SIDED))
-    may_repeat = found & (sided > _MAY_REPEAT)
-    may_be_all = (bound > _MAY_BE_ALL) | (sided > _ONE_WAY)
-    for n in np.flatnonzero((is_asked | may_repeat).any(axis=0)).tolist():
+    for n in np.flatnonzero(is_asked.any(axis=0)).tolist():
         rows = found[:, n]
-        own = float(np.quantile(noise[rows, n], _BETTER))
         static = noise[is_static, n]
         static = static[np.isfinite(static) & (static > 0.0)]
-        if len(static):
-            own = min(own, float(static.mean()))
-        own = max(own, reference.rounding)
-        line = reference.subsets.layout[n], reference.weakest_slopes(n)
-        repeats = repeats_along(reference.mean, *line, own / reference.noise.static_frames)
-        if not repeats and not is_asked[:, n].any():
-            continue
+        still = float(static.mean()) if len(static) else 0.0
+        own = max(still or float(np.quantile(noise[rows, n], _BETTER)), reference.rounding)
         along = along_edges(reference, n, own)
-        # a texture that is clear beside all edges may repeat itself as well, as courses of bricks do
-        is_texture = along.folded <= _MAY_BE and along.clarity > max(_SURELY, float(np.nanmedian(sided[rows, n])))
-        if repeats and not is_texture:
-            is_doubtful[:, n] = found[:, n]
-            continue
         shift[rows, n] = _MISLEADS * np.minimum(bound[rows, n], along.folded)
-        if along.folded > _ARE_MOST or along.clarity < _HARDLY_CLEAR:
-            is_doubtful[:, n] = is_asked[:, n]
-            continue
-        steep = np.where(noise[:, n] > _MISFITS * own, _LESS_STEEP, _STEEP)
-        is_folded = along.folded > np.where(sided[:, n] > steep, _ARE_OF_STEEP, _ARE)
-        is_unclear = along.clarity < np.maximum(_CLEAR, _CLEARER * sided[:, n])
-        is_doubtful[:, n] = is_asked[:, n] & may_be_all[:, n] & (is_folded | is_unclear)
+        told = is_asked[:, n] & _is_told(reference, n, along, noise[:, n], still)
+        is_doubtful[:, n] = is_asked[:, n] & ~told
+        if along.folded > _ARE:
+            pulled = _pulled(reference, n, along, noise[told, n], texture[told, n], own)
+            shift[told, n] = np.hypot(shift[told, n], pulled)
     return shift, is_doubtful
+
+
+def _is_told(reference: Reference, point: int, along: Along, noise: Floats, static: float) -> Flags:
+    """Tell results (frame,) that match the texture beside the edges, not their steps alone.
+
+    Where steps match at another place, the texture there is another one, and leaves twice its variance.
+
+    ``noise``: (frame,) [grey²], variance of a pixel as the residual shows it; ``static``: float [grey²], the same
+    in static frames, 0 where they show none.
+    """
+    share = 1.0 / reference.noise.static_frames
+    shown, elsewhere = (1.0 + share) * noise, 2.0 * along.texture + (1.0 - share) * static
+    by_chance = math.sqrt(2.0 / reference.subsets.level[point, 2]) * np.hypot(shown, 2.0 * along.texture)
+    return np.asarray(elsewhere - shown > _TOLD * by_chance)
+
+
+def _pulled(reference: Reference, point: int, along: Along, shown: Floats, texture: Floats, own: float) -> Floats:
+    """Shift (frame,) [px] by which steps of edges pull texture from where it matches, and misfit themselves.
+
+    Of both, each misfits by what it resists times the square of its distance from where it would match, and the
+    motion lies between by what both resist. So the misfit tells the shift.
+
+    ``shown``: (frame,) [grey²], variance of a pixel as the residual shows it; ``texture``: (frame,) [grey²/px²], what
+    both resist; ``own``: float [grey²], variance of a pixel by noise.
+    """
+    pixels = float(reference.subsets.level[point, 2])
+    seen = float(reference.noise.gain.mean(axis=1).prod()) + reference.noise.own / reference.noise.static_frames
+    misfit = np.maximum(shown - own, _HIDDEN * own * math.sqrt(2.0 / pixels)) * pixels * seen
+    return np.asarray(np.sqrt(misfit / texture * along.folded / max(1.0 - along.folded, 1e-3)))
 
 
 def along_edges(reference: Reference, point: int, noise: float) -> Along:
@@ -149,9 +156,7 @@ def along_edges(reference: Reference, point: int, noise: float) -> Along:
     by_noise = noise / reference.noise.static_frames * float((_SLOPE**2).sum()) * _squares(weights, places, is_rigid)
     steps = max(float(((both - texture) ** 2).sum()) - share * left, 0.0)
     beyond = left - by_noise
-    return Along(
-        steps / max(steps + max(beyond, 0.0), 1e-30), beyond / max(by_noise * math.sqrt(_SPREAD / len(texture)), 1e-30)
-    )
+    return Along(steps / max(steps + max(beyond, 0.0), 1e-30), float(np.square(rest[counts]).mean()) / (1.0 - share))
 
 
 def _profile(

@@ -1,15 +1,13 @@
-"""Patterns that repeat themselves: lines, grids, dots, and steps of pixels along a line, told up to a period only.
+"""Patterns that repeat themselves: lines, grids, dots, told up to a period only.
 
 Lines that are sharper than the pixels have waves that the pixels cannot hold; they appear folded, as
 a moiré that moves otherwise than the specimen. Where lines and their moiré are all there is, they
 match a wrong place perfectly, so that the reference itself must tell them.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Floats32
@@ -34,17 +32,6 @@ _FOLDED = 1e-3
 #: and places around it, in steps of the spectrum.
 _ABOVE_OTHERS = 8.0
 _AROUND = np.array([(x, y) for x in (-4, -2, 0, 2, 4) for y in (-4, -2, 0, 2, 4) if max(abs(x), abs(y)) > _LOBE])
-
-#: Steps of pixels along a line after which it is looked whether a subset looks the same again (px), by how much such
-#: a step may lead aside; share of what other places differ by, beyond noise, below which it does, and from which a
-#: place is another one; places at least.
-_FARTHEST, _ASIDE, _SAME, _ANOTHER, _PLACES = 40, 0.3, 0.12, 0.5, 4
-#: Standard deviations of what noise makes of it from which a difference is looked at.
-_BEYOND_NOISE = 8.0
-#: Half width of a subset from which every second pixel is looked at: they tell as much.
-_SPARSE = 9
-#: Directions (rad) beside the weakest in which a line may lie, which steps turn a little away.
-_TURNED = np.linspace(-0.2, 0.2, 21)
 
 
 @dataclass(frozen=True)
@@ -88,51 +75,6 @@ def find_repeats(image: Floats, layout: NDArray[np.integer]) -> Repeats:
         found.period[own.reshape(-1) == n] = period
         found.is_folded[own.reshape(-1) == n] = is_folded
     return found
-
-
-def repeats_along(image: Floats, layout: NDArray[np.integer], angle: float, noise: float) -> bool:
-    """Tell whether a subset looks the same again some steps of pixels farther along its edge or its lines.
-
-    Steps that pixels make of a line repeat themselves where it meets them alike, whatever blurs them, and a texture
-    does not. What stays with the pixels there would be followed to the next such place.
-
-    ``image``: (row, column), the reference; ``layout``: integer (3 or more,) [px], column and row of the centre,
-    and half the width; ``angle``: float [rad], direction of the line, from x towards y, about; ``noise``: float
-    [grey²], variance of a pixel of the image.
-    """
-    x, y, half = layout[:3].tolist()
-    steps = np.mgrid[-_FARTHEST : _FARTHEST + 1, -_FARTHEST : _FARTHEST + 1].reshape(2, -1)[::-1]
-    place = steps + np.array([[x], [y]]) - half
-    steps = steps[:, ((place >= 0) & (place + 2 * half < np.array([image.shape[::-1]]).T)).all(axis=0)]
-    cosine, sine = np.cos(angle + _TURNED)[:, None], np.sin(angle + _TURNED)[:, None]
-    along, aside = cosine * steps[0] + sine * steps[1], cosine * steps[1] - sine * steps[0]
-    beside = (np.abs(aside) <= _ASIDE) & (np.abs(along) > 0.5)
-    chosen = np.flatnonzero(beside.any(axis=0))
-    sparse = np.s_[:: 1 + half // _SPARSE, :: 1 + half // _SPARSE]
-    windows = sliding_window_view(image, (2 * half + 1, 2 * half + 1))[..., *sparse]
-    own = image[y - half : y + half + 1, x - half : x + half + 1]
-    patches = (windows[steps[1, chosen] + y - half, steps[0, chosen] + x - half] - own[sparse]).reshape(len(chosen), -1)
-    # a shift of less than a pixel and another level are no difference
-    columns = (np.ones_like(own), *np.gradient(own))
-    alike, _ = np.linalg.qr(np.stack([v[sparse].ravel() for v in columns], axis=1))
-    left = ((patches**2).sum(axis=1) - ((patches @ alike) ** 2).sum(axis=1)) / len(alike)
-    apart = np.maximum(left - 2.0 * noise, 0.0)
-    least = _BEYOND_NOISE * 2.0 * noise * math.sqrt(2.0 / len(alike))
-    lines = zip(along[:, chosen], beside[:, chosen], strict=True)
-    return any(_comes_back(distance[near], apart[near], least) for distance, near in lines)
-
-
-def _comes_back(along: Floats, apart: Floats, least: float) -> bool:
-    """Tell whether what differs (place,) at some distance along a line, by so much usually, is alike again farther."""
-    usual = float(np.median(apart)) if len(along) >= _PLACES else 0.0
-    if usual <= least:
-        return False
-    in_order, behind = apart[np.argsort(along)], int((along < 0.0).sum())
-    for outwards in (in_order[behind:], in_order[:behind][::-1]):
-        another = np.flatnonzero(outwards > _ANOTHER * usual)
-        if len(another) and (outwards[another[0] :] < _SAME * usual).any():
-            return True
-    return False
 
 
 def _is_regular(areas: Floats32) -> Flags:

@@ -80,13 +80,30 @@ class Recovery:
             return True
         if np.hypot(*(moved + place.shift)) > _OF_RIVAL * place.rival:
             attempt.trusted[:] = False
-            return False
+            return self._look_along_lines()
         if not is_known or np.hypot(*place.shift) > _CONFIRMED:
-            start = np.where(attempt.trusted[:, None], attempt.motion, self._expected)
-            start[:, [0, 3]] = place.shift + shift_of(start, np.broadcast_to(place.shift, (len(start), 2)))
-            attempt.code[:], attempt.trusted[:], self._expected = -1, False, start
-            self._try(np.arange(len(start)), start)
+            self._start_at(place.shift)
         return True
+
+    def _start_at(self, shift: Floats) -> None:
+        """Look for all points a shift (2,) [px] from where they are or are expected."""
+        attempt = self._attempt
+        start = np.where(attempt.trusted[:, None], attempt.motion, self._expected)
+        start[:, [0, 3]] = shift + shift_of(start, np.broadcast_to(shift, (len(start), 2)))
+        attempt.code[:], attempt.trusted[:], self._expected = -1, False, start
+        self._try(np.arange(len(start)), start)
+
+    def _look_along_lines(self) -> bool:
+        """Go where lines are that jumped, if their texture tells it: lines match all along themselves."""
+        tracker = self._tracker
+        is_sought = (tracker.misses < _PATIENCE) | (tracker.misses % _SELDOM == 0)
+        if not is_sought.any() or len(lines := tracker.comes_back.lines) < _MUTUAL_COUNT:
+            return False
+        shift = tracker.comes_back.along_lines(self._whole_frame().image, self._expected[lines])
+        if shift is not None:
+            self._attempt.trusted[:] = False
+            self._start_at(shift)
+        return shift is not None
 
     def run(self) -> None:
         """Go from the cheap to the dear: agreement, neighbours, template matches."""
@@ -103,6 +120,8 @@ class Recovery:
         if not attempt.trusted.any():
             self._trust_agreement()
             self._propagate()
+        if 2 * attempt.trusted.sum() <= len(attempt.trusted):
+            self._look_along_lines()
         self._outvote()
         self._propagate()
         self._distrust_strays()
