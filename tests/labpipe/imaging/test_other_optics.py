@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labpipe.imaging.fringes import _optics_search
+from labpipe.imaging.fringes import _optics_search, _second_colour
 from labpipe.imaging.fringes._every_frame import _has_same_rings
 from labpipe.imaging.fringes._interference import Optics
 from labpipe.imaging.fringes._optics_search import OtherOptics, rebase
 from labpipe.imaging.fringes._ring_fit import FitSettings
 from labpipe.imaging.fringes._ring_parameters import Parameter
+from labpipe.imaging.fringes._trials import Calibration
 from labpipe.imaging.fringes._view import View
 
 VIEW = View(Optics(1e-3, 3.0), FitSettings(free=()), (4, 4), 0.0, 255.0)
@@ -83,3 +84,24 @@ def test_phase_and_scale_that_most_fits_found_become_the_films_own() -> None:
     rebase(result, scattered)
     assert result.view.optics.phase == 1.0
     assert result.view.optics.phase_scale == 1e-3
+
+
+def test_of_a_second_colour_is_uncertain_what_the_squares_leave_open() -> None:
+    """They rise by 4 and by 9 over a step of the ratio and of the share, which move the radius by 0.3 and -0.1 px."""
+
+    def attempt(axes: object, known: Calibration, **_: object) -> Any:
+        steps = (np.array(known.colour) - (1.2, 0.2)) / _second_colour._STEPS
+        radius = 100.0 + float(steps @ (0.3, -0.1))
+        parameters = np.zeros(len(Parameter))
+        parameters[Parameter.RADIUS] = radius
+        left = 1000.0 + float(steps**2 @ (4.0, 9.0))
+        fits = [_Fit(parameters)]
+        return SimpleNamespace(
+            left=left, pixels=2000, fits=fits, radius=radius, changes=lambda other: np.array([radius - other.radius])
+        )
+
+    found = _second_colour._settled(attempt, (), Calibration(), np.array((1.203, 0.19)))
+    assert found is not None
+    _, known = found
+    assert known.colour == pytest.approx((1.2, 0.2), abs=1e-4)
+    assert known.u_shared == pytest.approx([np.hypot(0.3 / 2.0, 0.1 / 3.0)], rel=0.01)
