@@ -13,6 +13,7 @@ from labpipe.arrays import Floats
 from labpipe.frames import ArrayFrames, FrameSource, as_frames
 from labpipe.imaging import contact_radius, track
 from labpipe.imaging.films import without_stuck_pixels
+from labpipe.imaging.films._stuck_pixels import RepairedFrames
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import View, digitised, from_formula, from_spectrum
 from tests.by_day import by_day, crossed
@@ -225,6 +226,17 @@ def test_stuck_pixels_are_found_and_nothing_else() -> None:
     before, after = (np.abs(one[2].astype(float) - clean[2])[truth] for one in (film, repaired))
     assert np.sqrt((after**2).mean()) < 0.1 * np.sqrt((before**2).mean())
     assert (repaired[2] != film[2])[~truth].mean() < 2e-4
+
+
+def test_pixels_that_add_to_the_light_or_take_from_it_are_found() -> None:
+    """A leak of charge adds, dust on the cover glass shades: their level follows the scene, not their height."""
+    images = np.array(moving(PATTERNS["coarse field"], (0.5, 0.3)))
+    y, x = np.random.default_rng(21).integers(8, SIZE - 8, (2, 12))
+    images[:, y, x] += np.resize([70.0, -70.0], 12)
+    repaired, found = without_stuck_pixels(as_frames(digitised(list(images), NOISE, 22)))
+    assert isinstance(repaired, RepairedFrames)
+    assert repaired.stuck[y, x].mean() > 0.8
+    assert found.count <= 12
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
