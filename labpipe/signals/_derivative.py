@@ -137,7 +137,7 @@ def velocity(
     used: str = method
     if method == "spline" and len(t) < _FEWEST_FOR_SPLINE:
         text = (
-            f"velocity: {len(t)} readings are too few for a spline (at least {_FEWEST_FOR_SPLINE}); central "
+            f"{len(t)} readings are too few for a spline (at least {_FEWEST_FOR_SPLINE}); central "
             "differences are used and, unless the noise is given, the uncertainty is unknown"
         )
         warnings.warn(text, UserWarning, stacklevel=2)
@@ -198,7 +198,7 @@ def _spline(
     spike = is_spike(t, y, known.sigma)
     n_spikes = int(spike.sum())
     if n_spikes:
-        text = f"velocity: {n_spikes} single readings stand out by more than 8 sigma and are left out"
+        text = f"{n_spikes} single readings stand out by more than 8 sigma and are left out"
         warnings.warn(text, UserWarning, stacklevel=3)
     fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
     n_updates = fit.n_updates
@@ -236,7 +236,7 @@ def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:
     # Of n / 2 bins of white noise the five around the highest hold some 2 log(n) / n of the power.
     if line > _LINE_SHARE * float(np.sum(power)):
         text = (
-            f"velocity: {100 * line / float(np.sum(power)):.0f} % of the estimated noise power is at one frequency, "
+            f"{100 * line / float(np.sum(power)):.0f} % of the estimated noise power is at one frequency, "
             f"{peak / len(residual):.3f} of the sampling rate: motion too fast for this sampling is missing from the "
             "velocity and its uncertainty"
         )

@@ -411,7 +411,7 @@ def _release(
     u_touch, u_level = (float(np.sqrt(u)) for u in np.diag(impact.covariance)[[0, 4]].tolist())
     release = float(impact.value[0] + begin)
     if release < time[0]:
-        text = f"the body was already falling when the record began; its release at {release:.6g} s is extrapolated"
+        text = f"the body was already falling when the record began; its release at {release:.4g} s is extrapolated"
         warnings.warn(text, UserWarning, stacklevel=3)
     u_drop = float(np.hypot(propagated_u(drop_by_arc, covariance), u_level))
     return (

@@ -222,6 +222,21 @@ def test_polymers_are_known_twice_as_well(displacement_of, name):
     assert float(polymer.u_restitution[0]) < 0.6 * float(anything.u_restitution[0])
 
 
+@pytest.mark.filterwarnings(STILL_MOVING)
+@pytest.mark.parametrize("rate", [2000, 2500])
+def test_contacts_of_three_samples_are_no_longer_than_they_are(displacement_of, rate):
+    """A film of few frames a second: the fit began with too long a contact and stayed there, 13 u off in height."""
+    truth = drop(load("ptfe"), 9.525e-3, 0.505, 7e-3, 0.13)
+    path = CubicHermiteSpline(*_strictly(truth["time"], truth["displacement"], truth["velocity"]))
+    time, random = np.arange(round(0.138 * rate)) / rate, np.random.default_rng(7)
+    for phase in (0.0, 0.25, 0.5, 0.75):
+        since = np.maximum(time - 0.01 - phase / rate, 0.0)
+        found = bounces(displacement_of(time, path(since) + 1.6e-7 * random.standard_normal(time.size)))
+        assert abs(float(found.drop_height) - 7e-3) < 3.0 * float(found.u_drop_height) < 0.06e-3
+        off = float(found.restitution[0]) - float(truth.restitution[0])
+        assert abs(off) < 3.0 * float(found.u_restitution[0]) < 0.006
+
+
 def _strictly(time, *columns):
     """Both sides of an event share one time: keep the first."""
     values, index = np.unique(time.values, return_index=True)
