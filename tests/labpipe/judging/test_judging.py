@@ -244,6 +244,13 @@ def test_the_input_that_was_stated_wrongly_is_suspected_first():
     assert found[0].error == pytest.approx(12.0 if found[0].inputs[0] == 0 else 6.0)
 
 
+def test_an_input_that_looks_like_two_others_is_suspected_once():
+    """Three effects at 0, 5 and 10 degrees: each looks like the next, the first not like the last."""
+    angles = np.deg2rad([0.0, 5.0, 10.0])
+    found = suspects([9.0, 0.0], [np.cos(angles), np.sin(angles)], np.eye(2))
+    assert [one.inputs for one in found] == [(0, 1), (2,)]
+
+
 def test_nothing_is_suspected_where_nothing_differs_or_acts():
     assert suspects([0.0, 0.0], [[1.0], [1.0]], np.eye(2)) == []
     assert suspects([1.0, 0.0], [[0.0], [0.0]], np.eye(2)) == []
