@@ -105,8 +105,6 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         for c in checks
         if isfinite(c.log_ratio) and isfinite(c.u_log_ratio)
     ]
-    if not any(c.level for c in checks) or not any(r for _, r, _ in rows):
-        return ()
     wrong, found = {c.name for c in checks if c.level}, []
     for cause in causes:
         if not any(cause.effects.get(name) for name in wrong):
