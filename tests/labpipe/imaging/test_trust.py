@@ -566,6 +566,21 @@ def test_points_of_photographs_with_sharp_edges_are_kept(seed: int) -> None:
     assert false == 0
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_of_a_texture_finer_than_the_pixels_u_is_the_scatter(seed: int) -> None:
+    """Slopes of all directions seemed to lie in edges along the columns, rows and diagonals: u was 4 times as large."""
+    fine = 4
+    scene = np.random.default_rng(seed).normal(size=((SIZE + 24) * fine,) * 2)
+    scene = 120.0 + 35.0 * (blurred := gaussian_filter(scene, 1.5)) / blurred.std()
+    moves = [(0, 0), (0, 0), (3, -5), (7, 2), (-9, 6), (2, 1)]
+    film = digitised([photographed(scene, fine, moved, SIZE) for moved in moves], 1.0, seed)
+    found = track(film, grid((SIZE, SIZE), 26, 12), 21, static_frames=2)
+    views = tuple(View((a / fine, b / fine)) for a, b in moves)
+    assert found.valid.all()
+    in_u = error(found, views, SIZE)[2:] / np.hypot(found.u_dx, found.u_dy).values[2:]
+    assert 0.8 < float(np.sqrt(np.square(in_u).mean())) < 1.2
+
+
 def test_a_jump_is_no_change_of_blur() -> None:
     """Points in wrong places seemed to tell one, and all of two frames were lost that were matched with it."""
     asked, kept, false = follow_snippets(101, 21, 0.5, 2, [(-9, 22), (10, -7), (-18, 14), (-5, 4)])
