@@ -216,7 +216,8 @@ def read_rows(sums: list[Floats], *, is_first_still: bool, steps: Floats | None 
         if combed[k] and step is not None and not _are_enough(one.has_teeth):
             order[k] = np.sign(np.median(one.along))
     tells, repeats = _repeat(pieces, frame, len(sums))
-    is_repeated = bool(tells.any()) and bool(repeats[tells].mean() > 1.0 - _SHARE)
+    # one field's rows are the same throughout; of a scene with edges along the rows any
+    is_repeated = bool(tells.any()) and any(np.mean(repeats[tells] == way) > 1.0 - _SHARE for way in (-1.0, 1.0))
     still = np.median(distances[0], axis=0) if is_first_still and len(distances[0]) else np.zeros(2)
     return RowsSeen(combed, apart, is_repeated, distances, is_sharp, still, order)
 
@@ -285,15 +286,15 @@ def _error_of_median(values: Floats) -> float:
     return _ERROR_OF_MEDIAN * float(np.median(np.abs(values - np.median(values)))) / math.sqrt(len(values))
 
 
-def _repeat(sums: Floats, frame: NDArray[np.int64], count: int) -> tuple[Flags, Flags]:
-    """Which frames show how rows differ, and in which rows of one parity repeat the others, or are their means.
+def _repeat(sums: Floats, frame: NDArray[np.int64], count: int) -> tuple[Flags, Floats]:
+    """Which frames show how rows differ, and in which rows repeat the others, or are their means: even (1), odd (-1).
 
     Many rows must show it: edges along the rows lie between some two of them. Where columns repeat as well
     the image was magnified, or shows blocks, and its rows are right.
     """
     pixels = 0.5 * float((PIECE - 2) ** 2)
     bend, step, beside = (sums[:, k : k + 2] / pixels + _ROUNDING for k in (5, 7, 10))
-    tells, repeats = np.zeros((2, count), bool)
+    tells, repeats = np.zeros(count, bool), np.zeros(count)
     for pair, squares, least in ((step, sums[:, 14:16], _REPEATED), (bend, sums[:, 12:14], _MEAN_OF_OTHERS)):
         loud = pair.max(axis=1) - _ROUNDING
         shown = (step.max(axis=1) > _LEAST_SHOWN) & ((loud * pixels) ** 2 > _ROWS * squares.max(axis=1))
@@ -304,11 +305,9 @@ def _repeat(sums: Floats, frame: NDArray[np.int64], count: int) -> tuple[Flags, 
         for k in np.flatnonzero((2 * of_them >= number) & (number > 0)).tolist():
             own = shown & (frame == k)
             quiet = beside[frame == k].min() / np.median(pair[own].min(axis=1))
-            repeats[k] |= (
-                abs(_middle_ratio(pair[own])) > least
-                and abs(_middle_ratio(beside[own])) < _REPEATED
-                and math.log(quiet) > _BELOW_COLUMNS
-            )
+            ratio = _middle_ratio(pair[own])
+            if abs(ratio) > least and abs(_middle_ratio(beside[own])) < _REPEATED and math.log(quiet) > _BELOW_COLUMNS:
+                repeats[k] = -np.sign(ratio)
     return tells, repeats
 
 

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from labpipe.arrays import Floats
 from labpipe.frames import ArrayFrames, FrameSource, as_frames
 from labpipe.imaging import contact_radius, track
-from labpipe.imaging.films import without_stuck_pixels
+from labpipe.imaging.films import read_rows, row_sums, without_stuck_pixels
 from labpipe.imaging.films._stuck_pixels import RepairedFrames
 from pipelines.bench import film_scenes
 from pipelines.bench.film_scenes import View, digitised, from_formula, from_spectrum
@@ -91,6 +91,18 @@ def test_a_film_of_one_field_is_refused(name: str, motion: str) -> None:
     for one in (twice, np.rint(mean).astype(np.uint8)):
         with pytest.warns(UserWarning, match="every second row"):
             assert not track(one, POINTS).valid.any()
+
+
+@pytest.mark.parametrize("is_one_field", [True, False])
+def test_rows_that_repeat_in_turn_are_of_the_scene(is_one_field: bool) -> None:
+    """Courses of bricks in a subset: one parity looked like the mean of the other, then the other; it was refused."""
+    sums, random = [], np.random.default_rng(20)
+    for k in range(12):
+        piece = 20.0 * random.standard_normal((1, 32, 32)).astype(np.float32)
+        rows = np.arange(1 if is_one_field else 1 + k % 2, 31, 2)
+        piece[:, rows] = 0.5 * (piece[:, rows - 1] + piece[:, rows + 1])
+        sums.append(row_sums(piece))
+    assert read_rows(sums, is_first_still=False).is_repeated == is_one_field
 
 
 def test_one_frame_of_two_instants_is_left_out() -> None:
