@@ -122,6 +122,6 @@ def flights_alike(
     between = f"between frames {frames[begin]} and {frames[end]}"
     cause = (
         f"frames {'are repeated' if apart > 0 else 'were lost'} {between}, or those of another flight "
-        f"{'were lost' if apart > 0 else 'are repeated'}; or the lens was changed there"
+        f"{'were lost' if apart > 0 else 'are repeated'}; or films were joined or the lens changed there"
     )
     return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
