@@ -29,14 +29,17 @@ _MISPLACED = 0.08
 #: Share of the texture that edges may be, and ratio of the squared slopes across and along, from which it is looked
 #: whether they are.
 _MAY_BE, _SIDED = 0.1, 10.0
-#: Share of what resists from which steps pull the motion.
-_ARE = 0.4
+#: Share of what resists from which steps pull a motion, and one whose residual is noise, and multiple of the noise
+#: from which a residual is none.
+_MAY_PULL, _ARE, _MISFITS = 0.2, 0.4, 2.0
 #: Shift (px) to which edges mislead that are all of the texture.
 _MISLEADS = 0.16
+#: Grey levels that a misplaced profile misses, over the deviation of noise, up to which pixels tell texture alone.
+_FLAT = 0.3
 #: Misfit that noise hides, in standard deviations of what noise shows.
 _HIDDEN = 0.5
 #: Standard deviations by which a residual is less than at another place, where steps match and no texture does.
-_TOLD = 6.5
+_TOLD = 3.5
 #: Share of the frames that show a point's own noise.
 _BETTER = 0.1
 
@@ -51,10 +54,13 @@ class Along:
         Share of it that steps of edges may be, 0 to 1.
     texture : float [grey²]
         Variance of a pixel about the profile of the edges, noise of the reference in it.
+    seen : float [1]
+        Share of the pixels that tell it.
     """
 
     folded: float
     texture: float
+    seen: float
 
 
 def misled(
@@ -79,26 +85,29 @@ def misled(
         own = max(still or float(np.quantile(noise[rows, n], _BETTER)), reference.rounding)
         along = along_edges(reference, n, own)
         shift[rows, n] = _MISLEADS * np.minimum(bound[rows, n], along.folded)
-        told = is_asked[:, n] & _is_told(reference, n, along, noise[:, n], still)
+        told = is_asked[:, n] & _is_told(reference, n, along, noise[:, n], own, still)
         is_doubtful[:, n] = is_asked[:, n] & ~told
-        if along.folded > _ARE:
-            pulled = _pulled(reference, n, along, noise[told, n], texture[told, n], own)
+        if along.folded > _MAY_PULL:
+            least = own if along.folded > _ARE else _MISFITS * min(own, reference.own_noise(n, static)[0])
+            pulled = _pulled(reference, n, along, noise[told, n], texture[told, n], least)
             shift[told, n] = np.hypot(shift[told, n], pulled)
     return shift, is_doubtful
 
 
-def _is_told(reference: Reference, point: int, along: Along, noise: Floats, static: float) -> Flags:
+def _is_told(reference: Reference, point: int, along: Along, noise: Floats, own: float, static: float) -> Flags:
     """Tell results (frame,) that match the texture beside the edges, not their steps alone.
 
-    Where steps match at another place, the texture there is another one, and leaves twice its variance.
+    Where steps match at another place, the texture there is another one, and leaves twice its variance: a residual is
+    less than that by no chance, and nearer to noise alone.
 
-    ``noise``: (frame,) [grey²], variance of a pixel as the residual shows it; ``static``: float [grey²], the same
-    in static frames, 0 where they show none.
+    ``noise``: (frame,) [grey²], variance of a pixel as the residual shows it; ``own``: float [grey²], by noise;
+    ``static``: float [grey²], as static frames show it, 0 where they do not.
     """
     share = 1.0 / reference.noise.static_frames
     shown, elsewhere = (1.0 + share) * noise, 2.0 * along.texture + (1.0 - share) * static
-    by_chance = math.sqrt(2.0 / reference.subsets.level[point, 2]) * np.hypot(shown, 2.0 * along.texture)
-    return np.asarray(elsewhere - shown > _TOLD * by_chance)
+    of_texture = 2.0 * along.texture / math.sqrt(along.seen)
+    by_chance = math.sqrt(2.0 / reference.subsets.level[point, 2]) * np.hypot(shown, of_texture)
+    return np.asarray(elsewhere - shown > np.maximum(_TOLD * by_chance, shown - (1.0 + share) * own))
 
 
 def _pulled(reference: Reference, point: int, along: Along, shown: Floats, texture: Floats, own: float) -> Floats:
@@ -112,7 +121,8 @@ def _pulled(reference: Reference, point: int, along: Along, shown: Floats, textu
     """
     pixels = float(reference.subsets.level[point, 2])
     seen = float(reference.noise.gain.mean(axis=1).prod()) + reference.noise.own / reference.noise.static_frames
-    misfit = np.maximum(shown - own, _HIDDEN * own * math.sqrt(2.0 / pixels)) * pixels * seen
+    hidden = _HIDDEN * own * math.sqrt(2.0 / pixels) * (along.folded > _ARE)
+    misfit = np.maximum(shown - own, hidden) * pixels * seen
     return np.asarray(np.sqrt(misfit / texture * along.folded / max(1.0 - along.folded, 1e-3)))
 
 
@@ -156,7 +166,14 @@ def along_edges(reference: Reference, point: int, noise: float) -> Along:
     by_noise = noise / reference.noise.static_frames * float((_SLOPE**2).sum()) * _squares(weights, places, is_rigid)
     steps = max(float(((both - texture) ** 2).sum()) - share * left, 0.0)
     beyond = left - by_noise
-    return Along(steps / max(steps + max(beyond, 0.0), 1e-30), float(np.square(rest[counts]).mean()) / (1.0 - share))
+    # where steps hardly count nothing is taken off, of noise neither
+    flat = counts & (steep <= _FLAT * math.sqrt(noise / reference.noise.static_frames))
+    seen = flat if 4 * flat.sum() > counts.sum() else counts
+    return Along(
+        steps / max(steps + max(beyond, 0.0), 1e-30),
+        float(np.square(rest[seen]).mean()) / (1.0 - share),
+        float(seen.sum() / counts.sum()),
+    )
 
 
 def _profile(
