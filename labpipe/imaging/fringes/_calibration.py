@@ -231,7 +231,7 @@ def _candidates(
     to be much better, or far less than what was found, is not tried.
     """
     makers: dict[str, Callable[[], tuple[Trial, Calibration] | None]] = {
-        _BLUR: lambda: find_blur(attempt, axes, known, best),
+        _BLUR: lambda: _find_blur(attempt, axes, known, best, view),
         _BAND: lambda: None if known.spread else _find_optics(attempt, axes, known, best, Parameter.SPREAD, view),
         _UNEVEN: lambda: _find_uneven_light(attempt, axes, known, best),
         _HARMONICS: lambda: find_harmonics(attempt, axes, known, best),
@@ -280,11 +280,13 @@ def _promised(attempt: Attempts, known: Calibration, best: Trial) -> dict[str, f
         _FOCUS: (*BEAMS, *beside, Parameter.FOCUS),
         _BEFORE_CAMERA: (Parameter.BLUR, *BEAMS),
     }
-    several = {_BLUR: (Parameter.BLUR,), _FLAT: ASSUMED, _FLAT_BESIDE: ASSUMED, _COLOUR: RADIAL}
+    several = {_FLAT: ASSUMED, _FLAT_BESIDE: ASSUMED, _COLOUR: RADIAL}
     shares = {name: gains.share(group) for name, group in one.items()}
     shares |= {name: gains.share(group, is_common=False) for name, group in several.items()}
-    # of rings of which a part is not seen this is an upper bound alone: light is tried whatever it is
+    # of rings of which a part is not seen this is an upper bound alone: light is tried whatever it is, and a blur
+    # whose shape a motion has nearly
     return shares | {
+        _BLUR: 1.0,
         _SHARPENED: 1.0,
         _UNEVEN: 1.0 if math.isnan(gains.round_share) else max(1.0 - gains.round_share, _LIKELY),
     }
@@ -337,6 +339,15 @@ def _of_one_colour(
         return None
     one = with_beside(trial, one, free, view)
     return attempt(axes, one) or trial, one
+
+
+def _find_blur(
+    attempt: Attempt, axes: Sequence[Parameter], known: Calibration, best: Trial, view: View
+) -> tuple[Trial, Calibration] | None:
+    """Blur of the lens; what was found while there was none is found again with it."""
+    beside = what_is_found(known)
+    found = find_blur(attempt, axes, known, best, beside)
+    return None if found is None else (found[0], with_beside(*found, beside, view))
 
 
 def _find_uneven_light(

@@ -120,7 +120,7 @@ def test_what_explained_nothing_is_tried_again_when_most_of_the_misfit_is_gone(m
     attempt.gains.return_value.share = lambda *_, **__: 0.1  # what is left is no function of the distance
     asked.clear()
     assert not [*_calibration._candidates(attempt, (), Calibration(), trial(3.0), None, {}, 0.0)]  # type: ignore
-    assert asked == ["_find_uneven_light"]
+    assert asked == ["find_blur", "_find_uneven_light"]  # which a motion hides, and rings that are not seen all round
 
 
 def test_what_promises_most_is_tried_first_and_of_equals_the_simpler() -> None:
