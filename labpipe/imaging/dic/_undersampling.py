@@ -47,8 +47,8 @@ _HIDES, _MEAN_SIZE = 1.5, 0.8
 #: what lies between two pixels, of a block of whole pixels, no one can tell. Half a px is hidden at most.
 _UNSEEN = 0.16
 #: Share of the slopes that lies in such edges above which they hide anything, and from which all of it: a texture of
-#: no direction has 0.05, by chance up to 0.2 in photographs; rows of squares and of bricks have 0.35 and more.
-_IN_LINE = (0.2, 0.35)
+#: no direction has 0.05, and mostly up to 0.15 in photographs; rows of squares and of bricks have 0.2 and more.
+_IN_LINE = (0.12, 0.2)
 #: Slope of an edge against the columns or rows below which all its pixels are seen at one phase.
 _ALIGNED = 0.06
 #: The same below which few of them are seen at different phases.
