@@ -86,6 +86,8 @@ class FilmResult:
         Every second row of the film repeats its neighbour or is the mean of both.
     stuck : StuckPixels
         Pixels that do not follow the scene.
+    reflecting : int
+        Pixels that a reflection clips which stands still.
     lost_rows : dict of int
         By frame, rows that repeat the row before and are interpolated.
     patterned : int
@@ -110,6 +112,7 @@ class FilmResult:
     combed: set[int] = field(default_factory=set)
     repeats_rows: bool = False
     stuck: StuckPixels = field(default_factory=StuckPixels)
+    reflecting: int = 0
     lost_rows: dict[int, int] = field(default_factory=dict)
     patterned: int = 0
     scales: dict[int, tuple[float, float]] = field(default_factory=dict)

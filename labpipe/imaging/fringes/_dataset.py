@@ -453,8 +453,24 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "harmonics": list(result.view.harmonics),
         "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
         "note": "; ".join(
-            filter(None, (note, _colour_told(options, result), _focus_told(options, result), *rows, result.stuck.note))
+            filter(
+                None,
+                (
+                    note,
+                    _colour_told(options, result),
+                    _focus_told(options, result),
+                    *rows,
+                    result.stuck.note,
+                    _reflection_told(result),
+                ),
+            )
         ),
         "uncertainties": json.dumps(uncertainties),
         "work": json.dumps(result.work),
     }
+
+
+def _reflection_told(result: FilmResult) -> str:
+    """Tell of a reflection that was taken off."""
+    where = f"around {result.reflecting} pixels that are clipped in every frame"
+    return f"the light of a reflection that stands still taken off {where}" if result.reflecting else ""

@@ -7,7 +7,15 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.frames import FrameSource
-from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading, without_stuck_pixels
+from labpipe.imaging.films import (
+    FilmReader,
+    Place,
+    frames_in_windows,
+    plan_reading,
+    without_reflection,
+    without_stuck_pixels,
+)
+from labpipe.imaging.fringes._acceptance import GOOD_MISFIT
 from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._blank_frames import (
@@ -52,6 +60,8 @@ _REST_CHANGE = 0.01
 _BESIDE, _MOVED = 6, 5.0
 #: Share of its longer side below which the shorter side of a frame makes it a strip.
 _STRIP = 0.25
+#: A film that is explained, see :func:`_left`.
+_NOTHING_LEFT = (0, 0.0)
 
 
 def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
@@ -63,9 +73,27 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     film, stuck = without_stuck_pixels(film, wanted, reader.whole)
     if stuck.count:
         reader = FilmReader(film)
+    result = _measured(reader, options, wanted)
+    unreflected, reflecting = without_reflection(film, wanted, reader.whole)
+    if reflecting and _left(result) != _NOTHING_LEFT:
+        other = _measured(FilmReader(unreflected), options, wanted)
+        if _left(other) < _left(result):
+            result, other.reflecting = other, reflecting
+    result.stuck = stuck
+    return result
+
+
+def _left(result: FilmResult) -> tuple[int, float]:
+    """Frames in which fringes explain no contact, and the largest misfit of the others, where it is one."""
+    misfits = [fit.misfit for fit in result.fits.values() if fit.misfit > GOOD_MISFIT]
+    return len(result.blanks), max(misfits, default=0.0)
+
+
+def _measured(reader: FilmReader, options: FilmOptions, wanted: Flags) -> FilmResult:
+    """Find the contact in every frame of a film whose pixels follow the scene."""
+    film = reader.film
     view = _make_view(reader, options, wanted)
     result = FilmResult(view, np.zeros(len(film), bool))
-    result.stuck = stuck
     result.is_phase_given = options.phase is not None
     result.has_fringes = options.wavelength is not None and view.templates is not None
     read = _follow_film(reader, result, options, wanted) if result.has_fringes else wanted

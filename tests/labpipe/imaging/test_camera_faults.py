@@ -320,3 +320,18 @@ def test_stuck_pixels_do_not_change_a_radius() -> None:
     assert np.abs(error).max() < 3.0
     assert found.u_radius.max() < 0.005e-6
     assert "not follow the scene" in found.attrs["note"]
+
+
+@pytest.mark.parametrize("is_reflected", [True, False])
+def test_contacts_under_a_reflection_that_stands_still_are_measured(is_reflected: bool) -> None:
+    """Frames were taken for blank, or were off by up to 1 um; bright, overexposed contacts are no reflection."""
+    scene = OPTICS if is_reflected else OPTICS.change(phase=0.0, mean=190.0)
+    film = film_of(Disturbed(scene), lambda r, a: gap_of_hertz(r, a, scene.sphere_radius), RADII)
+    if is_reflected:
+        row, column = np.indices(film.shape[1:])
+        light = 300.0 * np.exp(-(((row - 168) / 21.0) ** 2) - ((column - 230) / 21.0) ** 2)
+        film = np.clip(np.rint(film + light), 0, 255).astype(np.uint8)
+    found = measured(film)
+    assert found.in_contact.all()
+    assert np.abs(found.radius - RADII).max() < 0.02e-6
+    assert ("reflection" in found.attrs["note"]) is is_reflected
