@@ -74,9 +74,9 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     if stuck.count:
         reader = FilmReader(film)
     result = _measured(reader, options, wanted)
-    unreflected, reflecting = without_reflection(film, wanted, reader.whole)
-    if reflecting and _left(result) != _NOTHING_LEFT:
-        other = _measured(FilmReader(unreflected), options, wanted)
+    if _left(result) != _NOTHING_LEFT:
+        unreflected, reflecting = without_reflection(film, wanted, reader.whole)
+        other = _measured(FilmReader(unreflected), options, wanted) if reflecting else result
         if _left(other) < _left(result):
             result, other.reflecting = other, reflecting
     result.stuck = stuck
