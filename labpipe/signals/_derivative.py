@@ -86,9 +86,9 @@ def velocity(
     Raises
     ------
     InputError
-        No Dataset with ``displacement`` and no DataArray, not one-dimensional over ``time``, another unit than m, times that do not increase,
-        fewer than two readings, infinite values, a negative noise, breaks that are not finite, or
-        a window below 1 or longer than the record.
+        No Dataset with ``displacement`` and no DataArray, not one-dimensional over ``time``, another unit
+        than m, times that do not increase, fewer than two readings, infinite values, a negative noise,
+        breaks that are not finite, or a window below 1 or longer than the record.
 
     Warns
     -----

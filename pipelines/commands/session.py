@@ -40,7 +40,7 @@ _NEVER_RUN = "never run"
     "--template",
     multiple=True,
     metavar="KIND",
-    help="No scan: the tables of this kind, every value to fill in, in a new folder where FOLDER is not there. Repeatable.",
+    help="No scan: the tables of this kind, every value to fill in; makes FOLDER if need be. Repeatable.",
 )
 @json_option
 def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...], as_json: bool) -> None:

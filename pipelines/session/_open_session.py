@@ -172,4 +172,3 @@ def open_session(folder: str | Path) -> OpenSession:
     """
     reopen_session(folder)  # every mistake is said at once
     return OpenSession(Path(folder))
-

@@ -39,9 +39,7 @@ def derive(results: Results, experiment: Experiment, derived: Derived, **keyword
     return call(*results.values(found), **given)
 
 
-def result(
-    folder: str | Path, experiment: str, stage: str | None = None, recording: str | None = None
-) -> xr.Dataset:
+def result(folder: str | Path, experiment: str, stage: str | None = None, recording: str | None = None) -> xr.Dataset:
     """Return one stored result of a processed session.
 
     Parameters

@@ -55,7 +55,7 @@ def test_a_material_from_dma_is_found_by_the_polymer(sessions: Path, tmp_path: P
     toml = tmp_path / "monday" / "session.toml"
     text = toml.read_text("utf-8")
     dma = '\n[experiments.pmma_sweep]\nkind = "dma"\nrheometer = ["sweep.csv"]\nmode = "tension"\nnu = 0.35\n'
-    toml.write_text(re.sub(r'(?m)^material = .*$', 'material_from = "pmma_sweep"', text, count=1) + dma, "utf-8")
+    toml.write_text(re.sub(r"(?m)^material = .*$", 'material_from = "pmma_sweep"', text, count=1) + dma, "utf-8")
     (tmp_path / "monday" / "sweep.csv").touch()
     assert set(catalogue([tmp_path], where="material = 'acrylic'").table["kind"]) == {"ball_drop"}
 

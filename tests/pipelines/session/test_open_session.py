@@ -38,9 +38,9 @@ def test_a_variable_is_drawn_with_its_band(session) -> None:
 
 
 def test_what_was_mistyped_or_left_out_is_said(session) -> None:
-    with pytest.raises(UsageError, match="did you mean \"restitution\""):
+    with pytest.raises(UsageError, match='did you mean "restitution"'):
         session.plot("drop", "repeats", "restitutoin")
-    with pytest.raises(UsageError, match="did you mean \"drop\""):
+    with pytest.raises(UsageError, match='did you mean "drop"'):
         session.readings("dropp")
     with pytest.raises(UsageError, match="name a stage of drop: readings, "):
         lp.result(session.folder, "drop")
