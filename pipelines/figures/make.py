@@ -135,11 +135,12 @@ def chosen(names: Iterable[str]) -> tuple[Figure, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Shelf:
-    """A folder of figures and the session they are drawn from, if any."""
+    """A folder of figures and the session they are drawn from, if any; ``with_data`` writes their numbers too."""
 
     folder: Path
     session: Session | None = None
     plan: "Plan | None" = None
+    with_data: bool = False
     code: Code = field(default_factory=Code)
 
     @classmethod
@@ -151,7 +152,7 @@ class Shelf:
         from pipelines import process
 
         made = process.plan(session.absolute(), keep=None)  # workers may stand in another folder
-        return cls(folder, made.session, made, code)
+        return cls(folder, made.session, made, code=code)
 
     def record(self) -> dict[str, Any]:
         """Return what was drawn before; a damaged record is an empty one."""
@@ -191,6 +192,7 @@ class Shelf:
             results = result_keys(self.plan, self.session, figure.needs)
         parts = {
             "id": figure.id,
+            "data": self.with_data,
             "code": self.code.behind(figure.function, f"{__name__}:{_write.__name__}"),
             "results": results,
         }
@@ -262,7 +264,7 @@ def _process(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[s
     root = shelf.session.root
     run = process.process(root, list(targets.values()), sorted({name for name, _ in targets}), jobs=jobs, keep=None)
     failures = {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
-    return replace(Shelf.of(shelf.folder, root), code=shelf.code), failures
+    return replace(Shelf.of(shelf.folder, root), code=shelf.code, with_data=shelf.with_data), failures
 
 
 def _drawings(
@@ -330,6 +332,10 @@ def _write(shelf: Shelf, figure: Figure, drawing: "Drawing") -> dict[str, str]:
     if drawing.table:
         paths.append(shelf.folder / f"{figure.id}.csv")
         files.write_text(paths[-1], drawing.table)
-    paths.append(shelf.folder / f"{figure.id}.txt")
-    files.write_text(paths[-1], drawing.caption(figure.id, figure.title))
+    if shelf.with_data and drawing.figure is not None:
+        paths.append(shelf.folder / f"{figure.id}-data.csv")
+        files.write_text(paths[-1], drawing.data())
+    for ending, text in (("txt", drawing.caption), ("tex", drawing.latex)):
+        paths.append(shelf.folder / f"{figure.id}.{ending}")
+        files.write_text(paths[-1], text(figure.id, figure.title))
     return {path.name: files.digest(path) for path in paths}

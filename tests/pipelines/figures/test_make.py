@@ -96,7 +96,7 @@ def test_a_figure_has_three_formats_and_a_caption_and_the_same_bytes_each_time(t
     for name in ("first", "second"):
         assert drawn(tmp_path / name, CHEAP) == {CHEAP: make.DRAWN}
     first, second = contents(tmp_path / "first"), contents(tmp_path / "second")
-    assert set(first) == {f"{CHEAP}.{kind}" for kind in ("pdf", "svg", "png", "txt")} | {make.RECORD}
+    assert set(first) == {f"{CHEAP}.{kind}" for kind in ("pdf", "svg", "png", "txt", "tex")} | {make.RECORD}
     assert first == second
 
 
@@ -149,3 +149,18 @@ def test_a_failed_experiment_is_named_with_its_reason(session_copy: Path, tmp_pa
     assert outcome.state == make.FAILED
     assert laser.name in outcome.detail
     assert not list((tmp_path / "figures").glob("3.10*"))
+
+
+def test_numbers_and_captions_are_written_for_a_thesis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, _ = run(capsys, "figures", "1.2", "--data", "--out", str(tmp_path))
+    assert code == 0
+    head, *rows = (tmp_path / "1.2-data.csv").read_text("utf-8").splitlines()
+    assert head == "panel,curve,x_axis,y_axis,x,y"
+    loss = [tuple(map(float, row.split(",")[-2:])) for row in rows if "loss" in row]
+    where, largest = max(loss, key=lambda point: point[1])
+    assert (where, largest) == pytest.approx((1.0, 0.45), rel=0.02)  # omega tau = 1, 0.9 of the step over two
+    caption = (tmp_path / "1.2.tex").read_text("utf-8")
+    assert caption.startswith("\\caption[Complex modulus with one relaxation time]{")
+    assert caption.endswith("\\label{fig:1.2}\n")
+    without = make.states(make.Shelf.of(tmp_path, None), make.chosen(["1.2"]))
+    assert [state.state for state in without] == [make.READY]  # what was asked for differs
