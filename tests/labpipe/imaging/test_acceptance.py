@@ -7,13 +7,12 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from scipy.special import erf
 
 import instruments
 from labpipe.imaging import track
-from tests.labpipe.imaging.speckle import Motion, cramer_rao_bound, digitise, grey_levels, grid, make_speckle
+from tests.labpipe.imaging.speckle import Motion, digitise, grey_levels, grid, make_speckle
 
 Floats = NDArray[np.float64]
 
