@@ -27,6 +27,7 @@ from instruments.images import (
 from instruments.keyence import INSTRUMENT as KEYENCE, Options as KeyenceOptions
 from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
+from instruments.photron import INSTRUMENT as PHOTRON
 from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, holds_rows, workbook_hint
 from labpipe.build import BUILD
 from labpipe.errors import NO_FILM, UNKNOWN_FORMAT, InputError, LabpipeError, SourceError, UsageError
@@ -57,7 +58,7 @@ __all__ = [
 ]
 
 # The Keyence layout has no magic number, so it is asked last.
-OURS = (MACH1, PHANTOM, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
+OURS = (MACH1, PHANTOM, PHOTRON, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
 
 
 class Options(KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions):

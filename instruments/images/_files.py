@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
 from instruments.images._names import LOSSY, SUFFIXES, images_in, is_numbered
-from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
+from instruments.images._pictures import ROUNDED, SMOOTHED, Channel, one_intensity
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
@@ -35,7 +35,7 @@ class _Place:
     header: ImageHeader
 
 
-def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
+def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageFiles", Floats]:
     """Open the images of a folder, sorted by the number in their names, and return these; warn of gaps."""
     exact, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
     named = exact or lossy
@@ -60,7 +60,7 @@ def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
     _warn_of_lossy(folder, [path for path in lossy if exact and is_numbered(path)], headers)
     _warn_of_gaps(folder, numbers)
     places = [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)]
-    return ImageFiles(folder, places), numbers.astype(float)
+    return ImageFiles(folder, places, channel), numbers.astype(float)
 
 
 def _check_one_film(named: Sequence[Path]) -> None:
@@ -75,9 +75,9 @@ def _check_one_film(named: Sequence[Path]) -> None:
         )
 
 
-def pages(path: Path) -> "ImageFiles":
+def pages(path: Path, channel: Channel | None = None) -> "ImageFiles":
     """Open the pages of a TIFF, or the one image of another file."""
-    return ImageFiles(path, [_Place(path, i, header) for i, header in enumerate(read_headers(path))])
+    return ImageFiles(path, [_Place(path, i, header) for i, header in enumerate(read_headers(path))], channel)
 
 
 def _numbers(paths: Sequence[Path]) -> list[int]:
@@ -191,12 +191,12 @@ def _check_alike(places: Sequence[_Place]) -> None:
 class ImageFiles:
     """Images in files; what is wrong with one is found out when it is asked for.
 
-    ``path`` is the folder or file, of which is told what it lacks.
+    ``path`` is the folder or file that warnings name; ``channel`` is the one that is taken of colours.
     """
 
-    def __init__(self, path: Path, places: Sequence[_Place]) -> None:
+    def __init__(self, path: Path, places: Sequence[_Place], channel: Channel | None) -> None:
         _check_alike(places)
-        self._path, self._places = path, places
+        self._path, self._places, self._channel = path, places, channel
         self._faults: dict[int, str] = {}
         cut = [i for i, place in enumerate(places) if place.header.fault]
         self._warn(cut, "not whole")
@@ -273,7 +273,7 @@ class ImageFiles:
             hint = "Export it again, as PNG or as a TIFF without compression."
             raise SourceError(place.path, f"decodes to {found}, expected {self.size}", hint=hint)
         allowed = ROUNDED * (place.header.kind == "JPEG")
-        return one_intensity(image, allowed, place.path, "the image")
+        return one_intensity(image, allowed, place.path, "the image", self._channel)
 
 
 def _decode(place: _Place) -> NDArray[Any] | None:

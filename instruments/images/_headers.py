@@ -317,13 +317,12 @@ class _Tiff:
         rows, columns = (tags.get(tag, [0])[0] for tag in (_LENGTH, _WIDTH))
         bits, samples = tags.get(_BITS, [1])[0], tags.get(_SAMPLES, [1])[0]
         meaning = tags.get(_PHOTOMETRIC, [1])[0]
-        if not (samples == 1 and meaning in (0, 1)) and not (samples in (3, 4) and meaning == _RGB):
-            held = "a palette" if meaning == _PALETTE else f"{samples} samples per pixel of interpretation {meaning}"
+        if not (samples == 1 and meaning in (0, 1, _PALETTE)) and not (samples in (3, 4) and meaning == _RGB):
             raise SourceError(
                 self.path,
-                f"a page has {held}; expected grey, or red, green and blue",
+                f"a page has {samples} samples per pixel of interpretation {meaning}; expected grey or RGB",
                 offset=at,
-                hint="A colour image has no single intensity; export the film as grey.",
+                hint="Export the film as grey TIFF or PNG images.",
             )
         packing = tags.get(_COMPRESSION, [_PLAIN])[0]
         if packing not in _COMPRESSIONS:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._pictures import one_intensity
+from instruments.images._pictures import Channel, one_intensity
 from instruments.images._video import warn_of_lost, warn_of_video
 from labpipe.arrays import Flags
 from labpipe.errors import SourceError
@@ -33,7 +33,7 @@ class _Chunk(NamedTuple):
     size: int
 
 
-def uncompressed(path: Path) -> "UncompressedVideo | None":
+def uncompressed(path: Path, channel: Channel | None = None) -> "UncompressedVideo | None":
     """Open an AVI whose pixels are not compressed; None for any other."""
     with path.open("rb") as stream:
         head = stream.read(12)
@@ -65,7 +65,7 @@ def uncompressed(path: Path) -> "UncompressedVideo | None":
     if len(begins) < declared:
         warn_of_lost(path, declared, len(begins))
     is_from_top = rows < 0 or packing in _FROM_THE_TOP
-    return UncompressedVideo(path, data, begins, (abs(rows), columns, colours), stride, palette, is_from_top)
+    return UncompressedVideo(path, data, begins, (abs(rows), columns, colours), stride, palette, is_from_top, channel)
 
 
 def _chunks(data: mmap.mmap) -> list[_Chunk]:
@@ -99,13 +99,15 @@ class UncompressedVideo:
         stride: int,
         palette: NDArray[np.uint8] | None,
         is_from_top: bool,
+        channel: Channel | None,
     ) -> None:
+        self._channel = channel
         self._path, self._data, self._begins = path, data, begins
         self._shape, self._stride, self._is_from_top = shape, stride, is_from_top
         self.size, self.levels = shape[:2], (0.0, 255.0)
         self._grey = None
         if palette is not None and len(palette):
-            used = one_intensity(palette[np.newaxis], 0, path, "the palette of the video")[0]
+            used = one_intensity(palette[np.newaxis], 0, path, "the palette of the video", self._channel)[0]
             self._grey = np.resize(used, _PALETTE) if len(used) < _PALETTE else used
 
     @property
@@ -128,5 +130,5 @@ class UncompressedVideo:
         stored = np.frombuffer(self._data, np.uint8, rows * self._stride, self._begins[index]).reshape(rows, -1)
         image = stored[:, : columns * colours].reshape(rows, columns, colours)[:: 1 if self._is_from_top else -1]
         if colours > 1:
-            return np.ascontiguousarray(one_intensity(image, 0, self._path, f"frame {index}"))
+            return np.ascontiguousarray(one_intensity(image, 0, self._path, f"frame {index}", self._channel))
         return np.ascontiguousarray(image[..., 0]) if self._grey is None else self._grey[image[..., 0]]

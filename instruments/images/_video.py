@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
+from instruments.images._pictures import ROUNDED, SMOOTHED, Channel, one_intensity
 from labpipe.arrays import Flags
 from labpipe.errors import SourceError, SourceWarning, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
@@ -44,8 +44,8 @@ def warn_of_video(path: Path, playback: float, codec: str = "") -> None:
 class Video:
     """Frames of a video file; every one that is counted was found."""
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._lock = path, Lock()
+    def __init__(self, path: Path, channel: Channel | None = None) -> None:
+        self._path, self._lock, self._channel = path, Lock(), channel
         self._video = cv2.VideoCapture(str(path))
         sizes = (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH)
         count, rows, columns = (int(self._video.get(p)) for p in sizes)
@@ -82,7 +82,7 @@ class Video:
         """Decode one frame; in order it is fast."""
         with self._lock:  # a decoder has one place in its file, and films are read by several threads
             image = self._image if index == self._at else self._decoded(index)
-        return np.ascontiguousarray(one_intensity(image, ROUNDED, self._path, f"frame {index}"))
+        return np.ascontiguousarray(one_intensity(image, ROUNDED, self._path, f"frame {index}", self._channel))
 
     def _decoded(self, index: int) -> NDArray[np.uint8]:
         if not self._at < index <= self._at + _AHEAD:
