@@ -52,8 +52,8 @@ def folder_hint(folder: Path) -> str:
         return (
             "It holds JPEG images, whose compression smooths away the detail that is measured, by an amount that "
             "nothing tells: have the camera's program export the film as PNG or TIFF, or give the camera's own file. "
-            "Numbered and with a frame rate (fps=10000, in session.toml: frame_rate) they are read all the same, those in "
-            'colour with a channel (channel="green", in session.toml: channel).'
+            "Numbered and with a frame rate (fps=10000, in session.toml: frame_rate) they are read all the same, "
+            'those in colour with channel="green" (or "red", "blue").'
         )
     return f"A folder is read when it holds the PNG, TIFF or BMP images of a film. {RAW_FRAMES}"
 

@@ -21,6 +21,11 @@ def header_of(path: Path) -> Path | None:
     return next((p for p in sorted(path.parent.glob("*.[cC][iI][hH]*")) if p.stem == path.stem), None)
 
 
+def frames_of(header: Path) -> Path | None:
+    """Return the frames that belong to a header; None where there are none."""
+    return next((p for p in sorted(header.parent.glob("*.[mM][rR][aA][wW]")) if p.stem == header.stem), None)
+
+
 def _sniff(head: bytes, path: Path) -> bool:
     """Recognise a header by its content, frames by the header of the same name."""
     if path.suffix.lower() == ".mraw":

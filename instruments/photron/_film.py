@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.photron import header_of
+from instruments.photron import frames_of, header_of
 from labpipe.arrays import Flags, Floats
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError, warn_of
@@ -87,7 +87,7 @@ def read(path: str | os.PathLike[str]) -> "MrawFrames":
     if header_path is None:
         raise SourceError(path, "its header is missing", hint=f"Put {path.stem}.cih or .cihx in the same folder.")
     header = _header(header_path)
-    frames = next((p for p in header_path.parent.glob(f"{_literal(header_path.stem)}.[mM][rR][aA][wW]")), None)
+    frames = frames_of(header_path)
     if frames is None:
         raise SourceError(
             header_path, "its frames are missing", hint=f"Put {header_path.stem}.mraw in the same folder."
@@ -106,10 +106,6 @@ def read(path: str | os.PathLike[str]) -> "MrawFrames":
         text += f"{whole}; they are left out. Copy the film from the camera again"
         warn_of(frames.name, text, category=IncompleteFilmWarning)
     return MrawFrames(window, header, whole)
-
-
-def _literal(name: str) -> str:
-    return re.sub(r"([*?[])", r"[\1]", name)
 
 
 def _header(path: Path) -> Header:
