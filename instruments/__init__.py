@@ -138,10 +138,6 @@ _STILLS = (".png", ".bmp", ".jpg", ".jpeg")
 
 def _identify(path: Path, fps: float | None = None) -> Instrument:
     head = _head(path)
-    if path.suffix == ".recording":
-        raise SourceError(
-            path, "this is an unfinished recording", hint=f"Finish it with `labpipe acquire recover {path}`."
-        )
     for each in OURS:
         if each.sniff(head, path):
             return each
