@@ -1,18 +1,22 @@
 """Images in files: a folder of PNG, TIFF, BMP or JPEG, and the pages of a TIFF."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from threading import Lock
 from typing import Any
+from weakref import finalize
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
+from instruments.images._headers import CutOffError, ImageHeader, png_fault, read_headers
 from instruments.images._names import LOSSY, SUFFIXES, images_in, is_numbered
 from instruments.images._pictures import ROUNDED, SMOOTHED, Channel, one_intensity
 from labpipe.arrays import Flags, Floats, Integers
@@ -201,6 +205,7 @@ class ImageFiles:
         cut = [i for i, place in enumerate(places) if place.header.fault]
         self._warn(cut, "not whole")
         self._is_told = len(cut)
+        self._pages = _Pages(path) if places[-1].page else None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -243,7 +248,7 @@ class ImageFiles:
             said = place.header.fault
             if not said and place.header.kind == "PNG":
                 said = png_fault(place.path)
-            elif not said and place.header.is_compressed and _decode(place) is None:
+            elif not said and place.header.is_compressed and self._decoded(place) is None:
                 said = "its compressed pixels cannot be decoded"
             self._faults[index] = said
         return self._faults[index]
@@ -267,7 +272,7 @@ class ImageFiles:
         place = self._places[index]
         if fault := self.fault(index):
             raise SourceError(place.path, fault, hint="Use the frames marked in `.valid`.")
-        image = _decode(place)
+        image = self._decoded(place)
         if image is None or image.shape[:2] != self.size:
             found = "nothing" if image is None else f"an image of shape {image.shape}"
             hint = "Export it again, as PNG or as a TIFF without compression."
@@ -275,15 +280,38 @@ class ImageFiles:
         allowed = ROUNDED * (place.header.kind == "JPEG")
         return one_intensity(image, allowed, place.path, "the image", self._channel)
 
+    def _decoded(self, place: _Place) -> NDArray[Any] | None:
+        return _decode(place) if self._pages is None else self._pages[place.page]
+
 
 def _decode(place: _Place) -> NDArray[Any] | None:
-    if place.header.directory:
-        data = np.frombuffer(one_page(place.path, place.header.directory), np.uint8)
-    else:
-        data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
+    data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
+    if place.header.turned:  # images stay as the sensor has them, however the camera was held
+        data[place.header.turned : place.header.turned + 2] = (1, 0) if data[0] == ord("I") else (0, 1)
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
         return None
     # packed pixels are decoded to the upper bits of 16
     unused = 16 - place.header.bits if image.dtype == np.uint16 else 0
     return np.right_shift(image, unused) if unused else np.asarray(image)
+
+
+class _Pages:
+    """The pages of a TIFF in any order, by Pillow; OpenCV goes through all pages before the one that is asked for."""
+
+    def __init__(self, path: Path) -> None:
+        stream = path.open("rb")
+        self._lock, self._image = Lock(), Image.open(stream)
+        finalize(self, stream.close)
+
+    def __getitem__(self, index: int) -> NDArray[Any] | None:
+        try:
+            with self._lock, warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of fields that are not needed
+                self._image.seek(index)
+                shown = self._image.convert("RGB") if self._image.mode in ("P", "RGBA") else self._image
+                image = np.asarray(shown)
+        except (OSError, ValueError, TypeError, SyntaxError, EOFError):
+            return None
+        # as OpenCV decodes: blue, green, red
+        return np.array(image[..., ::-1] if image.ndim == 3 else image)

@@ -16,7 +16,6 @@ from instruments.images._files import folder_images, pages
 from instruments.images._headers import is_tiff
 from instruments.images._names import SUFFIXES
 from instruments.images._pictures import CHANNELS, Channel, Pictures
-from instruments.images._uncompressed import uncompressed
 from instruments.images._video import Video
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
@@ -84,7 +83,7 @@ def _opened(path: Path, channel: Channel | None) -> tuple[Pictures, Floats]:
     if path.suffix.lower() in SUFFIXES or _is_tiff(path):
         images = pages(path, channel)
         return images, np.arange(len(images), dtype=float)
-    video = uncompressed(path, channel) or Video(path, channel)
+    video = Video(path, channel)
     return video, np.arange(len(video), dtype=float)
 
 

@@ -60,7 +60,7 @@ def test_unknown_content_lists_what_was_tried(tmp_path):
 
 def test_a_folder_of_raw_frames_says_what_to_export(tmp_path):
     (tmp_path / "frame_0001.raw").write_bytes(bytes(96))
-    with pytest.raises(SourceError, match="export them as TIFF"):
+    with pytest.raises(SourceError, match="export the film as TIFF"):
         instruments.read(tmp_path)
 
 
@@ -129,6 +129,7 @@ def test_names_are_those_that_results_state():
     assert [each.name for each in instruments.OURS] == [
         "mach1",
         "phantom",
+        "photron",
         "anton_paar",
         "plain_table",
         "dice",
