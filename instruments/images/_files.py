@@ -301,8 +301,11 @@ class _Pages:
 
     def __init__(self, path: Path) -> None:
         stream = path.open("rb")
-        self._lock, self._image = Lock(), Image.open(stream)
         finalize(self, stream.close)
+        try:
+            self._lock, self._image = Lock(), Image.open(stream)
+        except (OSError, ValueError, TypeError, SyntaxError):
+            raise SourceError(path, "its pages cannot be decoded", hint="Export one image per file.") from None
 
     def __getitem__(self, index: int) -> NDArray[Any] | None:
         try:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
         LK_PORT as LK_PORT,
         Connection as Connection,
     )
-    from instruments.keyence._header import KeyenceProfile as KeyenceProfile
     from instruments.keyence._markers import Status as Status
     from instruments.keyence._storage import read as read
     from instruments.keyence._writer import encode as encode, make_recording as make_recording, write as write
@@ -52,11 +51,9 @@ class Options(TypedDict, total=False):
     cycle: str | float | Quantity | None
     units: Sequence[str] | None
     storage_factor: int | None
-    rows: int | None
     encoding: str | None
     delimiter: str | None
     decimal: str | None
-    profile: "KeyenceProfile | None"
     allow_incomplete: bool
     limits: Limits | None
 

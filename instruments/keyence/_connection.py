@@ -11,19 +11,13 @@ import struct
 import time
 from typing import NamedTuple
 
-from instruments.keyence._markers import Status
+from instruments.keyence._markers import Status, marker_status
 from labpipe.errors import InputError, SourceError
 
 LK_G5000, DL_EN1 = "lk-g5000", "dl-en1"
 LK_PORT = 24687  # of the LK-G5000; that of a DL-EN1 unit is set on the unit
 _REQUESTS = {LK_G5000: bytes([7, 0, 7, 0x14, 0, 0, 0]), DL_EN1: b"M0\r\n"}
 _LK_BYTES, _LK_OFFSET, _LK_VALUES = 116, 68, struct.Struct("<12i")
-_EN1_MARKERS = {
-    100000000: Status.ALARM,
-    99999999: Status.RANGEOVER_P,
-    -99999999: Status.RANGEOVER_N,
-    -99999998: Status.INVALID,
-}
 LARGEST = 9_999_999  # seven digits are shown on a display; a larger number is no reading
 
 
@@ -103,8 +97,7 @@ class Connection:
 
 
 def _state(count: int) -> Status:
-    if count in _EN1_MARKERS:
-        return _EN1_MARKERS[count]
     if count == -1048576:  # 0xFFF00000
         return Status.INVALID
-    return Status.VALID if abs(count) <= LARGEST else Status.SUSPECT
+    marker = marker_status(f"{count:+010d}")
+    return marker or (Status.VALID if abs(count) <= LARGEST else Status.SUSPECT)

@@ -1,6 +1,7 @@
 """Keyence storage files in the assumed layout: values, states, units, time, and the way back."""
 
 import json
+import re
 from datetime import datetime
 
 import numpy as np
@@ -114,10 +115,10 @@ def test_every_marker_becomes_nan_and_a_state(tmp_path, token, status, row):
 
 
 def test_every_pattern_of_the_table_is_tested():
-    tested = {marker_status(token) for token, _ in TOKENS} - {None}
-    assert tested == {marker.status for marker in MARKERS}
-    for marker in MARKERS:
-        assert any(marker_status(token, (marker,)) is not None for token, _ in TOKENS), marker
+    for pattern, status in MARKERS:
+        fitting = [token for token, _ in TOKENS if re.fullmatch(pattern, token, re.IGNORECASE)]
+        assert fitting, pattern
+        assert {marker_status(token) for token in fitting} == {status}
 
 
 @pytest.mark.parametrize(
@@ -268,7 +269,6 @@ def test_missing_storage_factor_is_asked_for_unless_the_cycle_is_given(tmp_path)
         ({"cycle": "20 us"}, "option cycle"),
         ({"units": ["mm", "mm"]}, "option units"),
         ({"storage_factor": 2}, "option storage_factor"),
-        ({"rows": 4}, "the option rows says 4"),
     ],
 )
 def test_option_against_the_file_is_refused(tmp_path, option, message):
@@ -282,19 +282,6 @@ def test_option_against_the_file_is_refused(tmp_path, option, message):
 def test_option_that_makes_no_sense_is_refused(tmp_path, option):
     with pytest.raises(InputError):
         read_text(tmp_path, EXAMPLE, **option)
-
-
-def test_profile_supplies_what_files_leave_out(tmp_path):
-    profile = keyence.KeyenceProfile(cycle="50 us", units=("mm", "um"), storage_factor=1)
-    readings = read_text(tmp_path, BARE, profile=profile)
-    assert readings.time.values[2] == pytest.approx(100e-6)
-
-
-def test_profile_may_name_other_labels(tmp_path):
-    labels = {**keyence.KeyenceProfile().labels, "cycle": "abtastzyklus"}
-    text = EXAMPLE.replace("Sampling cycle", "Abtastzyklus")
-    readings = read_text(tmp_path, text, profile=keyence.KeyenceProfile(labels=labels))
-    assert readings.time.values[1] == pytest.approx(50e-6)
 
 
 def test_file_without_header_is_read_with_options(tmp_path):
@@ -449,7 +436,7 @@ def test_times_over_midnight_go_on(tmp_path):
         ("Time,OUT1[mm]\n" + table("{t:.4f},{v}"), "the unit of its times", 1),
         ("Time [kg],OUT1[mm]\n" + table("{t:.4f},{v}"), "expected s, ms or us", 1),
         (TIMES["time of every row in s"].replace("0.000500,", "0.0x0500,"), "expected a time", 7),
-        ("Time [s],OUT1[mm]\n" + table("{t:.4f},{v}").replace("0.0100,", "0.0300,"), "do not lie evenly", 102),
+        ("Time [s],OUT1[mm]\n" + table("{t:.4f},{v}").replace("0.0100,", "0.0300,"), "are uneven", 102),
         (LINES + "Unit,mm\nTime [s],OUT1\n" + table("{ms:.1f},{v}"), "by the sampling cycle it is 0.0001 s", 1),
         (TIMES["statistics below"] + table("{i},{v:+.4f}", 3), "below the end of the rows", 408),
         (TIMES["judgements"].replace("4,+01.4996,GO", "4,+01.4996"), "2 cells, expected 3", 8),
