@@ -9,7 +9,7 @@ import math
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -91,7 +91,14 @@ class Acquired:
         """Append the row of a reading and those of empty slots before it."""
         if self.start is None:
             self._first, self.start = sample.slot, started + timedelta(seconds=sample.slot * setup.interval)
-            self._unwritten[0].extend(_header(setup, self.start))
+            self._unwritten[0].extend(
+                (
+                    f"Remark,assumed layout\r\nDate,{self.start:%Y/%m/%d %H:%M:%S}",
+                    f"Sampling cycle,{setup.interval * 1e6:.6g}us\r\nStorage cycle,x1",
+                    ",".join(("Unit", *setup.units)),
+                    ",".join(("No.", *(f"OUT{output}" for output in setup.outputs))),
+                )
+            )
             self._unwritten[1].append("row,time_s,round_trip_s")
         waiting = ",".join([TOKENS[Status.WAITING]] * len(setup.outputs))
         row = sample.slot - self._first + 1
@@ -120,15 +127,6 @@ class Acquired:
             self.flush()
 
 
-def _header(setup: Setup, start: datetime) -> Iterator[str]:
-    yield "Remark,assumed layout"
-    yield f"Date,{start:%Y/%m/%d %H:%M:%S}"
-    yield f"Sampling cycle,{setup.interval * 1e6:.6g}us"
-    yield "Storage cycle,x1"
-    yield ",".join(("Unit", *setup.units))
-    yield ",".join(("No.", *(f"OUT{output}" for output in setup.outputs)))
-
-
 def record(
     path: Path,
     setup: Setup,
@@ -139,20 +137,16 @@ def record(
     before: float = 0.0,
     patience: float = 10.0,
 ) -> Acquired:
-    """Record a controller until a duration [s] has passed, from the start or from the trigger.
+    """Record a controller into a storage file, and the real times into NAME.times.csv.
 
     Parameters
     ----------
-    path : Path
-        The storage file; NAME.times.csv holds the real times. Neither may exist.
-    setup : Setup
+    path, setup : Path, Setup
     connect : callable
         Opens a connection; called again after each error.
-    duration, before : float [s]
-        Kept after the start or the trigger, and before the trigger.
+    duration, before, patience : float [s]
+        Kept after the start or the trigger, and before the trigger; longest silence of the controller.
     trigger : Trigger, optional
-    patience : float [s]
-        Longest silence of the controller.
 
     Raises
     ------
@@ -192,7 +186,8 @@ def record(
                     done.add(setup, sample, started)
             except LabpipeError as error:
                 done.errors, done.last_error = done.errors + 1, str(error).splitlines()[0]
-                _close(connection)  # after an error the next bytes may belong to an earlier answer
+                if connection is not None:  # the next bytes may belong to an earlier answer
+                    connection.close()
                 connection = None
             now = time.perf_counter() - begun
             if now - answered > patience:
@@ -203,7 +198,8 @@ def record(
                 shown = now
             slot = max(slot + 1, math.floor(now / interval) + 1)
     finally:
-        _close(connection)
+        if connection is not None:
+            connection.close()
         done.close()
     if not done.readings:
         raise InputError(f"nothing was recorded: no reading came before the end. {done.last_error}".strip())
@@ -221,21 +217,15 @@ def _passes(setup: Setup, trigger: Trigger, kept: deque[_Sample], sample: _Sampl
     return earlier < 0.0 <= later if trigger.is_rising else earlier > 0.0 >= later
 
 
-def _close(connection: Connection | None) -> None:
-    if connection is not None:
-        with contextlib.suppress(OSError):
-            connection.close()
-
-
 def recover(path: Path) -> dict[str, Any]:
     """Cut off the part of a line that a power failure left at the end of a recording and of its table of times."""
-    cut = {}
+    found: dict[str, Any] = {"path": str(path)}
     for each in (path, path.with_suffix(".times.csv")):
         if not each.is_file():
             raise UsageError(f"{each}: there is no such file; expected a recording and its table of times")
         data = each.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]
-        cut[each.name] = len(data) - len(whole)
-        if cut[each.name]:
+        found[f"bytes_cut_off_{each.name}"] = len(data) - len(whole)
+        if whole != data:
             files.write_bytes(each, whole)
-    return {"file": str(path), "bytes_cut_off": cut}
+    return found

@@ -119,12 +119,13 @@ def parse_header(path: Path, lines: Sequence[str], delimiter: str | None) -> Hea
     delimiter, start = _find_start(path, lines, delimiter)
     head, row = lines[:start], split_cells(lines[start], delimiter)
     names_at = _find_names(path, head, delimiter, len(row))
+    unit_texts: tuple[str, ...] = ()
     if names_at is None:
         kept, times, time_unit = _sorted_columns((), row)
         firsts = [split_cells(line, delimiter)[0] for line in lines[start : start + 3]]
         counts = len(kept) > 1 and len(firsts) == 3 and all(map(str.isdigit, firsts)) and int(firsts[0]) in (0, 1)
         has_counter = counts and all(int(b) - int(a) == 1 for a, b in pairwise(firsts))
-        outputs, unit_texts = tuple(range(1, len(kept) + 1 - has_counter)), ()
+        outputs = tuple(range(1, len(kept) + 1 - has_counter))
     else:
         names = split_cells(head[names_at], delimiter)
         if len(names) != len(row):

@@ -20,7 +20,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning, ShownFrames
-from labpipe.text import shorten
+from labpipe.numbers import shorten
 
 _LARGEST_SIDE = 1 << 15  # px; no sensor is larger
 _LARGEST_HEADER = 1 << 24  # bytes; a header has some kilobytes
@@ -148,7 +148,7 @@ def _header(path: Path) -> Header:
 
 def _of_text(data: bytes) -> dict[str, str]:
     """Return the entries of a .cih, which ends at the first empty line."""
-    found = {}
+    found: dict[str, str] = {}
     for line in data.decode("utf-8", "replace").lstrip("\ufeff").splitlines():
         key, colon, value = line.partition(":")
         if colon:

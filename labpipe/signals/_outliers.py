@@ -169,10 +169,10 @@ def _round(
         return taken, []
     steps = np.abs(np.diff(y))
     jumps = []
-    for i in np.flatnonzero(enters):
+    for i in np.flatnonzero(enters).tolist():
         nearby = np.delete(steps[max(i - 1 - neighbours, 0) : i + neighbours], min(i - 1, neighbours))
         if steps[i - 1] > threshold * max(sigma, float(nearby.max(initial=0.0))):
-            jumps.append(int(i))
+            jumps.append(i)
     return [], jumps
 
 

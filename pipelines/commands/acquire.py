@@ -64,12 +64,8 @@ def keyence(file: Path, as_json: bool, **given: Any) -> None:
         before=given["before"],
         patience=patience,
     )
-    told = {each.name: getattr(done, each.name) for each in fields(done) if not each.name.startswith("_")}
-    if as_json:
-        echo_json({name: str(value) if name in ("path", "times", "start") else value for name, value in told.items()})
-        return
-    for name, value in told.items():
-        echo(f"{name.replace('_', ' '):20}{value}")
+    found = {each.name: getattr(done, each.name) for each in fields(done) if not each.name.startswith("_")}
+    _show(found | {name: str(found[name]) for name in ("path", "times", "start")}, as_json)
 
 
 @acquire.command()
@@ -84,9 +80,12 @@ def recover(file: Path, as_json: bool) -> None:
     """
     from instruments import keyence as laser
 
-    found = laser.recover(file)
+    _show(laser.recover(file), as_json)
+
+
+def _show(found: dict[str, Any], as_json: bool) -> None:
     if as_json:
         echo_json(found)
         return
-    for name, count in found["bytes_cut_off"].items():
-        echo(f"{name}: {count} bytes of an incomplete line cut off" if count else f"{name}: complete")
+    for name, value in found.items():
+        echo(f"{name.replace('_', ' '):20}{value}")

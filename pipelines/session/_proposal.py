@@ -459,7 +459,8 @@ def _is_ours(path: Path, folder: Path) -> bool:
     parts = path.relative_to(folder).parts
     written = (at for at, part in enumerate(parts[:-1], 1) if part in {"labpipe", "truth"})
     is_written = any(folder.joinpath(*parts[: at - 1], FILE_NAME).is_file() for at in written)
-    return any(p.startswith((".", "~$")) or p.lower() in {"thumbs.db", "desktop.ini"} for p in parts) or parts[0] in {"labpipe", "truth", FILE_NAME} or is_written
+    of_system = any(p.startswith((".", "~$")) or p.lower() in {"thumbs.db", "desktop.ini"} for p in parts)
+    return of_system or parts[0] in {"labpipe", "truth", FILE_NAME} or is_written
 
 
 def _instrument(path: Path) -> str | None:

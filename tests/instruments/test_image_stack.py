@@ -62,14 +62,6 @@ def test_parts_of_one_image_are_decoded_once_and_belong_to_whoever_asks(
     assert decoded == [0, 1]
 
 
-def test_numbers_with_a_minus_sign_come_before_the_trigger(tmp_path: Path) -> None:
-    film = write_folder(tmp_path / "f", ["img_-2.tif", "img_-1.tif", "img_0.tif"], np.uint16)
-    found = instruments.read(tmp_path / "f", fps=10.0, exposure=1e-3)
-    np.testing.assert_array_equal(found[0], film[0])
-    assert found.levels == (0.0, 65535.0)
-    assert found.exposure.tolist() == [1e-3] * 3
-
-
 def test_beside_a_plus_sign_a_minus_sign_is_no_hyphen(tmp_path: Path) -> None:
     film = write_folder(tmp_path / "f", ["Img-00002.png", "Img-00001.png", "Img+00000.png", "Img+00001.png"])
     found = instruments.read(tmp_path / "f", fps=1.0)
@@ -88,13 +80,6 @@ def test_what_an_image_is_tells_its_content_and_not_the_end_of_its_name(tmp_path
         path.rename(path.with_suffix(".png"))
     with pytest.warns(SmoothedFilmWarning, match="JPEG images have"):
         instruments.read(tmp_path / "g", fps=1.0)
-
-
-def test_a_gap_in_the_numbers_is_a_gap_in_time_and_is_said(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["a1.png", "a2.png", "a5.png"])
-    with pytest.warns(UserWarning, match="2 images are missing, the first after number 2"):
-        found = instruments.read(tmp_path / "f", fps=1.0)
-    assert found.time.tolist() == [0.0, 1.0, 4.0]
 
 
 def test_without_a_frame_rate_there_is_no_time_and_no_film(tmp_path: Path) -> None:
@@ -363,13 +348,6 @@ def test_one_damaged_image_costs_one_frame(tmp_path: Path, suffix: str, options:
     with pytest.warns(IncompleteFilmWarning, match=rf"1 of 4 images is damaged and left out, a2\.{suffix}"):
         assert found.valid.tolist() == [True, True, False, True]
     np.testing.assert_array_equal(found[3], film[3])
-
-
-def test_a_file_that_is_no_image_costs_one_frame(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["a1.png", "a2.png", "a3.png"])
-    (tmp_path / "f/a2.png").write_bytes(b"\0" * 512)
-    with pytest.warns(IncompleteFilmWarning, match=r"a2\.png: is neither PNG nor TIFF nor BMP nor JPEG"):
-        assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
 
 
 def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> None:

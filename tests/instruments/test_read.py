@@ -81,8 +81,8 @@ def test_missing_file_is_a_source_error(tmp_path):
 
 
 def test_options_reach_the_reader(laser):
-    with pytest.raises(SourceError, match="the option rows says 51"):
-        instruments.read(laser, rows=51)
+    with pytest.raises(SourceError, match="the option cycle says 1e-05 s"):
+        instruments.read(laser, cycle="10 us")
 
 
 def _touch(path):

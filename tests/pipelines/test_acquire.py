@@ -102,7 +102,7 @@ def test_a_killed_recording_is_readable(tmp_path: Path) -> None:
     found = instruments.read(tmp_path / "a.csv")
     assert found.sizes["time"] > 30
     done = CliRunner().invoke(acquire, ["recover", str(tmp_path / "a.csv")])
-    assert "a.csv: complete" in done.output
+    assert "bytes cut off a.csv 0" in done.output
 
 
 def test_the_example_of_the_help_has_every_option_that_is_needed() -> None:

@@ -5,7 +5,7 @@ from math import pi
 
 import numpy as np
 
-from labpipe.judging import Check, not_made, stated
+from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.shared.trace_checks._trace import IN_NOISE, QUIET, WRONG_CHANNEL, Trace
 
@@ -84,7 +84,7 @@ def jumps(trace: Trace) -> Check:
         if np.isfinite(period) and (np.abs(gaps / period - np.round(gaps / period)) < _REGULAR).all():
             text += f"; they come each {quantity(period, 's')}"
             cause = "what is switched so often, such as a dimmer or a converter at the mains, disturbs the sensor"
-        level = "doubtful" if count > _MANY_SPIKES * trace.reading.size else "note"
+        level: Level = "doubtful" if count > _MANY_SPIKES * trace.reading.size else "note"
         return stated(title, law, text, level, file=trace.name, cause=cause)
     return stated(title, law, f"{trace.name}: no jump and no spike", None, file=trace.name)
 
