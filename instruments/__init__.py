@@ -27,6 +27,7 @@ from instruments.images import (
 from instruments.keyence import INSTRUMENT as KEYENCE, Options as KeyenceOptions
 from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
+from instruments.photron import INSTRUMENT as PHOTRON
 from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, holds_rows, workbook_hint
 from labpipe.build import BUILD
 from labpipe.errors import NO_FILM, UNKNOWN_FORMAT, InputError, LabpipeError, SourceError, UsageError
@@ -57,7 +58,7 @@ __all__ = [
 ]
 
 # The Keyence layout has no magic number, so it is asked last.
-OURS = (MACH1, PHANTOM, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
+OURS = (MACH1, PHANTOM, PHOTRON, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
 
 
 class Options(KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions):
@@ -137,10 +138,6 @@ _STILLS = (".png", ".bmp", ".jpg", ".jpeg")
 
 def _identify(path: Path, fps: float | None = None) -> Instrument:
     head = _head(path)
-    if path.suffix == ".recording":
-        raise SourceError(
-            path, "this is an unfinished recording", hint=f"Finish it with `labpipe acquire recover {path}`."
-        )
     for each in OURS:
         if each.sniff(head, path):
             return each
@@ -150,7 +147,11 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
         if plugin.found is not None and _is_from(plugin, head, path):
             return plugin.found
     tried = ", ".join(each.name for each in known())
-    hint = workbook_hint(head) or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
+    hint = (
+        _archive_hint(head, path)
+        or workbook_hint(head)
+        or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
+    )
     if path.is_dir():
         raise SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path)).because(NO_FILM)
     if not head:
@@ -159,7 +160,7 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
         hint = "One image is no film: name the folder of its images, or the camera's own file."
     elif path.suffix.lower() in _RAW:
         hint = f"{RAW_FRAMES} Phantom's .cine and TIFF are read with their pixels packed or not."
-    elif b"\0" in head and not workbook_hint(head):
+    elif b"\0" in head and not head.startswith(b"PK\x03\x04") and not workbook_hint(head):
         hint = "It is binary, of no format that is known: export readings as text, films as .cine, TIFF, PNG or AVI."
     if holds_rows(head):
         hint += (
@@ -167,6 +168,25 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
             """instrument="plain_table", columns="f (Hz), E' (MPa), E'' (MPa), T (degC)"."""
         )
     raise SourceError(path, f"no instrument recognises the content; tried {tried}", hint=hint).because(UNKNOWN_FORMAT)
+
+
+def _archive_hint(head: bytes, path: Path) -> str:
+    """Return the advice for a zip archive that is no workbook; "" of other files."""
+    import zipfile
+
+    if not head.startswith(b"PK\x03\x04"):
+        return ""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, OSError, ValueError):
+        return "It is a zip archive that is damaged or was not copied whole."
+    if names and all(name.endswith(".npy") for name in names):
+        arrays = ", ".join(name.removesuffix(".npy") for name in names[:4])
+        return f"It is a NumPy archive (.npz) of the arrays {arrays}: save them as CSV with a heading and its units."
+    if any(name.startswith(("xl/", "content.xml", "mimetype")) for name in names):
+        return ""
+    return f"It is a zip archive of {len(names)} files, such as {names[0] if names else 'none'}: unpack it."
 
 
 def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:

@@ -20,7 +20,8 @@ from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._colour import Colour, estimate_corner, velocity_factor
 from labpipe.signals._mains import Hum
-from labpipe.signals._noise import Noise, estimate_noise, is_spike
+from labpipe.signals._noise import Noise, estimate_noise
+from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing import evaluate, smooth
 from labpipe.units import Measure, si
@@ -80,7 +81,7 @@ def velocity(
         standard uncertainty. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over
         which the noise is correlated), ``quantisation`` (m); ``bandwidth`` (Hz: smallest and
         largest over the record; a moving average of N samples has 1 / (2 N dt)); ``n_spikes``
-        (samples given no weight); ``work`` (JSON counts).
+        (outliers given no weight); ``work`` (JSON counts).
         NaN where the displacement is NaN.
 
     Raises
@@ -93,7 +94,8 @@ def velocity(
     Warns
     -----
     UserWarning
-        Fewer than 12 readings: differences are used instead of the spline. Spikes left out.
+        Fewer than 12 readings: differences are used instead of the spline. Outliers left out, or a run of them that is
+        too long to be left out (:func:`labpipe.signals.outliers`).
 
     Notes
     -----
@@ -213,27 +215,27 @@ def _spline(
     if known.sigma <= 0.0:
         # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
         return np.zeros(len(t)), np.zeros(len(t)), _attributes(known, [0.0, 0.0], 0, counts)
-    spike = is_spike(t, y, known.sigma)
-    n_spikes = int(spike.sum())
-    if n_spikes:
-        text = f"{n_spikes} single readings stand out by more than 8 sigma and are left out"
-        warnings.warn(text, UserWarning, stacklevel=3)
-    fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
+    wild = outliers(y, t, noise=known.sigma)
+    kept, n_spikes = ~wild.flags, int(wild.flags.sum())
+    for text in (wild.message(t) if n_spikes else "", wild.interruption(t, y)):
+        if text:
+            warnings.warn(text, UserWarning, stacklevel=3)
+    fit = smooth(t[kept], y[kept], known.sigma, *cuts)
     n_updates = fit.n_updates
     level, u_level = evaluate(fit, t, 0)
     if may_refine and known.block == 1:
-        freedom = float(np.sum((u_level[~spike] / fit.sigma) ** 2))
-        found = _residual_sigma((y - level)[~spike], freedom, known)
+        freedom = float(np.sum((u_level[kept] / fit.sigma) ** 2))
+        found = _residual_sigma((y - level)[kept], freedom, known)
         if not 1 / _WHITE_RESIDUAL < found / known.sigma < _WHITE_RESIDUAL:
             known = known._replace(sigma=found)
-            fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
+            fit = smooth(t[kept], y[kept], known.sigma, *cuts)
             n_updates += fit.n_updates
             level, u_level = evaluate(fit, t, 0)
-    _warn_of_fast_motion((y - level)[~spike], float(np.ptp(y)), known)
+    _warn_of_fast_motion((y - level)[kept], float(np.ptp(y)), known)
     v, u = evaluate(fit, t, 1)
     share = (u_level / fit.sigma) ** 2
     if colour is None:
-        colour = Colour(estimate_corner(((y - level) / known.sigma)[~spike], share[~spike], fit.time_scale))
+        colour = Colour(estimate_corner(((y - level) / known.sigma)[kept], share[kept], fit.time_scale))
     u = u * velocity_factor(share, fit.time_scale, colour.corner)
     if colour.hum is not None:
         u = np.hypot(u, colour.hum.remaining_rate(t))

@@ -49,6 +49,7 @@ def reading_options(function: F) -> F:
     @click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
     @click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
     @click.option("--storage-factor", type=click.IntRange(min=1), help="Keyence file: samples per stored point.")
+    @click.option("--channel", type=click.Choice(["red", "green", "blue"]), help="Colour film: the channel to read.")
     @click.option(
         "--option", "others", multiple=True, metavar="NAME=VALUE", help="Another option of the reader, e.g. fps=1000."
     )
@@ -59,10 +60,11 @@ def reading_options(function: F) -> F:
         cycle: str | None,
         units: tuple[str, ...],
         storage_factor: int | None,
+        channel: str | None,
         others: tuple[str, ...],
         **kwargs: Any,
     ) -> Any:
-        typed = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor}
+        typed = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor, "channel": channel}
         given = {name: value for name, value in typed.items() if value}
         try:
             kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
@@ -95,7 +97,12 @@ def _reading(source: Path, instrument: str | None, given: dict[str, Any], others
 
 
 _PYTHON = re.compile(r'\b([a-z][a-z_]*)=(\[[^\]]*\]|"[^"]*"|True|[0-9.]*[0-9])')
-_APART = {"instrument": "--instrument", "cycle": "--cycle", "storage_factor": "--storage-factor"}
+_APART = {
+    "instrument": "--instrument",
+    "cycle": "--cycle",
+    "storage_factor": "--storage-factor",
+    "channel": "--channel",
+}
 
 
 def as_typed(hint: str) -> str:

@@ -65,7 +65,7 @@ def survey(folder: Path) -> list[Surveyed]:
     found = recognise(folder)
     titles = {each.name: each for each in instruments.known()}
     of_instrument = {name: titles[key] for key, names in found.names.items() if key in titles for name in names}
-    whole = {place.relative_to(folder).as_posix(): each for place, each in wholes(folder).items() if place != folder}
+    whole = {place.relative_to(folder).as_posix(): each for place, each in wholes(folder).items()}
     used = _users(folder)
     has_session = (folder / FILE_NAME).is_file()
     entries = []

@@ -222,8 +222,8 @@ def _of_rows(name: str, block: int) -> tuple[Mistake, ...]:
         Mistake(
             "one force of -99 N",
             rows(lambda r: [*r[:200], _cell(r[200], 2, "-99.0"), *r[201:]], name, block),
-            "doubtful",
-            ("leaves its neighbours",),
+            "note",
+            ("left out as outliers",),
             name,
             "-99.0",
         ),
@@ -338,8 +338,8 @@ WAVE_ROWS = (
     Mistake(
         "one position of 99 mm",
         rows(lambda r: [*r[:200], _cell(r[200], 1, "99.0"), *r[201:]], WAVES),
-        "impossible",
-        ("leaves its neighbours",),
+        "note",
+        ("left out as outliers",),
         WAVES,
         "\t99.0\t",
     ),

@@ -8,7 +8,7 @@ _STAGES = (
     stage(
         "contact_area.measured:radius",
         ("file:film", "file:camera"),
-        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "region"),
+        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "channel", "region"),
         shortcuts=True,
         imports=("labpipe.imaging.fringes._every_frame", "labpipe.compiler"),
         summary="fit the fringes around the contact",
@@ -39,7 +39,7 @@ _STAGES = (
     stage(
         "contact_area.measured:keys",
         ("file:film", "radius", "impacts"),
-        ("frame_rate",),
+        ("frame_rate", "channel"),
         may_lack=("impacts",),
         summary="select key frames for the page",
     ),

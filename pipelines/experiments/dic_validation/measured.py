@@ -49,7 +49,7 @@ _SHOWS, _ALIKE = 40, 0.5  # pixels of an obstruction in the large subset, and th
 
 def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     """Follow the holder through the film; after rest, only every eighth frame is read."""
-    source = open_film(film, settings.frame_rate)
+    source = open_film(film, settings.frame_rate, settings.channel)
     chosen = settings.tracking
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
@@ -297,7 +297,7 @@ def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
 
 def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings: DicValidation) -> xr.Dataset:
     """Copy key frames with the places of the tracked points: release, contacts, tops, rest; without them, all over."""
-    source = open_film(film, settings.frame_rate)
+    source = open_film(film, settings.frame_rate, settings.channel)
     time = track["time"].values
     events = list(np.linspace(time[0], time[-1], _KEYS))
     if bounces is not None:

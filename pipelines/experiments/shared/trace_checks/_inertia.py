@@ -1,16 +1,16 @@
 """Checks of what a body with inertia can do: no jumps, no uneven times, no sine in place of a fall."""
 
+from itertools import pairwise
 from math import pi
 
 import numpy as np
 
-from labpipe.judging import Check, not_made, stated
+from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.shared.trace_checks._trace import IN_NOISE, QUIET, WRONG_CHANNEL, Trace
 
 _FASTER = 3.0  # times the largest usual step between two readings, beyond which it is a jump
 _LEAST_JUMP = 0.02  # of the travel
-_RETURN = 3  # readings within which a spike is over
 _MANY_SPIKES = 0.01  # of all readings
 _SINE, _LINE = 0.98, 0.7
 """Of the variance; and of the power in three neighbouring lines, of which a sine has more than 0.8 in any phase."""
@@ -51,53 +51,42 @@ def jumps(trace: Trace) -> Check:
     usual = float(np.quantile(np.abs(np.maximum(low, np.minimum(high, steps[2:]))), 0.995))
     limit = max(_FASTER * usual, _LEAST_JUMP * trace.travel) + IN_NOISE * trace.noise + 2 * trace.resolution
     large = np.flatnonzero((np.abs(steps) > limit) & (np.diff(known) == 1))
-    spikes, levels = _spikes_and_levels(x, large, limit)
-    if levels:
-        worst = max(levels, key=lambda i: abs(float(steps[i])))
-        text = (
-            f"{trace.name}: the readings jump by {quantity(float(steps[worst]), 'm')} at "
-            f"{trace.at(int(known[worst + 1]))}, {quantity(usual, 'm')} between two readings is usual"
-        )
+    if large.size:
+        worst = max(large.tolist(), key=lambda i: abs(float(steps[i])))
+        at = f"{trace.at(int(known[worst + 1]))}, {quantity(usual, 'm')} between two readings is usual"
+        text = f"{trace.name}: the readings jump by {quantity(float(steps[worst]), 'm')} at {at}"
         cause = (
             "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
             "sensor was moved"
         )
+        for first, after in pairwise(large.tolist()):
+            if abs(float(x[after + 1] - x[first])) < 0.5 * abs(float(steps[first])):
+                begin, end = int(known[first + 1]), int(known[after])
+                text += f"; readings {begin + 1}-{end + 1} leave the record and return to it"
+                cause = f"readings {begin + 1}-{end + 1} are a disturbance of the sensor, too long to be left out"
+                break
         return stated(title, law, text, "impossible", file=trace.name, cause=cause)
-    if spikes:
-        worst = max(spikes, key=lambda i: abs(float(steps[i])))
-        more = f"{len(spikes)} spikes, the largest" if len(spikes) > 1 else "one spike"
-        text = (
-            f"{trace.name}: {more} of {quantity(abs(float(steps[worst])), 'm')} at "
-            f"{trace.at(int(known[worst + 1]))}, left out"
+    if trace.outliers:
+        first, _, size = max(trace.outliers, key=lambda run: run[2])
+        count = sum(end - begin + 1 for begin, end, _ in trace.outliers)
+        numbers = ", ".join(
+            f"{begin + 1}" if begin == end else f"{begin + 1}-{end + 1}" for begin, end, _ in trace.outliers[:5]
         )
-        many = len(spikes) > _MANY_SPIKES * x.size
+        numbers += ", …" if len(trace.outliers) > 5 else ""
+        spikes = "one spike" if len(trace.outliers) == 1 else f"{len(trace.outliers)} spikes"
+        text = (
+            f"{trace.name}: {spikes} left out (readings {numbers}), the largest of {quantity(size, 'm')} at "
+            f"{trace.at(first)}"
+        )
         cause = "a disturbance of the sensor, such as a flash of light or a speck of dust"
-        gaps = np.diff(trace.time[known[spikes]])
+        gaps = np.diff(trace.time[[begin for begin, _, _ in trace.outliers]])
         period = float(np.median(gaps)) if gaps.size > 2 else np.inf
-        if (np.abs(gaps / period - np.round(gaps / period)) < _REGULAR).all() and np.isfinite(period):
+        if np.isfinite(period) and (np.abs(gaps / period - np.round(gaps / period)) < _REGULAR).all():
             text += f"; they come each {quantity(period, 's')}"
             cause = "what is switched so often, such as a dimmer or a converter at the mains, disturbs the sensor"
-        return stated(title, law, text, "doubtful" if many else "note", file=trace.name, cause=cause)
+        level: Level = "doubtful" if count > _MANY_SPIKES * trace.reading.size else "note"
+        return stated(title, law, text, level, file=trace.name, cause=cause)
     return stated(title, law, f"{trace.name}: no jump and no spike", None, file=trace.name)
-
-
-def _spikes_and_levels(x: np.ndarray, large: np.ndarray, limit: float) -> tuple[list[int], list[int]]:
-    """Part large steps into those that are taken back within a few readings, and those that stay."""
-    spikes, levels, place = [], [], 0
-    while place < large.size:
-        i = int(large[place])
-        back = [int(j) for j in large[place + 1 :] if j <= i + _RETURN]
-        end = back[-1] + 1 if back else i + 1
-        if back and abs(float(x[min(end, x.size - 1)] - x[i])) < limit:
-            spikes.append(i)
-            place += len(back) + 1
-        elif i == 0 or i >= x.size - 2:
-            spikes.append(i)
-            place += 1
-        else:
-            levels.append(i)
-            place += 1
-    return spikes, levels
 
 
 def wave(trace: Trace) -> Check:
