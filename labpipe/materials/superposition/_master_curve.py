@@ -11,7 +11,6 @@ of the starts, the Kramers-Kronig verdict, and which terms lie outside the cover
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -22,21 +21,23 @@ from threadpoolctl import threadpool_limits
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials._shift_law import LawName
-from labpipe.materials.superposition._fit import superpose
 from labpipe.materials.superposition._joint_fit import Points
-from labpipe.materials.superposition._outlying import off_the_curve
+from labpipe.materials.superposition._model_selection import Options, superpose
+from labpipe.materials.superposition._parameters import (
+    GLASS,
+    SLOPE_SPREAD,
+    VERTICAL_SIZE,
+    Horizontal,
+    OuterModel,
+    Vertical,
+)
+from labpipe.materials.superposition._points import SweepData, read_sweeps
 from labpipe.materials.superposition._result import MasterCurve, assembled
-from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, Horizontal, OuterModel
-from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps, without_readings
-from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
-from labpipe.materials.superposition._vertical_law import GLASS, VERTICAL_SIZE, Vertical
+from labpipe.materials.superposition._sweeps import Mode, gather_sweeps
 from labpipe.units import Measure, si
 
-_ALL_VERTICALS: tuple[Vertical, ...] = tuple(VERTICAL_SIZE)
 # Levels about a vertical law are looked for from this many isotherms on.
 _LEVELS_NEED = 5
-# How often readings far off the curve are looked for: one of them may hide another.
-_LOOKS = 3
 # Measured means differ from set temperatures by this much (K) at most.
 _SAME_TEMPERATURE = 1.0
 
@@ -127,79 +128,10 @@ def master_curve(
     if "storage_modulus" in sweeps:
         sweeps = gather_sweeps(sweeps, mode, nu)
     data = read_sweeps(sweeps, robust)
-    T_ref = None if T_ref is None else si(T_ref, "degC", "T_ref")
-    _check_options(law, vertical, delay, levels, noise_ratio)
-    given = None if shifts is None else _given_shifts(shifts, sweeps, data)
-    reference = _reference(data.temperature, T_ref)
-    where = float(data.temperature[reference]) if T_ref is None else float(T_ref)
-    horizontal: Horizontal = law or "free"
-    if given is not None and not refine:
-        horizontal = "fixed"
-    _check_reference(data.temperature, where, horizontal)
-    if data.points.count == 1:
-        horizontal = "fixed"
-    model = OuterModel(
-        temperature=data.temperature,
-        T_ref=where,
-        reference=reference,
-        given=np.zeros(data.points.count) if given is None else given - given[reference],
-        delay_unit=1.0 / float(np.max(data.points.omega)),
-        horizontal=horizontal,
-        slope_spread=SLOPE_SPREAD if vertical == "auto" and _is_glass(data.points) else 0.0,
-    )
-    is_started = given is not None or horizontal == "fixed"
-    starts = (("given", model.given),) if is_started else None
-    fit = partial(
-        superpose,
-        model=model,
-        starts=starts,
-        verticals=_verticals(vertical, data.points),
-        delay=None if delay == "auto" else delay,
-        levels=_levels(levels, data.points.count),
-        robust=robust,
-        noise_ratio=noise_ratio,
-    )
-    # Thousands of small systems: more threads of linear algebra would only wait for each other.
-    with threadpool_limits(limits=1, user_api="blas"):
-        found = fit(data.points)
-        for _ in range(_LOOKS if robust else 0):
-            far = off_the_curve(data.points, found.fit.predicted)
-            if not far.any() or not data.points.work.goes_on(times=2):
-                break
-            data = without_readings(data, far)
-            found = fit(data.points)
-        return assembled(sweeps, data, found, law, nu)
-
-
-def _verticals(vertical: str, points: Points) -> tuple[Vertical, ...]:
-    """One isotherm has no vertical shift; two cannot carry two parameters.
-
-    A modulus that grows as T does is one of entropy: that of a network or a melt, not of a glass.
-    """
-    if points.count == 1:
-        return ("none",)
-    if vertical == "auto":
-        laws = tuple(law for law in _ALL_VERTICALS if not (law == "rho_T" and _is_glass(points)))
-        return laws if points.count > 3 else ("none",)
-    return (vertical,)  # type: ignore[return-value]
-
-
-def _is_glass(points: Points) -> bool:
-    """Tell whether no sweep is of a rubber or a melt; the modulus of a glass always falls as it warms."""
-    return points.count > 1 and bool(points.storage.min() > GLASS)
-
-
-def _levels(levels: bool | Literal["auto"], count: int) -> bool | None:
-    """Levels need enough isotherms to tell their spread from a law."""
-    if count < _LEVELS_NEED:
-        return False
-    return None if levels == "auto" else levels
-
-
-def _check_options(law: str | None, vertical: str, delay: object, levels: object, noise_ratio: float | None) -> None:
+    points, temperature = data.points, data.temperature
     for name, value, allowed in (
         ("law", law, (None, "wlf", "arrhenius")),
-        ("vertical", vertical, ("auto", *_ALL_VERTICALS)),
+        ("vertical", vertical, ("auto", *VERTICAL_SIZE)),
         ("delay", delay, (True, False, "auto")),
         ("levels", levels, (True, False, "auto")),
     ):
@@ -207,6 +139,46 @@ def _check_options(law: str | None, vertical: str, delay: object, levels: object
             raise InputError(f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}")
     if noise_ratio is not None and not (np.isfinite(noise_ratio) and noise_ratio > 0):
         raise InputError(f"noise_ratio = {noise_ratio}: expected a positive number (loss over storage)")
+    given = None if shifts is None else _given_shifts(shifts, sweeps, data)
+    is_fixed = points.count == 1 or (given is not None and not refine)
+    horizontal: Horizontal = "fixed" if is_fixed else law or "free"
+    reference = int(np.argsort(temperature, kind="stable")[temperature.size // 2])
+    where = float(temperature[reference]) if T_ref is None else si(T_ref, "degC", "T_ref")
+    _check_reference(temperature, where, horizontal)
+    is_glass = points.count > 1 and bool(points.storage.min() > GLASS)
+    model = OuterModel(
+        temperature=temperature,
+        reference=reference,
+        given=np.zeros(points.count) if given is None else given - given[reference],
+        delay_unit=1.0 / float(np.max(points.omega)),
+        horizontal=horizontal,
+        slope_spread=SLOPE_SPREAD if vertical == "auto" and is_glass else 0.0,
+    )
+    options = Options(
+        verticals=_verticals(vertical, points, is_glass),
+        delay=None if delay == "auto" else delay,
+        # Levels need enough isotherms to separate their spread from a law.
+        levels=False if points.count < _LEVELS_NEED else None if levels == "auto" else levels,
+        robust=robust,
+        noise_ratio=noise_ratio,
+    )
+    starts = (("given", model.given),) if given is not None or is_fixed else None
+    # Thousands of small systems: more threads of linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return assembled(sweeps, data, superpose(points, model, options, starts), where, nu)
+
+
+def _verticals(vertical: str, points: Points, is_glass: bool) -> tuple[Vertical, ...]:
+    """One isotherm has no vertical shift; two cannot carry two parameters.
+
+    A modulus that grows as T does is one of entropy: that of a network or a melt, not of a glass.
+    """
+    if points.count == 1:
+        return ("none",)
+    if vertical == "auto":
+        laws = tuple(law for law in VERTICAL_SIZE if not (law == "rho_T" and is_glass))
+        return laws if points.count > 3 else ("none",)
+    return (vertical,)  # type: ignore[return-value]
 
 
 def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Floats:
@@ -218,13 +190,6 @@ def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Flo
             f"{count} temperatures, in their order"
         )
     return values[data.kept]
-
-
-def _reference(temperature: Floats, T_ref: float | None) -> int:
-    """Return the isotherm nearest to T_ref, or the middle one."""
-    if T_ref is None:
-        return int(np.argsort(temperature, kind="stable")[temperature.size // 2])
-    return int(np.argmin(np.abs(temperature - T_ref)))
 
 
 def _check_reference(temperature: Floats, T_ref: float, horizontal: Horizontal) -> None:
