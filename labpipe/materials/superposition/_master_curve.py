@@ -11,6 +11,8 @@ of the starts, the Kramers-Kronig verdict, and which terms lie outside the cover
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -20,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials._shift_law import LawName
+from labpipe.materials.shift_law import LawName
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._model_selection import Options, superpose
 from labpipe.materials.superposition._parameters import (
@@ -33,9 +35,11 @@ from labpipe.materials.superposition._parameters import (
 )
 from labpipe.materials.superposition._points import SweepData, read_sweeps
 from labpipe.materials.superposition._result import MasterCurve, assembled
-from labpipe.materials.superposition._sweeps import Mode, gather_sweeps
+from labpipe.materials.superposition._sweeps import Mode, gather_sweeps, loading_asked_for
+from labpipe.materials.time_domain import with_responses
 from labpipe.units import Measure, si
 
+_READINGS = {"storage_modulus", "relaxation_modulus", "creep_compliance"}
 # Levels about a vertical law are looked for from this many isotherms on.
 _LEVELS_NEED = 5
 # Measured means differ from set temperatures by this much (K) at most.
@@ -43,7 +47,7 @@ _SAME_TEMPERATURE = 1.0
 
 
 def master_curve(
-    sweeps: xr.Dataset,
+    sweeps: xr.Dataset | Sequence[xr.Dataset],
     T_ref: Measure | None = None,
     law: LawName | None = None,
     *,
@@ -54,18 +58,19 @@ def master_curve(
     noise_ratio: float | None = None,
     shifts: ArrayLike | None = None,
     refine: bool = True,
-    nu: float = 0.5,
-    mode: Mode = "tension",
+    nu: float | None = None,
+    mode: Mode | None = None,
 ) -> MasterCurve:
     """Shift isothermal sweeps onto one curve and fit its spectrum, all at once.
 
     Parameters
     ----------
-    sweeps : Dataset
-        ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency`` [Hz]; NaN
+    sweeps : Dataset, or sequence of Dataset
+        ``storage`` and ``loss`` [Pa] in tension over ``temperature`` [degC] and ``frequency`` [Hz]; NaN
         where a sweep has no point. Any order; repeated temperatures keep a shift each. Or the
-        readings of a rheometer's export, whose isothermal sweeps are gathered first
-        (:func:`labpipe.materials.gather_sweeps`).
+        readings of a rheometer's export, one or several, whose isothermal sweeps are gathered first
+        (:func:`labpipe.materials.gather_sweeps`); relaxation and creep tests at several temperatures become
+        sweeps (:func:`labpipe.materials.with_responses`).
     T_ref : float or text with a unit, optional [degC]
         Reference temperature within the measured range (a law may reach beyond); default the
         middle isotherm. It need not be one of the temperatures.
@@ -75,9 +80,9 @@ def master_curve(
         Law of b_T: "none", "rho_T" (b ∝ absolute temperature), "linear" or "quadratic"
         (in T − T_ref); "auto" takes what Schwarz's criterion asks for.
     delay : bool or "auto"
-        Whether the instrument's phase lags by a constant time.
+        Lag of the instrument's phase by a constant time.
     levels : bool or "auto"
-        Whether every sweep has a small level of its own about the vertical law, as after
+        A small level of its own of every sweep about the vertical law, as after
         clamping or tempering the sample anew; kept apart in ``level``, not part of b_T.
     robust : bool
         Leave out readings that lie far off their own sweep (more than a third), and weaken
@@ -90,9 +95,11 @@ def master_curve(
     refine : bool
         Use hand-set shifts as the start of the fit (True) or as they are (False).
     nu : float
-        Poisson's ratio of the material, handed on to ``prony``.
+        Poisson's ratio of the material, handed on to ``prony``. Of readings it has to be given; of
+        ``storage`` and ``loss`` it is 0.5 unless given.
     mode : {"tension", "bending", "shear", "torsion"}
-        What was loaded, where readings are given; shear moduli become E = 2 (1 + ν) G.
+        The loading, where readings are given; shear moduli become E = 2 (1 + ν) G. By default that of the
+        column of strain or modulus, if it shows shear or extension.
 
     Returns
     -------
@@ -101,8 +108,8 @@ def master_curve(
     Raises
     ------
     InputError
-        The sweeps are not usable (the message says where), T_ref lies outside the range of free
-        shifts, or an option is unknown.
+        The sweeps are not usable (the message says where), mode or Poisson's ratio of readings is missing,
+        T_ref lies outside the range of free shifts, or an option is unknown.
 
     Warns
     -----
@@ -122,11 +129,10 @@ def master_curve(
 
     Examples
     --------
-    >>> curve = master_curve(lp.read("acrylic.csv"), "20 °C", law="wlf")  # doctest: +SKIP
+    >>> curve = master_curve(lp.read("acrylic.csv"), "20 °C", mode="torsion", nu=0.35)  # doctest: +SKIP
     >>> curve.at(39.0).relaxation(1e-3)  # doctest: +SKIP
     """
-    if "storage_modulus" in sweeps:
-        sweeps = gather_sweeps(sweeps, mode, nu)
+    sweeps, nu = _in_tension(sweeps, mode, nu)
     data = read_sweeps(sweeps, robust)
     points, temperature = data.points, data.temperature
     for name, value, allowed in (
@@ -166,6 +172,27 @@ def master_curve(
     # Thousands of small systems: more threads of linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         return assembled(sweeps, data, superpose(points, model, options, starts), where, nu)
+
+
+def _in_tension(
+    sweeps: xr.Dataset | Sequence[xr.Dataset], mode: Mode | None, nu: float | None
+) -> tuple[xr.Dataset, float]:
+    """Return sweeps in tension and Poisson's ratio; readings are gathered first."""
+    if isinstance(sweeps, str | Path):
+        raise InputError(
+            f"master_curve takes readings, not the name of a file: "
+            f'master_curve(lp.read("{sweeps}"), T_ref=..., mode=..., nu=...)'
+        )
+    parts = [sweeps] if isinstance(sweeps, xr.Dataset) else list(sweeps) if isinstance(sweeps, list | tuple) else []
+    if not parts or not all(isinstance(part, xr.Dataset) for part in parts):
+        raise InputError(
+            f"master_curve takes a Dataset, found {type(sweeps).__name__}: the readings of lp.read(file), or storage "
+            "and loss (Pa) over temperature (°C) and frequency (Hz)"
+        )
+    if len(parts) == 1 and not _READINGS & set(map(str, parts[0].variables)):
+        return parts[0], 0.5 if nu is None else nu
+    mode, nu = loading_asked_for(parts, mode, nu)
+    return gather_sweeps([with_responses(part) for part in parts], mode, nu), nu
 
 
 def _verticals(vertical: str, points: Points, is_glass: bool) -> tuple[Vertical, ...]:

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials._shift_law import fit_law, law_slopes, law_values
+from labpipe.materials.shift_law import fit_law, law_slopes, law_values
 from labpipe.units import ZERO_CELSIUS
 
 Horizontal = Literal["free", "wlf", "arrhenius", "fixed"]
