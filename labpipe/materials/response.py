@@ -110,19 +110,32 @@ def respond(
     >>> [round(float(s), 3) for s in made.stress]
     [0.0, 2.0, 1.368]
     """
-    t, strains = _checked(time, strain)
+    t, strains = np.asarray(time, dtype=float), np.asarray(strain, dtype=float)
+    if t.ndim != 1 or t.shape != strains.shape or not t.size:
+        raise InputError(f"time has shape {t.shape} and strain {strains.shape}: expected two lists of equal length")
+    if not (np.isfinite(t).all() and np.isfinite(strains).all()):
+        raise InputError("time and strain must be finite numbers")
+    falling = np.flatnonzero(np.diff(t) < 0)
+    if falling.size:
+        n = int(falling[0])
+        raise InputError(f"time[{n + 1}] = {t[n + 1]} s comes before time[{n}] = {t[n]} s; sort the history")
     if solid.viscosity > 0:
         message = "the solid has a dashpot in parallel: its stress follows the rate of strain; give a solid without one"
         raise InputError(message)
     if heat_capacity is not None and not (np.isfinite(heat_capacity) and heat_capacity > 0):
         raise InputError(f"heat_capacity = {heat_capacity} J/(m3 K): expected a positive number")
-    expanded = _expanded(t, temperature, expansion)
+    expanded = np.zeros(t.size)
+    if temperature is not None:
+        warm = np.asarray(temperature, dtype=float)
+        if warm.shape != t.shape or not np.isfinite(warm).all():
+            raise InputError(f"temperature has shape {warm.shape}: expected a finite number for each of {t.size} times")
+        if not (np.isfinite(expansion) and expansion != 0.0):
+            raise InputError(f"expansion = {expansion} 1/K: a history of temperature needs the thermal expansion")
+        expanded = expansion * warm
     held = strains - expanded
-    inner = np.zeros(solid.rho.size)
-    springs = np.empty((t.size, inner.size))
+    inner, springs, lost = np.zeros(solid.rho.size), np.empty((t.size, solid.rho.size)), np.empty(t.size)
     # Before the first sample there is no strain: a first one that is not zero is a jump.
     lengths, rises = np.diff(t, prepend=t[0]), np.diff(held, prepend=0.0)
-    lost = np.empty(t.size)
     for i, (length, rise) in enumerate(zip(lengths.tolist(), rises.tolist(), strict=True)):
         inner, lost[i] = _step(solid, inner, length, rise)
         springs[i] = inner
@@ -185,18 +198,6 @@ def entropy_inequality(
     return np.asarray(np.asarray(dissipation_rate, dtype=float) + conductivity * gradient**2 / temperature)
 
 
-def _expanded(t: Floats, temperature: ArrayLike | None, expansion: float) -> Floats:
-    """Return the strain (time,) of free thermal expansion."""
-    if temperature is None:
-        return np.zeros(t.size)
-    warm = np.asarray(temperature, dtype=float)
-    if warm.shape != t.shape or not np.isfinite(warm).all():
-        raise InputError(f"temperature has shape {warm.shape}: expected a finite number for each of {t.size} times")
-    if not (np.isfinite(expansion) and expansion != 0.0):
-        raise InputError(f"expansion = {expansion} 1/K: a history of temperature needs the solid's thermal expansion")
-    return np.asarray(expansion * warm)
-
-
 def _mean_stress(solid: Prony, held: Floats, springs: Floats, lengths: Floats) -> Floats:
     """Return the mean stress [Pa] of every step, exactly; the first begins without strain."""
     before = np.vstack([np.zeros(springs.shape[1]), springs[:-1]])
@@ -209,19 +210,6 @@ def _mean_stress(solid: Prony, held: Floats, springs: Floats, lengths: Floats) -
         inside = steady + (before - steady) * -np.expm1(-x) / x
     means = np.where(lengths[:, None] > 0.0, inside, ends)
     return np.asarray(0.5 * solid.E_relaxed * (start + held) + means @ solid.E)
-
-
-def _checked(time: ArrayLike, strain: ArrayLike) -> tuple[Floats, Floats]:
-    t, strains = np.asarray(time, dtype=float), np.asarray(strain, dtype=float)
-    if t.ndim != 1 or t.shape != strains.shape or not t.size:
-        raise InputError(f"time has shape {t.shape} and strain {strains.shape}: expected two lists of equal length")
-    if not (np.isfinite(t).all() and np.isfinite(strains).all()):
-        raise InputError("time and strain must be finite numbers")
-    falling = np.flatnonzero(np.diff(t) < 0)
-    if falling.size:
-        n = int(falling[0])
-        raise InputError(f"time[{n + 1}] = {t[n + 1]} s comes before time[{n}] = {t[n]} s; sort the history")
-    return t, strains
 
 
 def _step(solid: Prony, before: Floats, length: float, rise: float) -> tuple[Floats, float]:

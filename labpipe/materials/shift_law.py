@@ -13,7 +13,7 @@ Williams, Landel & Ferry, J. Am. Chem. Soc. 77 (1955) 3701, doi:10.1021/ja01619a
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -74,6 +74,25 @@ class ShiftLaw:
     def holds(self) -> bool:
         """Whether it describes the free shifts within their uncertainty; without such shifts nothing contradicts it."""
         return not (self.freedom and self.chi_square / self.freedom > _HOLDS)
+
+    def about(self, T_ref: float) -> "ShiftLaw | None":
+        """Return the same law about another reference temperature [degC]; None beyond the pole of a WLF law.
+
+        Examples
+        --------
+        >>> moved = wlf(15.0, 250.0, 40.0).about(60.0)
+        >>> round(moved.C1, 3), round(moved.C2, 3)
+        (13.889, 270.0)
+        """
+        if self.name == "arrhenius":
+            return replace(self, T_ref=T_ref)
+        (m, q), step = self.parameters, T_ref - self.T_ref
+        stretch = 1.0 + q * step
+        if stretch <= 0.0:
+            return None
+        change = np.array([[stretch**-2, -2.0 * m * step * stretch**-3], [0.0, stretch**-2]])
+        covariance = change @ self.covariance @ change.T
+        return replace(self, T_ref=T_ref, parameters=(m / stretch**2, q / stretch), covariance=covariance)
 
     def log10_aT(self, temperature: ArrayLike) -> Floats:
         """Return log10 a_T at temperatures in °C.
@@ -272,3 +291,33 @@ def _first_parameters(name: LawName, temperature: Floats, log10_aT: Floats, T_re
         q = 0.0
         m = -float(difference @ log10_aT / (difference @ difference))
     return np.array([m, q])
+
+
+def isofrictional_temperature(temperature: float, molar_mass: float, fox_flory: float) -> float:
+    """Return the temperature [degC] where a melt has the friction that long chains have at another one.
+
+    Chain ends carry free volume, so that the glass transition of short chains is lower, by
+    T_g(M) = T_g(∞) − K/M (Fox & Flory, J. Appl. Phys. 21 (1950) 581, doi:10.1063/1.1699711). Melts of one polymer
+    have the same friction at the same distance to it.
+
+    Parameters
+    ----------
+    temperature : float [degC]
+        Of the long chains.
+    molar_mass : float [kg/mol]
+    fox_flory : float [K kg/mol]
+        K of T_g(M) = T_g(∞) − K/M.
+
+    Raises
+    ------
+    InputError
+        The molar mass is not positive or K is negative.
+
+    Examples
+    --------
+    >>> isofrictional_temperature(25.0, 5.0, 14.65)
+    22.07
+    """
+    if not (molar_mass > 0 and np.isfinite(fox_flory) and fox_flory >= 0):
+        raise InputError(f"molar mass {molar_mass} kg/mol, K = {fox_flory} K kg/mol: expected positive numbers")
+    return temperature - fox_flory / molar_mass

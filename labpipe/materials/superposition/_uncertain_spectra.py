@@ -1,12 +1,8 @@
-"""What a master curve leaves uncertain of the material, as few independent changes of its spectrum.
+"""The uncertainty of a material from a master curve, as a few solids that differ by one standard uncertainty each.
 
-The covariance of a fit is that of some thirty weights and twenty outer parameters. A prediction
-needs it in a form that a simulation can take: independent *modes*, each one standard uncertainty
-of the whole material, admissible as a solid (no weight below zero). The changes of weights, shifts,
-vertical law and delay belong together, so a mode holds what it does to the curve and to the shifts
-of all isotherms; at another temperature than the reference they partly cancel.
-
-Outside the covered window the data say nothing. There a mode lets the loss go on as it ends.
+A stored master curve holds independent changes of curve and shifts (modes). Here each becomes an admissible
+solid (no weight below zero) at the temperature and for the times of a prediction. Outside the covered window
+the data say nothing; there a solid lets the loss go on as it ends.
 """
 
 from typing import NamedTuple
@@ -17,21 +13,15 @@ from scipy import optimize
 
 from labpipe.arrays import Floats
 from labpipe.materials.prony import Prony
-from labpipe.materials.spectrum import maxwell_shapes, solve_normal
-from labpipe.materials.superposition._anchoring import Anchor
-from labpipe.materials.superposition._joint_fit import Fit, Points, sensitivity
-from labpipe.materials.superposition._reweighting import Superposition
-from labpipe.variables import variable
+from labpipe.materials.spectrum import maxwell_shapes
 
 _LN10 = float(np.log(10.0))
-_POINTS_PER_DECADE = 4
-_KEPT = 0.999999  # of the variance of curve and shifts, in the modes that are stored
 _EVERYWHERE = 0.95  # of the variance of the curve at every frequency that counts, in the spectra handed out
-_MOST_STORED, _MOST_USED = 60, 10
+_MOST_USED = 10
 _NODE_DECADES = 1.0  # spacing of the hat functions that change a spectrum
 _STEPS_PER_HAT = 100  # of the solver, at most
 _RIDGE = 0.1
-"""Of what is uncertain of the curve: a weight that shows by less than that in it is not changed by more than itself."""
+"""Share of the uncertainty of the curve: a weight whose effect on it is smaller is not changed by more than itself."""
 _TO_EITHER_SIDE = 3.0  # a time tells of frequencies about its inverse
 _REACHES = 0.3  # a relaxation so much faster or slower than a prediction's times is no part of it
 _RECTANGULAR = 1.0 / np.sqrt(3.0)
@@ -45,89 +35,6 @@ class UncertainSpectrum(NamedTuple):
 
     name: str
     solid: Prony
-
-
-def modes_of(
-    points: Points, found: Superposition, anchor: Anchor, window: tuple[float, float], possible: list[tuple[float, Fit]]
-) -> xr.Dataset:
-    """Return the modes of a converged superposition.
-
-    ``anchor`` says where the reference lies, ``window`` [Hz] which frequencies are covered there, and ``possible`` are
-    (share, fit) of other smoothing that may be right. Over ``mode`` are ``mode_storage`` and ``mode_loss`` (relative,
-    over ``mode_frequency``), ``mode_shift`` (log10 a_T) and ``mode_vertical`` (ln b_T) of every isotherm
-    (``mode_temperature``).
-    """
-    decades = np.log10(window[1] / window[0])
-    frequency = np.geomspace(window[0], window[1], int(np.ceil(decades * _POINTS_PER_DECADE)) + 2)
-    ln_omega = np.log(2.0 * np.pi * frequency) + _LN10 * anchor.offset
-    isotherms, model = found.model.temperature.size, found.model
-    columns = []
-    value = _curve(found.fit, ln_omega) @ found.fit.solution.coefficient
-    for share, fit in possible:
-        design, active = _curve(fit, ln_omega), fit.solution.coefficient > 0
-        spread = _root(np.asarray(np.linalg.pinv(fit.normal, hermitian=True), dtype=np.float64))
-        moved = design @ fit.solution.coefficient - value
-        both = np.column_stack([design[:, active] @ spread, moved]) * np.sqrt(share) / value[:, None]
-        columns.append(np.vstack([both, np.zeros((2 * isotherms, both.shape[1]))]))
-    if model.size:
-        columns.append(_of_outer(points, found, anchor, ln_omega, value))
-        moves, own = anchor.shift_by_parameter, anchor.by_own
-        misplaced = _slope(value, ln_omega)[:, None] * (anchor.share * anchor.own) / value[:, None]
-        columns.append(np.vstack([misplaced, own, np.zeros((isotherms, isotherms))]))
-        known = moves @ found.covariance @ moves.T + own @ own.T
-        rest = _root(np.asarray(anchor.covariance - known, dtype=np.float64))
-        none = np.zeros((value.size, rest.shape[1]))
-        columns.append(np.vstack([none, rest, np.zeros((isotherms, rest.shape[1]))]))
-    left, size, _ = np.linalg.svd(np.column_stack(columns), full_matrices=False)
-    kept = min(int(np.searchsorted(np.cumsum(size**2) / np.sum(size**2), _KEPT)) + 1, _MOST_STORED)
-    made = (left[:, :kept] * size[:kept]).T
-    half = frequency.size
-    parts = {
-        "mode_storage": (made[:, :half], "mode_frequency", "relative change of the storage modulus"),
-        "mode_loss": (made[:, half : 2 * half], "mode_frequency", "relative change of the loss modulus"),
-        "mode_shift": (made[:, 2 * half : 2 * half + isotherms], "mode_temperature", "change of log10 a_T"),
-        "mode_vertical": (made[:, 2 * half + isotherms :], "mode_temperature", "change of ln b_T"),
-    }
-    return xr.Dataset(
-        {name: variable(("mode", over), values, "1", text) for name, (values, over, text) in parts.items()},
-        coords={
-            "mode_frequency": variable("mode_frequency", frequency, "Hz", "frequency at the reference temperature"),
-            "mode_temperature": variable("mode_temperature", model.temperature, "degC", "temperature of an isotherm"),
-        },
-    )
-
-
-def _curve(fit: Fit, ln_omega: Floats) -> Floats:
-    """Return storage and, below it, loss (2 frequency, column) per coefficient of the fit."""
-    storage, loss = maxwell_shapes(ln_omega, fit.grid.ln_time)
-    constant = np.ones((ln_omega.size, 1))
-    return np.vstack([np.hstack([storage, constant]), np.hstack([loss, 0.0 * constant])]) * fit.grid.scale
-
-
-def _root(covariance: Floats) -> Floats:
-    """Return columns whose squares sum to a covariance; what rounding made negative is left out."""
-    size, vectors = np.linalg.eigh(covariance)
-    kept = size > 1e-12 * max(float(size[-1]), 0.0)
-    return np.asarray(vectors[:, kept] * np.sqrt(size[kept]))
-
-
-def _of_outer(points: Points, found: Superposition, anchor: Anchor, ln_omega: Floats, value: Floats) -> Floats:
-    """Return the columns of shifts, vertical law and delay, the spectrum following them."""
-    model, fit = found.model, found.fit
-    active = fit.solution.coefficient > 0
-    coupling = fit.rows.T @ sensitivity(points, fit, model)
-    curve = -_curve(fit, ln_omega)[:, active] @ solve_normal(fit.normal, coupling)
-    shift, vertical, _ = model.directions(fit.state)
-    # The reference itself moves along the curve with the shifts that define it.
-    curve += _slope(value, ln_omega)[:, None] * (anchor.share @ shift)
-    return np.asarray(
-        np.vstack([curve / value[:, None], anchor.shift_by_parameter, vertical]) @ _root(found.covariance)
-    )
-
-
-def _slope(value: Floats, ln_omega: Floats) -> Floats:
-    """Return the change of storage and loss per decade of frequency."""
-    return np.concatenate([_LN10 * np.gradient(part, ln_omega) for part in np.split(value, 2)])
 
 
 def uncertain_spectra(
@@ -164,7 +71,8 @@ def uncertain_spectra(
 
     modulus = solid.complex_modulus(2.0 * np.pi * frequency)
     value = np.concatenate([modulus.real, modulus.imag])
-    along = _slope(value, np.log(frequency)) / value
+    halves = (modulus.real, modulus.imag)
+    along = np.concatenate([_LN10 * np.gradient(part, np.log(frequency)) for part in halves]) / value
     changes = np.hstack([master["mode_storage"].values, master["mode_loss"].values])
     if temperature != float(master["T_ref"]):
         changes = changes + np.outer(at("mode_shift"), along)

@@ -1,10 +1,11 @@
 """Isothermal frequency sweeps, gathered from the readings of a rheometer's export."""
 
 import json
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import xarray as xr
@@ -19,6 +20,14 @@ Mode = Literal["tension", "bending", "shear", "torsion"]
 _NEEDED = ("frequency", "temperature", "storage_modulus", "loss_modulus")
 _SAME_FREQUENCY = 1e-3  # relative; exports round to four or five digits
 _UNTRUSTED = ("ME-",)  # the torque was too small for a reading
+
+
+_LETTER = r"(?<![A-Za-z]){}(?:pp?|['′″’\"]+)?(?![A-Za-z])"
+_LOADINGS = {
+    "shear": re.compile("(?i:shear|scher|cisail|cisalh|cizall|torsion)|" + _LETTER.format("G")),
+    "extensional": re.compile("(?i:extension|tensile|dehnung)|" + _LETTER.format("E")),
+}
+_HEADED = ("strain", "storage_modulus", "loss_modulus", "complex_modulus", "relaxation_modulus")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +51,68 @@ def modulus_factor(mode: Mode, nu: float) -> float:
     3.0
     """
     return 2.0 * (1.0 + nu) if mode in ("shear", "torsion") else 1.0
+
+
+def loading_of(readings: xr.Dataset) -> tuple[str, str]:
+    """Return the loading of a specimen by the headings of its export, and the heading that shows it.
+
+    Returns
+    -------
+    loading : {"shear", "extensional", ""}
+        Empty where no heading shows it, or two contradict each other.
+    heading : str
+        Of a strain ("Shear Strain") or of a modulus (the letter of G' or E').
+
+    Examples
+    --------
+    >>> loading_of(xr.Dataset({"storage_modulus": ("sample", [1e6], {"long_name": "G' (Pa)"})}))
+    ('shear', "G' (Pa)")
+    """
+    headings = [str(readings[name].attrs.get("long_name", "")) for name in _HEADED if name in readings]
+    found = {
+        loading: heading
+        for loading, pattern in _LOADINGS.items()
+        for heading in reversed(headings)
+        if pattern.search(heading)
+    }
+    return next(iter(found.items())) if len(found) == 1 else ("", "")
+
+
+def loading_asked_for(readings: Sequence[xr.Dataset], mode: Mode | None, nu: float | None) -> tuple[Mode, float]:
+    """Return mode and Poisson's ratio of readings, which no reading holds; neither is guessed.
+
+    Raises
+    ------
+    InputError
+        The mode is not given and no heading shows it; Poisson's ratio is not given.
+
+    Warns
+    -----
+    UserWarning
+        The mode contradicts a heading.
+    """
+    seen, heading = loading_of(readings[0])
+    is_shear = seen == "shear"
+    if mode is None and not seen:
+        raise InputError(
+            "the readings do not show what was loaded: give mode= (one of "
+            f"{', '.join(get_args(Mode))}) and nu= (Poisson's ratio); E = 2 (1 + nu) G in shear and torsion"
+        )
+    if nu is None:
+        kind = "shear moduli, which become E = 2 (1 + nu) G" if (mode or "").startswith(("sh", "to")) else "moduli"
+        if mode is None:
+            kind = f'{"shear" if is_shear else "tension"} moduli (column "{heading}")'
+        example = mode or ("torsion" if is_shear else "tension")
+        raise InputError(
+            f'the readings are {kind}: give nu=, Poisson\'s ratio of the material, as in mode="{example}", nu=0.35'
+        )
+    if mode is not None and seen and is_shear != (mode in ("shear", "torsion")):
+        warnings.warn(
+            f'mode = "{mode}", but the readings have a column "{heading}": they seem to be '
+            f"{'shear' if is_shear else 'tension'} moduli, a factor 2 (1 + nu) from those of the other mode",
+            stacklevel=3,
+        )
+    return mode or ("shear" if is_shear else "tension"), nu
 
 
 def gather_sweeps(

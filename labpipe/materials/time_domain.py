@@ -13,6 +13,7 @@ from labpipe.materials.spectrum import frequencies_of, prony_of_creep, prony_of_
 from labpipe.variables import variable
 
 _RESPONSES = {"relaxation_modulus": prony_of_relaxation, "creep_compliance": prony_of_creep}
+_ONE_TEMPERATURE = 1.5  # K between neighbouring readings of one test
 _SWEEP = ("frequency", "storage_modulus", "loss_modulus", "temperature")
 _UNITS = {"frequency": "Hz", "storage_modulus": "Pa", "loss_modulus": "Pa", "temperature": "degC"}
 
@@ -75,12 +76,20 @@ def _has_sweeps(readings: xr.Dataset) -> bool:
 
 
 def _tables(readings: xr.Dataset, clock: str) -> list[NDArray[np.intp]]:
-    """Return the valid rows of every table."""
+    """Return the valid rows of every test: of one table, at one temperature, the clock running on."""
     stops = np.cumsum([entry["rows"] for entry in json.loads(readings.attrs["tests"])])
-    good = np.isfinite(readings[clock].values)
+    time = readings[clock].values
+    good = np.isfinite(time)
     if "is_valid" in readings:
         good &= readings["is_valid"].values.astype(bool)
-    return [rows[good[rows]] for rows in np.split(np.arange(readings.sizes["sample"]), stops[:-1])]
+    found = []
+    for table in np.split(np.arange(readings.sizes["sample"]), stops[:-1]):
+        rows = table[good[table]]
+        begins = np.diff(time[rows]) < 0
+        if "temperature" in readings:
+            begins |= np.abs(np.diff(readings["temperature"].values[rows])) > _ONE_TEMPERATURE
+        found += [part for part in np.split(rows, np.flatnonzero(begins) + 1) if part.size]
+    return found
 
 
 def _sweep(readings: xr.Dataset, clock: str, name: str, rows: NDArray[np.intp]) -> dict[str, Floats]:

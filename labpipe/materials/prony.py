@@ -4,12 +4,17 @@ Names. Contact mechanics writes E₀ for the long-time modulus, finite-element c
 instantaneous one. Neither is used here: ``E_relaxed`` is the long-time (zero-frequency, rubbery)
 modulus, ``E_unrelaxed`` the instantaneous (glassy) one. Relaxation times are ``rho``,
 retardation times ``tau``.
+
+The thermodynamic conditions of the thesis, (1.8), (1.9), (1.20) and (1.24), reduce for a Prony
+series to this: no negative weight, no negative long-time modulus, no negative instantaneous
+compliance, positive times.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import cached_property
 from typing import Literal
 
@@ -18,23 +23,35 @@ from numpy.typing import ArrayLike
 
 from labpipe.arrays import Complexes, Floats
 from labpipe.errors import InputError
-from labpipe.materials.prony._admissibility import (
-    checked_terms,
-    frequencies,
-    frozen,
-    instantaneous_compliance,
-    not_negative,
-    times,
-)
-from labpipe.materials.prony._interconversion import (
+from labpipe.materials.interconversion import (
     Relaxation,
     Retardation,
     creep_from_relaxation,
+    merged,
     relaxation_from_creep,
 )
 from labpipe.notebook import html_table, shown
+from labpipe.units import require_positive
+
+__all__ = [
+    "Mode",
+    "Prony",
+    "Relaxation",
+    "Retardation",
+    "creep_from_relaxation",
+    "maxwell",
+    "relaxation_from_creep",
+    "standard_linear_solid",
+]
 
 Mode = Literal["tension", "shear", "contact"]
+
+
+# Rounding of ΣC against 1/E_relaxed: a smaller remainder counts as none.
+_ROUNDING = 4.0 * float(np.finfo(float).eps)
+# A weight this small against the whole has no effect in double precision at any time, and the
+# squares of its offsets would leave the range of the numbers.
+_NEGLIGIBLE = 1e-100
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +95,7 @@ class Prony:
     Notes
     -----
     Thesis equations (1.41), (1.42), (2.5); admissibility (1.8), (1.9), (1.20), (1.24). Both
-    families are exact images of each other, see :mod:`._interconversion`.
+    families are exact images of each other, see :mod:`.interconversion`.
     Instances are immutable, compare by value, and travel between processes.
     """
 
@@ -99,17 +116,17 @@ class Prony:
         *,
         _given_creep: Retardation | None = None,
     ) -> None:
-        not_negative("E_relaxed", E_relaxed, "Pa")
-        not_negative("viscosity", viscosity, "Pa s")
-        weight, time = checked_terms("E", "rho", E, rho, E_relaxed)
+        _not_negative("E_relaxed", E_relaxed, "Pa")
+        _not_negative("viscosity", viscosity, "Pa s")
+        weight, time = _checked_terms("E", "rho", E, rho, E_relaxed)
         if not -1.0 < nu <= 0.5:
             raise InputError(f"nu = {nu}: Poisson's ratio of an isotropic solid lies in (−1, 0.5]")
         if E_relaxed == 0 and weight.size == 0:
             raise InputError("E_relaxed = 0 and no terms: the material has no stiffness; give a modulus")
         for name, value in (
             ("E_relaxed", float(E_relaxed)),
-            ("E", frozen(weight)),
-            ("rho", frozen(time)),
+            ("E", _frozen(weight)),
+            ("rho", _frozen(time)),
             ("nu", float(nu)),
             ("viscosity", float(viscosity)),
             ("_given_creep", _given_creep),
@@ -144,9 +161,9 @@ class Prony:
         """
         if not (np.isfinite(E_relaxed) and E_relaxed > 0):
             raise InputError(f"E_relaxed = {E_relaxed} Pa: creep terms need a positive long-time modulus")
-        weight, time = checked_terms("C", "tau", C, tau, 1.0 / E_relaxed)
-        unrelaxed = instantaneous_compliance(float(E_relaxed), weight)
-        creep = Retardation(unrelaxed, frozen(weight), frozen(time))
+        weight, time = _checked_terms("C", "tau", C, tau, 1.0 / E_relaxed)
+        unrelaxed = _instantaneous_compliance(float(E_relaxed), weight)
+        creep = Retardation(unrelaxed, _frozen(weight), _frozen(time))
         family = relaxation_from_creep(creep)
         return cls(E_relaxed, family.weight, family.time, nu, family.viscosity, _given_creep=creep)
 
@@ -155,7 +172,7 @@ class Prony:
         if self._given_creep is not None:
             return self._given_creep
         family = creep_from_relaxation(Relaxation(self.E_relaxed, self.E, self.rho, self.viscosity))
-        return Retardation(family.unrelaxed, frozen(family.weight), frozen(family.time), family.fluidity)
+        return Retardation(family.unrelaxed, _frozen(family.weight), _frozen(family.time), family.fluidity)
 
     @property
     def E_unrelaxed(self) -> float:
@@ -195,7 +212,7 @@ class Prony:
 
         A dashpot in parallel adds an impulse at t = 0 only: infinite there, nothing later.
         """
-        time = times(t)
+        time = _positive("t", t, "s")
         terms = _sum_over_terms(self.E, self.rho, time, lambda x: np.exp(-x))
         value = self.E_relaxed + terms
         if self.viscosity > 0:
@@ -204,7 +221,7 @@ class Prony:
 
     def creep(self, t: ArrayLike, mode: Mode = "tension") -> Floats:
         """Return the creep compliance J(t) in 1/Pa at the times t ≥ 0 (s), same shape."""
-        time = times(t)
+        time = _positive("t", t, "s")
         family = self._creep
         terms = _sum_over_terms(family.weight, family.time, time, lambda x: -np.expm1(-x))
         # A solid does not flow in an endless time either: no zero times infinity.
@@ -218,7 +235,7 @@ class Prony:
         -----
         Thesis equation (1.42). Instruments report f in Hz: ω = 2πf.
         """
-        frequency = frequencies(omega)
+        frequency = _positive("omega", omega, "rad/s")
         storage = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _storage_shape)
         loss = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _loss_shape)
         factor = self.factor(mode)
@@ -227,7 +244,7 @@ class Prony:
 
     def complex_compliance(self, omega: ArrayLike, mode: Mode = "tension") -> Complexes:
         """Return J*(ω) = J′ − iJ″ in 1/Pa, from the retardation terms; E*(ω) J*(ω) = 1."""
-        frequency = frequencies(omega)
+        frequency = _positive("omega", omega, "rad/s")
         family = self._creep
         rate = 1.0 / family.time
         soft = _sum_over_terms(family.weight, rate, frequency, _compliance_shape)
@@ -262,7 +279,7 @@ class Prony:
             raise InputError(f"a_T = {a_T}: a shift factor is positive and finite")
         creep = self._given_creep
         if creep is not None:
-            creep = Retardation(creep.unrelaxed, creep.weight, frozen(creep.time * a_T), creep.fluidity / a_T)
+            creep = Retardation(creep.unrelaxed, creep.weight, _frozen(creep.time * a_T), creep.fluidity / a_T)
         moved = Prony(self.E_relaxed, self.E, self.rho * a_T, self.nu, self.viscosity * a_T, _given_creep=creep)
         return moved if b_T == 1.0 else moved.scaled(b_T)
 
@@ -273,7 +290,7 @@ class Prony:
         creep = self._given_creep
         if creep is not None:
             creep = Retardation(
-                creep.unrelaxed / factor, frozen(creep.weight / factor), creep.time, creep.fluidity / factor
+                creep.unrelaxed / factor, _frozen(creep.weight / factor), creep.time, creep.fluidity / factor
             )
         return Prony(
             self.E_relaxed * factor, self.E * factor, self.rho, self.nu, self.viscosity * factor, _given_creep=creep
@@ -317,7 +334,7 @@ class Prony:
 
 def _rebuilt(E_relaxed: float, E: Floats, rho: Floats, nu: float, viscosity: float, creep: Retardation | None) -> Prony:
     if creep is not None:
-        creep = Retardation(creep.unrelaxed, frozen(creep.weight), frozen(creep.time), creep.fluidity)
+        creep = Retardation(creep.unrelaxed, _frozen(creep.weight), _frozen(creep.time), creep.fluidity)
     return Prony(E_relaxed, E, rho, nu, viscosity, _given_creep=creep)
 
 
@@ -355,3 +372,115 @@ def _compliance_shape(x: Floats) -> Floats:
     """1/(1 + x²), without overflow."""
     with np.errstate(over="ignore"):
         return np.asarray(1.0 / (1.0 + x * x))
+
+
+def _frozen(values: Floats) -> Floats:
+    """Return a read-only copy."""
+    copy = np.array(values, dtype=float)
+    copy.setflags(write=False)
+    return copy
+
+
+def _not_negative(name: str, value: float, units: str) -> None:
+    """Refuse a negative or non-finite number."""
+    if not (np.isfinite(value) and value >= 0):
+        raise InputError(f"{name} = {value} {units}: expected a finite number, not negative")
+
+
+def _checked_terms(
+    weight_name: str, time_name: str, weight: ArrayLike, time: ArrayLike, constant: float
+) -> tuple[Floats, Floats]:
+    """Return merged ascending terms, or say which term is not admissible."""
+    weights, times = np.asarray(weight, dtype=float), np.asarray(time, dtype=float)
+    if weights.ndim != 1 or weights.shape != times.shape:
+        raise InputError(
+            f"{weight_name} has shape {weights.shape} and {time_name} {times.shape}: "
+            "expected two lists of equal length, one weight and one time per term"
+        )
+    bad_weight = ~(np.isfinite(weights) & (weights >= 0))
+    if bad_weight.any():
+        k = int(np.argmax(bad_weight))
+        raise InputError(
+            f"{weight_name}[{k}] = {weights[k]}: with a negative weight the material would "
+            f"return more work than was put in (not admissible); fit the terms with weights ≥ 0"
+        )
+    bad_time = ~(np.isfinite(times) & (times > 0))
+    if bad_time.any():
+        k = int(np.argmax(bad_time))
+        raise InputError(f"{time_name}[{k}] = {times[k]} s: expected a positive, finite time")
+    floor = _NEGLIGIBLE * (constant + float(np.sum(weights)))
+    return merged(np.where(weights > floor, weights, 0.0), times)
+
+
+def _instantaneous_compliance(E_relaxed: float, C: Floats) -> float:
+    """Return 1/E_relaxed − ΣC without cancellation, exactly zero when it is rounding."""
+    exact = 1 / Fraction(E_relaxed) - sum((Fraction(c) for c in C), Fraction(0))
+    remainder = float(exact)
+    if abs(remainder) * E_relaxed <= _ROUNDING:
+        return 0.0
+    if remainder < 0:
+        raise InputError(
+            f"ΣC = {float(np.sum(C)):.6g} 1/Pa exceeds 1/E_relaxed = {1 / E_relaxed:.6g} 1/Pa: "
+            "the instantaneous compliance would be negative (not admissible)"
+        )
+    return remainder
+
+
+def _positive(name: str, values: ArrayLike, units: str) -> Floats:
+    """Return times or frequencies as an array, refusing negative ones."""
+    found = np.asarray(values, dtype=float)
+    if (found < 0).any():
+        raise InputError(f"{name} = {found.min()} {units}: the response is defined for {name} ≥ 0")
+    return found
+
+
+def maxwell(modulus: float, viscosity: float, nu: float = 0.5) -> Prony:
+    """Return a spring and a dashpot in series: a liquid with one relaxation time.
+
+    Parameters
+    ----------
+    modulus : float [Pa]
+        ℰ of the spring.
+    viscosity : float [Pa s]
+        μ of the dashpot; the relaxation time is μ/ℰ (1.30).
+    nu : float
+        Poisson's ratio.
+
+    Examples
+    --------
+    Creep is J(t) = 1/ℰ + t/μ (1.34):
+
+    >>> maxwell(2.0, 8.0).creep([0.0, 4.0])
+    array([0.5, 1. ])
+    """
+    require_positive("Pa", modulus=modulus)
+    require_positive("Pa s", viscosity=viscosity)
+    return Prony(0.0, [modulus], [viscosity / modulus], nu)
+
+
+def standard_linear_solid(E_relaxed: float, E_unrelaxed: float, relaxation_time: float, nu: float = 0.5) -> Prony:
+    """Return a spring beside a Maxwell element (Zener): the simplest solid that relaxes.
+
+    Parameters
+    ----------
+    E_relaxed, E_unrelaxed : float [Pa]
+        ℰ₀ and ℰ_∞ = ℰ₀ + ℰ₁ of the thesis, E_relaxed < E_unrelaxed.
+    relaxation_time : float [s]
+        τ of (1.37). The retardation time is β τ with β = E_unrelaxed/E_relaxed (1.38).
+    nu : float
+        Poisson's ratio.
+
+    Examples
+    --------
+    >>> solid = standard_linear_solid(1.0, 2.0, 3.0)
+    >>> C, tau = solid.creep_terms()
+    >>> float(tau[0])
+    6.0
+    """
+    require_positive("Pa", E_relaxed=E_relaxed)
+    if not E_unrelaxed > E_relaxed:
+        raise InputError(
+            f"E_unrelaxed = {E_unrelaxed} Pa is not above E_relaxed = {E_relaxed} Pa: a material "
+            "relaxes from the larger modulus to the smaller one"
+        )
+    return Prony(E_relaxed, [E_unrelaxed - E_relaxed], [relaxation_time], nu)
