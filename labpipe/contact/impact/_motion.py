@@ -6,13 +6,12 @@ compiled steps change it in place, and a row of such records is the trail of a c
 
 from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple, Protocol, Self, cast
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._plate import Plate
 from labpipe.errors import InputError
 
 
@@ -81,68 +80,12 @@ def counted(counts: Counts) -> dict[str, int]:
     return {name: int(getattr(counts, name)) for name in Counts.__annotations__}
 
 
-class Springs(Protocol):
-    """Nested springs: the common shape of the method of dimensionality reduction and of rings."""
-
-    @property
-    def position(self) -> Floats:
-        """Distance from the axis (spring,) in m."""
-
-    @property
-    def gap(self) -> Floats:
-        """Approach at which each unloaded spring touches (spring,) in m."""
-
-    @property
-    def weight(self) -> Floats:
-        """Force per load of each spring (spring,)."""
-
-    @property
-    def last_weight(self) -> Floats:
-        """Weight of each spring as the last in contact, without its outer cell (spring,)."""
-
-    @property
-    def edge_bias(self) -> float:
-        """Length in m to take off the interpolated edge; NaN where the edge cuts a cell."""
-
-    def covering(self, radius: float) -> int:
-        """Return how many springs reach out to a radius."""
-
-    def pressure(self, load: Floats, edge: float, radius: Floats) -> Floats:
-        """Pressure in Pa at given radii in m, from loads and the contact radius."""
-
-    def surface(self, displacement: Floats, radius: Floats) -> Floats:
-        """Displacement in m of the surface at given radii in m."""
-
-    def pole(self, displacement: Floats) -> Floats:
-        """Displacement (element,) in m of the surface on the axis, of the springs' (element, spring)."""
-
-    def extended(self, radius: float) -> Self:
-        """Return the same springs and further ones out to a radius."""
-
-
 class AnnularContactError(InputError):
     """The springs outside the contact would touch before those inside: steps or springs too coarse.
 
     A sphere does not do that; a step that rings does, where the material relaxes by a factor of
     thousands within it.
     """
-
-
-class Body(NamedTuple):
-    """What falls, and onto what."""
-
-    mass: float
-    gravity: float
-    plate: Plate | None
-
-
-class Snapshot(NamedTuple):
-    """The springs at one instant; ``load`` in Pa m and ``displacement`` in m, (spring,)."""
-
-    time: float
-    load: Floats
-    displacement: Floats
-    contact_radius: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,7 @@ COUNTER_BODIES = {
         10e9,
         "average over all directions (Voigt, Reuss, Hill) of the single crystal's constants: T. Goto, O. L. Anderson, "
         "I. Ohno, S. Yamamoto, J. Geophys. Res. 94 (1989) 7588, doi:10.1029/JB094iB06p07588; u covers the orientation",
-    ),
+    )
 }
 
 Substrate = str | tuple[Measure, float] | None
@@ -65,7 +65,7 @@ def counter_compliance(substrate: Substrate) -> float:
         if substrate not in COUNTER_BODIES:
             known = ", ".join(f'"{name}"' for name in COUNTER_BODIES)
             raise InputError(
-                f'substrate "{substrate}" is unknown; use {known}, (Young\'s modulus, Poisson\'s ratio), or None: rigid'
+                f"substrate \"{substrate}\" is unknown; use {known}, (Young's modulus, Poisson's ratio), or None: rigid"
             )
         return COUNTER_BODIES[substrate].compliance
     if not (isinstance(substrate, tuple | list) and len(substrate) == 2):

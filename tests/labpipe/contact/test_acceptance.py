@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from labpipe import contact
-from labpipe.contact.impact._rings import disc_displacement
+from labpipe.contact.impact import disc_displacement
 from labpipe.contact.line import line_kernel, westergaard
 from labpipe.materials import Prony
 

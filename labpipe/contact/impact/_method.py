@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import roots_jacobi
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._contact_records import Law, Nodes, Path, Room, Scheme
 from labpipe.contact.impact._motion import blank
+from labpipe.contact.impact._records import Law, Nodes, Path, Room, Scheme
 from labpipe.contact.memory import Creep
 from labpipe.materials.prony import Retardation, relaxation_from_creep
 

@@ -4,9 +4,9 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
-from labpipe.contact.impact._contact_edge import gap
-from labpipe.contact.impact._contact_records import Fall, Law, Nodes, Path, Room, Scheme
+from labpipe.contact.impact._edge import gap
 from labpipe.contact.impact._polynomials import crossing, fade, power_sum, value_at
+from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Room, Scheme
 
 
 @inner()
