@@ -110,10 +110,11 @@ def impacts(
 
 def _follow(settings: Sequence[Setting], creep: Creep, effort: Effort, most: int) -> list[Train]:
     """Follow the drops of one material with common tables."""
-    durations = [scales(creep, one.radius, one.mass, one.gravity, one.speed).duration for one in settings]
+    expected = [scales(creep, one.radius, one.mass, one.gravity, one.speed) for one in settings]
     longest = max(one.duration for one in settings)
-    tables = Tables.of(creep, min(durations), longest, effort.rtol, fold=effort.fold)
-    return [refined(one, creep, effort, tables, most) for one in settings]
+    tables = Tables.of(creep, min(scale.duration for scale in expected), longest, effort.rtol, fold=effort.fold)
+    pairs = zip(settings, expected, strict=True)
+    return [refined(one, creep, effort, tables, most, expected=scale) for one, scale in pairs]
 
 
 def _side_by_side(given: dict[str, Any]) -> list[tuple[Any, ...]]:

@@ -8,7 +8,7 @@ from scipy.interpolate import PchipInterpolator
 
 from labpipe.arrays import Floats
 from labpipe.contact.impact._dents import Dents
-from labpipe.contact.impact._method import distinct, law_of, scheme, work_space
+from labpipe.contact.impact._method import distinct, law_of, radial_nodes, scheme, work_space
 from labpipe.contact.impact._motion import MOTION, Counts, Motion, Trail
 from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Room
 from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
@@ -20,6 +20,16 @@ _RECORDS_PER_STEP = 12
 _CONDENSE_SHARE = 0.01
 
 
+class Arrays(NamedTuple):
+    """Fields of the path and the nodes as plain arrays: quick to reach from Python."""
+
+    time: Floats
+    state: Floats
+    approach: Floats
+    stored: Floats
+    after: Floats
+
+
 class Tables(NamedTuple):
     """All drops of one material share these: its condensed compliance, its law, and room to compute in."""
 
@@ -28,6 +38,7 @@ class Tables(NamedTuple):
     path: Path
     room: Room
     nodes: Nodes
+    arrays: Arrays
 
     @classmethod
     def of(cls, creep: Creep, shortest: float, longest: float, rtol: float, *, fold: bool) -> "Tables":
@@ -37,7 +48,9 @@ class Tables(NamedTuple):
             condensed = condense(creep, shortest, longest, _CONDENSE_SHARE * rtol)
         condensed = Condensed(distinct(condensed.creep), condensed.n_folded, condensed.n_frozen)
         law = law_of(condensed.creep)
-        return cls(condensed, law, *work_space(law))
+        path, room, nodes = work_space(law)
+        arrays = Arrays(path.time, path.state, path.approach, path.stored, nodes.after)
+        return cls(condensed, law, path, room, nodes, arrays)
 
     @property
     def creep(self) -> Creep:
@@ -74,9 +87,9 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
 
     The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far.
     """
-    law, path, room, nodes = tables.law, tables.path, tables.room, tables.nodes
+    path = tables.arrays
     centre = dents.centre
-    outer, dent = 0.0, np.zeros((centre.size, scheme().s.size))
+    outer, dent = 0.0, np.zeros((centre.size, radial_nodes().s.size))
     if dents.layers:
         outer, dent, _ = dents.layers[-1]
         dent = dent - centre[:, None]
@@ -85,7 +98,9 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
     plate = now.plate_displacement, now.plate_velocity, now.plate_loss
     path.state[0] = now.position - origin, now.velocity, 0.0, 0.0, *plate, work
     path.approach[0] = 0.0
-    outcome, n, peak, rejected = contact(law, scheme(), fall, centre, dent, outer, path, room, nodes)
+    outcome, n, peak, rejected = contact(
+        tables.law, scheme(), fall, centre, dent, outer, tables.path, tables.room, tables.nodes, dents.has_energy
+    )
     counts.rejected_steps += rejected
     if outcome != LIFTED:
         return None
@@ -97,14 +112,15 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
     dents.cover(largest)
     outside = dents.stored()
     dents.relax(lasted)
-    dents.add(largest, nodes.after[: centre.size].copy())
-    stored = path.stored[: n + 1] + np.exp(-2.0 * path.time[: n + 1, None] * tables.creep.rate) @ outside
-    stored[0], stored[n] = before.sum(), dents.stored().sum()
-    done = path.state[: n + 1, 7] - work
-    dissipated = _monotone(done - (stored - stored[0]), peak)
+    dents.add(largest, path.after[: centre.size].copy())
+    done, dissipated = path.state[: n + 1, 7] - work, np.zeros(n + 1)
+    if dents.has_energy:
+        stored = path.stored[: n + 1] + np.exp(-2.0 * path.time[: n + 1, None] * tables.creep.rate) @ outside
+        stored[0], stored[n] = before.sum(), dents.stored().sum()
+        dissipated = _monotone(done - (stored - stored[0]), peak)
     peaks = np.zeros(5)
-    worst = outcome_of(scheme(), fall, path, n, room, mislaid, peaks)
-    end = path.state[n]
+    worst = outcome_of(scheme(), fall, tables.path, n, tables.room, mislaid, peaks)
+    end = path.state[n].tolist()
     now.time, now.position, now.velocity = touched + lasted, end[0] + origin, end[1]
     now.acceleration, now.force, now.contact_radius = fall.gravity, 0.0, 0.0
     now.plate_displacement, now.plate_velocity, now.plate_loss = end[4], end[5], end[6]

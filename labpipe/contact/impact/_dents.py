@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._method import interpolation, scheme
+from labpipe.contact.impact._method import interpolation, radial_nodes
 from labpipe.contact.memory import Creep
 
 _GAUSS_POINTS = 40
@@ -26,22 +26,28 @@ class _Dent(NamedTuple):
 
 @dataclass(slots=True)
 class Dents:
-    """What contacts left on the surface: the latest, and what reaches beyond it of earlier ones."""
+    """What contacts left on the surface: the latest, and what reaches beyond it of earlier ones.
+
+    Without ``has_energy`` no account is kept of the energy that they store.
+    """
 
     creep: Creep
+    has_energy: bool = True
     layers: list[_Dent] = field(default_factory=list)
 
     def add(self, edge: float, values: Floats) -> None:
         """Put the dent of a contact over those before it."""
         self.cover(edge)
-        share = edge * scheme().means[0]
-        self.layers.append(_Dent(edge, values, 0.5 * self.creep.inverse * (values**2 @ share)))
+        shown = np.zeros(self.creep.rate.size)
+        if self.has_energy:
+            shown = 0.5 * self.creep.inverse * (values**2 @ (edge * radial_nodes().means[0]))
+        self.layers.append(_Dent(edge, values, shown))
 
     def cover(self, edge: float) -> None:
         """Take away what lies within an edge [m]."""
         while self.layers and self.layers[-1].edge <= edge:
             self.layers.pop()
-        if self.layers:
+        if self.layers and self.has_energy:
             layer = self.layers[-1]
             points, weights = _gauss_rule()
             # The dent ends like a power 3/2 at its edge: smooth over the root of the distance.
@@ -72,7 +78,7 @@ class Dents:
 
     def stored(self) -> Floats:
         """Energy (element,) in J of the free springs."""
-        return np.sum([layer.shown for layer in self.layers], axis=0) + np.zeros(self.creep.rate.size)
+        return np.asarray(sum((layer.shown for layer in self.layers), np.zeros(self.creep.rate.size)))
 
 
 @cache
@@ -84,4 +90,4 @@ def _gauss_rule() -> tuple[Floats, Floats]:
 def _values(layer: _Dent, position: Floats) -> Floats:
     """Displacements (element, spring) within a dent."""
     place = np.sqrt(np.maximum(1.0 - (position / layer.edge) ** 2, 0.0))
-    return np.asarray(layer.values @ interpolation(scheme().s, scheme().bary, place).T)
+    return np.asarray(layer.values @ interpolation(radial_nodes().s, radial_nodes().bary, place).T)

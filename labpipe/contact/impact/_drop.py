@@ -205,9 +205,10 @@ def follow(
     tables: Tables | None = None,
     most: int | None = None,
     observe: Callable[[float], None] | None = None,
+    expected: Scales | None = None,
 ) -> Train:
-    """Simulate one drop; ``tables`` are made for it unless they are given."""
-    expected = _scales(setting, creep)
+    """Simulate one drop; ``tables`` and ``expected`` are made for it unless they are given."""
+    expected = expected or _scales(setting, creep)
     if tables is None:
         tables = Tables.of(creep, expected.duration, setting.duration, effort.rtol, fold=effort.fold)
     return Train(setting, tables, effort, expected, most, observe).run()
@@ -220,6 +221,7 @@ def refined(
     tables: Tables | None = None,
     most: int | None = None,
     observe: Callable[[float], None] | None = None,
+    expected: Scales | None = None,
 ) -> Train:
     """Simulate, and again more finely when the first run was too coarse by its energy.
 
@@ -230,12 +232,12 @@ def refined(
     finer = replace(effort, rtol=effort.rtol / _REFINEMENT)
     train = None
     try:
-        train = follow(setting, creep, effort, tables, most, observe)
+        train = follow(setting, creep, effort, tables, most, observe, expected)
     except AnnularContactError:
         if finer.rtol < _FINEST:
             raise
     if (train is None or not train.error <= limit) and finer.rtol >= _FINEST:
-        train = follow(setting, creep, finer, None, most, observe)
+        train = follow(setting, creep, finer, None, most, observe, expected)
     assert train is not None  # noqa: S101 - it was raised, or run again
     if not train.error <= limit:
         warnings.warn(

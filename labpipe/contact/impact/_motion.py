@@ -1,12 +1,12 @@
 """The state of motion, its record and the counts of work, as all parts of a drop share them.
 
-One record of named numbers (a numpy structured scalar) is the state of a drop at one instant; the
-compiled steps change it in place, and a row of such records is the trail of a contact.
+The compiled steps change a record of these numbers in place (a numpy structured scalar); a row of such
+records is the trail of a contact.
 """
 
 from dataclasses import dataclass
 from math import inf
-from typing import Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +15,36 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
 
-class Motion(Protocol):
+@dataclass(slots=True)
+class Motion:
     """Sphere, plate and springs at one instant, in SI; lengths downwards positive, touch at 0.
 
     ``approach`` is the sphere's position above the plate's; ``stored`` the energy that the springs
-    hold, ``spring_work`` the work done on them, ``plate_loss`` what the plate's dashpot took.
+    hold, ``spring_work`` the work done on them, ``plate_loss`` that taken by the dashpot of the plate.
     """
 
-    time: float
-    position: float
-    velocity: float
-    acceleration: float
-    approach: float
-    force: float
-    contact_radius: float
-    stored: float
-    spring_work: float
-    plate_displacement: float
-    plate_velocity: float
-    plate_acceleration: float
-    plate_loss: float
+    time: float = 0.0
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+    approach: float = 0.0
+    force: float = 0.0
+    contact_radius: float = 0.0
+    stored: float = 0.0
+    spring_work: float = 0.0
+    plate_displacement: float = 0.0
+    plate_velocity: float = 0.0
+    plate_acceleration: float = 0.0
+    plate_loss: float = 0.0
+
+    def record(self) -> np.record:
+        """Return the same as a record, as compiled steps take it."""
+        return blank(MOTION, **{name: getattr(self, name) for name in Motion.__annotations__})
+
+    def take(self, record: Any) -> None:
+        """Take over the numbers of a record."""
+        for name, value in zip(Motion.__annotations__, record.item(), strict=True):
+            setattr(self, name, value)
 
 
 class Counts(Protocol):
@@ -53,17 +63,6 @@ class Counts(Protocol):
 MOTION = np.dtype([(name, np.float64) for name in Motion.__annotations__])
 COUNTS = np.dtype([(name, np.int64) for name in Counts.__annotations__])
 Trail = NDArray[np.void]
-
-
-def motion(**values: float) -> Motion:
-    """Return a record with the given fields, the others 0.
-
-    Examples
-    --------
-    >>> float(motion(time=2.0).time)
-    2.0
-    """
-    return cast("Motion", blank(MOTION, **values))
 
 
 def blank(dtype: np.dtype[np.void], **values: float | Floats) -> np.record:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -47,6 +47,7 @@ class Stepper:
     counts: Counts
     memory: Floats
     look: Callable[[float], None]
+    _record: Any = field(init=False)
     _block: Block = field(init=False)
     _rules: Rules = field(init=False)
     _pace: Pace = field(init=False)
@@ -79,16 +80,19 @@ class Stepper:
         pace.late_leniency = _LENIENCY * max(1.0, still.speed / speed)
         if is_new:
             now.stored, now.contact_radius = float(self.stored().sum()), 0.0
-            self._trail.append(np.array([now], MOTION))
+        self._record = now.record()
+        if is_new:
+            self._trail.append(np.array([self._record], MOTION))
 
     def run(self, until: float) -> str:
         """Step until "lift-off", "rest" or the "end" of time."""
         ends = {kernel.RELEASED: "lift-off", kernel.RESTING: "rest", kernel.ENDED: "end"}
         while True:
             filled, outcome = kernel.steps(
-                self.now, self._pace, self._rules, until, self._block, self.counts, self._batch
+                self._record, self._pace, self._rules, until, self._block, self.counts, self._batch
             )
             self._trail.append(self._batch[:filled].copy())
+            self.now.take(self._record)
             self.look(self.now.contact_radius)
             if outcome in ends:
                 return ends[outcome]
@@ -105,16 +109,17 @@ class Stepper:
         now, dt = self.now, LONGEST_STEP * self.time_scale
         while now.time < until:
             length = min(dt, until - now.time)
-            outcome = kernel.creep_step(now, self._rules, length, self._block, self.counts)
+            outcome = kernel.creep_step(self._record, self._rules, length, self._block, self.counts)
             if outcome == kernel.OUTGROWN:
                 self._extend()
             elif outcome == kernel.REJECTED:
                 self.counts.rejected_steps += 1
                 dt = 0.5 * length
             else:
-                if until - now.time < 1e-12 * until:
-                    now.time = until
-                self._trail.append(np.array([now], MOTION))
+                if until - self._record.time < 1e-12 * until:
+                    self._record.time = until
+                self._trail.append(np.array([self._record], MOTION))
+                now.take(self._record)
                 self.look(now.contact_radius)
                 dt *= growth
 

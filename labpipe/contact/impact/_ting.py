@@ -25,7 +25,7 @@ from labpipe.compilation import inner, lean
 from labpipe.contact.impact._polynomials import crossing, power_sum, slope, summit
 from labpipe.contact.impact._radau import UNSOLVED, accept, attempt
 from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
-from labpipe.contact.impact._spring_states import sample_release, sample_touch, store
+from labpipe.contact.impact._spring_states import recover, sample_release, sample_touch, store
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
@@ -138,14 +138,15 @@ def contact(
     path: Path,
     room: Room,
     nodes: Nodes,
+    has_energy: bool,
 ) -> tuple[int, int, int, int]:
     """Follow one contact from touch to lift-off.
 
     ``law``, ``scheme``, ``fall``: material, method and body; ``center`` (element,) [m]: displacement of the central
     spring at touch; ``dent`` (element, node) [m]: those of the others less the central one's, on the nodes out to
     ``outer`` [m]; 0 there when the surface is fresh; ``path``, ``room``, ``nodes``: filled; ``path.state[0]`` and
-    ``path.approach[0]`` hold the start. Returns how it ended, the steps taken, those until
-    the contact was largest, and rejected ones.
+    ``path.approach[0]`` hold the start; ``has_energy``: fill in the stored energy. Returns how it ended, the
+    steps taken, those until the contact was largest, and rejected ones.
     """
     dented = outer > 0.0
     n, peak, rejected, tries = 0, 0, 0, 0
@@ -194,7 +195,9 @@ def contact(
         h *= min(_GROWTH, _SAFETY * max(error, 1e-12) ** (-1.0 / (scheme.c.size + 1.0)))
     path.state[n, 2] = path.state[n, 3] = 0.0
     sample_release(law, scheme, fall, room, path, peak, n, nodes)
-    store(law, scheme, fall, center, path, n, path.state[peak, 3], nodes)
+    if has_energy:
+        store(law, scheme, fall, center, path, n, path.state[peak, 3], nodes)
+    recover(law, scheme, center, path, n, nodes)
     return LIFTED, n, peak, rejected
 
 

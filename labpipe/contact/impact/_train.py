@@ -18,7 +18,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.impact._bounce import Bounce, Curves, Tables, bounce
 from labpipe.contact.impact._dents import Dents
 from labpipe.contact.impact._flight import time_of_flight
-from labpipe.contact.impact._motion import COUNTS, Counts, Motion, Stillness, Trail, blank, motion
+from labpipe.contact.impact._motion import COUNTS, Counts, Motion, Stillness, Trail, blank
 from labpipe.contact.impact._plate import Plate, PlateState, modal
 from labpipe.contact.impact._records import Fall
 from labpipe.contact.impact._setting import Setting
@@ -84,7 +84,7 @@ class Train:
     expected: Scales
     most: int | None = None
     observe: Callable[[float], None] | None = None
-    now: Motion = field(default_factory=lambda: motion(time=0.0))
+    now: Motion = field(default_factory=Motion)
     counts: Counts = field(default_factory=lambda: cast("Counts", blank(COUNTS)))
     segments: list[Segment] = field(default_factory=list)
     rows: list[tuple[float, ...]] = field(default_factory=list)
@@ -111,14 +111,14 @@ class Train:
                 "material, a smaller mass or a lower drop"
             )
         self._refuse_endless()
-        self.dents = Dents(self.tables.creep)
+        self.dents = Dents(self.tables.creep, has_energy=not self.effort.rows_only)
         end, touch = setting.duration - setting.fall_time, 0.0
         if setting.solver == "rings" or not self.effort.shortcuts.flights:
             self._step_on(MARGIN * expected.radius)
             # Rings touch first at the middle of the innermost, a little after the pole would.
             gap = float(self.stepper.springs.gap[0]) if self.stepper else 0.0
             touch = 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap)) if gap else 0.0
-        start = motion(time=-setting.fall_time, position=-setting.height, approach=-setting.height)
+        start = Motion(time=-setting.fall_time, position=-setting.height, approach=-setting.height)
         self._keep(Flight(start, min(touch, end), *np.zeros((2, self.tables.creep.rate.size)), self.tables.creep.rate))
         now.velocity, now.acceleration = setting.speed, setting.gravity
         if touch < end:
