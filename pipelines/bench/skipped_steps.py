@@ -52,12 +52,6 @@ def flights(duration: float) -> Shortcut:
     return _dropped(name, Shortcuts(flights=False), _HIGH, duration, "solver_steps", "steps")
 
 
-def springs_out_of_reach(duration: float) -> Shortcut:
-    """Solve for the springs that a bounce can touch, or for those of the whole sphere."""
-    name, unit = "simulator: cells that can touch", "updates of an element"
-    return _dropped(name, Shortcuts(near=False), _HEIGHT, duration, "spring_updates", unit)
-
-
 def _dropped(name: str, without: Shortcuts, height: float, duration: float, count: str, unit: str) -> Shortcut:
     """Drop a sphere with all shortcuts, and without one of them."""
     solid = materials.load("acrylic")

@@ -30,7 +30,6 @@ def run(quick: bool) -> Suite:
             skipped_frames.one_reference(8 if quick else 40),
             _steps_behind_a_target(Path(folder)),
             skipped_steps.flights(0.15 if quick else 0.4),
-            skipped_steps.springs_out_of_reach(0.1 if quick else 0.5),
             skipped_steps.rest(0.5 if quick else 1.0),
             skipped_steps.folded_terms("13 terms of acrylic", materials.load("acrylic")),
             skipped_steps.folded_terms("80 terms over 20 decades", skipped_steps.many_terms()),

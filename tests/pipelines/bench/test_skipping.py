@@ -23,7 +23,6 @@ def test_no_shortcut_of_the_simulator_changes_more_than_it_may() -> None:
         skipped_steps.folded_terms("13 terms", materials.load("acrylic")),
         skipped_steps.folded_terms("80 terms", skipped_steps.many_terms()),
         skipped_steps.flights(0.15),
-        skipped_steps.springs_out_of_reach(0.06),
         skipped_steps.rest(0.4),
         skipped_steps.impacts_asked_for(0.2),
     ):
