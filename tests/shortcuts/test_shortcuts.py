@@ -37,7 +37,6 @@ def drop(height: float = HEIGHT, duration: float = 0.1, solid: Prony = ACRYLIC, 
         pytest.param(
             {"height": 10e-3, "duration": 0.15}, {"shortcuts": Shortcuts(flights=False)}, "solver_steps", id="flights"
         ),
-        pytest.param({"duration": 0.06}, {"shortcuts": Shortcuts(near=False)}, "spring_updates", id="out of reach"),
     ],
 )
 def test_a_shortcut_of_the_simulator_keeps_the_restitution(short, whole, count) -> None:

@@ -24,7 +24,7 @@ _STAGES = (
         ("height", "sphere", "model", "plate", "work_of_adhesion", "wavelength"),
         schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
+        imports=("labpipe.contact.impact._drop", "labpipe.compiler"),
         summary="simulate the drop",
     ),
     stage(

@@ -2,14 +2,14 @@
 
 from functools import cache
 from math import pi, sqrt
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.special import roots_jacobi
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._contact_records import Law, Nodes, Path, Room, Scheme
 from labpipe.contact.impact._motion import blank
+from labpipe.contact.impact._records import Law, Nodes, Path, Room, Scheme
 from labpipe.contact.memory import Creep
 from labpipe.materials.prony import Retardation, relaxation_from_creep
 
@@ -110,6 +110,20 @@ def scheme() -> Scheme:
     }
     dtype = np.dtype([(name, np.float64, values.shape) for name, values in arrays.items()])
     return cast("Scheme", blank(dtype, **arrays))
+
+
+class RadialNodes(NamedTuple):
+    """The nodes of fields over the radius, as in :class:`Scheme`, as plain arrays: quick to reach from Python."""
+
+    s: Floats
+    bary: Floats
+    means: Floats
+
+
+@cache
+def radial_nodes() -> RadialNodes:
+    """Nodes over the radius, their weights, and the rule of twice the mean."""
+    return RadialNodes(scheme().s, scheme().bary, scheme().means)
 
 
 def interpolation(s: Floats, bary: Floats, places: Floats) -> Floats:

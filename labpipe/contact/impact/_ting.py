@@ -22,10 +22,10 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.contact.impact._contact_records import Fall, Law, Nodes, Path, Phase, Room, Scheme
-from labpipe.contact.impact._contact_springs import sample_release, sample_touch, store
-from labpipe.contact.impact._contact_step import UNSOLVED, accept, attempt
 from labpipe.contact.impact._polynomials import crossing, power_sum, slope, summit
+from labpipe.contact.impact._radau import UNSOLVED, accept, attempt
+from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
+from labpipe.contact.impact._spring_states import recover, sample_release, sample_touch, store
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
@@ -60,7 +60,7 @@ def _edge_powers(scheme: Scheme, room: Room, phase: Phase) -> None:
 
 
 @inner()
-def _begin(law: Law, scheme: Scheme, room: Room, path: Path, n: int, dent: Floats) -> None:
+def _begin(law: Law, scheme: Scheme, room: Room, path: Path, dent: Floats) -> None:
     """Set what a contact has gathered to nothing, and prepare its dents."""
     for k in range(law.elements):
         room.last[k] = 0.0
@@ -70,9 +70,9 @@ def _begin(law: Law, scheme: Scheme, room: Room, path: Path, n: int, dent: Float
                 total += scheme.means[m, o] * dent[k, o]
             room.primitive[k, m] = total
         room.rim[k] = dent[k, 0]
-    path.time[n] = 0.0
+    path.time[0] = 0.0
     for j in range(law.maxwells):
-        path.fading[n, j] = room.held[j] = 0.0
+        path.fading[0, j] = room.held[j] = 0.0
 
 
 @inner()
@@ -135,24 +135,22 @@ def contact(
     center: Floats,
     dent: Floats,
     outer: float,
-    n: int,
     path: Path,
     room: Room,
     nodes: Nodes,
-    has_ledger: bool,
+    has_energy: bool,
 ) -> tuple[int, int, int, int]:
     """Follow one contact from touch to lift-off.
 
     ``law``, ``scheme``, ``fall``: material, method and body; ``center`` (element,) [m]: displacement of the central
     spring at touch; ``dent`` (element, node) [m]: those of the others less the central one's, on the nodes out to
-    ``outer`` [m]; 0 there when the surface is fresh; ``n``: where in the path to begin; ``path``, ``room``, ``nodes``:
-    filled; ``path.state[n]`` and ``path.approach[n]`` hold the start; ``has_ledger``: sample the dent and fill in the
-    stored energy. Returns how it ended, the steps taken, those until the contact was largest, and rejected ones.
+    ``outer`` [m]; 0 there when the surface is fresh; ``path``, ``room``, ``nodes``: filled; ``path.state[0]`` and
+    ``path.approach[0]`` hold the start; ``has_energy``: fill in the stored energy. Returns how it ended, the
+    steps taken, those until the contact was largest, and rejected ones.
     """
     dented = outer > 0.0
-    peak, rejected = n, n - n
-    tries = rejected
-    _begin(law, scheme, room, path, n, dent)
+    n, peak, rejected, tries = 0, 0, 0, 0
+    _begin(law, scheme, room, path, dent)
     phase = Phase(False, dented, 0.0, outer, 0.0, 0.0, 0.0)
     h, central = fall.first, 0.0
     while True:
@@ -177,7 +175,7 @@ def contact(
         if part != 1.0 and not ends and not was_summit:
             h *= part
             continue
-        tries = n - n
+        tries = 0
         if not was_summit:
             accept(law, scheme, fall, room, path, n, h, phase)
             n += 1
@@ -196,9 +194,10 @@ def contact(
             phase = Phase(False, dented, 0.0, outer, edge, edge**2, load)
         h *= min(_GROWTH, _SAFETY * max(error, 1e-12) ** (-1.0 / (scheme.c.size + 1.0)))
     path.state[n, 2] = path.state[n, 3] = 0.0
-    if has_ledger:
-        sample_release(law, scheme, fall, room, path, peak, n, nodes)
+    sample_release(law, scheme, fall, room, path, peak, n, nodes)
+    if has_energy:
         store(law, scheme, fall, center, path, n, path.state[peak, 3], nodes)
+    recover(law, scheme, center, path, n, nodes)
     return LIFTED, n, peak, rejected
 
 
@@ -237,7 +236,7 @@ def _energy_lost(fall: Fall, path: Path, n: int, lost: float) -> tuple[float, fl
     now = lost
     for i in range(n + 1):
         end = path.state[i]
-        now = lost + 0.5 * fall.mass * (end[1] ** 2 - first[1] ** 2) + end[6] + end[7]
+        now = lost + 0.5 * fall.mass * (end[1] ** 2 - first[1] ** 2) + end[6] - first[6] + end[7] - first[7]
         now -= fall.mass * fall.gravity * (end[0] - first[0])
         now += 0.5 * fall.plate_mass * (end[5] ** 2 - first[5] ** 2)
         now += 0.5 * fall.plate_stiffness * (end[4] ** 2 - first[4] ** 2)

@@ -4,9 +4,9 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
-from labpipe.contact.impact._contact_edge import dented_edge, gap_area, inverse_gap, receding_edge
-from labpipe.contact.impact._contact_records import Fall, Law, Nodes, Path, Phase, Room, Scheme
+from labpipe.contact.impact._edge import dented_edge, gap_area, inverse_gap, receding_edge
 from labpipe.contact.impact._polynomials import eliminate, moments, value_at
+from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
 
 _NEWTON_LIMIT = 12
 #: Error of a step that was not solved.

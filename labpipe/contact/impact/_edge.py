@@ -3,8 +3,8 @@
 import math
 
 from labpipe.compilation import inner
-from labpipe.contact.impact._contact_records import Fall, Law, Room, Scheme
 from labpipe.contact.impact._polynomials import value_at
+from labpipe.contact.impact._records import Fall, Law, Room, Scheme
 
 _EDGE_LIMIT = 60
 

@@ -4,9 +4,9 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
-from labpipe.contact.impact._contact_edge import gap
-from labpipe.contact.impact._contact_records import Fall, Law, Nodes, Path, Room, Scheme
+from labpipe.contact.impact._edge import gap
 from labpipe.contact.impact._polynomials import crossing, fade, power_sum, value_at
+from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Room, Scheme
 
 
 @inner()
@@ -121,8 +121,13 @@ def store(
                 energy += 0.5 * whole**2 / law.C[k]
             total += scheme.means[0, n] * largest * energy
         path.stored[i] = total
-    for n in range(N):
-        for k in range(K):
+
+
+@inner()
+def recover(law: Law, scheme: Scheme, center: Floats, path: Path, last: int, nodes: Nodes) -> None:
+    """Let the springs recover from their release to the end of the contact, and count from the undeformed surface."""
+    for n in range(scheme.s.size):
+        for k in range(law.elements):
             left = math.exp(-law.creep_rate[k] * (path.time[last] - nodes.release[n]))
             nodes.after[k, n] *= left
             nodes.after[k, n] += center[k] * math.exp(-law.creep_rate[k] * path.time[last])
