@@ -139,14 +139,17 @@ def plan(
     from pipelines import process as verbs
 
     made = verbs.plan(session, targets, only, full=full, keep=keep)
+    exact = verbs.stated_as_exact(made.session)
     if as_json:
         names = ("experiment", "stage", "recording", "state", "reason")
         rows = [{n: getattr(row, n) for n in names} for row in made.rows]
         document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate}
-        echo_json(document | {"waiting": made.session.waiting})
+        echo_json(document | {"waiting": made.session.waiting, "exact": exact})
         return
     echo(f"{made.summary}")
     _show_waiting(made.session.waiting)
+    for values, names in exact.items():
+        echo(f"counted as exact, since stated without ±: {values} ({', '.join(names)})")
     for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
         echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
         _show_steps(list(own))

@@ -11,6 +11,7 @@ from labpipe.workflow.session import FILE_NAME, Session
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.session._processing import process
 from pipelines.session._session_checks import SESSION_CHECKS, named_at
+from pipelines.session._stated_alike import stated_as_exact
 from pipelines.session._unused import unused_files
 from pipelines.session._verdicts import Verdict, verdicts_of
 from pipelines.session._waiting import WAITING
@@ -61,10 +62,11 @@ class Trouble:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """All rows, what costs most first, and how many checks were made."""
+    """All rows, what costs most first, how many checks were made, and experiments by the values they state as exact."""
 
     troubles: tuple[Trouble, ...]
     checks: int
+    exact: dict[str, list[str]]
 
     @property
     def is_impossible(self) -> bool:
@@ -96,7 +98,9 @@ def audit(folder: Path) -> Audit:
     session = session if run is None else run.session
     unused = (Trouble(f.level, (), (f.check,), f.message, f.cause, f.file, None) for f in unused_files(session))
     rows = [*_of_verdicts(session, verdicts), *_failures(run, verdicts), *unused]
-    return Audit(tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + SESSION_CHECKS + 1)
+    return Audit(
+        tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + SESSION_CHECKS + 1, stated_as_exact(session)
+    )
 
 
 def _cost(trouble: Trouble) -> tuple[int, int, int]:

@@ -19,7 +19,7 @@ from labpipe.workflow.fields import POSITIVE, FileMark, Range, every_setting, ma
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.session._gaps import library_names
-from pipelines.session._stated_alike import bodies, finding, plates, without_uncertainty, written
+from pipelines.session._stated_alike import bodies, finding, plates, written
 
 if TYPE_CHECKING:
     from calibration.record import Record
@@ -276,6 +276,6 @@ def named_at(session: Session) -> Mapping[str, int]:
     return found
 
 
-_CHECKS = (_twice, _records, bodies, plates, _material_names, _uncertainties, without_uncertainty, _temperatures)
+_CHECKS = (_twice, _records, bodies, plates, _material_names, _uncertainties, _temperatures)
 SESSION_CHECKS = len(_CHECKS)
 """How many checks a session as a whole is given, beside those of its experiments."""

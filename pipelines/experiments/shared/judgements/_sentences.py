@@ -21,7 +21,7 @@ from labpipe.report import (
 )
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements._judgement import MATTERS
-from pipelines.experiments.shared.judgements._stored import believed, suspected
+from pipelines.experiments.shared.judgements._stored import believed, counted_as_exact, suspected
 from pipelines.experiments.shared.judgements._words import TIED, capitalised, chance, of_error, with_minus
 
 VERDICT = "verdict"
@@ -119,8 +119,7 @@ def _as_exact(value: float, row: Row) -> str:
 
 
 def _counted(judged: Judgement) -> str:
-    passed = sum(c.is_made and c.level in (None, "note") for c in judged.checks)
-    return f"{passed} of {judged.n_made} checks passed"
+    return f"{judged.n_passed} of {judged.n_made} checks passed"
 
 
 def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
@@ -130,6 +129,8 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     judged = believed(result)
     level, text = sentence(result, rows)
     blocks: list[Block] = [Notice(level, with_minus(text), VERDICT)]  # type: ignore[arg-type]
+    if exact := counted_as_exact(result):
+        blocks.append(Paragraph(f"Counted as exact, since stated without ±: {', '.join(exact)}."))
     if len(judged.findings) > 1:
         blocks.append(Details(f"All {len(judged.findings)} findings", blocks=(_found(judged),)))
     elif judged.findings and judged.findings[0].level == "note":  # the sentence tells no note
@@ -137,7 +138,8 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     if result.sizes["input"]:
         blocks.append(Paragraph(noticed(result)))
         blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
-    blocks.append(Details(f"Checks of the record ({_counted(judged)})", blocks=(_checked(judged),)))
+    blocks.append(_checked(judged))
+    blocks.append(Details(f"Results of the {len(judged.checks)} evaluations", blocks=(_evaluated(judged),)))
     return tuple(blocks)
 
 
@@ -188,11 +190,22 @@ def _noticed(result: xr.Dataset) -> Table:
 
 
 def _checked(judged: Judgement) -> Table:
+    """List the checks, one row for each."""
     rows = []
-    for check in judged.checks:
-        answer = check.level or ("passed" if check.is_made else "not made")
-        margin = f"{check.margin:+z.1f} u" if np.isfinite(check.margin) else ""
-        seen = check.message or f"needs {check.needs}"
-        rows.append((check.name, answer, with_minus(margin), with_minus(seen), check.law))
-    columns = ("check", "answer", "margin", "what was seen", "law")
-    return Table(tuple(Column(name) for name in columns), rows)
+    for row in judged.rows:
+        seen = row.worst.message or f"requires {row.worst.needs}"
+        rows.append((capitalised(row.title), row.summary, with_minus(seen), row.law))
+    columns = ("check", "result", "largest deviation", "principle")
+    return Table(tuple(Column(name) for name in columns), rows, caption="Checks of the record.")
+
+
+def _evaluated(judged: Judgement) -> Table:
+    """List what every check gave for each recording and each stated value."""
+    rows = []
+    for row in judged.rows:
+        for check in row.evaluations:
+            answer = check.level or ("passed" if check.is_made else "not made")
+            margin = f"{check.margin:+z.1f} u" if np.isfinite(check.margin) else ""
+            seen = check.message or f"requires {check.needs}"
+            rows.append((capitalised(row.title), check.name, answer, with_minus(margin), with_minus(seen)))
+    return Table(tuple(Column(name) for name in ("check", "quantity", "result", "margin", "observation")), rows)
