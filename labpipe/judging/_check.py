@@ -45,6 +45,8 @@ class Finding:
     setting : str
         Dotted name in that file (``"sphere.radius"``; of session.toml below the experiment), from
         which the line is found when the finding is shown: lines move, names do not.
+    value : str
+        Text of that line, found then too.
     """
 
     check: str
@@ -54,6 +56,13 @@ class Finding:
     file: str = ""
     line: int | None = None
     setting: str = ""
+    value: str = ""
+
+    @property
+    def place(self) -> str:
+        """File, line and text of the line, ``session.toml:17: height = "1.6 mm"``; empty if unknown."""
+        where = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{where}: {self.value}" if self.value else where
 
 
 class Place(TypedDict, total=False):

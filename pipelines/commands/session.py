@@ -281,7 +281,7 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
     for one in () if judged is None else judged.experiments:
         if one.state == "waiting":  # its lines are told below, with those that nobody judged
             continue
-        grave = [f.message for f in one.findings if f.level != "note"]
+        grave = [f"{f.message} [{f.place}]" if f.place else f.message for f in one.findings if f.level != "note"]
         more = f"; and {len(grave) - _TOLD} more on its page" if len(grave) > _TOLD else ""
         told = "; ".join(grave[:_TOLD]) + more
         model = f", model: {one.model}" if one.model != "none" else ""

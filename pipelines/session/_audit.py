@@ -30,7 +30,8 @@ class Trouble:
     ``level``: the worst of what follows from it; ``experiments``: those that it spoils; ``checks``: those that it
     fails; ``message``: what was seen, of the worst of them; ``cause``: the most likely mistake; empty when nothing
     singles one out; ``file``: to look at or to change, relative to the session; ``line``: of that file, where it is
-    known; ``named_at``: line of session.toml that names the file, where that is another file.
+    known; ``named_at``: line of session.toml that names the file, where that is another file; ``value``: the text of
+    the line.
     """
 
     level: Level
@@ -41,12 +42,14 @@ class Trouble:
     file: str
     line: int | None
     named_at: int | None = None
+    value: str = ""
 
     @property
     def place(self) -> str:
         """The line to change, for people."""
         where = self.file if self.line is None else f"{self.file}:{self.line}"
-        return where if self.named_at is None else f"{where} ({FILE_NAME}:{self.named_at})"
+        where = where if self.named_at is None else f"{where} ({FILE_NAME}:{self.named_at})"
+        return f"{where}: {self.value}" if self.value and self.named_at is None else where
 
     @property
     def sentence(self) -> str:
@@ -120,7 +123,7 @@ def _of_verdicts(session: Session, verdicts: Iterable[Verdict]) -> Iterator[Trou
         experiments = tuple(dict.fromkeys(name for name, _ in found))
         checks = tuple(dict.fromkeys(f.check for _, f in found))
         named = lines.get(file) if line is None else None
-        yield Trouble(worst.level, experiments, checks, worst.message, worst.cause, file, line, named)
+        yield Trouble(worst.level, experiments, checks, worst.message, worst.cause, file, line, named, worst.value)
 
 
 def _failures(run: RunResult | None, verdicts: Iterable[Verdict]) -> Iterator[Trouble]:

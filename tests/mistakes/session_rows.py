@@ -13,7 +13,7 @@ from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, sess
 from tests.mistakes.drop_rows import RECORD, START
 from tests.mistakes.recordings import Edit, header, setting
 
-TOML = "session.toml"
+TOML, STEPS = "session.toml", "references and processing steps"
 _FIRST, _SECOND = "laser/acrylic_low_1.csv", "laser/acrylic_high_1.csv"
 _PAIR = f'laser = [\n  "{_FIRST}",\n'
 
@@ -202,15 +202,6 @@ ROWS = (
         "39 ± 2 Hz",
     ),
     SessionMistake(
-        "one height without its uncertainty",
-        setting('"1.7 ± 0.005 mm"', '"1.7 mm"'),
-        "note",
-        "stated uncertainty",
-        ("height is stated without an uncertainty", "± was forgotten"),
-        TOML,
-        '"1.7 mm"',
-    ),
-    SessionMistake(
         "one mass 55 for 505 g",
         _in("acrylic_low", "505.0 ± 0.5 g", "550.0 ± 0.5 g"),
         "doubtful",
@@ -286,7 +277,7 @@ ROWS = (
         "name of a material misspelt",
         _in("ptfe_low", 'material = "ptfe"', 'material = "pfte"'),
         "impossible",
-        "step model",
+        STEPS,
         ("pfte", "misspelt", "known are nbr, acrylic"),
         TOML,
         '"pfte"',
@@ -295,7 +286,7 @@ ROWS = (
         "record expired",
         setting("2025-04-30", "2024-05-10", RECORD),
         "impossible",
-        "step displacement",
+        STEPS,
         ("expired",),
         RECORD,
         "valid_until",
@@ -304,7 +295,7 @@ ROWS = (
         "record not yet valid",
         setting("2024-05-01", "2024-05-20", RECORD),
         "impossible",
-        "step displacement",
+        STEPS,
         ("not yet valid",),
         RECORD,
         "valid_from",
@@ -313,7 +304,7 @@ ROWS = (
         "record of another instrument",
         setting("LK-G5001", "LK-G3001", RECORD),
         "impossible",
-        "step displacement",
+        STEPS,
         ("LK-G3001",),
         RECORD,
         "instrument",

@@ -12,6 +12,7 @@ from pipelines.experiments.shared.judgements._sentences import (
     noticed as noticed,
     sentence as sentence,
     verdict_blocks as verdict_blocks,
+    written_place as written_place,
 )
 from pipelines.experiments.shared.judgements._stored import (
     believed as believed,

@@ -103,7 +103,7 @@ def test_thirty_tips_are_told_by_the_force_of_the_named_material(processed: Path
     context = Steps().context("relaxation")
     judged = judgements.believed(checks.judgement(*parts, None, settings=wrong, context=context))
     assert judged.believable == "doubtful"
-    found = next(f for f in judged.findings if f.check == "force for the named material")
+    found = next(c for c in judged.checks if c.level and c.name == "force for the named material")
     assert "number of tips is probably 3" in found.cause
 
 
