@@ -140,6 +140,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         of_records[swing.file] = [
             _by_swing(check, swing, added, by_name[swing.file][1]) for check in of_records[swing.file]
         ]
+    for lost in (c for c in of_traces if c.name == trace_checks.SINGLE_ROWS and c.level and c.file in of_records):
+        names = {check.name for check in of_records[lost.file]}
+        of_records[lost.file] = judgements.because(of_records[lost.file], lost.cause, *names, file=lost.file)
     for average in (c for c in of_traces if c.name == trace_checks.SMOOTHED and c.level and c.file in of_records):
         of_records[average.file] = judgements.because(
             of_records[average.file], average.cause, *_SMEARED, file=average.file
