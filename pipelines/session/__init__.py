@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     )
     from pipelines.session._sensitivity import Sensitivity as Sensitivity, sensitivity as sensitivity
     from pipelines.session._sensitivity_page import advice as advice
+    from pipelines.session._stated_alike import stated_as_exact as stated_as_exact
     from pipelines.session._survey import Surveyed as Surveyed, survey as survey
     from pipelines.session._template import bare_type as bare_type, gap_for as gap_for
     from pipelines.session._together import beside as beside

@@ -161,7 +161,9 @@ class Health:
         if self.audit is None:
             return []
         rows = [(t.level, t.place, ", ".join(t.experiments), t.sentence) for t in self.audit.troubles]
-        return ["", *(text_table(self.audit.caption, rows, most=None) if rows else self.audit.caption).splitlines()]
+        exact = [f"counted as exact, since stated without ±: {v} ({', '.join(n)})" for v, n in self.audit.exact.items()]
+        table = text_table(self.audit.caption, rows, most=None) if rows else self.audit.caption
+        return ["", *table.splitlines(), *exact]
 
     def _repr_html_(self) -> str:
         told = html_table("; ".join(self.lines()), ("library", "version"), self.versions.items())

@@ -68,7 +68,16 @@ _STAGES = (
     ),
     judged(
         "ball_drop",
-        ("readings", "displacement", "bounces", "repeats", "model", "comparison"),
+        (
+            "readings",
+            "displacement",
+            "bounces",
+            "repeats",
+            "model",
+            "comparison",
+            *solid_of("sphere"),
+            "other:plate_from/plate",
+        ),
         rests_on=("sphere.material_from", "plate_from"),
     ),
     reported("ball_drop", ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison")),

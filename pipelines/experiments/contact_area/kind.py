@@ -34,7 +34,9 @@ _STAGES = (
         summary="measurement against model",
     ),
     judged(
-        "contact_area", ("radius", "impacts", "model", "comparison"), rests_on=("sphere.material_from", "plate_from")
+        "contact_area",
+        ("radius", "impacts", "model", "comparison", *solid_of("sphere"), "other:plate_from/plate"),
+        rests_on=("sphere.material_from", "plate_from"),
     ),
     stage(
         "contact_area.measured:keys",

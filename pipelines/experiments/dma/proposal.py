@@ -58,7 +58,7 @@ def _text(found: Found, files: Sequence[str], lacks_temperature: bool, told: Map
 kind = "dma"
 rheometer = {proposals.listed(files)}
 {mode_line(name, told)}
-nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
+nu = "{GAP}"  # Poisson's ratio, with ±, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
 {_published(found, files)}"""
 

@@ -331,6 +331,9 @@ def _moved(traces: list[Trace]) -> Check:
 
 def _off(before: Trace, change: float, span: float) -> float:
     """Return by how much a force changes from a block to the next beyond what its rest leads to [N]."""
+    level = float(np.median(before.force[-3:]))
+    if _IN_CONTACT * level < level + change < level:  # a force in contact that only falls relaxes
+        return -np.inf
     noise = max(_noise(before.force))
     moved = np.flatnonzero(np.abs(before.position - before.position[-1]) > _STILL)
     rest = slice((int(moved[-1]) if moved.size else 0) + 1, None)

@@ -8,9 +8,9 @@ ranked by what they leave unexplained.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import exp, floor, hypot, isfinite, log, log10, sqrt
+from math import exp, floor, hypot, inf, isfinite, log, log10, sqrt
 
-from labpipe.judging._checks import Check
+from labpipe.judging._check import IMPOSSIBLE, Check
 
 _FLOOR = 2e-3
 """Least relative uncertainty of a check when causes are compared: the laws are that good."""
@@ -19,6 +19,7 @@ _USUAL = 9.0
 in units of chi square."""
 _SLACK = 0.02
 """How far from such a factor, relative, a fitted one may lie: other inputs may be off too."""
+_SMALL = 1.1  # factor below which per cent say more
 _GROUPED = 1e4  # from which the digits of a number are grouped
 _RIGHT = 2.0  # standard uncertainties by which a check is off that is right
 _ALIKE = 4.0
@@ -43,6 +44,9 @@ class Cause:
         Factors that the mistake usually has; empty when any is as likely.
     only_usual : bool
         No other factor is this mistake.
+    u : float
+        Relative standard uncertainty of the input as it is stated. A factor of more than ten of them is
+        possible only as a typing error, and comes after every other cause.
     slack : float
         By which, relative, what was made usually differs from a usual factor.
     file, line, setting
@@ -54,6 +58,7 @@ class Cause:
     usual: tuple[float, ...] = ()
     only_usual: bool = False
     slack: float = _SLACK
+    u: float = field(default=inf, kw_only=True)
     file: str = field(default="", kw_only=True)
     line: int | None = field(default=None, kw_only=True)
     setting: str = field(default="", kw_only=True)
@@ -72,17 +77,26 @@ class Explanation:
         Checks that it moves.
     score : float
         Chi square that it leaves, less for a usual factor: the least is the likeliest.
+    n_u : float
+        Size of the error in stated standard uncertainties; 0 for a usual factor.
     """
 
     cause: Cause
     factor: float
     checks: tuple[str, ...]
     score: float
+    n_u: float = 0.0
+
+    @property
+    def is_last_resort(self) -> bool:
+        """Whether it needs an error that the stated uncertainty excludes."""
+        return self.n_u > IMPOSSIBLE
 
     @property
     def sentence(self) -> str:
-        """What is probably wrong."""
-        return self.cause.say(self.factor)
+        """The probable mistake."""
+        said = self.cause.say(self.factor)
+        return f"{said} ({in_words(self.n_u, 2)} times its stated uncertainty)" if self.is_last_resort else said
 
 
 def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
@@ -129,14 +143,15 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         # a check that it does not move, and that is right, speaks neither for it nor against it
         against = sum(z**2 for d, z in ((d, (r - d * place) / u) for d, r, u in widened) if d or abs(z) > _RIGHT)
         if against <= max(_EXPLAINED * before, _ALIKE):
-            found.append(Explanation(cause, exp(place), names, score))
-    return tuple(sorted(found, key=lambda one: one.score))
+            found.append(Explanation(cause, exp(place), names, score, 0.0 if is_usual else abs(place) / cause.u))
+    return tuple(sorted(found, key=lambda one: (one.is_last_resort, one.score)))
 
 
 def in_turn(ranked: Sequence[Explanation], check: str) -> str:
     """Say what explains a check: the likeliest cause, and those that cannot be told from it; empty where none does."""
     found = [one for one in ranked if check in one.checks]
-    return "; or ".join(dict.fromkeys(one.sentence for one in found if one.score <= found[0].score + _ALIKE))
+    alike = (o for o in found if o.score <= found[0].score + _ALIKE and o.is_last_resort == found[0].is_last_resort)
+    return "; or ".join(dict.fromkeys(one.sentence for one in alike))
 
 
 def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[Check]:
@@ -171,9 +186,11 @@ def too_large(factor: float) -> str:
 
     Examples
     --------
-    >>> too_large(1000.0), too_large(0.5)
-    ('1000 times too large', 'too small by a factor of 2')
+    >>> too_large(1000.0), too_large(0.5), too_large(0.9996)
+    ('1000 times too large', 'too small by a factor of 2', '0.04 % too small')
     """
+    if 1 / _SMALL < factor < _SMALL:
+        return f"{in_words(100.0 * abs(factor - 1.0), 2)} % too {'large' if factor >= 1.0 else 'small'}"
     times = in_words(max(factor, 1.0 / factor), 4)
     return f"{times} times too large" if factor >= 1.0 else f"too small by a factor of {times}"
 

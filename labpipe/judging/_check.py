@@ -1,11 +1,17 @@
-"""One check of a record: two ways to the same quantity, or a quantity against a law."""
+"""Checks of a record: two ways to the same quantity, or a quantity against a law.
 
+A check is one physical redundancy or one property of a record. It is evaluated once for every recording,
+or once for every value that an experiment states, and is one row of a page: the check with its evaluations.
+"""
+
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from math import copysign, hypot, inf, isfinite, log, nan
+from math import hypot, inf, isfinite, log, nan
 from typing import Literal, TypedDict, Unpack
 
 Level = Literal["impossible", "doubtful", "note"]
-"""How much a finding weighs."""
+"""Severity of a finding."""
+WEIGHT: dict[Level | None, int] = {None: 0, "note": 1, "doubtful": 2, "impossible": 3}
 
 FLAGS = {"yes": 1, "unknown": 2, "doubtful": 3, "impossible": 4}
 """Verdicts as the primary flags of QARTOD, for exported netCDF (``flag_values``)."""
@@ -39,6 +45,8 @@ class Finding:
     setting : str
         Dotted name in that file (``"sphere.radius"``; of session.toml below the experiment), from
         which the line is found when the finding is shown: lines move, names do not.
+    value : str
+        Text of that line, found then too.
     """
 
     check: str
@@ -48,6 +56,13 @@ class Finding:
     file: str = ""
     line: int | None = None
     setting: str = ""
+    value: str = ""
+
+    @property
+    def place(self) -> str:
+        """File, line and text of the line, ``session.toml:17: height = "1.6 mm"``; empty if unknown."""
+        where = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{where}: {self.value}" if self.value else where
 
 
 class Place(TypedDict, total=False):
@@ -57,31 +72,39 @@ class Place(TypedDict, total=False):
     file: str
     line: int | None
     setting: str
+    is_generic: bool
+    recording: str
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One question to a record, and its answer.
+    """A check of one recording or of one stated value, with its result.
 
     Attributes
     ----------
     name : str
-        Such as ``"free-fall acceleration"``; causes refer to it.
+        The compared quantity, such as ``"free-fall acceleration"``; causes refer to it.
     law : str
         The physical law or redundancy that it uses, in one sentence.
     message : str
-        What was seen and what was expected.
+        The observed and the expected value.
     level : "impossible", "doubtful", "note" or None
         None where nothing is wrong.
     margin : float
-        Difference in units of its standard uncertainty; NaN where that has no meaning.
+        Difference in units of its standard uncertainty; NaN where that has no meaning, as within a limit.
     log_ratio, u_log_ratio : float
-        Natural logarithm of seen over expected and its standard uncertainty; NaN where a factor
-        would explain nothing. They tell causes apart.
+        Natural logarithm of observed over expected and its standard uncertainty; NaN where a factor
+        would explain nothing. They distinguish causes.
     needs : str
-        What would have to be stated or recorded for the check; empty when it was made.
+        Missing statement or recording; empty when the evaluation was made.
     cause, file, line, setting
-        As in :class:`Finding`, where the check itself knows them; nothing wrong has no cause.
+        As in :class:`Finding`, where the check itself knows them; a passed evaluation has no cause.
+    title : str
+        Check that it belongs to; empty for one that is named as the quantity.
+    recording : str
+        Recording that was evaluated; empty for a value of the settings.
+    is_generic : bool
+        A processing step failed; a finding about the record itself explains it better.
     """
 
     name: str
@@ -96,6 +119,9 @@ class Check:
     file: str = field(default="", kw_only=True)
     line: int | None = field(default=None, kw_only=True)
     setting: str = field(default="", kw_only=True)
+    title: str = field(default="", kw_only=True)
+    recording: str = field(default="", kw_only=True)
+    is_generic: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         if self.level is None:
@@ -103,8 +129,85 @@ class Check:
 
     @property
     def is_made(self) -> bool:
-        """Whether what the check needs was there."""
+        """Whether everything that it needs was there."""
         return not self.needs
+
+
+@dataclass(frozen=True, slots=True)
+class CheckSummary:
+    """A check over all recordings of an experiment: one row of its page.
+
+    Attributes
+    ----------
+    title, law : str
+        Name of the check, and the redundancy that it uses in one sentence.
+    evaluations : tuple of Check
+    """
+
+    title: str
+    law: str
+    evaluations: tuple[Check, ...]
+
+    @property
+    def is_made(self) -> bool:
+        """Whether any evaluation was made, or one reports that it could not be."""
+        return any(e.is_made for e in self.evaluations)
+
+    @property
+    def worst(self) -> Check:
+        """The gravest evaluation; of those that are equally grave the one with the largest margin."""
+        return max(
+            self.evaluations, key=lambda e: (WEIGHT[e.level], e.is_made, abs(e.margin) if isfinite(e.margin) else 0)
+        )
+
+    @property
+    def level(self) -> Level | None:
+        """Level of the worst evaluation."""
+        return self.worst.level
+
+    @property
+    def summary(self) -> str:
+        """Result over all recordings.
+
+        Examples
+        --------
+        >>> found = [Check("g", "", "", margin=m, recording=str(m)) for m in (0.3, -1.2)]
+        >>> CheckSummary("free fall", "", tuple(found)).summary
+        'passed in 2 of 2 recordings, worst margin 1.2 u'
+        """
+        made = [e for e in self.evaluations if e.is_made]
+        if not made:
+            return self.level or "not made"
+        places = dict.fromkeys(e.recording for e in made if e.recording)
+        noun, count = ("recording", len(places)) if places else ("evaluation", len(made))
+        failed = [e for e in made if WEIGHT[e.level] > 1]
+        wrong = len({e.recording for e in failed} if places else failed)
+        word, share = (self.level, wrong) if failed else ("passed", count)
+        text = f"{word}" if count == 1 else f"{word} in {share} of {count} {noun}s"
+        margins = [abs(e.margin) for e in made if isfinite(e.margin)]
+        return f"{text}, worst margin {max(margins):.1f} u" if margins else text
+
+
+def grouped(evaluations: Iterable[Check], laws: Mapping[str, str]) -> tuple[CheckSummary, ...]:
+    """Group evaluations into checks.
+
+    Parameters
+    ----------
+    evaluations : iterable of Check
+    laws : mapping of str to str
+        Sentence by the title of a check; a check without one has that of its first evaluation.
+
+    Returns
+    -------
+    tuple of CheckSummary
+        In the order of `laws`, the others after them.
+    """
+    by_title: dict[str, list[Check]] = {title: [] for title in laws}
+    for one in evaluations:
+        by_title.setdefault(one.title or one.name, []).append(one)
+    return tuple(
+        CheckSummary(title, laws.get(title, found[0].law), tuple(found)) for title, found in by_title.items() if found
+    )
 
 
 def compared(
@@ -117,7 +220,6 @@ def compared(
     u_expected: float,
     *,
     allowance: float = 0.0,
-    degrees_of_freedom: float = inf,
     factor: bool = True,
     **place: Unpack[Place],
 ) -> Check:
@@ -134,8 +236,6 @@ def compared(
     allowance : float
         Largest systematic effect that the kind of experiment knows (such as drag), in the same
         unit: a smaller difference is never called impossible.
-    degrees_of_freedom : float
-        Behind the uncertainty (few repeats: Student's distribution).
     factor : bool
         Whether a wrong factor could explain a difference.
     **place
@@ -155,7 +255,7 @@ def compared(
     if not (isfinite(seen) and isfinite(expected) and isfinite(u) and u > 0.0):
         return not_made(name, law, "finite values with uncertainties")
     difference = seen - expected
-    margin = _as_normal(difference / u, degrees_of_freedom)
+    margin = difference / u
     level: Level | None = None
     if abs(margin) > IMPOSSIBLE and abs(difference) > allowance:
         level = "impossible"
@@ -209,7 +309,7 @@ def bounded(
     if not (isfinite(value) and isfinite(u)):
         return not_made(name, law, "a finite value with its uncertainty")
     beyond = max(at_least - value, value - at_most)
-    margin = copysign(inf, beyond) if u == 0.0 and beyond != 0.0 else beyond / u if u else 0.0
+    margin = nan if beyond <= 0.0 else beyond / u if u else inf
     level: Level | None = None
     if margin > BROKEN:
         level = "impossible" if is_law else "doubtful"
@@ -230,23 +330,5 @@ def not_made(name: str, law: str, needs: str) -> Check:
 
 def unfinished(name: str, law: str, message: str, cause: str) -> Check:
     """Return a check that could not be made because the run did not get through a step; it is told as a note."""
-    return Check(name, law, message, "note", needs="a run that gets through this step", cause=cause)
-
-
-def _as_normal(t: float, degrees_of_freedom: float) -> float:
-    """Return the normal deviate that is as unlikely as a deviate of Student's distribution."""
-    if degrees_of_freedom == inf:
-        return t
-    from scipy import stats  # loads slowly, and few readings are judged with so few repeats
-
-    tail = float(stats.t.logsf(abs(t), degrees_of_freedom))
-    # The tail as a logarithm, since it underflows where only its size matters.
-    return copysign(_normal_deviate(tail), t)
-
-
-def _normal_deviate(log_tail: float) -> float:
-    """Solve ``log(1 - Phi(z)) = log_tail`` for z."""
-    from scipy import special
-    from scipy.optimize import brentq
-
-    return float(brentq(lambda z: special.log_ndtr(-z) - log_tail, -1.0, 1e3))
+    needs = "a run that gets through this step"
+    return Check(name, law, message, "note", needs=needs, cause=cause, is_generic=True)
