@@ -6,7 +6,6 @@ from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from labpipe.contact.impact._checks import Solver as Solver
-    from labpipe.contact.impact._compiled import compile_drop as compile_drop
     from labpipe.contact.impact._drop import drop as drop
     from labpipe.contact.impact._line_springs import Profile as Profile, line_springs as line_springs
     from labpipe.contact.impact._many import impacts as impacts
