@@ -22,9 +22,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from labpipe.build import BUILD as BUILD, __version__ as __version__
-from labpipe.installation import keep_compiled_code
-from labpipe.lazy import lazily
+from labpipe.installation import BUILD as BUILD, __version__ as __version__, keep_compiled_code, lazily
 
 if TYPE_CHECKING:
     from instruments import read

@@ -13,8 +13,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import shorten
-from labpipe.text import check_width
+from labpipe.text import check_width, shorten
 from labpipe.units import unit
 
 _TIME = re.compile(

@@ -13,7 +13,7 @@ from pathlib import Path
 from instruments.keyence._columns import Columns, is_aside, is_time, sort_columns
 from instruments.keyence._markers import MARKERS, Marker, marker_status
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import shorten
+from labpipe.text import shorten
 from labpipe.units import unit
 
 #: What the labels of header lines look like, by what they say. Compared as a whole, without case.

@@ -11,7 +11,7 @@ from instruments._clock import moment
 from instruments.keyence._columns import even_interval, seconds
 from instruments.keyence._header import Header, KeyenceProfile, is_length_or_volts
 from labpipe.errors import UNSAID, InputError, SourceError
-from labpipe.numbers import shorten
+from labpipe.text import shorten
 from labpipe.units import quantity, unit
 
 

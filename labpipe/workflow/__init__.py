@@ -18,7 +18,7 @@ it shares.
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.workflow._log import events as events

@@ -12,8 +12,7 @@ from typing import Any
 import msgspec
 
 from labpipe.errors import SourceError
-from labpipe.files import files_below
-from labpipe.stamps import HashIndex
+from labpipe.files import HashIndex, files_below
 from labpipe.workflow.code import behind
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.session import Session

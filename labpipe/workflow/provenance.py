@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from labpipe.build import __version__
+from labpipe.installation import __version__
 from labpipe.workflow._keys import Key
 from labpipe.workflow.code import LIBRARIES, version
 from labpipe.workflow.store import key_of

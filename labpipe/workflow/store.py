@@ -25,7 +25,7 @@ import msgspec
 
 from labpipe import files
 from labpipe.errors import SourceError, StoreError
-from labpipe.stamps import HashIndex
+from labpipe.files import HashIndex
 from labpipe.workflow.tasks import TaskId
 
 if TYPE_CHECKING:

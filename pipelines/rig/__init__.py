@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.rig._verbs import demo as demo, record_demo as record_demo, sample as sample

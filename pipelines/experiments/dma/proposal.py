@@ -12,7 +12,7 @@ import xarray as xr
 
 import instruments
 from labpipe.errors import LabpipeError
-from labpipe.names import printable
+from labpipe.files import printable
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.dma.measured import loading_told
 from pipelines.experiments.dma.settings import MODES
