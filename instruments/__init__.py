@@ -29,8 +29,8 @@ from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
 from instruments.photron import INSTRUMENT as PHOTRON
 from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, holds_rows, workbook_hint
-from labpipe.build import BUILD
 from labpipe.errors import NO_FILM, UNKNOWN_FORMAT, InputError, LabpipeError, SourceError, UsageError
+from labpipe.installation import BUILD
 from labpipe.plugins import Plugin, survey, tell
 
 if TYPE_CHECKING:

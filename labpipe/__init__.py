@@ -18,11 +18,11 @@ the numerical libraries.
 """
 
 import sys
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from labpipe.build import BUILD as BUILD, __version__ as __version__
-from labpipe.lazy import lazily
+from labpipe.installation import BUILD as BUILD, __version__ as __version__, keep_compiled_code, lazily
 
 if TYPE_CHECKING:
     from instruments import read
@@ -103,3 +103,6 @@ class _Door(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Door
+
+_HERE = Path(__file__).parent
+keep_compiled_code(_HERE, _HERE.parent / "pipelines/rig")

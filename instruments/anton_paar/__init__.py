@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import HEAD_BYTES, Instrument, text_of
 from instruments._workbook_texts import beginnings
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 from labpipe.text import Limits
 
 if TYPE_CHECKING:

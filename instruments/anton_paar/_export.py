@@ -18,8 +18,7 @@ from instruments.anton_paar._table import Export, RawInterval, Row, read_table, 
 from instruments.anton_paar._values import Findings, interpret, signs_of
 from instruments.anton_paar._words import column_name
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.numbers import check_decimal
-from labpipe.text import Limits, TextFile, first_bytes, survey
+from labpipe.text import Limits, TextFile, check_decimal, first_bytes, survey
 
 # Real exports have below 1 MB; the lines are kept while the decimal sign is being decided.
 _LIMITS = Limits(max_bytes=128 << 20)

@@ -11,8 +11,7 @@ from typing import Any
 
 from instruments.anton_paar._table import Cell, Row
 from labpipe.errors import SourceError
-from labpipe.numbers import shorten
-from labpipe.text import TextFile
+from labpipe.text import TextFile, shorten
 
 _LOOKED_AT = 200  # lines in which the delimiter must show
 _MOST_UNPACKED = 256 << 20  # bytes of a workbook; the largest known export has 0.2 MB

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from instruments.anton_paar import _words as words
 from labpipe.errors import SourceError
-from labpipe.numbers import listed, shorten
+from labpipe.text import listed, shorten
 
 Cell = str | float | None
 

@@ -12,8 +12,7 @@ from instruments.anton_paar import _words as words
 from instruments.anton_paar._table import Cell, RawInterval, text_of
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import DOT, Separators, plain_number, separators, shorten
-from labpipe.text import not_a_number
+from labpipe.text import DOT, Separators, not_a_number, plain_number, separators, shorten
 
 #: What stands where there is no reading.
 _ABSENT = ("", "-", "--", "---", "*")

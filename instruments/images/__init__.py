@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypedDict
 from instruments._instrument import Instrument
 from instruments.images._headers import is_tiff
 from instruments.images._names import LOSSY, are_misnamed, has_frames, has_images
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from instruments.images._stack import NEEDS_RATE as NEEDS_RATE, ExportedFrames as ExportedFrames, read as read

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from instruments.keyence._markers import marker_status
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import shorten
-from labpipe.text import check_width
+from labpipe.text import check_width, shorten
 from labpipe.units import unit
 
 LABELS: Mapping[str, str] = {

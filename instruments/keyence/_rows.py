@@ -17,8 +17,17 @@ from instruments.keyence._header import Header, column_of, split_cells
 from instruments.keyence._markers import NINES, NUMERIC_MARKERS, Layout, Status, is_padded, layout, marker_status
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import DOT, Separators, plain_number, separators, shorten
-from labpipe.text import check_width, marker_reason, not_a_number, parse_rows
+from labpipe.text import (
+    DOT,
+    Separators,
+    check_width,
+    marker_reason,
+    not_a_number,
+    parse_rows,
+    plain_number,
+    separators,
+    shorten,
+)
 
 _BATCH = 1 << 11  # rows: markers come in runs, so a small batch keeps most of the file fast
 _SAMPLE = 200  # rows from which delimiter, decimal sign and layout of the columns are learnt

@@ -14,7 +14,7 @@ from instruments._clock import moment
 from instruments.keyence._header import CLOCK, Header, is_length_or_volts
 from labpipe.arrays import Floats
 from labpipe.errors import UNSAID, InputError, SourceError
-from labpipe.numbers import shorten
+from labpipe.text import shorten
 from labpipe.units import quantity, unit
 
 _SHORTEST, _LONGEST = 1e-7, 86400.0  # s; the time between samples of any sensor of this family

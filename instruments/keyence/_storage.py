@@ -41,8 +41,7 @@ from instruments.keyence._statements import (
 )
 from instruments.keyence._writer import DEVICE, output_variables
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.numbers import check_decimal, shorten
-from labpipe.text import Limits, TextFile, survey
+from labpipe.text import Limits, TextFile, check_decimal, shorten, survey
 from labpipe.units import Quantity, unit
 from labpipe.variables import variable
 

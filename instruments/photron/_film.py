@@ -20,7 +20,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning, ShownFrames
-from labpipe.numbers import shorten
+from labpipe.text import shorten
 
 _LARGEST_SIDE = 1 << 15  # px; no sensor is larger
 _LARGEST_HEADER = 1 << 24  # bytes; a header has some kilobytes

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import HEAD_BYTES, Instrument, text_of
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 from labpipe.text import unmarked_codec
 
 if TYPE_CHECKING:

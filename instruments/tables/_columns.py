@@ -19,7 +19,7 @@ from instruments.tables._layout import Block
 from instruments.tables._words import Heading
 from labpipe.arrays import Floats
 from labpipe.errors import SourceError, warn_of
-from labpipe.numbers import shorten
+from labpipe.text import shorten
 
 Pair = tuple[Heading, Floats]
 

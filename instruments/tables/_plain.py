@@ -36,8 +36,7 @@ from instruments.tables._layout import Block
 from instruments.tables._values import Table
 from instruments.tables._words import Heading
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.numbers import Separators, check_decimal, separators, shorten
-from labpipe.text import Limits, TextFile, first_bytes, survey
+from labpipe.text import Limits, Separators, TextFile, check_decimal, first_bytes, separators, shorten, survey
 
 DEVICE = "plain table of a dynamic mechanical analysis"
 

@@ -28,8 +28,7 @@ from instruments.tables._layout import Block, is_of_parameters
 from instruments.tables._words import Heading
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.numbers import Separators, listed, plain_number, shorten
-from labpipe.text import not_a_number
+from labpipe.text import Separators, listed, not_a_number, plain_number, shorten
 
 _NO_READING = 9.9e37  # by which instruments of the SCPI standard say that there is none, or that it overflowed
 _ALONE = "Cells hold numbers alone; the units stand in the headings or in a row below them."

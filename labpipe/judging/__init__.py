@@ -15,7 +15,7 @@ used: to tell what was found takes no SciPy.
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.judging._agreement import (

@@ -25,8 +25,7 @@ from typing import Any, Literal, TypeVar, Union
 import msgspec
 
 from labpipe.errors import InputError
-from labpipe.files import files_below
-from labpipe.names import safe_join
+from labpipe.files import files_below, safe_join
 from labpipe.units import Quantity, quantity
 from labpipe.workflow import _toml_lines
 from labpipe.workflow.document import LARGEST_FILE, Document, parse

@@ -6,7 +6,7 @@ imported when they are first used, so that a plan loads nothing that it does not
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue, query as query

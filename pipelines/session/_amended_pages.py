@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
+from labpipe.workflow.code import behind
 from labpipe.workflow.plan import READY, page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.store import AMENDED, Store
@@ -28,7 +29,7 @@ def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
     known = store.amended()
     if not known and not any(one.findings for one in verdicts.values()):
         return
-    code = store.code.behind(f"{__name__}:{_amended.__name__}").digest
+    code = behind(f"{__name__}:{_amended.__name__}", is_page=True).digest
     kept = {name: entry for name, entry in known.items() if name not in verdicts and name in results.experiments}
     for name, one in verdicts.items():
         path = store.folder / page_name(name)

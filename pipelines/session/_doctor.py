@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labpipe import files
-from labpipe.build import __version__
 from labpipe.errors import InputError, LabpipeError
+from labpipe.installation import __version__
 from labpipe.notebook import html_table, text_table
 from labpipe.plugins import PluginWarning
 

@@ -19,7 +19,7 @@ import instruments
 from instruments import photron
 from labpipe import files
 from labpipe.errors import LabpipeError, SourceError, UsageError
-from labpipe.names import name_problem, printable
+from labpipe.files import name_problem, printable
 from labpipe.notebook import html_table, text_table
 from labpipe.workflow.session import FILE_NAME, VERSION
 from pipelines.experiments import KINDS, Found, Proposal, Proposed, function

@@ -10,7 +10,7 @@ from typing import Any
 
 import instruments
 from labpipe.errors import InputError
-from labpipe.names import printable, safe_join
+from labpipe.files import printable, safe_join
 from labpipe.workflow.document import nodes
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session._proposal import PICTURE, recognise, wholes, why_unknown

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe import files
 from labpipe.errors import LabpipeError, StorageError
 from labpipe.notebook import Shown, ShownAsTable
+from labpipe.workflow.code import behind
 from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.plan import READY, Plan, Row
 from labpipe.workflow.results import Results
@@ -274,8 +275,7 @@ def _mark(plan: Plan, rows: Iterable[Row], store: Store) -> str:
         for n in named_files(session)
     ]
     judgements = [[row.experiment, plan.keys[row.task].value, plan.keys[row.task].problem] for row in rows]
-    code = store.code.behind(VERDICTS)
-    store.code.save()
+    code = behind(VERDICTS, "pipelines.experiments")
     settings = files.digest(session.root / FILE_NAME)
     return key_of({"verdicts": [code, settings, library_names(), named, judgements]})
 

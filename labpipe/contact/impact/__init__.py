@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.contact.impact._batch import impacts as impacts

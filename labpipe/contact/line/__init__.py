@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from labpipe.contact.line import dissipation as dissipation, westergaard as westergaard
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.contact.line._indent import indent as indent, indent_load as indent_load

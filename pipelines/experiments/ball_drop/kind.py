@@ -56,7 +56,7 @@ _STAGES = (
         ("height", "sphere", "model", "plate"),
         schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._drop", "labpipe.compiler"),
+        imports=("labpipe.contact.impact._drop", "labpipe.compilation"),
         summary="simulate the drop",
     ),
     stage(

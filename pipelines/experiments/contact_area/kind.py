@@ -10,7 +10,7 @@ _STAGES = (
         ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "channel", "region"),
         shortcuts=True,
-        imports=("labpipe.imaging.fringes._every_frame", "labpipe.compiler"),
+        imports=("labpipe.imaging.fringes._every_frame", "labpipe.compilation"),
         summary="fit the fringes around the contact",
     ),
     stage(
@@ -24,7 +24,7 @@ _STAGES = (
         ("height", "sphere", "model", "plate", "work_of_adhesion", "wavelength"),
         schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._drop", "labpipe.compiler"),
+        imports=("labpipe.contact.impact._drop", "labpipe.compilation"),
         summary="simulate the drop",
     ),
     stage(

@@ -21,7 +21,7 @@ _STAGES = (
         ("file:film",),
         ("tracking", "frame_rate", "channel"),
         shortcuts=True,
-        imports=("labpipe.imaging.dic._tracker", "labpipe.compiler"),
+        imports=("labpipe.imaging.dic._tracker", "labpipe.compilation"),
         summary="track the holder through the film",
     ),
     stage(

@@ -12,8 +12,8 @@ import xarray as xr
 
 import instruments
 from labpipe.errors import LabpipeError
+from labpipe.files import printable
 from labpipe.materials import loading_of
-from labpipe.names import printable
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.dma.settings import MODES
 from pipelines.experiments.shared import proposals

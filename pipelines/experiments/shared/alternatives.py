@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from labpipe import build, contact, materials
+from labpipe import contact, files, materials
 from labpipe.arrays import Floats
 from labpipe.errors import LabpipeError
 from labpipe.judging import agreement
@@ -91,7 +91,7 @@ _ACRONYMS = ("nbr", "peek", "ptfe")
 
 
 def _library() -> list[str]:
-    return sorted(path.stem for path in (Path(build.__file__).parent / "materials/library").glob("*.toml"))
+    return sorted(path.stem for path in (Path(files.__file__).parent / "materials/library").glob("*.toml"))
 
 
 def _loaded(name: str, temperature: float | None) -> Prony | None:

@@ -29,19 +29,8 @@ def drawn(folder: Path, *names: str) -> dict[str, str]:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """The files by name, without what is kept of the code: whoever comes second finds it with the installation."""
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != make.CODE}
-
-
-def test_the_code_behind_a_figure_is_followed_once_and_kept(tmp_path: Path) -> None:
-    """Nothing of it is read again, neither to see that the figure is up to date nor to draw it anew."""
-    assert drawn(tmp_path, CHEAP) == {CHEAP: make.DRAWN}
-    shelf = make.Shelf.of(tmp_path, None)
-    (state,) = make.states(shelf, make.chosen([CHEAP]))
-    assert (state.state, shelf.code.n_read) == (make.UP_TO_DATE, 0)
-    (tmp_path / make.RECORD).unlink()
-    make.make(shelf, make.chosen([CHEAP]))
-    assert shelf.code.n_read == 0
+    """The files by name."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def test_no_number_twice_and_every_function_exists() -> None:

@@ -9,7 +9,7 @@ import pytest
 FACE = """
 from json import JSONDecodeError, loads as loads
 from typing import TYPE_CHECKING
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from plain.inner import thing as renamed
