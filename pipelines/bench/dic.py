@@ -114,8 +114,8 @@ def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
         distance = np.hypot((column - x[:, None])[:, None, :], (row - y[:, None])[:, :, None])
         share = 0.5 - 0.5 * erf((distance - radius[:, None, None]) / (0.8 * np.sqrt(2.0)))
         image = np.zeros((size + 2 * margin, size + 2 * margin))
-        np.maximum.at(image, (row[:, :, None] + margin, column[:, None, :] + margin), share)
-        grey = 200.0 - 150.0 * image[margin:-margin, margin:-margin] + noise * rng.standard_normal((size, size))
+        np.add.at(image, (row[:, :, None] + margin, column[:, None, :] + margin), share)
+        grey = 60.0 + 150.0 * np.exp(-image[margin:-margin, margin:-margin]) + noise * rng.standard_normal((size, size))
         images.append(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
     return np.stack(images), shifts
 
