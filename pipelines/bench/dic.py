@@ -100,7 +100,7 @@ def _one_thread() -> Iterator[None]:
 def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
     """Film (frame, row, column) of shifted sprayed speckle and its shifts (frame, 2) in px.
 
-    Dark discs of 1.2 to 2.6 px radius with edges that a lens blurs by 0.5 px (standard deviation).
+    Dark discs of 1.2 to 2.6 px radius with edges that lens and pixel blur by 0.8 px (standard deviation).
     """
     rng = np.random.default_rng(3)
     count = size * size // 14
@@ -112,10 +112,10 @@ def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
         x, y = centre + shift[:, None]
         column, row = np.rint(x).astype(int)[:, None] + steps, np.rint(y).astype(int)[:, None] + steps
         distance = np.hypot((column - x[:, None])[:, None, :], (row - y[:, None])[:, :, None])
-        share = 0.5 - 0.5 * erf((distance - radius[:, None, None]) / (0.5 * np.sqrt(2.0)))
+        share = 0.5 - 0.5 * erf((distance - radius[:, None, None]) / (0.8 * np.sqrt(2.0)))
         image = np.zeros((size + 2 * margin, size + 2 * margin))
-        np.maximum.at(image, (row[:, :, None] + margin, column[:, None, :] + margin), share)
-        grey = 200.0 - 150.0 * image[margin:-margin, margin:-margin] + noise * rng.standard_normal((size, size))
+        np.add.at(image, (row[:, :, None] + margin, column[:, None, :] + margin), share)
+        grey = 60.0 + 150.0 * np.exp(-image[margin:-margin, margin:-margin]) + noise * rng.standard_normal((size, size))
         images.append(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
     return np.stack(images), shifts
 

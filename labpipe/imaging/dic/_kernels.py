@@ -24,8 +24,6 @@ CAPTURE = 12.0
 _FIRST_SHRINK = 0.5
 # Longest stretch of a step: noise then holds three quarters of the squared slopes.
 _MOST_RELAXATION = 4.0
-# Chi-square of the three components of strain from which a rigid subset is solved as an affine one: 99 %.
-_STRAIN_SEEN = 11.34
 # Sums over a subset may be reordered and fused; NaN must still compare as NaN.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
@@ -539,6 +537,7 @@ def solve_subsets(
     inverse: Floats,
     affine: Floats,
     inflation: Floats,
+    strain_seen: float,
     tolerance: float,
     max_iterations: int,
     motion: Floats,
@@ -550,7 +549,8 @@ def solve_subsets(
     """Iterate every chosen subset to convergence; ``motion`` holds the start and the result.
 
     ``quality`` (gain, residual, correlation, share of hidden blocks); ``covariance`` (dx dx, dy dy, dx dy, rotation²)
-    of :func:`_sandwich`; ``inflation``: see :func:`.solve`; ``counts`` (evaluations, result code, solved as affine).
+    of :func:`_sandwich`; ``counts`` (evaluations, result code, solved as affine); ``inflation`` and ``strain_seen``:
+    see :func:`.solve`.
     """
     sums, step, before, blocks = np.zeros(9), np.zeros(6), np.zeros(6), np.zeros((64, 4))
     for q in range(len(chosen)):
@@ -572,7 +572,7 @@ def solve_subsets(
         )  # fmt: skip
         if code == SOLVED and shape[n] == AUTO and affine[n, 0, 0] > 0.0:
             gained = _fall_of_affine(sums, level[n], moments[n], quality[q, 0], affine[n]) - fall
-            if gained > _STRAIN_SEEN * inflation[n] * quality[q, 1] / max(level[n, 2] - 5.0, 1.0):
+            if gained > strain_seen * inflation[n] * quality[q, 1] / max(level[n, 2] - 5.0, 1.0):
                 bread, is_rigid = affine[n], False
                 more, code, fall = _converge(
                     image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance,

@@ -49,9 +49,9 @@ class Table:
         for name in ("motion", "quality", "covariance", "hidden", "iterations"):
             getattr(self, name)[row] = getattr(found, name)
         status = np.where(found.trusted, Status.OK, Status.LOST).astype(np.int8)
-        status[is_occluded(found.quality[:, 3]) & found.trusted] = Status.OCCLUDED
         status[is_ambiguous(found.zncc, reference.repetition, min_zncc) & found.trusted] = Status.PERIODIC
         status[np.isnan(found.covariance[:, 0]) & found.trusted] = Status.TEXTURELESS
+        status[is_occluded(found.quality[:, 3]) & found.trusted] = Status.OCCLUDED
         status[(found.hidden > 0.0) & ~found.trusted] = Status.COVERED
         status[found.outvoted] = Status.OUTVOTED
         status[found.reached & ~found.trusted] = Status.OUTSIDE

@@ -19,6 +19,8 @@ __all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "OVERHANG", "SOLVED", "
 
 #: Error that may be left by stopping (px): a tenth of the least noise of a large subset.
 TOLERANCE = 5e-5
+#: Chi-square of three degrees of freedom that noise exceeds in one of twenty subsets.
+STRAIN_SEEN = 7.81
 #: Two or three evaluations are usual; more than this means that the start was wrong.
 _MOST_ITERATIONS = 30
 #: A subset may hang over the border of the frame by less than this (px): the noise of a point
@@ -71,6 +73,7 @@ def solve(
     origin: tuple[int, int],
     window: tuple[float, float, float, float],
     inflation: Floats | None = None,
+    strain_seen: float = STRAIN_SEEN,
 ) -> Solution:
     """Find the motions of chosen subsets in one frame.
 
@@ -94,6 +97,8 @@ def solve(
     inflation : array (point,), optional
         Variance of what noise adds to the normal equations over that of uncorrelated noise of the same residual:
         blur and interpolation correlate it.
+    strain_seen : float
+        Chi-square of the three components of strain from which an ``AUTO`` subset is solved as an affine one.
 
     References
     ----------
@@ -119,6 +124,7 @@ def solve(
             subsets.rigid,
             subsets.affine,
             np.ones(len(subsets)) if inflation is None else inflation,
+            strain_seen,
             TOLERANCE,
             _MOST_ITERATIONS,
             found,

@@ -12,10 +12,11 @@ from numba import njit
 
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
+from labpipe.imaging.dic._kernels import AUTO
 from labpipe.imaging.dic._neighbour_outliers import Neighbourhood
 from labpipe.imaging.dic._occlusion import visible_pixels
 from labpipe.imaging.dic._reference import Reference
-from labpipe.imaging.dic._solver import SOLVED, Solution, solve
+from labpipe.imaging.dic._solver import SOLVED, STRAIN_SEEN, Solution, solve
 from labpipe.imaging.dic._subsets import Subsets
 from labpipe.imaging.dic._uncertainty import covariance
 
@@ -129,6 +130,7 @@ class Tracker:
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
         self.is_static = True
+        self._strain_seen = STRAIN_SEEN
         self._predictions: dict[int, Floats] = {}
         self.work = Work()
 
@@ -211,6 +213,7 @@ class Tracker:
         solution = solve(
             subsets, loaded.coefficients, self._order, which, start, origin=(loaded.box[0], loaded.box[2]),
             window=loaded.window, inflation=smoothing / self.reference.noise.left,
+            strain_seen=self._strain_seen,
         )  # fmt: skip
         self.work.subsets_solved += len(which)
         self.work.iterations += int(solution.iterations.sum())
@@ -220,7 +223,11 @@ class Tracker:
     def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
         """Solve the tracked points from their predictions."""
         chosen = np.flatnonzero(self.is_tracked)
+        self._strain_seen = STRAIN_SEEN
         found = self.solve(loaded, chosen, expected[chosen])
+        if self._is_strained(chosen, found.solution):
+            self._strain_seen = 0.0
+            found = self.solve(loaded, chosen, expected[chosen])
         attempt = Attempt.nothing(expected)
         attempt.iterations[chosen] = found.solution.iterations
         attempt.take(chosen, found, np.ones(len(chosen), bool))
@@ -228,6 +235,15 @@ class Tracker:
         alike = attempt.zncc > DROP * self.last_zncc
         attempt.trusted = self.accepts(attempt.code, attempt.zncc) & alike & (apart <= SURPRISE)
         return attempt
+
+    def _is_strained(self, chosen: Integers, found: Solution) -> bool:
+        """Tell a specimen that strains: a quarter of its subsets show it, where noise alone lets one in twenty.
+
+        Then all of them are solved as affine ones, including those that do not show it for themselves.
+        """
+        asked = (self.reference.subsets.shape[chosen] == AUTO) & (found.code == SOLVED)
+        count, shown = int(asked.sum()), int(found.is_affine[asked].sum())
+        return 0.25 * count < shown < count
 
     def accepts(self, code: Integers, zncc: Floats) -> Flags:
         """Points that converged with enough correlation."""

@@ -9,6 +9,7 @@ import xarray as xr
 from labpipe.judging import Check, Level, in_words, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation import viewing_angle
+from pipelines.experiments.dic_validation.measured import statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.trace_checks import Trace, swing_at_rest
 
@@ -223,9 +224,7 @@ def seen_whole(track: xr.Dataset, settings: DicValidation) -> Check:
         text += "nothing stands there, and what may hide the holder elsewhere is not left out by it"
         cause = "the polygon is not drawn in px of the first image, x to the right and y down, or is of another film"
         return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")
-    status = track["status"].isel(point=0) if "status" in track else None
-    meanings = [] if status is None else str(status.attrs["flag_meanings"]).split()
-    hidden = 0 if status is None or "occluded" not in meanings else int((status == meanings.index("occluded")).sum())
+    hidden = int((statuses(track) == "occluded").sum()) if "status" in track else 0
     if not hidden:
         return stated(name, law, f"{settings.film}: nothing else was found before the holder", None, file=settings.film)
     cause = (

@@ -1,16 +1,19 @@
 """Acceptance of image correlation: errors, coverage of the uncertainties and refusals against known truth."""
 
 import json
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy.special import erf
 
 import instruments
+import labpipe as lp
 from labpipe.imaging import track
 from tests.labpipe.imaging.speckle import Motion, digitise, grey_levels, grid, make_speckle, waves
 
@@ -57,12 +60,13 @@ class Figures:
 # --- front films of the bundled sessions -----------------------------------------------------
 
 
-def front_film(
-    session: Path, body: tuple[float, float], width: int, line: tuple[float, float], small: int, static: int
-) -> Figures:
-    """Body and line of subsets on the falling holder, against the truth of the session."""
+def front_film(session: Path, static: int) -> Figures:
+    """Body and line of subsets on the falling holder as the session states them, against its truth."""
+    experiments = tomllib.loads((session / "session.toml").read_text("utf-8"))["experiments"].values()
+    chosen = next(one["tracking"] for one in experiments if one["kind"] == "dic_validation")
     known = json.loads((session / "truth/ptfe_front.json").read_text("utf-8"))
-    points = np.array([body, *((x, body[1]) for x in np.linspace(*line, 6))])
+    (left, y), (right, _) = chosen["line"]
+    points = np.array([chosen["body"], *((x, y) for x in np.linspace(left, right, chosen["points"]))])
     pivot, angle = np.array(known["pivot"]), np.array(known["rotation"])[:, None]
     x, y = (points - pivot).T
     cosine, sine = np.cos(angle) - 1.0, np.sin(angle)
@@ -70,15 +74,16 @@ def front_film(
     truth = np.stack([dx + cosine * x - sine * y, dy + sine * x + cosine * y], axis=-1)
     truth -= truth[:static].mean(axis=0)
     film = instruments.read(session / "film/ptfe_front.cine")
-    return Figures.of(film, points, truth, static, subset=[width, *[small] * 6])
+    subsets = [chosen["body_subset"], *[chosen["subset"]] * chosen["points"]]
+    return Figures.of(film, points, truth, static, subset=subsets)
 
 
 def films() -> Figures:
-    return front_film(SAMPLES / "films", (31.5, 21.6), 37, (21.0, 42.0), 21, 32)
+    return front_film(SAMPLES / "films", 32)
 
 
 def thesis_small() -> Figures:
-    return front_film(SAMPLES / "thesis-small", (25.5, 13.1), 21, (17.0, 34.0), 17, 16)
+    return front_film(SAMPLES / "thesis-small", 16)
 
 
 # --- photographs, moved by whole pixels at full size and reduced ---------------------------------
@@ -193,3 +198,100 @@ def of_bar(texture: float, subset: int = 31) -> Figures:
     points = grid(SIZE, 26, 14)
     truth = np.stack([one.displacement(points) for one in MOTIONS["shift"]])
     return Figures.of(np.clip(np.rint(film), 0, 255).astype(np.uint8), points, truth, subset=subset)
+
+
+# --- figures to hold -------------------------------------------------------------------------------
+
+
+def assert_measured(found: Figures, rms: float, valid: float = 1.0) -> None:
+    """Error, coverage and share of valid results; ``rms`` [px] leaves two standard errors."""
+    assert found.valid >= valid
+    assert found.rms <= 1.06 * rms
+    assert 0.92 <= found.within_2u <= 0.98
+    assert found.beyond_5u == 0
+
+
+def test_front_film_of_films() -> None:
+    assert_measured(films(), 0.00458)
+
+
+def test_front_film_of_thesis_small() -> None:
+    assert_measured(thesis_small(), 0.00610)
+
+
+@pytest.mark.slow
+def test_front_film_of_the_campaign_at_its_default_size(tmp_path: Path) -> None:
+    lp.sample("thesis", tmp_path / "camp")
+    assert_measured(front_film(tmp_path / "camp", 32), 0.0046)
+
+
+@pytest.mark.parametrize(
+    ("kind", "motion", "subset", "rms"),
+    [
+        ("medium", "shift", 21, 0.00694),
+        ("medium", "shift", 31, 0.00455),
+        ("medium", "rotation", 31, 0.00459),
+        ("medium", "strain", 21, 0.00713),
+        ("medium", "strain", 31, 0.00462),
+        ("fine", "shift", 21, 0.00539),
+        ("fine", "rotation", 31, 0.00347),
+        ("fine", "strain", 31, 0.00341),
+        ("coarse", "shift", 31, 0.00943),
+        ("coarse", "rotation", 31, 0.00978),
+        ("coarse", "strain", 31, 0.01001),
+        ("medium", "jump", 31, 0.00475),
+    ],
+)
+def test_speckle(kind: str, motion: str, subset: int, rms: float) -> None:
+    assert_measured(of_speckle(kind, motion, 2.0, subset), rms)
+
+
+@pytest.mark.skipif(not PHOTOGRAPHS.is_dir(), reason="the photographs of the samples are not here")
+def test_photographs_shifted_by_whole_pixels_and_reduced() -> None:
+    """A tensile specimen in front of a wall of which parts are featureless, saturated or one straight edge."""
+    scenes = [(name, left, top) for name, left, top in (("ut_151.tif", 110, 300), ("ut_151.tif", 120, 1000))]
+    scenes.append(("ut_154.tif", 110, 700))
+    count = beyond = 0
+    for scene in scenes:
+        for subset, rms in ((21, 0.084), (31, 0.050)):
+            found = of_photograph(*scene, subset)
+            assert found.valid > 0.7
+            assert found.rms < rms
+            assert 0.92 <= found.within_2u <= 0.98
+            count, beyond = count + found.count, beyond + found.beyond_5u
+    assert beyond <= count / 2611
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.7854])
+def test_edges_without_grain_are_refused_and_those_with_grain_measured(angle: float) -> None:
+    for noise in (1.0, 2.0):
+        assert of_edge(angle, 0.0, noise).count == 0
+    assert of_edge(angle, 0.5, 2.0).count == 0
+    found = of_edge(angle, 1.5)
+    assert found.valid >= 0.92
+    assert found.within_2u >= 0.95
+    assert found.beyond_5u == 0
+
+
+@pytest.mark.parametrize("step", [0.2, 1.0, 2.5])
+def test_periodic_dots_are_refused(step: float) -> None:
+    found = of_dots(step)
+    assert found.valid < 0.05
+    assert found.beyond_5u == 0
+
+
+def test_a_featureless_wall_is_refused() -> None:
+    assert of_wall().count == 0
+
+
+@pytest.mark.parametrize("degrees", [32.0, 45.0, 90.0])
+def test_no_lone_match_is_believed_after_a_turn_too_far(degrees: float) -> None:
+    assert of_turn(degrees).count == 0
+
+
+@pytest.mark.parametrize("texture", [0.0, 30.0])
+def test_a_bar_that_crosses_costs_the_points_that_it_hides(texture: float) -> None:
+    found = of_bar(texture)
+    assert found.valid > 0.75
+    assert 0.92 <= found.within_2u <= 0.98
+    assert found.beyond_5u == 0
