@@ -263,9 +263,9 @@ def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float
     place = {key: i for i, key in enumerate(union)}
     storage, loss = np.full((2, len(runs), len(union)), np.nan)
     for i, (run, good, one) in enumerate(zip(runs, trusted, keys, strict=True)):
-        column = np.array([place[key] for key in one])[good]
-        storage[i, column] = factor * run.values("storage_modulus")[good]
-        loss[i, column] = factor * run.values("loss_modulus")[good]
+        at = np.array([place[key] for key in one])[good]
+        storage[i, at] = factor * run.values("storage_modulus")[good]
+        loss[i, at] = factor * run.values("loss_modulus")[good]
     total = sum(good.size for good in trusted)
     excluded = total - sum(int(good.sum()) for good in trusted)
     if excluded:
