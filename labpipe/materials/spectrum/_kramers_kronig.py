@@ -2,7 +2,7 @@ r"""Consistency of storage and loss modulus by the Kramers-Kronig relations.
 
 Causality ties E′(ω) and E″(ω): one non-negative spectrum must describe both. The test fits the
 spectrum to one modulus alone, predicts the other, and compares the misfit of a common fit with
-what either modulus reaches by itself. A material that slips, a clamp that yields, a phase that
+the misfit of either modulus alone. A material that slips, a clamp that yields, a phase that
 is delayed, or sweeps that time-temperature superposition should not have joined show up here.
 
 The textbook slope rule E″ ≈ (π/2) dE′/d ln ω is returned as a curve to look at; on noisy data it

@@ -37,7 +37,7 @@ def test_rippled_loss_fails(maxwell_truth):
     rippled = loss * (1 + 0.3 * np.sin(np.log(FREQUENCY)))
     found = kramers_kronig(FREQUENCY, storage, rippled)
     assert found.verdict == "fail"
-    assert "times what either modulus reaches alone" in found.reason
+    assert "times the misfit of either modulus alone" in found.reason
 
 
 def test_order_does_not_matter(maxwell_truth):
