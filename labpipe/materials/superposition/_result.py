@@ -296,7 +296,7 @@ def _laws(found: Superposition, covariance: Floats, T_ref: float) -> dict[str, S
     names: tuple[LawName, ...] = ("wlf", "arrhenius") if distinct > 2 else ("arrhenius",)
     differences = covariance - covariance[:, [at]] - covariance[[at]] + covariance[at, at]
     usable = differences if np.any(differences) else np.eye(shifts.size)
-    laws = {}
+    laws: dict[str, ShiftLaw] = {}
     for name in names if distinct > 1 else ():
         law = fit_law(name, model.temperature, shifts - shifts[at], usable, model.T0)
         moved = law.about(T_ref)
