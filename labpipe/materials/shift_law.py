@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import optimize
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -28,8 +29,6 @@ LawName = Literal["wlf", "arrhenius"]
 
 #: Gas constant times ln 10, J/(mol K).
 _GAS_LN10 = 8.31446261815324 * float(np.log(10.0))
-# Gauss-Newton on two parameters settles in a few steps; the bound guards against a bad table.
-_MAX_STEPS = 60
 _HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
 
 
@@ -253,29 +252,24 @@ def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Fl
     ``covariance`` (isotherm, isotherm) is that of ``log10_aT`` (isotherm,), relative to ``T_ref``, and may be singular,
     for the reference shift is exact. The parameters never put the WLF pole among the temperatures.
     """
-    # pseudo-inverse: an exact reference shift carries no information here
-    information = np.linalg.pinv(covariance, rcond=1e-12, hermitian=True)
-    parameters = _first_parameters(name, temperature, log10_aT, T_ref)
-    cost = np.inf
-    damping = 1e-6
-    for _ in range(_MAX_STEPS):
+    # Rows that whiten the residuals; an exact reference shift carries no information.
+    size, vectors = np.linalg.eigh(covariance)
+    known = size > 1e-12 * max(float(size[-1]), 0.0)
+    whitened = (vectors[:, known] / np.sqrt(size[known])).T
+
+    def residuals(parameters: Floats) -> Floats:
         value = law_values(name, parameters, temperature, T_ref)
-        residual = None if value is None else log10_aT - value
-        trial = np.inf if residual is None else float(residual @ information @ residual)
-        if trial <= cost and residual is not None:
-            settled = cost - trial <= 1e-12 * max(trial, 1e-12)
-            cost, best, damping = trial, parameters, damping * 0.3
-            if settled:
-                break
-            slope = law_slopes(name, best, temperature, T_ref)
-            normal, gradient = slope.T @ information @ slope, slope.T @ information @ residual
-        else:
-            damping = max(damping, 1e-6) * 10.0
-        raised = normal + damping * np.diag(np.diag(normal))
-        parameters = best + np.linalg.lstsq(raised, gradient, rcond=None)[0]
-    freedom = int(np.linalg.matrix_rank(covariance)) - best.size
-    spread = np.asarray(np.linalg.pinv(normal, hermitian=True))
-    return ShiftLaw(name, T_ref, tuple(float(p) for p in best), spread, cost, max(freedom, 0))
+        return np.full(whitened.shape[0], 1e12) if value is None else whitened @ (log10_aT - value)
+
+    def slopes(parameters: Floats) -> Floats:
+        return np.asarray(-whitened @ law_slopes(name, parameters, temperature, T_ref))
+
+    first = _first_parameters(name, temperature, log10_aT, T_ref)
+    exact = 1e-14
+    found = optimize.least_squares(residuals, first, slopes, x_scale="jac", ftol=exact, xtol=exact, gtol=exact)
+    spread = np.asarray(np.linalg.pinv(found.jac.T @ found.jac, hermitian=True))
+    freedom = max(int(known.sum()) - found.x.size, 0)
+    return ShiftLaw(name, T_ref, tuple(float(p) for p in found.x), spread, 2.0 * float(found.cost), freedom)
 
 
 def _first_parameters(name: LawName, temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:

@@ -2,7 +2,7 @@ r"""Consistency of storage and loss modulus by the Kramers-Kronig relations.
 
 Causality ties E′(ω) and E″(ω): one non-negative spectrum must describe both. The test fits the
 spectrum to one modulus alone, predicts the other, and compares the misfit of a common fit with
-what either modulus reaches by itself. A material that slips, a clamp that yields, a phase that
+the misfit of either modulus alone. A material that slips, a clamp that yields, a phase that
 is delayed, or sweeps that time-temperature superposition should not have joined show up here.
 
 The textbook slope rule E″ ≈ (π/2) dE′/d ln ω is returned as a curve to look at; on noisy data it
@@ -20,10 +20,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.spectrum._spectrum import Grid, compress, make_grid, maxwell_shapes, solve_by_cross_validation
-from labpipe.variables import described, variable
+from labpipe.variables import variable
 
 Verdict = Literal["pass", "warn", "fail"]
 
@@ -41,7 +41,6 @@ _LEAST_MISFIT = 1e-3
 _LEAST_POINTS = 8
 # Window of the local slope, decades to either side.
 _SLOPE_WINDOW = 0.4
-_LN10 = float(np.log(10.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +74,7 @@ class KramersKronig:
 
 
 def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) -> KramersKronig:
-    """Judge whether two moduli over frequency can be those of one linear material.
+    """Judge if two moduli over frequency can be those of one linear material.
 
     Parameters
     ----------
@@ -96,96 +95,6 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
     >>> kramers_kronig(f, 1 + x**2 / (1 + x**2), x / (1 + x**2)).verdict
     'pass'
     """
-    f, first, second = _checked(frequency, storage, loss)
-    ln_omega = np.log(2.0 * np.pi * f)
-    grid = make_grid(ln_omega, first, second)
-    alone_storage = _fit(ln_omega, grid, storage=first)
-    alone_loss = _fit(ln_omega, grid, loss=second, near=alone_storage.strength)
-    noise = (alone_storage.misfit[0], alone_loss.misfit[1])
-    # The same smoothing in units of the noise: a start to walk from.
-    near = np.sqrt(alone_storage.strength * alone_loss.strength) / (
-        max(noise[0], _LEAST_MISFIT) * max(noise[1], _LEAST_MISFIT)
-    )
-    common = _fit(ln_omega, grid, storage=first, loss=second, noise=noise, near=float(near))
-    # The loss says nothing of the relaxed modulus: the constant that fits the storage best.
-    relative = 1.0 / first**2
-    constant = float(np.sum((first - alone_loss.storage) * relative) / np.sum(relative))
-    storage_from_loss = alone_loss.storage + constant
-    ratio = max(common.misfit[0] / max(noise[0], _LEAST_MISFIT), common.misfit[1] / max(noise[1], _LEAST_MISFIT))
-    middle = _middle(ln_omega)
-    errors = (_rms((alone_storage.loss / second - 1.0)[middle]), _rms((storage_from_loss / first - 1.0)[middle]))
-    verdict, reason = _verdict(ratio, max(common.misfit), errors, f.size)
-    return KramersKronig(
-        verdict=verdict,
-        ratio=ratio,
-        reason=reason,
-        error_of_loss=errors[0],
-        error_of_storage=errors[1],
-        misfit={
-            "storage_alone": noise[0],
-            "loss_alone": noise[1],
-            "storage_common": common.misfit[0],
-            "loss_common": common.misfit[1],
-        },
-        curves=_curves(
-            f,
-            {
-                "storage": (first, "storage modulus"),
-                "loss": (second, "loss modulus"),
-                "storage_from_loss": (storage_from_loss, "storage modulus predicted from the loss"),
-                "loss_from_storage": (alone_storage.loss, "loss modulus predicted from the storage"),
-                "loss_from_slope": (_slope_rule(ln_omega, first), "loss modulus by the slope rule"),
-            },
-        ),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    storage: Floats
-    loss: Floats
-    misfit: tuple[float, float]
-    strength: float
-
-
-def _fit(
-    ln_omega: Floats,
-    grid: Grid,
-    *,
-    storage: Floats | None = None,
-    loss: Floats | None = None,
-    noise: tuple[float, float] = (1.0, 1.0),
-    near: float | None = None,
-) -> _Fitted:
-    """Fit one spectrum to one modulus or to both, rows relative to the measured values."""
-    storage_shape, loss_shape = maxwell_shapes(ln_omega, grid.ln_time)
-    constant = np.ones(ln_omega.size)
-    upper = np.column_stack([storage_shape, constant]) * grid.scale
-    lower = np.column_stack([loss_shape, 0.0 * constant]) * grid.scale
-    levels = [max(level, _LEAST_MISFIT) for level in noise]
-    blocks = [
-        (design / (values * level)[:, None], np.full(values.size, 1.0 / level))
-        for design, values, level in ((upper, storage, levels[0]), (lower, loss, levels[1]))
-        if values is not None
-    ]
-    used = np.ones(grid.scale.size, dtype=bool)
-    used[-1] = storage is not None
-    rows = np.vstack([block[0] for block in blocks])[:, used]
-    target = np.concatenate([block[1] for block in blocks])
-    solution = solve_by_cross_validation(*compress(rows, target), grid.penalty[:, used], target.size, near)
-    coefficient = np.zeros(used.size)
-    coefficient[used] = solution.coefficient
-    fitted = (upper @ coefficient, lower @ coefficient)
-    share = 1.0 - min(solution.freedom / target.size, 0.9)
-    misfit = [
-        _rms(model / values - 1.0) / np.sqrt(share) if values is not None else np.nan
-        for model, values in zip(fitted, (storage, loss), strict=True)
-    ]
-    errors = (float(misfit[0]), float(misfit[1]))
-    return _Fitted(fitted[0], fitted[1], errors, solution.strength)
-
-
-def _checked(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) -> tuple[Floats, Floats, Floats]:
     arrays = [np.asarray(a, dtype=float) for a in (frequency, storage, loss)]
     if any(a.ndim != 1 or a.shape != arrays[0].shape for a in arrays):
         raise InputError(
@@ -197,33 +106,96 @@ def _checked(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) -> tuple
             found = values[bad][0] if bad.any() else "nothing"
             raise InputError(f"{name}: found {found}, expected positive, finite values")
     order = np.argsort(arrays[0], kind="stable")
-    return arrays[0][order], arrays[1][order], arrays[2][order]
-
-
-def _verdict(ratio: float, misfit: float, errors: tuple[float, float], points: int) -> tuple[Verdict, str]:
-    text = (
-        f"the common fit misses by {100 * misfit:.2g} %, {ratio:.2f} times what either modulus reaches alone; "
+    f, first, second = (a[order] for a in arrays)
+    ln_omega = np.log(2.0 * np.pi * f)
+    grid = make_grid(ln_omega, first, second)
+    alone = _fit(ln_omega, grid, first, None)
+    lossy = _fit(ln_omega, grid, None, second, near=alone[3])
+    noise = max(alone[2][0], _LEAST_MISFIT), max(lossy[2][1], _LEAST_MISFIT)
+    # The same smoothing in units of the noise: a start to walk from.
+    near = float(np.sqrt(alone[3] * lossy[3])) / (noise[0] * noise[1])
+    common = _fit(ln_omega, grid, first, second, noise, near)[2]
+    # The loss says nothing of the relaxed modulus: the constant that fits the storage best.
+    relative = 1.0 / first**2
+    storage_from_loss = lossy[0] + float(np.sum((first - lossy[0]) * relative) / np.sum(relative))
+    ratio = max(common[0] / noise[0], common[1] / noise[1])
+    margin = 0.5 * (1.0 - MIDDLE_SHARE) * np.ptp(ln_omega)
+    middle = (ln_omega >= ln_omega.min() + margin) & (ln_omega <= ln_omega.max() - margin)
+    errors = _rms((alone[1] / second - 1.0)[middle]), _rms((storage_from_loss / first - 1.0)[middle])
+    misfit = max(common)
+    reason = (
+        f"the common fit misses by {100 * misfit:.2g} %, {ratio:.2f} times the misfit of either modulus alone; "
         f"predicted from each other they agree within {100 * errors[0]:.1f} % (loss) and "
         f"{100 * errors[1]:.1f} % (storage)"
     )
-    if points < _LEAST_POINTS:
-        return "warn", f"only {points} points: too few for a verdict; {text}"
+    verdict: Verdict = "warn" if ratio <= WARN_RATIO and misfit <= WARN_MISFIT else "fail"
     if ratio <= PASS_RATIO and misfit <= PASS_MISFIT:
-        return "pass", text
-    return ("warn" if ratio <= WARN_RATIO and misfit <= WARN_MISFIT else "fail"), text
+        verdict = "pass"
+    if f.size < _LEAST_POINTS:
+        verdict, reason = "warn", f"only {f.size} points: too few for a verdict; {reason}"
+    curves = {
+        "storage": (first, "storage modulus"),
+        "loss": (second, "loss modulus"),
+        "storage_from_loss": (storage_from_loss, "storage modulus predicted from the loss"),
+        "loss_from_storage": (alone[1], "loss modulus predicted from the storage"),
+        "loss_from_slope": (_slope_rule(ln_omega, first), "loss modulus by the slope rule"),
+    }
+    misfits = (alone[2][0], lossy[2][1], *common)
+    return KramersKronig(
+        verdict=verdict,
+        ratio=ratio,
+        reason=reason,
+        error_of_loss=errors[0],
+        error_of_storage=errors[1],
+        misfit=dict(zip(("storage_alone", "loss_alone", "storage_common", "loss_common"), misfits, strict=True)),
+        curves=xr.Dataset(
+            {name: variable("frequency", values, "Pa", text) for name, (values, text) in curves.items()},
+            coords={"frequency": variable("frequency", f, "Hz", "frequency")},
+        ),
+    )
 
 
-def _middle(ln_omega: Floats) -> Flags:
-    low, high = ln_omega.min(), ln_omega.max()
-    margin = 0.5 * (1.0 - MIDDLE_SHARE) * (high - low)
-    return (ln_omega >= low + margin) & (ln_omega <= high - margin)
+def _fit(
+    ln_omega: Floats,
+    grid: Grid,
+    storage: Floats | None,
+    loss: Floats | None,
+    noise: tuple[float, float] = (1.0, 1.0),
+    near: float | None = None,
+) -> tuple[Floats, Floats, tuple[float, float], float]:
+    """Fit one spectrum to one modulus or to both, rows relative to the measured values.
+
+    Returns storage and loss of the fit, their relative misfits (NaN where not fitted), and the smoothing.
+    """
+    storage_shape, loss_shape = maxwell_shapes(ln_omega, grid.ln_time)
+    constant = np.ones((ln_omega.size, 1))
+    upper = np.hstack([storage_shape, constant]) * grid.scale
+    lower = np.hstack([loss_shape, 0.0 * constant]) * grid.scale
+    blocks = [
+        (design / (values * level)[:, None], np.full(values.size, 1.0 / level))
+        for design, values, level in ((upper, storage, noise[0]), (lower, loss, noise[1]))
+        if values is not None
+    ]
+    used = np.ones(grid.scale.size, dtype=bool)
+    used[-1] = storage is not None
+    rows, target = np.vstack([block[0] for block in blocks])[:, used], np.concatenate([block[1] for block in blocks])
+    solution = solve_by_cross_validation(*compress(rows, target), grid.penalty[:, used], target.size, near)
+    coefficient = np.zeros(used.size)
+    coefficient[used] = solution.coefficient
+    fitted = (upper @ coefficient, lower @ coefficient)
+    root = float(np.sqrt(1.0 - min(solution.freedom / target.size, 0.9)))
+    misfit = [
+        _rms(model / values - 1.0) / root if values is not None else float("nan")
+        for model, values in zip(fitted, (storage, loss), strict=True)
+    ]
+    return fitted[0], fitted[1], (misfit[0], misfit[1]), solution.strength
 
 
 def _slope_rule(ln_omega: Floats, storage: Floats) -> Floats:
     """(π/2) dE′/d ln ω from straight lines through the neighbourhood of every point."""
     slope = np.empty(ln_omega.size)
     for i, x in enumerate(ln_omega):
-        near = np.abs(ln_omega - x) <= _SLOPE_WINDOW * _LN10
+        near = np.abs(ln_omega - x) <= _SLOPE_WINDOW * np.log(10.0)
         distance = ln_omega[near] - ln_omega[near].mean()
         spread = float(distance @ distance)
         slope[i] = distance @ storage[near] / spread if spread > 0 else np.nan
@@ -232,9 +204,3 @@ def _slope_rule(ln_omega: Floats, storage: Floats) -> Floats:
 
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
-
-
-def _curves(frequency: Floats, curves: dict[str, tuple[Floats, str]]) -> xr.Dataset:
-    variables = {name: variable("frequency", values, "Pa", text) for name, (values, text) in curves.items()}
-    attrs = described("Hz", "frequency")
-    return xr.Dataset(variables, coords={"frequency": ("frequency", frequency, attrs)})

@@ -9,8 +9,7 @@ Two independent ways, because the joint objective can have several minima in a g
   loss modulus and with it every fault of the phase.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -37,29 +36,9 @@ _STEPS = np.arange(-1.0, 6.01, 0.5)
 # two sweeps that are torn apart fit as well as any, and say nothing.
 _NEAR, _CLEAR = 10, 0.3
 _MOST_DIPS, _DESCENTS, _MOST_MOVE, _FINEST = 2, 4, 0.3, 0.01
-_TERMS_PER_DECADE = 2
-_MARGIN_DECADES = 0.7
+_TERMS_PER_DECADE, _MARGIN_DECADES = 2, 0.7
 # Slope d ln E'/d ln ω below which the storage modulus of a pair is too flat to be matched.
 _FLAT_SLOPE = 2e-3
-_NNLS_STEPS_PER_COLUMN = 40
-
-
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    """Two neighbouring isotherms, colder first, as rows relative to the measured values."""
-
-    ln_omega: tuple[Floats, Floats]
-    storage: tuple[Floats, Floats]
-    loss: tuple[Floats, Floats]
-    difference: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Scan:
-    """Trial steps of one pair and their scores, in units of twice the log-likelihood."""
-
-    step: Floats
-    score: Floats
 
 
 def scanned_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats:
@@ -70,15 +49,37 @@ def scanned_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats
     and changes gradually, as the expectation of :mod:`._parameters` has it.
     """
     order = np.argsort(temperature, kind="stable")
-    scans = [_scanned(_pair(points, temperature, ln_bT, cold, warm)) for cold, warm in pairwise(order.tolist())]
+    pairs = list(pairwise(order.tolist()))
+    scans = [_scanned(*_pair(points, ln_bT, *pair), float(np.diff(temperature[list(pair)])[0])) for pair in pairs]
     return _summed(order, _best_chain(scans, np.diff(temperature[order])))
 
 
 def overlapped_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats:
-    """Chain the steps that continue the storage modulus; zero at the warmest isotherm."""
+    """Chain the steps that continue the storage modulus (mean difference of ln E' over the mean slope)."""
     order = np.argsort(temperature, kind="stable")
-    steps = [_overlapped_step(_pair(points, temperature, ln_bT, cold, warm)) for cold, warm in pairwise(order.tolist())]
+    steps = []
+    for cold, warm in pairwise(order.tolist()):
+        (x1, E1, _), (x2, E2, _) = _pair(points, ln_bT, cold, warm)
+        y1, y2 = np.log(E1), np.log(E2)
+        slopes = [np.polyfit(x, y, 1)[0] if x.size > 1 else 0.0 for x, y in ((x1, y1), (x2, y2))]
+        slope = max(float(np.mean(slopes)), _FLAT_SLOPE)
+        jump = float(np.mean(y1) - np.mean(y2)) - slope * float(np.mean(x1) - np.mean(x2))
+        # Within the steps of polymers.
+        mean, spread = _expected(float(temperature[warm] - temperature[cold]))
+        steps.append(float(np.clip(jump / slope / _LN10, mean - 3 * spread, mean + 3 * spread)))
     return _summed(order, steps)
+
+
+_Sweep = tuple[Floats, Floats, Floats]
+"""ln ω, storage and loss of an isotherm, its vertical factor taken out."""
+
+
+def _pair(points: Points, ln_bT: Floats, cold: int, warm: int) -> tuple[_Sweep, _Sweep]:
+    found = []
+    for k in (cold, warm):
+        mask, factor = points.isotherm == k, np.exp(-ln_bT[k])
+        found.append((np.log(points.omega[mask]), points.storage[mask] * factor, points.loss[mask] * factor))
+    return found[0], found[1]
 
 
 def _summed(order: NDArray[np.intp], steps: Sequence[float]) -> Floats:
@@ -88,157 +89,87 @@ def _summed(order: NDArray[np.intp], steps: Sequence[float]) -> Floats:
     return shifts
 
 
-def _pair(points: Points, temperature: Floats, ln_bT: Floats, cold: int, warm: int) -> _Pair:
-    masks = [points.isotherm == cold, points.isotherm == warm]
-    scales = [np.exp(-ln_bT[k]) for k in (cold, warm)]
-    return _Pair(
-        ln_omega=(np.log(points.omega[masks[0]]), np.log(points.omega[masks[1]])),
-        storage=(points.storage[masks[0]] * scales[0], points.storage[masks[1]] * scales[1]),
-        loss=(points.loss[masks[0]] * scales[0], points.loss[masks[1]] * scales[1]),
-        difference=float(temperature[warm] - temperature[cold]),
-    )
-
-
 def _expected(difference: float) -> tuple[float, float]:
+    """Return mean and spread of the step of polymers over a difference of temperature."""
     return STEP_PER_KELVIN * difference, STEP_SPREAD + STEP_SPREAD_PER_KELVIN * difference
 
 
-def _overlapped_step(pair: _Pair) -> float:
-    """Mean difference of ln E' over the mean slope, kept within what polymers do."""
-    (cold_x, warm_x), (cold_y, warm_y) = pair.ln_omega, [np.log(s) for s in pair.storage]
-    mean, spread = _expected(pair.difference)
-    slopes = [np.polyfit(x, y, 1)[0] if x.size > 1 else 0.0 for x, y in ((cold_x, cold_y), (warm_x, warm_y))]
-    slope = max(float(np.mean(slopes)), _FLAT_SLOPE)
-    jump = float(np.mean(cold_y) - np.mean(warm_y)) - slope * float(np.mean(cold_x) - np.mean(warm_x))
-    return float(np.clip(jump / slope / _LN10, mean - 3 * spread, mean + 3 * spread))
+def _scanned(cold: _Sweep, warm: _Sweep, difference: float) -> tuple[Floats, Floats]:
+    """Return trial steps of a pair and their scores, in units of twice the log-likelihood.
 
+    A score is the misfit of one spectrum to both isotherms.
+    """
+    low = min(cold[0].min(), warm[0].min() - _STEPS[-1] * _LN10) - _MARGIN_DECADES * _LN10
+    high = max(cold[0].max(), warm[0].max() - _STEPS[0] * _LN10) + _MARGIN_DECADES * _LN10
+    ln_time = np.arange(-high, -low, _LN10 / _TERMS_PER_DECADE)
+    scale = float(np.sqrt(cold[1].mean() * warm[1].mean()))
+    fixed = _rows(cold, ln_time, 0) * scale
 
-def _scanned(pair: _Pair) -> _Scan:
-    """Judge trial steps by the misfit of one spectrum to both isotherms."""
-    trial = _Trial(pair)
-    tries = [trial.at(float(step)) for step in _STEPS[:_NEAR]]
-    costs = np.array([one.cost for one in tries])
-    # the best trial step must lie inside them, far below both ends
-    if not np.min(costs[1:-1]) < _CLEAR * min(costs[0], costs[-1]):
-        tries += [trial.at(float(step)) for step in _STEPS[_NEAR:]]
-        costs = np.array([one.cost for one in tries])
-    # where trial steps are better than both neighbours, the best few, ends left out
-    inner = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
-    for k in inner[np.argsort(costs[inner], kind="stable")[:_MOST_DIPS]]:
-        tries += trial.descended(tries[k])
-    steps, costs, terms = (np.array([getattr(one, name) for one in tries]) for name in ("step", "cost", "terms"))
-    rows = 2.0 * (pair.ln_omega[0].size + pair.ln_omega[1].size)
-    noise = max(float(np.min(costs / np.maximum(rows - terms, 1.0))), float(np.finfo(float).tiny))
-    mean, spread = _expected(pair.difference)
-    # Isotherms that are torn apart have a spectrum each: what more terms gain is not the step's.
-    return _Scan(steps, costs / noise + 2.0 * terms + ((steps - mean) / spread) ** 2)
-
-
-@dataclass(frozen=True, slots=True)
-class _Tried:
-    """One trial step: its misfit, and the weights of the terms with their design."""
-
-    step: float
-    cost: float
-    weight: Floats
-    design: Floats
-
-    @property
-    def terms(self) -> int:
-        """Number of terms that are not zero."""
-        return int(np.count_nonzero(self.weight))
-
-
-class _Trial:
-    """The small fits of one pair."""
-
-    def __init__(self, pair: _Pair) -> None:
-        self.pair = pair
-        self.ln_time, self.scale = _pair_terms(pair)
-        cold = (pair.ln_omega[0], pair.storage[0], pair.loss[0])
-        self.fixed = _relative_rows(*cold, self.ln_time) * self.scale
-
-    def at(self, step: float) -> _Tried:
-        """Fit one spectrum to both isotherms."""
-        design = np.vstack([self.fixed, self._moving(step, _relative_rows)])
-        most = _NNLS_STEPS_PER_COLUMN * self.scale.size
-        weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=most)
-        return _Tried(step, float(rest) ** 2, weight, design)
-
-    def _moving(self, step: float, rows: "Callable[[Floats, Floats, Floats, Floats], Floats]") -> Floats:
-        ln_omega = self.pair.ln_omega[1] - step * _LN10
-        return rows(ln_omega, self.pair.storage[1], self.pair.loss[1], self.ln_time) * self.scale
-
-    def move(self, tried: _Tried) -> float:
-        """Return the step of Gauss and Newton, the terms following (Kaufman)."""
-        active = tried.design[:, tried.weight > 0]
-        change = np.zeros(active.shape[0])
-        slopes = self._moving(tried.step, _slope_rows)
-        change[self.fixed.shape[0] :] = -_LN10 * (slopes @ tried.weight)
+    def at(step: float) -> tuple[float, float, int, float]:
+        """Return step, misfit and number of terms of one trial, and the step of Gauss and Newton from there."""
+        moved = (warm[0] - step * _LN10, *warm[1:])
+        design = np.vstack([fixed, _rows(moved, ln_time, 0) * scale])
+        weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=40 * design.shape[1])
+        active, change = design[:, weight > 0], np.zeros(design.shape[0])
+        change[fixed.shape[0] :] = -_LN10 * scale * (_rows(moved, ln_time, 1) @ weight)
+        # the terms follow (Kaufman)
         followed = change - active @ np.linalg.lstsq(active, change, rcond=None)[0]
         size = float(followed @ followed)
-        residual = 1.0 - tried.design @ tried.weight
-        return float(followed @ residual) / size if size > 0 else 0.0
+        move = float(followed @ (1.0 - design @ weight)) / size if size > 0 else 0.0
+        return step, float(rest) ** 2, active.shape[1], move
 
-    def descended(self, first: _Tried) -> list[_Tried]:
-        """Follow the moves from a trial step into its dip, which may be far narrower."""
-        found, best = [], first
+    tries = [at(float(step)) for step in _STEPS[:_NEAR]]
+    costs = np.array([one[1] for one in tries])
+    # the best trial step must lie inside them, far below both ends
+    if not np.min(costs[1:-1]) < _CLEAR * min(costs[0], costs[-1]):
+        tries += [at(float(step)) for step in _STEPS[_NEAR:]]
+        costs = np.array([one[1] for one in tries])
+    # where trial steps are better than both neighbours, the best few are followed into their dips
+    inner = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
+    for k in inner[np.argsort(costs[inner], kind="stable")[:_MOST_DIPS]]:
+        best = tries[k]
         for _ in range(_DESCENTS):
-            move = float(np.clip(self.move(best), -_MOST_MOVE, _MOST_MOVE))
+            move = float(np.clip(best[3], -_MOST_MOVE, _MOST_MOVE))
             if abs(move) < _FINEST:
                 break
-            found.append(self.at(best.step + move))
-            if found[-1].cost >= best.cost:
+            tries.append(at(best[0] + move))
+            if tries[-1][1] >= best[1]:
                 break
-            best = found[-1]
-        return found
+            best = tries[-1]
+    steps, costs, terms, _ = np.array(tries).T
+    rows = 2.0 * (cold[0].size + warm[0].size)
+    noise = max(float(np.min(costs / np.maximum(rows - terms, 1.0))), float(np.finfo(float).tiny))
+    mean, spread = _expected(difference)
+    # Isotherms that are torn apart have a spectrum each: the gain by more terms is not the step's.
+    return steps, costs / noise + 2.0 * terms + ((steps - mean) / spread) ** 2
 
 
-def _best_chain(scans: Sequence[_Scan], spacing: Floats) -> list[float]:
+def _best_chain(scans: Sequence[tuple[Floats, Floats]], spacing: Floats) -> list[float]:
     """Return the steps with the least sum of scores and of changes from pair to pair.
 
     Dynamic programming over the trial steps of all pairs (Viterbi).
     """
     spacing = np.maximum(spacing, LEAST_SPACING)
-    total, back = scans[0].score, []
+    total, back = scans[0][1], []
     for k in range(1, len(scans)):
-        before, after = scans[k - 1].step[:, None], scans[k].step[None, :]
         mean = 0.5 * (spacing[k - 1] + spacing[k])
-        before, after = before / spacing[k - 1] * mean, after / spacing[k] * mean
+        before = scans[k - 1][0][:, None] / spacing[k - 1] * mean
+        after = scans[k][0][None, :] / spacing[k] * mean
         change = CHANGE + CHANGE_SHARE * np.minimum(np.abs(before), np.abs(after))
         joined = total[:, None] + ((before - after) / change) ** 2
         back.append(np.argmin(joined, axis=0))
-        total = np.min(joined, axis=0) + scans[k].score
-    at = int(np.argmin(total))
-    chosen = [at]
+        total = np.min(joined, axis=0) + scans[k][1]
+    chosen = [int(np.argmin(total))]
     for previous in reversed(back):
-        at = int(previous[at])
-        chosen.append(at)
-    return [float(scan.step[i]) for scan, i in zip(scans, reversed(chosen), strict=True)]
+        chosen.append(int(previous[chosen[-1]]))
+    return [float(steps[i]) for (steps, _), i in zip(scans, reversed(chosen), strict=True)]
 
 
-def _pair_terms(pair: _Pair) -> tuple[Floats, Floats]:
-    """Return a grid of times that covers every trial step, and the unit of the weights."""
-    cold, warm = pair.ln_omega
-    low = min(cold.min(), warm.min() - _STEPS[-1] * _LN10) - _MARGIN_DECADES * _LN10
-    high = max(cold.max(), warm.max() - _STEPS[0] * _LN10) + _MARGIN_DECADES * _LN10
-    ln_time = np.arange(-high, -low, _LN10 / _TERMS_PER_DECADE)
-    typical = float(np.sqrt(pair.storage[0].mean() * pair.storage[1].mean()))
-    return ln_time, np.full(ln_time.size + 1, typical)
-
-
-def _relative_rows(ln_omega: Floats, storage: Floats, loss: Floats, ln_time: Floats) -> Floats:
-    """Design rows of one isotherm divided by its measured moduli."""
-    storage_shape, loss_shape = maxwell_shapes(ln_omega, ln_time)
-    upper = np.column_stack([storage_shape, np.ones(ln_omega.size)]) / storage[:, None]
-    lower = np.column_stack([loss_shape, np.zeros(ln_omega.size)]) / loss[:, None]
-    return np.vstack([upper, lower])
-
-
-def _slope_rows(ln_omega: Floats, storage: Floats, loss: Floats, ln_time: Floats) -> Floats:
-    """Slopes of the same rows over ln ω: 2 L² and L (1 − 2 S)."""
-    first, second = maxwell_shapes(ln_omega, ln_time)
-    none = np.zeros(ln_omega.size)
-    upper = np.column_stack([2.0 * second**2, none]) / storage[:, None]
-    lower = np.column_stack([second * (1.0 - 2.0 * first), none]) / loss[:, None]
-    return np.vstack([upper, lower])
+def _rows(sweep: _Sweep, ln_time: Floats, order: int) -> Floats:
+    """Design rows of one isotherm divided by its measured moduli, or (order 1) their slopes over ln ω."""
+    ln_omega, storage, loss = sweep
+    up, down = maxwell_shapes(ln_omega, ln_time)
+    if order:
+        up, down = 2.0 * down**2, down * (1.0 - 2.0 * up)
+    constant, none = np.full((ln_omega.size, 1), 1.0 - order), np.zeros((ln_omega.size, 1))
+    return np.vstack([np.hstack([up, constant]) / storage[:, None], np.hstack([down, none]) / loss[:, None]])

@@ -25,7 +25,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 from labpipe.materials.spectrum import (
     MARGIN_DECADES,
     Grid,
@@ -67,12 +67,6 @@ class Points:
     loss: Floats
     count: int
     readings: Floats | None = None
-
-    def only(self, kept: Flags | NDArray[np.intp]) -> "Points":
-        """Return some of the points, isotherms numbered as before."""
-        readings = None if self.readings is None else self.readings[kept]
-        known = (self.omega[kept], self.isotherm[kept], self.storage[kept], self.loss[kept])
-        return Points(*known, self.count, readings)
 
     @property
     def certainty(self) -> Floats:

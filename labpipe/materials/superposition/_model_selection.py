@@ -534,7 +534,7 @@ def _with_model_uncertainty(points: Points, found: Superposition, options: Optio
         present = evaluate(points, weight, fit.grid, fit.state, chosen)
         least, total, changes = _criterion(points, present, model), 1.0, np.zeros((model.horizontal_size,) * 2)
         for law in [one for one in _moves(model, options) if one.vertical != model.vertical]:
-            other = _screened(points, weight, found, law, fit.state)
+            other = _screened(points, weight, replace(found, fit=present), law, fit.state)
             head = slice(model.horizontal_size)
             change = other.state.parameters[head] - fit.state.parameters[head]
             odds = float(np.exp(np.clip(0.5 * (least - _criterion(points, other, law)), -50.0, 50.0)))

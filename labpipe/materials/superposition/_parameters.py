@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.materials.shift_law import fit_law, law_slopes, law_values
@@ -258,7 +259,7 @@ class OuterModel:
         at, variance, mean = self._expected(state)
         return cost + float(np.sum((state.parameters[at] - mean) ** 2 / variance))
 
-    def _expected(self, state: State) -> tuple[Floats, Floats, Floats]:
+    def _expected(self, state: State) -> tuple[NDArray[np.intp], Floats, Floats]:
         """Return the places of slope and levels among the parameters, with their expected variances and means."""
         at = np.arange(state.parameters.size)[self.level_slice]
         variance, mean = np.full(at.size, self.level_spread**2), np.zeros(at.size)

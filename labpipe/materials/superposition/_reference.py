@@ -69,7 +69,7 @@ def reference_at(points: Points, found: Superposition, T_ref: float) -> Referenc
         at_reference[: model.horizontal_size] = law_slopes(law.name, parameters, np.array(T_ref), model.T0)
     else:
         share = _shares(model.temperature, T_ref)
-        law_through = _law(model.temperature, state.log10_aT, T_ref)
+        law_through = _law(model.temperature, state.log10_aT, model.T0, T_ref)
         trend = (
             np.zeros(count + 1) if law_through is None else law_through.log10_aT(np.append(model.temperature, T_ref))
         )
@@ -118,7 +118,8 @@ def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> 
     if not repeated.size:
         return np.zeros(temperature.size)
     first, second = order[repeated], order[repeated + 1]
-    law = _law(temperature, log10_aT, float(np.median(temperature)))
+    middle = float(np.median(temperature))
+    law = _law(temperature, log10_aT, middle, middle)
     if law is None:
         slope = np.full(temperature.size, np.ptp(log10_aT) / max(np.ptp(temperature), LEAST_SPACING))
     else:
@@ -174,11 +175,11 @@ def _interpolation_error(temperature: Floats, deviation: Floats, T_ref: float) -
     return float(np.mean(np.abs(errors))) / 2.0 if errors else 0.0
 
 
-def _law(temperature: Floats, log10_aT: Floats, T_ref: float) -> ShiftLaw | None:
-    """Fit WLF through the shifts; None where there is no such law at all temperatures."""
+def _law(temperature: Floats, log10_aT: Floats, T0: float, T_ref: float) -> ShiftLaw | None:
+    """Fit WLF through shifts that are zero at T0; None where there is no such law at all temperatures."""
     if temperature.size < 4:
         return None
-    law = fit_law("wlf", temperature, log10_aT, _EQUAL**2 * np.eye(temperature.size), T_ref)
+    law = fit_law("wlf", temperature, log10_aT, _EQUAL**2 * np.eye(temperature.size), T0)
     try:
         law.log10_aT(np.append(temperature - LEAST_SPACING, T_ref))
     except InputError:

@@ -147,27 +147,17 @@ class MasterCurve(ShownAsTable):
         tolerance: float = 0.01,
         name: str | None = None,
     ) -> Path:
-        """Write the material as input of a simulation code.
-
-        The file says where the material is valid, what its bulk modulus does, by which law it
-        shifts, and what of this the code cannot express.
+        """Write the material as input of a simulation code, with its validity and shift law.
 
         Parameters
         ----------
         path : path-like
-            The file; its end tells the code: ``.inp`` Abaqus, ``.mac`` ANSYS, ``.txt`` COMSOL,
+            The file; its suffix is that of the code: ``.inp`` Abaqus, ``.mac`` ANSYS, ``.txt`` COMSOL,
             ``.k`` LS-DYNA, ``.json``.
         code : {"abaqus", "ansys", "comsol", "lsdyna", "json"}, optional
-            Where the end of the name does not tell it.
-        bulk : {"constant", "relaxing", "incompressible"}, optional
-            What the bulk modulus does; by default Poisson's ratio is constant, and at ν = 0.5 the
-            material incompressible.
-        measured : {"tension", "shear"}
-            Which modulus was measured: it is the one that stays as it is.
-        tolerance : float
-            Root-mean-square relative error that the reduction of terms may cost.
-        name : str, optional
-            Of the material; by default that of the file.
+            Where the suffix is another.
+        bulk, measured, tolerance, name
+            As of :func:`labpipe.materials.make_deck`; the name by default that of the file.
 
         Returns
         -------
@@ -182,10 +172,6 @@ class MasterCurve(ShownAsTable):
         -----
         UserWarning
             Where the instantaneous or the long-time modulus is extrapolated.
-
-        Examples
-        --------
-        >>> curve.export("nbr.inp", bulk="constant")  # doctest: +SKIP
         """
         target = Path(path)
         known = next((c for c, suffix in CODES.items() if target.suffix.lower() == suffix), None)
@@ -310,7 +296,7 @@ def _laws(found: Superposition, covariance: Floats, T_ref: float) -> dict[str, S
     names: tuple[LawName, ...] = ("wlf", "arrhenius") if distinct > 2 else ("arrhenius",)
     differences = covariance - covariance[:, [at]] - covariance[[at]] + covariance[at, at]
     usable = differences if np.any(differences) else np.eye(shifts.size)
-    laws = {}
+    laws: dict[str, ShiftLaw] = {}
     for name in names if distinct > 1 else ():
         law = fit_law(name, model.temperature, shifts - shifts[at], usable, model.T0)
         moved = law.about(T_ref)

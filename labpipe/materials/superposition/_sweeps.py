@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -218,27 +219,19 @@ def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[
 
 def _split_by_temperature(rows: NDArray[np.intp], temperature: Floats, tolerance: float) -> list[NDArray[np.intp]]:
     """Cut a table where the temperature leaves the mean of the points before."""
-    runs: list[list[int]] = []
-    total = 0.0
-    for row in rows.tolist():
-        value = float(temperature[row])
-        if runs and abs(value - total / len(runs[-1])) <= tolerance:
-            runs[-1].append(row)
-            total += value
-        else:
-            runs.append([row])
-            total = value
-    return [np.asarray(run, dtype=np.intp) for run in runs]
-
-
-_TOLD_BY = ("is_valid", "is_clipped", "status", "storage_modulus", "loss_modulus")
-"""Columns that tell which points count."""
+    starts, total = [0], 0.0
+    for at, value in enumerate(temperature[rows].tolist()):
+        if at > starts[-1] and abs(value - total / (at - starts[-1])) > tolerance:
+            starts.append(at)
+            total = 0.0
+        total += value
+    return np.split(rows, starts[1:]) if rows.size else []
 
 
 def _trusted(run: TableRun, skip_first: bool) -> Flags:
-    """Tell which points count: valid, not clipped, torque large enough."""
-    columns = run.dataset.variables
-    part = {name: columns[name].values[run.rows] for name in _TOLD_BY if name in columns}
+    """Return the points that count: valid, not clipped, torque large enough."""
+    columns, names = run.dataset.variables, ("is_valid", "is_clipped", "status", "storage_modulus", "loss_modulus")
+    part = {name: columns[name].values[run.rows] for name in names if name in columns}
     good = part["is_valid"].astype(bool)
     if "is_clipped" in part:
         good &= part["is_clipped"] == 0
@@ -252,34 +245,45 @@ def _trusted(run: TableRun, skip_first: bool) -> Flags:
 
 
 def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float, mode: str, nu: float) -> xr.Dataset:
-    """Put ragged sweeps on the union of their frequencies."""
-    levels, columns = _columns([run.values("frequency") for run in runs])
-    shape = (len(runs), levels.size)
-    storage, loss = np.full(shape, np.nan), np.full(shape, np.nan)
-    for i, (run, good, column) in enumerate(zip(runs, trusted, columns, strict=True)):
-        storage[i, column[good]] = factor * run.values("storage_modulus")[good]
-        loss[i, column[good]] = factor * run.values("loss_modulus")[good]
-    excluded = sum(int((~good).sum()) for good in trusted)
+    """Put ragged sweeps on the union of their frequencies.
+
+    Frequencies that agree within rounding share a column; a frequency that one sweep holds twice
+    has a second column.
+    """
+    frequencies = [run.values("frequency") for run in runs]
+    merged = np.sort(np.concatenate(frequencies))
+    group = np.cumsum(np.diff(np.log(merged), prepend=np.log(merged[0])) > _SAME_FREQUENCY)
+    centres = np.array([np.median(merged[group == g]) for g in range(group[-1] + 1)])
+    bounds = np.sqrt(centres[1:] * centres[:-1])
+    keys = []
+    for frequency in frequencies:
+        column = pd.Series(np.searchsorted(bounds, frequency))
+        keys.append(list(zip(column, column.groupby(column).cumcount(), strict=True)))
+    union = sorted({key for one in keys for key in one})
+    place = {key: i for i, key in enumerate(union)}
+    storage, loss = np.full((2, len(runs), len(union)), np.nan)
+    for i, (run, good, one) in enumerate(zip(runs, trusted, keys, strict=True)):
+        at = np.array([place[key] for key in one])[good]
+        storage[i, at] = factor * run.values("storage_modulus")[good]
+        loss[i, at] = factor * run.values("loss_modulus")[good]
     total = sum(good.size for good in trusted)
+    excluded = total - sum(int(good.sum()) for good in trusted)
     if excluded:
         warnings.warn(
             f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or excluded by skip_first",
             stacklevel=3,
         )
     temperature = [run.values("temperature") for run in runs]
-    dims = ("temperature", "frequency")
+    spread, mean = [float(np.ptp(t)) for t in temperature], [float(t.mean()) for t in temperature]
+    levels, dims = np.array([centres[key[0]] for key in union]), ("temperature", "frequency")
     return xr.Dataset(
         {
             "storage": variable(dims, storage, "Pa", "storage modulus, tension"),
             "loss": variable(dims, loss, "Pa", "loss modulus, tension"),
-            "temperature_spread": variable(
-                "temperature", [float(np.ptp(t)) for t in temperature], "K", "range of the temperature within a sweep"
-            ),
+            "temperature_spread": variable("temperature", spread, "K", "range of the temperature within a sweep"),
         },
         coords={
-            "temperature": variable(
-                "temperature", [float(t.mean()) for t in temperature], "degC", "measured mean temperature"
-            ),
+            "temperature": variable("temperature", mean, "degC", "measured mean temperature"),
             "frequency": variable("frequency", levels, "Hz", "frequency"),
         },
         attrs={
@@ -290,31 +294,3 @@ def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float
             "work": json.dumps({"isotherms": len(runs), "points": total - excluded}),
         },
     )
-
-
-def _columns(frequencies: Sequence[Floats]) -> tuple[Floats, list[NDArray[np.intp]]]:
-    """Return the union of frequencies, and the column of every point.
-
-    Frequencies that agree within rounding share a column; a frequency that one sweep holds twice
-    has a second column.
-    """
-    merged = np.sort(np.concatenate(frequencies))
-    first = np.concatenate([[True], np.diff(np.log(merged)) > _SAME_FREQUENCY])
-    group = np.cumsum(first) - 1
-    centres = np.array([np.median(merged[group == g]) for g in range(group[-1] + 1)])
-    bounds = np.sqrt(centres[1:] * centres[:-1])
-    keys = [_counted(np.searchsorted(bounds, f).tolist()) for f in frequencies]
-    union = sorted({key for one in keys for key in one})
-    place = {key: i for i, key in enumerate(union)}
-    levels = np.array([centres[key[0]] for key in union])
-    return levels, [np.array([place[key] for key in one], dtype=np.intp) for one in keys]
-
-
-def _counted(groups: Sequence[int]) -> list[tuple[int, int]]:
-    """Count every occurrence of a group."""
-    seen: dict[int, int] = {}
-    keys = []
-    for group in groups:
-        keys.append((group, seen.get(group, 0)))
-        seen[group] = seen.get(group, 0) + 1
-    return keys

@@ -21,10 +21,13 @@ def shifts(master_curve: xr.Dataset, published: xr.Dataset | None = None) -> Sec
         series.append(_published_section.series(published))
     laws = json.loads(master_curve.attrs["laws"])
     roles: tuple[Literal["model", "reference"], ...] = ("model", "reference")
-    for (name, law), role in zip(sorted(laws.items(), reverse=True), roles, strict=False):
+    holding = {name: law for name, law in laws.items() if ShiftLaw.of(law).holds}
+    for (name, law), role in zip(sorted(holding.items(), reverse=True), roles, strict=False):
         title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
         series.append(Series(title, fine, ShiftLaw.of(law).log10_aT(fine), role=role))
     labels, caption = ("temperature / °C", "log₁₀ a_T"), "Bars are standard uncertainties."
+    if laws and not holding:
+        caption += " No law is drawn, because none describes the shifts within their uncertainty."
     chart = LineChart("Horizontal shift factors", *labels, series, height_px=240, caption=caption)
     rising = master_curve.isel(temperature=order)
     overlaps, steps = zip(*(_neighbour(master_curve, float(t)) for t in T[order]), strict=True)

@@ -4,17 +4,8 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
-from labpipe.materials.interconversion import (
-    Relaxation,
-    Retardation,
-    _first_guess,
-    _Gaps,
-    creep_from_relaxation,
-    merged,
-    relaxation_from_creep,
-)
+from labpipe.materials.interconversion import Relaxation, Retardation, creep_from_relaxation, relaxation_from_creep
 from tests.rounding import rounding
 
 DIGITS = 80
@@ -132,23 +123,6 @@ def test_round_trip_returns_the_terms(terms, decades):
     assert back.viscosity == 0
 
 
-@given(
-    st.lists(st.tuples(st.floats(-12, 12), st.floats(-20, 3)), min_size=1, max_size=12, unique_by=lambda x: x[0]),
-    st.floats(-6, 3),
-)
-@settings(max_examples=60, deadline=None)
-def test_families_interlace_and_return(terms, relaxed):
-    exponents, strengths = (np.array(column) for column in zip(*terms, strict=True))
-    weight, time = merged(10.0**strengths, 10.0**exponents)
-    solid = Relaxation(10.0**relaxed, weight, time)
-    creep = creep_from_relaxation(solid)
-    assert (creep.weight > 0).all()
-    assert (creep.time >= time).all()
-    assert (creep.time[:-1] <= time[1:]).all()
-    stiffness = creep.unrelaxed + creep.weight.sum()
-    assert stiffness * solid.relaxed == pytest.approx(1, rel=1e-12)
-
-
 def test_liquid_has_a_flow_and_one_term_fewer():
     liquid = Relaxation(0.0, np.array([1.0, 2.0]), np.array([1.0, 10.0]))
     creep = creep_from_relaxation(liquid)
@@ -179,26 +153,3 @@ def test_spring_and_dashpot_alone_are_one_retardation_term():
 def test_elastic_solid_has_no_terms():
     creep = creep_from_relaxation(Relaxation(4.0, np.empty(0), np.empty(0)))
     assert (creep.unrelaxed, creep.weight.size, creep.fluidity) == (0.25, 0, 0.0)
-
-
-def test_nearly_liquid_solid_keeps_its_slow_term():
-    creep = creep_from_relaxation(Relaxation(1e-200, np.array([1.0]), np.array([2.0])))
-    assert creep.time[-1] == pytest.approx(2e200)
-    assert creep.weight[-1] == pytest.approx(1e200)
-
-
-def test_first_guess_of_a_root_is_exact_where_the_pole_is_weak():
-    """From zero: the constant over the slope; from a pole: its weight over all the rest there."""
-    constant, slope, poles = 2.0, 0.5, np.array([1.0, 100.0])
-    weight = np.array([1e-9, 1e-9])
-    gaps = _Gaps(
-        origin=np.array([1, 0]),
-        scale=poles[[1, 0]],
-        base=np.array([0.0, 1.0]),
-        sign=np.array([1.0, 1.0]),
-        pole=np.array([[0.01, 1.0], [0.0, 99.0]]),
-        left=np.zeros((2, 2), bool),
-        upper=np.array([0.9, 50.0]),
-    )
-    guess = _first_guess(constant, slope, weight, gaps)
-    np.testing.assert_allclose(guess, [constant / (slope * 100.0), 1e-9 / 1.5], rtol=1e-6)

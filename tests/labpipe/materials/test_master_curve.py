@@ -10,8 +10,6 @@ import xarray as xr
 
 from labpipe.errors import InputError
 from labpipe.materials import master_curve
-from labpipe.materials.superposition._joint_fit import Points
-from labpipe.materials.superposition._outliers import outliers
 
 
 def rms(values):
@@ -67,15 +65,6 @@ def test_order_of_temperatures_and_frequencies_does_not_matter(curve, maxwell_tr
     sweeps = maxwell_truth.sweeps(5).isel(temperature=order, frequency=slice(None, None, -1))
     shuffled = master_curve(sweeps.transpose("frequency", "temperature"), T_ref=60.0)
     np.testing.assert_allclose(shuffled.log10_aT.values, curve.log10_aT.values[order], atol=2e-4)
-
-
-def test_other_truth_that_is_no_sum_of_exponentials(fractional_truth):
-    for seed in (1, 2):
-        found = quiet(fractional_truth.sweeps(seed), T_ref=40.0)
-        assert error(found, fractional_truth) < 0.06
-        exact = fractional_truth.clean()
-        assert rms(found.data["storage_fitted"].values / exact.real - 1) < 0.007
-        assert rms(found.data["loss_fitted"].values / exact.imag - 1) < 0.011
 
 
 def test_material_of_few_single_times_gets_a_finer_grid(maxwell_truth):
@@ -153,15 +142,6 @@ def test_entropic_factor_is_found(maxwell_truth):
     assert error(without, rubber) > 0.2
 
 
-def test_single_outliers_do_not_matter(maxwell_truth):
-    sweeps = maxwell_truth.sweeps(5)
-    sweeps["storage"][4, 5] *= 1.5
-    sweeps["loss"][8, 2] *= 0.2
-    sweeps["storage"][0, 0] *= 0.8
-    assert error(quiet(sweeps, T_ref=60.0), maxwell_truth) < 0.034
-    assert error(quiet(sweeps, T_ref=60.0, robust=False), maxwell_truth) > 0.034
-
-
 @pytest.mark.parametrize("factor", [10.0, 100.0, 0.1])
 def test_readings_far_off_their_sweep_are_left_out_and_told(maxwell_truth, factor):
     sweeps = maxwell_truth.sweeps(6)
@@ -180,14 +160,6 @@ def test_readings_far_off_their_sweep_are_left_out_and_told(maxwell_truth, facto
 def test_moduli_of_no_material_are_refused(maxwell_truth, factor):
     with pytest.raises(InputError, match=r"storage modulus of .* Pa, first at -40 °C.*check the unit of its column"):
         master_curve(maxwell_truth.sweeps(6) * factor, T_ref=60.0)
-
-
-def test_narrow_loss_peaks_are_no_outlying_readings():
-    omega = 2 * np.pi * np.logspace(-1, 1, 21)
-    z = 1j * omega[:, None] * np.array([2e-3, 0.3])
-    modulus = 1e6 + (z / (1 + z)) @ np.array([1e9, 1e8])
-    points = Points(omega, np.zeros(21, dtype=int), modulus.real, modulus.imag, 1)
-    assert not outliers(points).any()
 
 
 def test_hand_set_shifts_are_refined_or_kept(curve, maxwell_truth):
@@ -256,24 +228,6 @@ def test_one_temperature_fits_its_own_spectrum(maxwell_truth):
     np.testing.assert_allclose(found.prony.complex_modulus(omega).real, exact.real, rtol=0.03)
     with pytest.raises(InputError, match="cannot be shifted"):
         master_curve(one, T_ref=60.0)
-
-
-def test_two_temperatures_give_their_step(maxwell_truth):
-    found = quiet(maxwell_truth.sweeps(5).isel(temperature=[4, 5]))
-    step = float(found.log10_aT[0] - found.log10_aT[1])
-    assert step == pytest.approx(maxwell_truth.log10_aT[4] - maxwell_truth.log10_aT[5], abs=0.06)
-
-
-def test_sweeps_without_overlap_are_said_and_doubted(maxwell_truth):
-    far = maxwell_truth.sweeps(5).isel(temperature=[2, 9])
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        found = master_curve(far)
-    assert any("no overlap between -10.91 and 90.91 °C" in str(w.message) for w in caught)
-    step = float(found.overlap["step"][0])
-    exact = maxwell_truth.log10_aT[2] - maxwell_truth.log10_aT[9]
-    assert float(found.overlap["overlap"][0]) < -1
-    assert abs(step - exact) < 3 * float(found.overlap["u_step"][0])
 
 
 def test_stiff_glass_is_barely_determined_and_says_so(maxwell_truth):
@@ -410,30 +364,6 @@ def test_stiff_sweeps_are_not_torn_apart(maxwell_truth, seed):
     z = (found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values
     assert error(found, known) < 0.3
     assert np.max(np.abs(z)) < 4
-
-
-def single_times(seed, truth):
-    """One to four single relaxation times anywhere: sweeps without any process of their own."""
-    rng = np.random.default_rng(seed)
-    count = int(rng.integers(1, 5))
-    rho, weight = 10 ** rng.uniform(-4, 0, count), 10 ** rng.uniform(8, 9.3, count)
-    relaxed = 10 ** rng.uniform(6, 8)
-
-    def modulus(omega):
-        z = 1j * omega[..., None] * rho
-        return relaxed + (z / (1 + z)) @ weight
-
-    return replace(truth, modulus=modulus)
-
-
-@pytest.mark.parametrize("seed", [3, 4])
-def test_materials_of_few_single_times_keep_their_steps(maxwell_truth, seed):
-    """Torn apart, such sweeps were wrong by decades with a stated 0.4."""
-    known = single_times(seed, maxwell_truth)
-    found = quiet(known.sweeps(seed), T_ref=60.0)
-    off = np.abs(found.log10_aT.values - known.log10_aT)
-    assert np.all(off < 0.1 + 3 * found.u_log10_aT.values)
-    assert np.median(off) < 0.03
 
 
 def test_violated_superposition_is_said_and_widens_the_uncertainties(maxwell_truth):

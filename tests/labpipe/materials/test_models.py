@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from labpipe.materials import Prony, maxwell, standard_linear_solid
+from labpipe.materials import maxwell, standard_linear_solid
 
 TIME = np.array([0.0, 0.1, 1.0, 7.0, 50.0])
 OMEGA = np.array([0.01, 0.3, 1.0, 20.0])
@@ -35,24 +35,6 @@ def test_standard_linear_solid_relaxes_and_creeps_as_printed():
     rate = -(1 / unrelaxed - 1 / relaxed) * np.exp(-TIME / (beta * TAU)) / (beta * TAU)
     left = rate + model.creep(TIME) / (beta * TAU)
     np.testing.assert_allclose(left, 1 / (unrelaxed * TAU), rtol=1e-12)
-
-
-def test_generalised_maxwell_is_the_sum_of_its_branches():
-    moduli, times = [1e6, 2e6, 5e6], [0.1, 1.0, 30.0]
-    model = Prony(4e6, moduli, times)
-    branches = [maxwell(E, E * t) for E, t in zip(moduli, times, strict=True)]
-    total = 4e6 + sum(b.complex_modulus(OMEGA) for b in branches)  # (1.42)
-    np.testing.assert_allclose(model.complex_modulus(OMEGA), total)
-    np.testing.assert_allclose(
-        model.relaxation(TIME),
-        4e6 + sum(b.relaxation(TIME) for b in branches),  # (1.41)
-    )
-
-
-def test_kelvin_voigt_is_spring_and_dashpot_side_by_side():
-    model = Prony.from_creep(SPRING, [1 / SPRING], [TAU])
-    np.testing.assert_allclose(model.complex_modulus(OMEGA), SPRING + 1j * OMEGA * DASHPOT)
-    np.testing.assert_allclose(model.creep(TIME), -np.expm1(-TIME / TAU) / SPRING, rtol=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -1,22 +1,13 @@
 """Tests over time give the moduli over frequency of the same material; melts differ by their distance to T_g."""
 
 import json
-import warnings
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.materials import (
-    Prony,
-    gather_sweeps,
-    isofrictional_temperature,
-    master_curve,
-    prony_of_creep,
-    prony_of_relaxation,
-    with_responses,
-)
+from labpipe.materials import Prony, isofrictional_temperature, prony_of_creep, prony_of_relaxation, with_responses
 
 RHO = np.geomspace(1e-6, 1e6, 60)
 SOLID = Prony(5e6, 1e8 / (1 + np.log10(RHO) ** 2), RHO, nu=0.4)
@@ -55,17 +46,6 @@ def readings(temperatures=LEVELS, name="relaxation_modulus", temperature=True):
         attrs={"tests": json.dumps([{"rows": TIME.size}] * len(tables)), "source": "holds.csv"},
     )
     return made.assign(temperature=("sample", np.repeat(list(temperatures), TIME.size))) if temperature else made
-
-
-@pytest.mark.parametrize("name", ["relaxation_modulus", "creep_compliance"])
-def test_tests_over_time_make_a_master_curve(name):
-    sweeps = gather_sweeps(with_responses(readings(name=name)), "tension", 0.4)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        curve = master_curve(sweeps, 40.0)
-    np.testing.assert_allclose(curve.log10_aT, list(LEVELS.values()), atol=0.05)
-    truth = SOLID.complex_modulus(OMEGA)
-    assert rms(curve.prony.complex_modulus(OMEGA).real, truth.real) < 0.02
 
 
 def test_they_join_the_sweeps_of_a_file():

@@ -146,30 +146,6 @@ def test_a_file_gives_the_modulus_again_within_its_stated_error(code, bulk, mate
     assert worse(found, truth) <= 1.06 * stated + about
 
 
-@pytest.mark.parametrize("code", CODES)
-def test_an_incompressible_material_has_no_relaxing_bulk_table(code):
-    deck = deck_of(RUBBER, None)
-    text = deck_text(deck, code)
-    assert deck.bulk == "incompressible"
-    assert "BULK\n" not in text
-    assert worse(READ[code](text), RUBBER.complex_modulus(OMEGA)) < 0.015
-    with pytest.raises(InputError, match=r'at nu = 0.5 the bulk modulus is infinite; .* bulk = "incompressible"'):
-        make_deck(RUBBER, WINDOW, 25.0, bulk="relaxing")
-
-
-def test_shares_of_random_liquids_add_up_to_less_than_one():
-    random = np.random.default_rng(11)
-    for _ in range(20):
-        rho = np.geomspace(1e-6, 1e3, int(random.integers(3, 25)))
-        material = Prony(0.0, 10 ** random.uniform(3, 9, rho.size), rho, nu=float(random.uniform(0.2, 0.49)))
-        deck = make_deck(material, (1e-3, 1e5), 20.0, bulk=random.choice(["constant", "relaxing", "incompressible"]))
-        printed = [float(f"{share:.14g}") for share in deck.shares]
-        assert sum(printed) < 1
-        assert any("The material flows" in note for note in deck.notes)
-        rows = re.findall(r"^([\d.e+-]+), ([\d.e+-]+), ([\d.e+-]+)$", deck_text(deck, "abaqus"), re.MULTILINE)
-        assert sum(float(row[0]) for row in rows) < 1
-
-
 def test_a_measured_shear_modulus_stays_as_it_is():
     G = SOLID.complex_modulus(OMEGA, "shear")
     for bulk in ("constant", "relaxing", "incompressible"):
