@@ -12,12 +12,13 @@ from typing import Any
 
 import xarray as xr
 
-from instruments.anton_paar._dataset import assemble
+from instruments._quantities import quantity
+from instruments._workbook import is_workbook, text_of
+from instruments.anton_paar._dataset import assemble, in_one_unit
 from instruments.anton_paar._sources import delimiter_of, text_rows, workbook_rows
-from instruments.anton_paar._table import Export, RawInterval, Row, read_table, text_of
+from instruments.anton_paar._table import Export, RawInterval, Row, read_table
 from instruments.anton_paar._values import Findings, interpret, signs_of
-from instruments.anton_paar._words import column_name
-from labpipe.errors import InputError, SourceError, warn_of
+from labpipe.errors import SourceError, warn_of
 from labpipe.numbers import check_decimal
 from labpipe.text import Limits, TextFile, first_bytes, survey
 
@@ -77,9 +78,10 @@ def read(
     """
     check_decimal(decimal)
     path = Path(path)
-    if first_bytes(path).startswith(b"PK"):
+    if is_workbook(first_bytes(path)):
         export, how = read_table(path, workbook_rows(path)), {"encoding": "xlsx"}
-        _warn_of_project(export)
+        if export.projects > 1:
+            export.notes.append("more than one project in the workbook; exports were joined")
     else:
         source = survey(path, declared=(encoding,) if encoding else _CODECS, limits=limits or _LIMITS)
         _refuse_window_definition(source)
@@ -88,11 +90,6 @@ def read(
         export, how = read_table(path, rows), {"encoding": source.encoding, "delimiter": sign}
         _check_last(source, export, allow_incomplete)
     return _dataset(path, export, how, decimal)
-
-
-def _warn_of_project(export: Export) -> None:
-    if export.projects > 1:
-        export.notes.append("more than one project in the workbook; exports were joined")
 
 
 def _refuse_window_definition(source: TextFile) -> None:
@@ -128,7 +125,7 @@ def _is_whole(interval: RawInterval) -> bool:
     above = {text_of(row.cells[-1]) for row in interval.rows[:-1]} - {""}
     return (
         interval.declared == len(interval.rows)
-        and column_name(interval.headers[-1]) == "status"
+        and quantity(interval.headers[-1]) == "status"
         and text_of(interval.rows[-1].cells[-1]) in above
     )
 
@@ -136,7 +133,8 @@ def _is_whole(interval: RawInterval) -> bool:
 def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | None) -> xr.Dataset:
     signs = signs_of(export.intervals, decimal, path)
     findings = Findings(notes=list(export.notes))
-    intervals = [interpret(raw, signs, path, findings) for raw in export.intervals if raw.units]
+    intervals, notes = in_one_unit([interpret(raw, signs, path, findings) for raw in export.intervals if raw.units])
+    findings.notes += notes
     first = export.header[0] if export.header else ""
     attrs: dict[str, Any] = {
         "source": path.name,
@@ -157,10 +155,7 @@ def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | Non
             }
         ),
     }
-    try:
-        dataset = assemble(intervals, **attrs)
-    except InputError as error:
-        raise SourceError(path, str(error)) from None
+    dataset = assemble(intervals, **attrs)
     for note in findings.notes:
         warn_of(path, note)
     return dataset

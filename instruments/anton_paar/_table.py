@@ -20,11 +20,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from instruments._quantities import TEXT, quantity, repaired
+from instruments._workbook import Cell, text_of
 from instruments.anton_paar import _words as words
 from labpipe.errors import SourceError
 from labpipe.numbers import listed, shorten
-
-Cell = str | float | None
 
 _BRACKETS = re.compile(r"\s*\[.*\]\s*")
 _WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")
@@ -79,15 +79,6 @@ class Export:
     cut: list[tuple[int, str]] = field(default_factory=list)  # intervals that lack points: their line, and its note
 
 
-def text_of(cell: Cell) -> str:
-    """Return a cell as text; a number as its shortest form."""
-    if cell is None:
-        return ""
-    if isinstance(cell, float):
-        return repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
-    return cell.strip()
-
-
 def read_table(path: Path, rows: Iterable[Row]) -> Export:
     """Find the intervals.
 
@@ -113,6 +104,7 @@ class _Reader:
         self.number: int | None = None  # RheoPlus: stated before the number of points
         self.current: RawInterval | None = None
         self.expects = "labels"
+        self.is_rheoplus = False
         self.dangling = 0  # line of a label after the last table
 
     def fail(self, row: Row, message: str, hint: str = "", column: int | None = None) -> SourceError:
@@ -136,6 +128,9 @@ class _Reader:
             raise self.fail(row, f"found {len(cells)} cells, no table has more than {_MOST_COLUMNS}")
         if self._is_label(cells):
             self._label(row, cells)
+        elif self.current is None and quantity(repaired(cells[0])) == "point" and len(cells) > 2:
+            self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
+            self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
         elif self.current is None:
             self._loose(row, cells)
         elif self.expects == "header":
@@ -152,14 +147,19 @@ class _Reader:
         return first.endswith(":") or words.label(first) in ("header", "project")
 
     def _label(self, row: Row, cells: list[str]) -> None:
+        values = [c for c in cells[1:] if c]
+        text = repaired(" ".join(values))
+        meaning = words.label(repaired(cells[0]))
+        numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
+        if meaning is None and self.expects == "header" and self.is_rheoplus:
+            # Settings of the interval, which RheoPlus writes between its number of points and its table.
+            self.export.header.append(f"{cells[0]}\t{text}")
+            return
         self.close()
         self.dangling = row.line
-        values = [c for c in cells[1:] if c]
-        text = words.repaired(" ".join(values))
-        meaning = words.label(words.repaired(cells[0]))
-        numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
         if len(values) == 2 and len(numbers) == 2:
             self._begin(row, numbers[0], numbers[1])
+            self.is_rheoplus = False
         elif meaning == "header" and len(values) > 1:
             self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
             self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
@@ -167,7 +167,7 @@ class _Reader:
             self.number = numbers[0]
         elif meaning == "points" and len(values) == 1 and numbers:
             self._begin(row, self.number or len(self._siblings()) + 1, numbers[0])
-            self.number = None
+            self.number, self.is_rheoplus = None, True
         else:
             self._named(row, meaning, cells[0], text)
 
@@ -201,9 +201,12 @@ class _Reader:
         return self.current
 
     def _header(self, current: RawInterval, row: Row, cells: list[str]) -> None:
-        headers = [words.repaired(c) for c in cells]
+        headers = [repaired(c) for c in cells]
+        if self.is_rheoplus and quantity(headers[0]) != "point" and not any(map(_NUMBER.fullmatch, cells)):
+            self.export.header.append(" ".join(cells))  # of the measuring profile
+            return
         # RheoCompass keeps the first column for the label, RheoPlus begins with the points.
-        current.first = 0 if words.column_name(headers[0]) == "point" else 1
+        current.first = 0 if quantity(headers[0]) == "point" else 1
         current.headers = headers[current.first :]
         while current.headers and not current.headers[-1]:
             current.headers.pop()
@@ -217,7 +220,7 @@ class _Reader:
         self.expects = "units"
 
     def _units(self, current: RawInterval, row: Row, cells: list[str]) -> None:
-        inside = [words.repaired(c) for c in cells[current.first :]]
+        inside = [repaired(c) for c in cells[current.first :]]
         stated = [c for c in inside if c]
         if stated and not cells[0] and all(_BRACKETS.fullmatch(c) for c in stated):
             if len(inside) > len(current.headers):
@@ -254,7 +257,7 @@ class _Reader:
         inside = inside[:width]
         if not row.sheet and len(inside) < width:
             lost = current.headers[len(inside) :]
-            if any(words.column_name(h) not in words.TEXT_COLUMNS for h in lost):
+            if any(quantity(h) not in TEXT for h in lost):
                 raise self.fail(
                     row,
                     f"found {len(inside)} cells, expected {width}: {shorten(' '.join(cells))}",
