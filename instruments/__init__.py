@@ -304,7 +304,6 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
     given: Any = {key: value for key, value in options.items() if value is not None}
     if "columns" in given:
         name = PLAIN_TABLE.name
-        given = {key: value for key, value in given.items() if key in PLAIN_TABLE.option_names()}
     else:
         try:
             found = _identify(Path(path))

@@ -76,8 +76,8 @@ def read(
         it; ``interval`` counts the sets and tables. Of responses ``time`` [s] and
         ``relaxation_modulus`` [Pa] or ``creep_compliance`` [1/Pa]; of a table of shifts
         ``temperature`` and ``log10_aT`` (from ``a_T`` or its natural logarithm, if need be).
-        Of a named displacement as :func:`instruments.keyence.read`, of position and force as
-        :func:`instruments.mach1.read`.
+        Of a named displacement as :func:`instruments.keyence.read`, of position and force (compression
+        positive) as :func:`instruments.mach1.read`.
 
     Raises
     ------

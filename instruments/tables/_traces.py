@@ -75,7 +75,7 @@ def displacement(
 
 
 def force(path: Path, found: Located, values: dict[str, Floats]) -> xr.Dataset:
-    """Make the Dataset of a mechanical tester, one block over ``sample``; the signs are those of the file.
+    """Make the Dataset of a mechanical tester, one block over ``sample``; its force counts compression positive.
 
     Raises
     ------
@@ -99,7 +99,9 @@ def force(path: Path, found: Located, values: dict[str, Floats]) -> xr.Dataset:
     block = mach1.make_block("Named columns", datetime(1970, 1, 1), columns, {})
     factors = [column.unit.factor for column in block.columns]
     exact = replace(block, values=table / factors, info=(), info_lines=())  # not on the steps of a load cell
-    return mach1.assemble([exact])
+    made = mach1.assemble([exact])
+    made["compression_sign"] = made["compression_sign"].copy(data=[1])
+    return made.assign_attrs(compression_sign=1, clock="times of the rows")
 
 
 def values_unit(found: Located, name: str) -> str:

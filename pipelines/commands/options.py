@@ -46,6 +46,9 @@ def reading_options(function: F) -> F:
     """
 
     @click.option("--instrument", metavar="NAME", help="What wrote the file, where it does not say so: keyence, …")
+    @click.option(
+        "--columns", help='Any table: its columns, e.g. \'time = "Time (s)", displacement = "Position (m)"\'.'
+    )
     @click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
     @click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
     @click.option("--storage-factor", type=click.IntRange(min=1), help="Keyence file: samples per stored point.")
@@ -56,13 +59,14 @@ def reading_options(function: F) -> F:
     def reading(
         *args: Any,
         instrument: str | None,
+        columns: str | None,
         cycle: str | None,
         units: tuple[str, ...],
         storage_factor: int | None,
         others: tuple[str, ...],
         **kwargs: Any,
     ) -> Any:
-        typed = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor}
+        typed = {"columns": columns, "cycle": cycle, "units": list(units), "storage_factor": storage_factor}
         given = {name: value for name, value in typed.items() if value}
         try:
             kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
@@ -95,7 +99,12 @@ def _reading(source: Path, instrument: str | None, given: dict[str, Any], others
 
 
 _PYTHON = re.compile(r'\b([a-z][a-z_]*)=(\[[^\]]*\]|"[^"]*"|True|[0-9.]*[0-9])')
-_APART = {"instrument": "--instrument", "cycle": "--cycle", "storage_factor": "--storage-factor"}
+_APART = {
+    "instrument": "--instrument",
+    "columns": "--columns",
+    "cycle": "--cycle",
+    "storage_factor": "--storage-factor",
+}
 
 
 def as_typed(hint: str) -> str:

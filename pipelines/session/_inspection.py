@@ -173,7 +173,8 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     from instruments import images
 
     try:
-        name = options.get("instrument") or instruments.identify(file, fps=options.get("fps"))
+        given = "plain_table" if options.get("columns") is not None else ""
+        name = options.get("instrument") or given or instruments.identify(file, fps=options.get("fps"))
     except SourceError as error:
         if file.is_dir() and (found := _folder(file)):
             return found

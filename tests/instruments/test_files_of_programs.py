@@ -149,7 +149,7 @@ def opened(folder, sheet):
     package = "http://schemas.openxmlformats.org/package/2006"
     of = "application/vnd.openxmlformats-officedocument.spreadsheetml"
     links = f'<Relationships xmlns="{package}/relationships"><Relationship Id="r1" Type="{docs}/'
-    rels = f'<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    rels = '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
     kinds = {"workbook": "sheet.main", "worksheets/sheet1": "worksheet"}
     types = (f'<Override PartName="/xl/{name}.xml" ContentType="{of}.{kind}+xml"/>' for name, kind in kinds.items())
     parts = {

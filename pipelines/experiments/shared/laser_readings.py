@@ -7,7 +7,7 @@ import xarray as xr
 
 import instruments
 from labpipe.errors import UNSAID, SourceError
-from pipelines.experiments.shared.settings import Keyence
+from pipelines.experiments.shared.settings import Keyence, named_columns
 
 
 class _Recorded(Protocol):
@@ -40,6 +40,7 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
             units=given.units,
             encoding=given.encoding,
             decimal=given.decimal,
+            columns=named_columns(given.columns),
         )
     except SourceError as error:
         raise _with_place(error) from None
