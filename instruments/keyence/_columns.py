@@ -25,7 +25,7 @@ _TIME = re.compile(
 _WORDS = re.compile(r"judge?ments?|judge|results?(?: info)?|status|state|go/?ng|判定(?:結果)?|结果", re.IGNORECASE)
 _JUDGEMENT = re.compile(r"GO|NG|OK|HI|LO|HH|LL|HIGH|LOW|PASS|FAIL", re.IGNORECASE)
 _CLOCK = re.compile(r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
-_LABEL = re.compile(r"(.*?)\s*(?:[\[(]([^\])]*)[\])])?")
+_LABEL = re.compile(r"(.*?)\s*(?:[\[(]([^\])]*)[\])](?:\s.*)?)?")
 _DAY = 86400.0
 
 
@@ -133,11 +133,23 @@ def seconds(texts: Sequence[str], unit_text: str, *, path: Path, first_line: int
             raise SourceError(path, f"found {shorten(text)}, expected a time", line=first_line + row)
         found[row] = int(clock[1]) * 3600 + int(clock[2]) * 60 + value if clock else value
     is_clock = bool(texts) and _CLOCK.fullmatch(texts[0]) is not None
-    decimals = max((len(re.split(r"[.,]", text)[-1]) if re.search(r"[.,]\d+$", text) else 0) for text in texts)
+    decimals = max(_decimals(text) for text in texts)
     time = (found - found[0]) * factor
     if is_clock:
         time += _DAY * np.cumsum(np.diff(time, prepend=0.0) < -_DAY / 2)
     return time, factor * 10.0**-decimals
+
+
+def _decimals(text: str) -> int:
+    """Return how many decimals a time is written with; ``5.00E-04`` has six.
+
+    Examples
+    --------
+    >>> _decimals("0.0005"), _decimals("5.00E-04"), _decimals("14:02:11,5"), _decimals("12")
+    (4, 6, 1, 0)
+    """
+    match = re.search(r"(?:[.,](\d*))?(?:[eE]([+-]?\d+))?$", text)
+    return len(match[1] or "") - int(match[2] or 0) if match else 0
 
 
 def even_interval(time: Floats, resolution: float, *, path: Path, first_line: int) -> float:

@@ -27,14 +27,14 @@ HEADER_LABELS: Mapping[str, str] = {
     r"p[ée]riode d['’][ée]chantillonnage|fr[ée]quence d['’][ée]chantillonnage|サンプリング周期|采样周期|取样周期",
     "storage": r"(?:storage|storing|save) (?:cycle|factor|interval)|speicher(?:zyklus|intervall|faktor)|"
     r"ストレージ周期|蓄積周期|存储周期",
-    "units": r"units?|einheit(?:en)?|unit[ée]s?|単位|单位",
+    "units": r"units?|y_unit_label|einheit(?:en)?|unit[ée]s?|単位|单位",
     "averaging": r"averag(?:e|ing)(?: (?:count|number|times))?|number of averages",
     "rows": r"(?:number of )?(?:data|points|samples)(?: (?:count|points|number))?",
 }
 
 _COUNTER = re.compile(r"n[or°º]\.?|#|index|count(?:er)?|data no\.?|point|番号|序号", re.IGNORECASE)
 _OUTPUT = re.compile(r"out ?0*([0-9]{1,2})\s*(?:[\[(]([^\])]*)[\])])?", re.IGNORECASE)
-_LABEL_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
+_LABEL_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])](?:\s.*)?")
 # A unit that lost a letter may be another unit ("mm" and "m"), so only displayed ones are taken.
 _UNITS_ALLOWED = tuple(map(unit, ("mm", "um", "cm", "V", "mV", "mm/s", "m/s2", "km/s2")))
 
@@ -103,6 +103,13 @@ def is_length_or_volts(text: str) -> bool:
     """Tell whether a text is a unit that an output can have."""
     try:
         return bool(text) and unit(text) in _UNITS_ALLOWED
+    except InputError:
+        return False
+
+
+def _is_unit(cell: str) -> bool:
+    try:
+        return bool(cell) and bool(unit(cell))
     except InputError:
         return False
 
@@ -183,7 +190,7 @@ def _find_start(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> tu
             if delimiter in line and _is_row(cells, profile.markers):
                 return delimiter, index
         if is_reading(line.strip().strip('"'), profile.markers):
-            return delimiters[-1], index
+            return delimiters[0 if line.startswith("\t") else -1], index
     text = f"found no row of readings in the first {len(lines)} lines"
     raise SourceError(path, text, line=1, hint="Expected rows of numbers or markers such as +FFFFFFF below the header.")
 
@@ -211,8 +218,12 @@ def _find_names(path: Path, head: Sequence[str], delimiter: str, n_columns: int)
 
 def _other_names(head: Sequence[str], delimiter: str, n_columns: int) -> int | None:
     """Find names that are not the controller's own: the last line, as wide as the rows, with a word in each cell."""
-    last = max((index for index, line in enumerate(head) if line.strip()), default=None)
+    filled = [index for index, line in enumerate(head) if line.strip()]
+    last = filled[-1] if filled else None
     cells = split_cells(head[last], delimiter) if last is not None else []
+    if len(filled) > 1 and len(cells) == n_columns and all(map(_is_unit, cells)):  # a row of units below the names
+        last = filled[-2]
+        cells = split_cells(head[last], delimiter)
     is_named = len(cells) == n_columns > 1 and all(re.match(r"[^\W\d_]|#", cell) for cell in cells)
     has_first = is_named and (_COUNTER.fullmatch(cells[0]) or is_time(cells[0]))
     return last if has_first else None

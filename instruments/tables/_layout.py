@@ -168,9 +168,9 @@ def blocks(lines: Sequence[tuple[int, str]]) -> list[Block]:
         named = head if signals and _DATA.fullmatch(line) else None if signal else headings_of(line)
         block = None
         if named is not None:
-            above = lines[k - 1][1] if k else ""
-            its = stated | stated_in_title(title) | (stated_in_title(above) if headings_of(above) is None else {})
-            block = Block(number, named[0], title=title, facts=its, above=above)
+            before = lines[k - 1][1] if k else ""
+            its = stated | stated_in_title(title) | (stated_in_title(before) if headings_of(before) is None else {})
+            block = Block(number, named[0], title=title, facts=its, above=before)
             k = _fill(block, lines, k + 1, named[1])
         elif last is not None and _goes_on(line, last):
             above = stated_in_title(lines[k - 1][1])
