@@ -118,7 +118,7 @@ def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     return columns, said
 
 
-def needed(names: Set[str]) -> set[str]:
+def needed(names: set[str]) -> set[str]:
     """Return which of some columns a sweep, a response or a table of shifts is made of; the others are beside it.
 
     Examples

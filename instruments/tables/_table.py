@@ -35,7 +35,7 @@ Lines = Sequence[tuple[int, str]]
 class _Found(NamedTuple):
     """The lines of a file by sheet, its codec, and a last line without an end (0: none)."""
 
-    sheets: list[tuple[str, Lines]]
+    sheets: Sequence[tuple[str, Lines]]
     encoding: str
     open_line: int = 0
 
