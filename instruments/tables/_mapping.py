@@ -264,7 +264,7 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
     """Write the mapping of a table as it may be copied, filled in as far as the headings tell."""
     found: dict[str, str] = {}
     for number, heading in enumerate(headings, 1):
-        has_sense = not is_unit(heading.unit) or fits(heading.name, heading.unit)
+        has_sense = not heading.unit or not is_unit(heading.unit) or fits(heading.name, heading.unit)
         name = heading.name if heading.is_known and heading.at is None and has_sense else _of_unit(heading)
         if name in ("", "point", "set") or name in found or name not in (*SI_OF, *_OF_TRACES):
             continue

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,16 +11,16 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from instruments._quantities import SHIFTS, unit_of
+from instruments._quantities import SHIFTS
 from instruments._workbook import is_workbook, sheets, text_of
 from instruments.anton_paar import Interval, assemble, in_one_unit
 from instruments.tables import _traces
 from instruments.tables._headings import Heading, stated_in_title
-from instruments.tables._layout import ABSENT, COMMA, TAB, Block, blocks, plain_lines
+from instruments.tables._layout import COMMA, TAB, Block, blocks, plain_lines
 from instruments.tables._mapping import Columns, Located, chosen, line_to_copy, located, suggestion
 from instruments.tables._readings import intervals, lacking
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.numbers import DOT, Separators, check_decimal, plain_number, separators, shorten
+from labpipe.numbers import DOT, Separators, check_decimal, separators
 from labpipe.text import Limits, first_bytes, survey
 from labpipe.units import Measure
 
@@ -27,6 +28,7 @@ DEVICE = "plain table of a dynamic mechanical analysis"
 CODECS = ("cp1252", "cp932")
 _HEADER = 100  # lines in which a file states how it is written
 _LIMITS = Limits(max_bytes=128 << 20)
+_DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")
 _SIGNS = {"point": ".", "punkt": ".", "comma": ",", "komma": ","}
 
 Lines = Sequence[tuple[int, str]]
@@ -109,7 +111,13 @@ def read(
     names = {each.name for each in named}
     if not names & set(_traces.CONTENTS):
         return _sweeps(path, found, [_as_block(where)], decimal)
-    return _trace(path, found, where, decimal, cycle)
+    last, cells = where.rows[-1][0], [cell for _, row in where.rows for cell in row]
+    if found.open_line == last:
+        message = "the last line has no line end; if the file was cut, its last number is wrong"
+        warn_of(path, message, line=last)
+    signs = DOT if where.separator == COMMA else _signs(path, found, cells, decimal)
+    made = _traces.trace(path, where, signs, cycle)
+    return made.assign_attrs(source=path.name, encoding=found.encoding, decimal=signs.decimal)
 
 
 def _in_text(path: Path, encoding: str | None) -> _Found:
@@ -184,7 +192,7 @@ def _sweeps(path: Path, found: _Found, tables: Sequence[Block], decimal: str | N
     """Convert the tables that can be used to one Dataset."""
     if found.open_line:
         _check_last_row(path, found.open_line, tables[-1])
-    signs = _signs(path, found, [(block.separator, _cells(block)) for block in tables], decimal)
+    signs = _signs(path, found, [cell for block in tables for cell in _cells(block)], decimal)
     made: list[Interval] = []
     whole = _complete(path, tables)
     for block in whole:
@@ -221,19 +229,17 @@ def _cells(block: Block) -> list[str]:
     ]
 
 
-def _signs(path: Path, found: _Found, cells: Sequence[tuple[str, list[str]]], decimal: str | None) -> Separators:
-    """Decide the decimal sign, by the option, a header that states it, or the cells."""
-    head = [line for _, lines in found.sheets for _, line in lines[:_HEADER] if line.startswith("#DE")]  # Netzsch
-    stated = next((_SIGNS.get(line.partition(":")[2].split()[0].casefold()) for line in head if ":" in line), None)
-    every = [cell for _, some in cells for cell in some]
-    sign = decimal or stated
+def _signs(path: Path, found: _Found, cells: Sequence[str], decimal: str | None) -> Separators:
+    """Decide the decimal sign, by the option, a header that states it (of Netzsch), or the cells."""
+    stated = {word for _, lines in found.sheets for _, line in lines[:_HEADER] if (word := _DECIMAL.match(line))}
+    sign = decimal or next((_SIGNS.get(word[1].casefold()) for word in stated), None)
     if sign is not None:
         other = "." if sign == "," else ","
-        return Separators(sign, other if any(other in cell and sign in cell for cell in every) else "")
-    if not any("," in cell for cell in every):
+        return Separators(sign, other if any(other in cell and sign in cell for cell in cells) else "")
+    if not any("," in cell for cell in cells):
         return DOT
     try:
-        return separators(cell.lower().split("e")[0] for cell in every)  # a power of ten says nothing
+        return separators(cell.lower().split("e")[0] for cell in cells)  # a power of ten says nothing
     except InputError as error:
         raise SourceError(path, str(error)) from None
 
@@ -273,42 +279,3 @@ def _complete(path: Path, tables: Sequence[Block]) -> list[Block]:
             title = f' "{block.title or block.sheet}"' if block.title or block.sheet else ""
             warn_of(path, f"the table{title} is left out: it has no {lacking(block)}", line=block.line)
     return whole
-
-
-def _trace(path: Path, found: _Found, where: Located, decimal: str | None, cycle: Measure | None) -> xr.Dataset:
-    """Convert named columns of a displacement, or of position and force, to the form of their instruments."""
-    if found.open_line and where.rows[-1][0] == found.open_line:
-        message = "the last line has no line end; if the file was cut, its last number is wrong"
-        warn_of(path, message, line=found.open_line)
-    cells = [cell for _, row in where.rows for cell in row]
-    signs = DOT if where.separator == COMMA else _signs(path, found, [(where.separator, cells)], decimal)
-    values, texts = {}, {}
-    for k, each in enumerate(where.chosen):
-        factor = unit_of(where.units[k]).factor
-        column = np.full(len(where.rows), np.nan)
-        for i, (number, row) in enumerate(where.rows):
-            value = None if row[k].casefold() in ABSENT else plain_number(row[k], signs)
-            if value is None and row[k].casefold() not in ABSENT:
-                raise SourceError(path, f"found {shorten(row[k])}, expected a number", line=number)
-            column[i] = np.nan if value is None else value
-        values[each.name] = column * factor
-        texts[each.name] = [
-            row[k].replace(signs.thousands, "").replace(signs.decimal, ".") if signs.thousands
-            else row[k].replace(signs.decimal, ".")
-            for _, row in where.rows
-            if row[k].casefold() not in ABSENT
-        ]  # fmt: skip
-    if "displacement" in values:
-        made = _traces.displacement(path, where, values, texts, cycle)
-    else:
-        made = _traces.force(path, where, values)
-    work = {"bytes_read": path.stat().st_size, "rows_read": len(where.rows)}
-    made.attrs |= {
-        "instrument": _traces.DEVICE,
-        "layout": "named columns",
-        "source": path.name,
-        "encoding": found.encoding,
-        "decimal": signs.decimal,
-        "work": json.dumps(work),
-    }
-    return made
