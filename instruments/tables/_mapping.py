@@ -161,13 +161,16 @@ def _headings(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen
     named = [each.column for each in wanted if isinstance(each.column, str)]
     best: tuple[int, list[str], int] = (0, [], 0)
     for k, (number, line) in enumerate(lines):
-        for way in (TAB,) if TAB in line.strip() and named else _WAYS:
+        for way in ((TAB,) if TAB in line.strip() else _WAYS) if named else (_way_of_row(line),):
             parts = [part.strip('"') for part in cells(line, way)]
             if not named:
                 last = max(each.column for each in wanted if isinstance(each.column, int))
-                if len(parts) >= last and sum(map(is_numeric, parts)) >= len(wanted):
-                    return Located(wanted, 0, way, [f"column {c.column}" for c in wanted], []), k
-                continue
+                if len(parts) < last or sum(map(is_numeric, parts)) < len(wanted):
+                    continue
+                for at in range(k - 1, max(k - 4, -1), -1):  # headings that are there count
+                    if len(above := cells(lines[at][1], way)) >= last and _are_names(above, len(parts)):
+                        return Located(wanted, lines[at][0], way, above, []), at + 1
+                return Located(wanted, 0, way, [f"column {c.column}" for c in wanted], []), k
             hits = sum(_at(parts, text) is not None for text in named)
             if hits == len(named):
                 return Located(wanted, number, _separator_below(lines[k + 1 :], way, len(parts)), parts, []), k + 1
@@ -177,6 +180,12 @@ def _headings(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen
     text = f"no column is called {shorten(lost)}" if named else "no row has as many columns as are named"
     shown = f"; the headings are {', '.join(shorten(part) for part in best[1] if part)}" if best[1] else ""
     raise SourceError(path, text + shown, line=best[2] or None, hint="Write the heading as it stands in the file.")
+
+
+def _way_of_row(line: str) -> str:
+    """Return the sign that leaves nothing but numbers, of several the one that leaves most."""
+    found = {way: [is_numeric(cell) for cell in cells(line, way) if cell] for way in _WAYS}
+    return max(found, key=lambda way: (all(found[way]), sum(found[way])))  # of equals the first
 
 
 def _separator_below(lines: Sequence[tuple[int, str]], way: str, width: int) -> str:

@@ -117,6 +117,8 @@ def test_times_that_lie_unevenly_are_refused_in_every_notation(tmp_path, form, s
     [
         ({"time": "Time", "displacement": {"column": "Channel A", "unit": "um"}}, r"'Channel A' is in '\(mm\)', and col"),
         ({"displacement": "Time"}, "'Time' is a time, no displacement"),
+        ({"displacement": 1}, "'Time' is a time, no displacement"),
+        ({"time": 1, "displacement": {"column": 2, "unit": "um"}}, r"'Channel A' is in '\(mm\)', and columns say 'um'"),
         ({"time": "Time", "displacement": "Channel B"}, "no column is called 'Channel B'; the headings are 'Time', 'Ch"),
         ({"time": "Channel A", "displacement": "Channel A"}, r"is in '\(mm\)', expected a unit of s for time"),
         ({"time": "Time", "force": "Channel A"}, "columns name time, force; expected displacement and time, or"),
