@@ -22,7 +22,7 @@ _DEGREES = "degC, K, degF"
 _TABLE = {
     "point": (
         "",
-        "point no, meas pts, measuring point, punkt nr, messpunkt, messpkt, messpkte, mess pkt, point n, no du point, "
+        "point no, meas pts, measuring point, punkt nr, messpunkt, messpunkte, messpkt, messpkte, mess pkt, point n, no du point, "
         "n du point, pts mes, no do ponto, ponto no, n o de punto, no de punto, punto n o, n punto, punto n, point",
     ),
     "status": ("", "status, etat, estado, statut"),

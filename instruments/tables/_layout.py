@@ -22,7 +22,7 @@ ABSENT = (
     "", "-", "--", "---", "nan", "n/a", "na", "n.a.", "null", "none", "invalid", "error", "#n/a", "#num!", "#div/0!",
     "#value!", "#ref!", "*", "**", "***", "****", "?", "inf", "-inf", "infinity", "∞", "1.#inf", "-1.#ind", "over",
     "under", "overload", "n.d.", "k.a.",
-    *("#" * count for count in range(2, 16)),
+    "-∞", *("#" * count for count in range(2, 16)),
 )  # fmt: skip
 _NUMERIC = re.compile(r"[+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?")
 _CLOCK = re.compile(
@@ -212,7 +212,7 @@ def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str
         if not block.unit_line and _take_units(block, line, separator):
             block.unit_line = number
         else:
-            block.facts |= facts(line)
+            block.facts |= facts(line) or stated_in_title(line)
     k = first
     block.separator = _separator_of_rows(lines[k][1], block, separator)
     while k < len(lines):

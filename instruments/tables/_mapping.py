@@ -174,12 +174,17 @@ def _headings(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen
             hits = sum(_at(parts, text) is not None for text in named)
             if hits == len(named):
                 return Located(wanted, number, _separator_below(lines[k + 1 :], way, len(parts)), parts, []), k + 1
-            if (hits, len(parts)) > (best[0], len(best[1])) and sum(map(is_numeric, parts)) == 0:
+            if (hits > best[0] or (not best[1] and len(parts) > 1)) and not any(map(is_numeric, parts)):
                 best = (hits, parts, number)
     lost = next((text for text in named if _at(best[1], text) is None), "") if named else ""
-    text = f"no column is called {shorten(lost)}" if named else "no row has as many columns as are named"
+    text = f"no column, or more than one, is called {shorten(lost)}" if named else "no row has as many columns"
     shown = f"; the headings are {', '.join(shorten(part) for part in best[1] if part)}" if best[1] else ""
-    raise SourceError(path, text + shown, line=best[2] or None, hint="Write the heading as it stands in the file.")
+    raise SourceError(
+        path,
+        text + shown,
+        line=best[2] or None,
+        hint="Write the heading as it stands in the file, or the column's number.",
+    )
 
 
 def _way_of_row(line: str) -> str:
@@ -197,11 +202,11 @@ def _separator_below(lines: Sequence[tuple[int, str]], way: str, width: int) -> 
 
 
 def _at(parts: Sequence[str], text: str) -> int | None:
-    """Return which heading a text names: as a whole, or without its unit."""
+    """Return which heading a text names, as a whole or without its unit; None for none or several."""
     for spell in (_plain, lambda one: _plain(_BRACKET.sub("", one))):
         found = [k for k, part in enumerate(parts) if spell(part) == spell(text)]
         if found:
-            return found[0]
+            return found[0] if len(found) == 1 else None
     return None
 
 
@@ -288,6 +293,8 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
             found[name] = _quoted(column)
     if not found:
         return _EXAMPLE
+    if "force" in found and "displacement" in found:  # of a tester
+        found = {"position" if name == "displacement" else name: text for name, text in found.items()}
     return f"columns = {{ {', '.join(f'{name} = {text}' for name, text in found.items())} }}"
 
 

@@ -83,7 +83,7 @@ def test_the_refusal_prints_the_line_to_copy(tmp_path, name):
     path = write(tmp_path, RECORDERS["blanks"][0].replace("z[cm]", "Weg[cm]"))
     with pytest.raises(SourceError, match="no instrument recognises") as caught:
         instruments.read(path)
-    assert 'columns = { time = "time[s]", displacement = "Weg[cm]", force = "F[N]" }' in caught.value.hint
+    assert 'columns = { time = "time[s]", position = "Weg[cm]", force = "F[N]" }' in caught.value.hint
 
 
 def test_a_table_without_times_needs_the_time_between_rows(tmp_path):
@@ -119,7 +119,7 @@ def test_times_that_lie_unevenly_are_refused_in_every_notation(tmp_path, form, s
         ({"displacement": "Time"}, "'Time' is a time, no displacement"),
         ({"displacement": 1}, "'Time' is a time, no displacement"),
         ({"time": 1, "displacement": {"column": 2, "unit": "um"}}, r"'Channel A' is in '\(mm\)', and columns say 'um'"),
-        ({"time": "Time", "displacement": "Channel B"}, "no column is called 'Channel B'; the headings are 'Time', 'Ch"),
+        ({"time": "Time", "displacement": "Channel B"}, "no column, or more than one, is called 'Channel B'; the headings are 'Time', 'Ch"),
         ({"time": "Channel A", "displacement": "Channel A"}, r"is in '\(mm\)', expected a unit of s for time"),
         ({"time": "Time", "force": "Channel A"}, "columns name time, force; expected displacement and time, or"),
         ({"time": "Time", "displacement": 0}, "displacement is given 0; expected the heading of a column"),
