@@ -22,8 +22,9 @@ _DEGREES = "degC, K, degF"
 _TABLE = {
     "point": (
         "",
-        "point no, meas pts, measuring point, punkt nr, messpunkt, messpunkte, messpkt, messpkte, mess pkt, point n, no du point, "
-        "n du point, pts mes, no do ponto, ponto no, n o de punto, no de punto, punto n o, n punto, punto n, point",
+        "point no, meas pts, measuring point, punkt nr, messpunkt, messpunkte, messpkt, messpkte, mess pkt, "
+        "point n, no du point, n du point, pts mes, no do ponto, ponto no, n o de punto, no de punto, punto n o, "
+        "n punto, punto n, point",
     ),
     "status": ("", "status, etat, estado, statut"),
     "time_of_day": ("", "time of day, uhrzeit, tageszeit, heure, hora, hora do dia"),

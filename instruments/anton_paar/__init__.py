@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, TypedDict
 from instruments._instrument import Instrument, text_of
 from instruments._workbook import beginning, is_workbook
 from labpipe.lazy import lazily
-from labpipe.text import Limits
 
 if TYPE_CHECKING:
     from instruments.anton_paar._dataset import (
@@ -35,10 +34,8 @@ class Options(TypedDict, total=False):
     """How an export is to be read where it does not decide; see :func:`read`."""
 
     encoding: str | None
-    delimiter: str | None
     decimal: str | None
     allow_incomplete: bool
-    limits: Limits | None
 
 
 def _sniff(head: bytes, path: Path) -> bool:

@@ -31,10 +31,8 @@ def read(
     path: str | os.PathLike[str],
     *,
     encoding: str | None = None,
-    delimiter: str | None = None,
     decimal: str | None = None,
     allow_incomplete: bool = False,
-    limits: Limits | None = None,
 ) -> xr.Dataset:
     """Read an export of RheoCompass or RheoPlus.
 
@@ -42,12 +40,10 @@ def read(
     ----------
     path : path-like
         The file: text of any delimiter, or a workbook.
-    encoding, delimiter, decimal : str, optional
+    encoding, decimal : str, optional
         By default decided from the file.
     allow_incomplete : bool
         Drop a last row that has no line end, with a warning; by default such a file is refused.
-    limits : Limits, optional
-        Size limits of a text file.
 
     Returns
     -------
@@ -83,9 +79,9 @@ def read(
         if export.projects > 1:
             export.notes.append("more than one project in the workbook; exports were joined")
     else:
-        source = survey(path, declared=(encoding,) if encoding else _CODECS, limits=limits or _LIMITS)
+        source = survey(path, declared=(encoding,) if encoding else _CODECS, limits=_LIMITS)
         _refuse_window_definition(source)
-        sign = delimiter or delimiter_of(source)
+        sign = delimiter_of(source)
         rows = _complete(source, text_rows(source, sign), allow_incomplete)
         export, how = read_table(path, rows), {"encoding": source.encoding, "delimiter": sign}
         _check_last(source, export, allow_incomplete)

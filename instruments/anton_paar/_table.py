@@ -100,7 +100,6 @@ class _Reader:
         self.export = Export(path)
         self.sheet: str | None = None
         self.test = self.result = ""
-        self.unknown: list[str] = []  # values of unknown labels since the last table
         self.number: int | None = None  # RheoPlus: stated before the number of points
         self.current: RawInterval | None = None
         self.expects = "labels"
@@ -115,7 +114,7 @@ class _Reader:
         """Take one row in."""
         if row.sheet != self.sheet:
             self.close()
-            self.sheet, self.test, self.result, self.unknown = row.sheet, "", "", []
+            self.sheet, self.test, self.result = row.sheet, "", ""
             self.number = None
         cells = [text_of(c) for c in row.cells]
         while cells and not cells[-1]:
@@ -181,21 +180,11 @@ class _Reader:
             if self.export.projects == 2 and not row.sheet:
                 self.export.notes.append(f"line {row.line}: a second project begins; exports were joined")
         elif meaning == "test":
-            self.test, self.result, self.unknown = text, "", []
+            self.test, self.result = text, ""
         elif meaning == "result":
             self.result = text
-        elif meaning is None:
-            self.unknown.append(text)
 
     def _begin(self, row: Row, number: int, declared: int | None) -> RawInterval:
-        if not self.test and self.unknown:
-            # Words of another language: a test stands before its result.
-            self.test = self.unknown[-2] if len(self.unknown) > 1 else self.unknown[-1]
-            self.result = self.result or (self.unknown[-1] if len(self.unknown) > 1 else "")
-            self.export.notes.append(
-                f"line {row.line}: the labels above are in no known language; {shorten(self.test)} is taken as the test"
-            )
-        self.unknown = []
         self.current = RawInterval(self.test, self.result, number, declared, row.line, self.sheet or "")
         self.expects = "header"
         return self.current
