@@ -1,6 +1,6 @@
 """Instruments: recognising, reading and writing their files; one package each.
 
-:func:`read` tells the instrument from the content of a file, never from its name. Each room is a
+:func:`read` recognises the instrument by the content of a file, never from its name. Each room is a
 package whose ``__init__`` defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
 they are asked. Other distributions add theirs by entry points of the group
 ``labpipe.instruments`` (:mod:`labpipe.plugins`); they are asked after ours.
@@ -157,7 +157,7 @@ def _unknown(path: Path, head: bytes) -> SourceError:
     """Say that no instrument knows a file or folder, and how it may be read all the same."""
     if path.name.startswith(("~$", ".~lock.")):
         return SourceError(
-            path, "a spreadsheet program keeps this file beside an open workbook", hint="Name the workbook."
+            path, "a spreadsheet program keeps this file next to an open workbook", hint="Name the workbook."
         )
     if is_workbook(head):
         try:

@@ -27,7 +27,7 @@ def _inverse(storage: Floats, loss: Floats) -> _Made:
     return storage / squared, loss / squared
 
 
-# What is needed, and how it makes E′ and E″; "damping" is tan δ, "δ" the phase.
+# Needed quantities, and how they make E′ and E″; "damping" is tan δ, "δ" the phase.
 _WAYS: tuple[tuple[tuple[str, ...], Callable[..., _Made]], ...] = (
     (("storage_modulus", "loss_modulus"), lambda e1, e2: (e1, e2)),
     (("storage_modulus", "loss_factor"), lambda e1, tan: (e1, e1 * tan)),
@@ -119,7 +119,7 @@ def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
 
 
 def needed(names: set[str]) -> set[str]:
-    """Return which of some columns a sweep, a response or a table of shifts is made of; the others are beside it.
+    """Return which of some columns a sweep, a response or a table of shifts is made of; the others are not needed.
 
     Examples
     --------

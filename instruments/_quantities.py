@@ -186,7 +186,7 @@ _NAME_OF = {fold(spelling): name for name, (_, spellings) in _TABLE.items() for 
 def quantity(heading: str) -> str | None:
     """Return the canonical name of a quantity, None of another heading.
 
-    A symbol may stand beside its word: ``Storage modulus (G')``, ``E' storage modulus``.
+    A symbol may accompany its word: ``Storage modulus (G')``, ``E' storage modulus``.
 
     Examples
     --------

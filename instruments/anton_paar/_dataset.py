@@ -15,7 +15,7 @@ from labpipe.errors import InputError
 from labpipe.variables import described, variable
 
 DEVICE = "Anton Paar rheometer"
-#: The loss factor that RheoCompass writes when it cannot tell one.
+#: The loss factor that RheoCompass writes when it has none.
 CLIPPED = 20000.0
 _CLIP_TOLERANCE = 1e-3  # a storage modulus that was made from the clipped value agrees so well
 

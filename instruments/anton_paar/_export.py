@@ -1,7 +1,7 @@
 """Anton Paar rheometer exports (RheoCompass CSV, TXT and XLSX; RheoPlus), read and written.
 
 Columns, units, language and decimal sign are the user's choice in the software, so all of them
-come from the file. What was not seen in a real file is marked in the result's ``layout``.
+come from the file. Layouts not seen in a real file are marked in the result's ``layout``.
 """
 
 import json
@@ -60,7 +60,7 @@ def read(
     Raises
     ------
     SourceError
-        With file, line and column of what is wrong.
+        With file, line and column of the fault.
 
     Warns
     -----
@@ -117,7 +117,7 @@ def _check_last(source: TextFile, export: Export, allow: bool) -> None:
 
 
 def _is_whole(interval: RawInterval) -> bool:
-    """Tell a whole last row: it ends with a status seen above. A number may have lost digits."""
+    """Recognise a whole last row: it ends with a status seen above. A number may have lost digits."""
     above = {text_of(row.cells[-1]) for row in interval.rows[:-1]} - {""}
     return (
         interval.declared == len(interval.rows)

@@ -37,7 +37,7 @@ _MOST_COLUMNS = 512
 class Row:
     """One row: its number in the file or sheet, its sheet ("" in a text), its cells.
 
-    ``is_short`` tells that the file holds fewer of them than the table has columns.
+    ``is_short`` means that the file holds fewer of them than the table has columns.
     """
 
     line: int
@@ -48,7 +48,7 @@ class Row:
 
 @dataclass(slots=True)
 class RawInterval:
-    """One table as it stands in the file.
+    """One table as in the file.
 
     ``declared`` is the number of points that the file announces (None when it does not);
     ``first`` the cell with which the columns begin.

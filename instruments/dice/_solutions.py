@@ -48,7 +48,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
     Dataset over (frame, point)
         ``dx``, ``dy`` [px], ``valid``, and of the further fields those that are known (``sigma``,
         ``rotation``, ``gamma``, …); coordinates ``frame`` (number in the file name), ``x``, ``y``
-        [px]. Failed points are NaN. The attribute ``other_fields`` names what was not read.
+        [px]. Failed points are NaN. The attribute ``other_fields`` names the fields that were not read.
 
     Raises
     ------

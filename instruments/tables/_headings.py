@@ -1,6 +1,6 @@
 """Headings of tables: the quantity, the unit, and the frequency or temperature that a column belongs to.
 
-The unit stands in brackets, behind a slash or a comma, or as the end of the name (``freq_hz``, ``G_storage_pa``).
+The unit is given in brackets, behind a slash or a comma, or as the end of the name (``freq_hz``, ``G_storage_pa``).
 """
 
 import re
@@ -33,7 +33,7 @@ _PLACE = re.compile(rf"(?<![^\W_])(?<![.,])({_NUMBER})\s*({_DEGREES}|[mk]?Hz|rad
 _LAST = re.compile(r"^(.*\S)\s*[(\[{<]\s*([^()\[\]{}<>]*)\s*[)\]}>]\s*$")
 _COMMENT = re.compile(r"^[#%!;/*]+\s*(?=\S)")
 _OF_SEVERAL = re.compile(r"[\s_]+(?:mean|avg|average)$", re.IGNORECASE)  # readings or specimens
-# A temperature or frequency beside which such a word stands is another one than that of the readings below.
+# A temperature or frequency with such a word is not that of the readings below.
 _OF_ANOTHER = re.compile(
     r"\bref|glass|\bt[gm]\b|/\s*min|\bto\b|\bfrom\b|dried|drying|cur(?:ed|ing)|anneal|age(?:d|ing)|\bstart|\bend\b"
     r"|\bfinal\b|\binitial|\bambient|\broom|stored|storing|condition|humid|\bRH\b",

@@ -84,7 +84,7 @@ def cells(line: str, separator: str) -> list[str]:
     """Part one line into cells."""
     if separator in (TAB, SEMICOLON, COMMA, BAR):
         text = line.strip().strip("|") if separator == BAR else line
-        # A quotation mark that stands for two primes does not begin a quotation.
+        # A quotation mark in place of two primes does not begin a quotation.
         if re.search(rf'(?:^|{re.escape(separator)})\s*"[^"]*"\s*(?:{re.escape(separator)}|$)', text):
             return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
         return [cell.strip() for cell in text.split(separator)]
@@ -278,6 +278,6 @@ def _is_row(line: str, block: Block, separator: str) -> bool:
 
 
 def _is_damaged(parts: Sequence[str], block: Block) -> bool:
-    """Tell a row with a damaged cell from a line of something else."""
+    """Distinguish a row with a damaged cell from a line of something else."""
     known = [cell for heading, cell in zip(block.headings, parts, strict=False) if heading.is_known and cell]
     return sum(map(is_numeric, known)) * 2 >= len(known) > 1

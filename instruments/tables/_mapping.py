@@ -6,8 +6,8 @@
     columns = { time = "Time", displacement = { column = "Channel A", unit = "mm" } }
     columns = "f (Hz), E' (MPa), E'' (MPa), T (degC)"          # of rows without headings, in their order
 
-A quantity is given the heading of its column, or its number from 1; the unit stands in brackets in the heading, in a
-row of units, in a line of the header, or with the column. What contradicts the file is refused, not preferred.
+A quantity is given the heading of its column, or its number from 1; the unit is given in brackets in the heading, in a
+row of units, in a line of the header, or with the column. A unit that contradicts the file is refused, not preferred.
 """
 
 import re
@@ -180,10 +180,7 @@ def _headings(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen
     text = f"no column, or more than one, is called {shorten(lost)}" if named else "no row has as many columns"
     shown = f"; the headings are {', '.join(shorten(part) for part in best[1] if part)}" if best[1] else ""
     raise SourceError(
-        path,
-        text + shown,
-        line=best[2] or None,
-        hint="Write the heading as it stands in the file, or the column's number.",
+        path, text + shown, line=best[2] or None, hint="Write the heading as in the file, or the column's number."
     )
 
 
@@ -275,7 +272,7 @@ def _quoted(text: str | int) -> str:
 
 
 def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str:
-    """Write the mapping of a table as it may be copied, filled in as far as the headings tell."""
+    """Write the mapping of a table as it may be copied, filled in as far as the headings allow."""
     found: dict[str, str] = {}
     for number, heading in enumerate(headings, 1):
         has_sense = not heading.unit or not is_unit(heading.unit) or fits(heading.name, heading.unit)

@@ -63,7 +63,7 @@ def _settle_headings(path: Path, block: Block) -> None:
     fitting = {h.name for h in block.headings if h.is_known and fits(h.name, h.unit)}
     for k, heading in enumerate(block.headings):
         cells = [row[k] if k < len(row) else "" for _, row in block.rows]
-        # A stiffness K* (N/m) beside E*; a time of day beside frequencies.
+        # A stiffness K* (N/m) next to E*; a time of day next to frequencies.
         is_other = (
             heading.is_known and heading.unit and heading.name in fitting and not fits(heading.name, heading.unit)
         )
@@ -209,7 +209,7 @@ def _parts(path: Path, block: Block, values: Floats, wanted: set[str]) -> Iterat
     """Yield the columns of a table, or those of each frequency or temperature that headings state.
 
     Of columns side by side, ``E'(1 Hz)`` and ``E'(10 Hz)``, each place is a part; a temperature that is repeated
-    before each belongs to what stands to its right.
+    before each belongs to the columns to its right.
     """
     pairs = list(zip(block.headings, values.T, strict=True))
     places = list(dict.fromkeys(heading.at for heading in block.headings if heading.at is not None))
@@ -313,7 +313,7 @@ def _ordered(columns: dict[str, Column], count: int) -> list[NDArray[np.intp]]:
     """Return the rows of every set: by a column that names the sets, else by temperature.
 
     A grid of temperature and frequency may be sorted by frequency, or not at all. The frequency that occurs most
-    often tells the number of isotherms; the widest gaps between temperatures part them. They are taken so where
+    often gives the number of isotherms; the widest gaps between temperatures part them. They are taken so where
     the rows are not isotherms one after the other already, and no isotherm then holds a frequency twice.
     """
     everything = np.arange(count)

@@ -84,7 +84,7 @@ def read(
     Raises
     ------
     SourceError
-        With file, line and column of what is wrong.
+        With file, line and column of the fault.
 
     Warns
     -----
@@ -162,7 +162,7 @@ def _blocks(path: Path, found: _Found) -> list[Block]:
 
 
 def _place(path: Path, block: Block) -> Path:
-    """Name the sheet of a table beside its file, for messages."""
+    """Name the sheet of a table with its file, for messages."""
     return path.with_name(f"{path.name}, sheet {block.sheet}") if block.sheet else path
 
 
@@ -256,7 +256,7 @@ def _check_last_row(path: Path, line: int, block: Block) -> None:
 
 
 def _complete(path: Path, tables: Sequence[Block]) -> list[Block]:
-    """Return the tables that can be used; refuse a file that has none, naming what is missing."""
+    """Return the tables that can be used; refuse a file that has none, naming the missing quantity."""
     whole = [block for block in tables if not lacking(block)]
     if not whole:
         block = tables[0]
@@ -272,7 +272,7 @@ def _complete(path: Path, tables: Sequence[Block]) -> list[Block]:
         )
     sweeps = [block for block in whole if not block.names() & SHIFTS]
     if sweeps and len(sweeps) < len(whole):
-        warn_of(path, "a table of shift factors beside the readings is left out; give it as a file of its own")
+        warn_of(path, "a table of shift factors among the readings is left out; give it as a file of its own")
         whole = sweeps
     for block in tables:
         if lacking(block):

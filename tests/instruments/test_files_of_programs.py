@@ -212,7 +212,7 @@ def test_archives_and_owner_files_are_named_rightly(tmp_path):
     np.savez(made, a=np.arange(3))
     for name, data, message in (
         ("a.npz", made.getvalue(), "an archive of NumPy arrays"),
-        ("~$gel.xlsx", b"\x05A. B." + bytes(159), "keeps this file beside an open workbook"),
+        ("~$gel.xlsx", b"\x05A. B." + bytes(159), "keeps this file next to an open workbook"),
         ("b.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "the workbook is damaged or incomplete"),
         ("c.xls", b"<html><table><tr><th>f (Hz)</th></tr></table></html>", "no instrument recognises"),
     ):

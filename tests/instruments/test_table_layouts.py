@@ -145,7 +145,7 @@ def test_sheets_of_a_workbook_are_read(tmp_path):
     }
     assert_is_the_truth(instruments.read(workbook(tmp_path / "b.xlsx", one_each)))
     shifts = {"DMA": [*head, *rows], "shifts": [["T (°C)", "log aT"], [20, 1.0], [40, 0.0]]}
-    with pytest.warns(UserWarning, match="a table of shift factors beside the readings is left out"):
+    with pytest.warns(UserWarning, match="a table of shift factors among the readings is left out"):
         assert_is_the_truth(instruments.read(workbook(tmp_path / "c.xlsx", shifts)))
     lacking = {"DMA": [["f (Hz)", "E' (MPa)", "T (°C)"], [1.0, 2.0, 20.0]]}
     with pytest.raises(SourceError, match=r"d\.xlsx, sheet DMA:1: found frequency, storage modulus, temperature; no"):
