@@ -11,8 +11,8 @@ import os
 from typing import Any
 
 from calibration.record import KINDS, Record, load_record, require
-from labpipe.build import BUILD
 from labpipe.errors import CalibrationError
+from labpipe.installation import BUILD
 
 __all__ = ["APPLY", "BUILD", "KINDS", "Record", "apply", "load_record", "require"]
 

@@ -28,9 +28,10 @@ from instruments.images import (
 from instruments.keyence import INSTRUMENT as KEYENCE, Options as KeyenceOptions
 from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
+from instruments.photron import INSTRUMENT as PHOTRON
 from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, columns_hint
-from labpipe.build import BUILD
 from labpipe.errors import NO_FILM, UNKNOWN_FORMAT, InputError, LabpipeError, SourceError, UsageError
+from labpipe.installation import BUILD
 from labpipe.plugins import Plugin, survey, tell
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ __all__ = [
 ]
 
 # The Keyence layout has no magic number, so it is asked last.
-OURS = (MACH1, PHANTOM, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
+OURS = (MACH1, PHANTOM, PHOTRON, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
 
 
 class Options(KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions):
@@ -138,10 +139,6 @@ _STILLS = (".png", ".bmp", ".jpg", ".jpeg")
 
 def _identify(path: Path, fps: float | None = None) -> Instrument:
     head = _head(path)
-    if path.suffix == ".recording":
-        raise SourceError(
-            path, "this is an unfinished recording", hint=f"Finish it with `labpipe acquire recover {path}`."
-        )
     for each in OURS:
         if each.sniff(head, path):
             return each

@@ -13,8 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from labpipe.errors import SourceError
-from labpipe.numbers import shorten
-from labpipe.text import first_bytes
+from labpipe.text import first_bytes, shorten
 
 Cell = str | float | None
 

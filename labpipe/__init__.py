@@ -4,7 +4,7 @@
 >>> fall = lp.drop("acrylic", radius="9.525 mm", mass="505 g", height="7 mm", duration="50 ms")
 
 ``lp.read`` and ``lp.inspect`` a file; ``lp.init``, ``lp.plan``, ``lp.process`` and ``lp.watch`` a
-session, or ``lp.open`` it in a local page; look at it with ``lp.result``, ``lp.results``,
+session, or ``lp.open`` it in a local page; look at it with ``lp.open_session``, ``lp.result``, ``lp.results``,
 ``lp.report``, ``lp.compare``, ``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue``
 and ``lp.export``; make a synthetic one with ``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``,
 ``lp.indent`` and ``lp.sweep``.
@@ -18,11 +18,11 @@ the numerical libraries.
 """
 
 import sys
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from labpipe.build import BUILD as BUILD, __version__ as __version__
-from labpipe.lazy import lazily
+from labpipe.installation import BUILD as BUILD, __version__ as __version__, keep_compiled_code, lazily
 
 if TYPE_CHECKING:
     from instruments import read
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
         verdict,
         watch,
     )
+    from pipelines.session._open_session import open_session
     from pipelines.sweeps import sweep
 else:
     __getattr__ = lazily(__name__, above=("pipelines", "instruments", "calibration"))
@@ -72,6 +73,7 @@ __all__ = [
     "master_curve",
     "material",
     "open",
+    "open_session",
     "plan",
     "process",
     "read",
@@ -101,3 +103,6 @@ class _Door(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Door
+
+_HERE = Path(__file__).parent
+keep_compiled_code(_HERE, _HERE.parent / "pipelines/rig")

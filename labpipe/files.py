@@ -14,15 +14,17 @@ import functools
 import hashlib
 import json
 import os
+import re
 import secrets
 import shutil
 import sys
 import time
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from labpipe.errors import SourceError, StorageError
+from labpipe.errors import InputError, SourceError, StorageError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -489,3 +491,197 @@ _END = b"}\n"
 
 def _sealed(body: bytes) -> bytes:
     return b'{"sha256":"%b","body":%b%b' % (hashlib.sha256(body).hexdigest().encode(), body, _END)
+
+
+# --- digests, kept as long as a file is the same ------------------------------------------------
+
+_RACE = 2_000_000_000
+"""ns: a file touched this recently may be touched again within the same tick of its time stamp."""
+
+
+class Stamp(NamedTuple):
+    """What says that a file is still the same, without reading it.
+
+    The inode's change time is part of it, which no program can set back; so new content under an
+    old modification time is noticed.
+    """
+
+    size: int
+    modified: int
+    changed: int
+    inode: int
+
+    @classmethod
+    def of(cls, status: os.stat_result) -> "Stamp":
+        """Return the stamp of what the operating system says of a file."""
+        return cls(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
+
+    def is_recent(self) -> bool:
+        """Whether the file may change again without another stamp."""
+        return time.time_ns() - max(self.modified, self.changed) <= _RACE
+
+
+_Known = dict[str, tuple[Stamp, str]]
+
+
+class HashIndex:
+    """Digests of files, remembered as long as their stamps stay the same.
+
+    Parameters
+    ----------
+    path : path-like
+        Where the index is kept; a missing or damaged one is an empty one.
+    paranoid : bool
+        Read every file again, whatever the index says.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, paranoid: bool = False) -> None:
+        self._path = Path(path)
+        self._paranoid = paranoid
+        self._known: _Known | None = None
+        self._fresh: _Known = {}
+
+    @property
+    def _entries(self) -> _Known:
+        """What was kept, read when it is first asked for: most who open a store read one result."""
+        if self._known is None:
+            self._known = self._load()
+        return self._known
+
+    def digest(self, path: str | os.PathLike[str]) -> str:
+        """Return the SHA-256 of a file or folder; see :func:`labpipe.digest`."""
+        source = Path(path).absolute()
+        if source.is_dir():
+            return folder_digest(source, self.digest)
+        name = os.path.relpath(source, self._path.absolute().parent)
+        try:
+            stamp = Stamp.of(source.stat())
+        except OSError as error:
+            raise SourceError(source, f"cannot be read: {error.strerror}") from error
+        known = self._fresh.get(name)
+        if known is None and not self._paranoid:
+            known = self._entries.get(name)
+        if known is not None and known[0] == stamp:
+            return known[1]
+        found = digest(source)
+        if not stamp.is_recent():
+            self._fresh[name] = stamp, found
+        return found
+
+    def save(self) -> None:
+        """Keep what was learnt; entries that another process added meanwhile are kept too."""
+        if not self._fresh:
+            return
+        # The index only saves time: where it cannot be kept, the next call reads again.
+        with contextlib.suppress(StorageError), lock(self._path.with_suffix(".lock")):
+            self._known = self._load() | self._fresh
+            write_bytes(self._path, seal({name: [*stamp, found] for name, (stamp, found) in self._known.items()}))
+            self._fresh = {}
+
+    def _load(self) -> _Known:
+        try:
+            found = unseal(self._path.read_bytes())
+            return {name: (Stamp(*stamp), digest) for name, (*stamp, digest) in found.items()}
+        except (OSError, AttributeError, TypeError, ValueError):  # absent, damaged, or another record of ours
+            return {}
+
+
+# --- names from untrusted text -------------------------------------------------------------------
+
+_RESERVED = re.compile(r"(?i)^(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)(\.|$)")
+_LONGEST_NAME = 255
+"""Bytes in one component of a path: the limit of ext4, XFS, APFS and NTFS alike."""
+
+
+def safe_join(root: str | os.PathLike[str], name: str) -> Path:
+    """Join a name from a file to a folder, and refuse one that leads out of it.
+
+    Parameters
+    ----------
+    root : path-like
+        The folder that must not be left.
+    name : str
+        A relative path with forward slashes.
+
+    Returns
+    -------
+    Path
+        The resolved path; it need not exist.
+
+    Raises
+    ------
+    InputError
+        The name is empty, absolute, contains ``..``, a backslash, a control or direction
+        character, a name that Windows reserves, or a component beyond 255 bytes; or a symbolic
+        link on the way leads out of the folder or in a circle.
+
+    Examples
+    --------
+    >>> safe_join("/data/session", "../secret")
+    Traceback (most recent call last):
+    labpipe.errors.InputError: "../secret" is not a path inside the session folder: it contains ".."
+    """
+    base = Path(root).resolve()
+    joined = base / name
+    problem = name_problem(name) or _link_problem(joined, base)
+    if problem is not None:
+        shown = printable(name if len(name) <= _LONGEST_NAME else name[:60] + "…")
+        raise InputError(f'"{shown}" is not a path inside the session folder: {problem}')
+    return joined.resolve()
+
+
+def name_problem(name: str) -> str | None:
+    """Say why a session cannot name a file so, or None when it can."""
+    if not name.strip():
+        return "it is empty"
+    if any(unicodedata.category(c) in ("Cc", "Cs") or _is_direction(c) for c in name):
+        return "it contains a control character or one that turns the reading direction"
+    if "\\" in name:
+        return "it contains a backslash; separate folders by /"
+    if name.startswith(("/", "~")) or re.match(r"^[A-Za-z]:", name):
+        return "it is absolute; write it relative to the session folder"
+    parts = PurePosixPath(name).parts
+    return next(filter(None, map(_part_problem, parts)), None)
+
+
+def _link_problem(joined: Path, base: Path) -> str | None:
+    """Say where links lead that must not be followed.
+
+    A circle shows in ``stat``; what ``resolve`` does with one hangs on the version of Python.
+    """
+    try:
+        joined.stat()
+    except FileNotFoundError:
+        if joined.is_symlink():
+            return "a symbolic link leads nowhere"
+    except (PermissionError, NotADirectoryError):
+        pass  # for the reader of the file to say
+    except OSError:
+        return "a symbolic link on the way leads in a circle, or the path is too long"
+    is_inside = joined.resolve().is_relative_to(base)
+    return None if is_inside else "a symbolic link leads out of the folder"
+
+
+def _part_problem(part: str) -> str | None:
+    """Say what is wrong with one component of a path on any of the common file systems."""
+    if part == "..":
+        return 'it contains ".."'
+    if _RESERVED.match(part):
+        return f'"{part}" is reserved on Windows'
+    if part.endswith((" ", ".")):
+        return f'"{part}" ends with a space or a full stop, which Windows drops'
+    if any(c in '<>:"|?*' for c in part):
+        return f'"{part}" contains one of < > : " | ? *, which Windows forbids'
+    if len(part.encode("utf-8")) > _LONGEST_NAME:
+        return f"a part of it is longer than {_LONGEST_NAME} bytes"
+    return None
+
+
+def _is_direction(character: str) -> bool:
+    """Embeddings, overrides and isolates can make a name read as another one; marks cannot."""
+    return "\u202a" <= character <= "\u202e" or "\u2066" <= character <= "\u2069"
+
+
+def printable(text: str) -> str:
+    """Return a text with the codes of characters that are not seen, or turn the reading direction."""
+    return "".join(f"\\u{ord(c):04x}" if unicodedata.category(c) in ("Cc", "Cs", "Cf") else c for c in text)

@@ -1,5 +1,5 @@
 """Experiments, sessions, the thesis's figures, the virtual rig, and the command line."""
 
-from labpipe.build import BUILD
+from labpipe.installation import BUILD
 
 __all__ = ["BUILD"]

@@ -13,9 +13,8 @@ from typing import Any
 
 import click
 
-from labpipe.build import __version__
 from labpipe.errors import ConfigError, InstallationError, LabpipeError, SourceError, StorageError
-from labpipe.installation import foreign_package
+from labpipe.installation import __version__, foreign_package
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument, text_of
 from instruments._workbook import beginning, is_workbook
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from instruments.anton_paar._dataset import (

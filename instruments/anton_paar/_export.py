@@ -19,8 +19,7 @@ from instruments.anton_paar._sources import delimiter_of, text_rows, workbook_ro
 from instruments.anton_paar._table import Export, RawInterval, Row, read_table
 from instruments.anton_paar._values import Findings, interpret, signs_of
 from labpipe.errors import SourceError, warn_of
-from labpipe.numbers import check_decimal
-from labpipe.text import Limits, TextFile, first_bytes, survey
+from labpipe.text import Limits, TextFile, check_decimal, first_bytes, survey
 
 # Real exports have below 1 MB; the lines are kept while the decimal sign is being decided.
 _LIMITS = Limits(max_bytes=128 << 20)

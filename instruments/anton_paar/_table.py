@@ -24,7 +24,7 @@ from instruments._quantities import TEXT, quantity, repaired
 from instruments._workbook import Cell, text_of
 from instruments.anton_paar import _words as words
 from labpipe.errors import SourceError
-from labpipe.numbers import listed, shorten
+from labpipe.text import listed, shorten
 
 _BRACKETS = re.compile(r"\s*\[.*\]\s*")
 _WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")

@@ -14,8 +14,7 @@ from instruments.anton_paar import _words as words
 from instruments.anton_paar._table import RawInterval
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import DOT, Separators, listed, plain_number, separators, shorten
-from labpipe.text import not_a_number
+from labpipe.text import DOT, Separators, listed, not_a_number, plain_number, separators, shorten
 
 #: Cells without a reading.
 _ABSENT = ("", "-", "--", "---", "*")

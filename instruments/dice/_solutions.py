@@ -16,7 +16,7 @@ import xarray as xr
 from labpipe import files, text
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import SourceError, warn_of
-from labpipe.numbers import plain_number
+from labpipe.text import plain_number
 from labpipe.variables import variable
 
 _FILE = re.compile(r"^DICe_solution_(-?\d+)\.txt$")

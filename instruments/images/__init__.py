@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypedDict
 from instruments._instrument import Instrument
 from instruments.images._headers import is_tiff
 from instruments.images._names import LOSSY, are_misnamed, has_frames, has_images
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from instruments.images._stack import NEEDS_RATE as NEEDS_RATE, ExportedFrames as ExportedFrames, read as read
@@ -14,7 +14,10 @@ else:
     __getattr__ = lazily(__name__)
 
 
-RAW_FRAMES = "Raw frames name neither their size nor their bits: have the camera's program export them as TIFF."
+RAW_FRAMES = (
+    "Raw frames name neither their size nor their bits: keep the header (.cih or .cihx) of a .mraw in its folder, or "
+    "export the film as TIFF."
+)
 
 
 class Options(TypedDict, total=False):
@@ -22,6 +25,7 @@ class Options(TypedDict, total=False):
 
     fps: float | None
     exposure: float | None
+    channel: str | None
 
 
 def _sniff(head: bytes, path: Path) -> bool:
@@ -48,7 +52,8 @@ def folder_hint(folder: Path) -> str:
         return (
             "It holds JPEG images, whose compression smooths away the detail that is measured, by an amount that "
             "nothing tells: have the camera's program export the film as PNG or TIFF, or give the camera's own file. "
-            "Numbered and with a frame rate (fps=10000, in session.toml: frame_rate) they are read all the same."
+            "Numbered and with a frame rate (fps=10000, in session.toml: frame_rate) they are read all the same, "
+            'those in colour with channel="green" (or "red", "blue").'
         )
     return f"A folder is read when it holds the PNG, TIFF or BMP images of a film. {RAW_FRAMES}"
 

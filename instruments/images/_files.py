@@ -1,20 +1,24 @@
 """Images in files: a folder of PNG, TIFF, BMP or JPEG, and the pages of a TIFF."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from threading import Lock
 from typing import Any
+from weakref import finalize
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from instruments.images._headers import CutOffError, ImageHeader, one_page, png_fault, read_headers
+from instruments.images._headers import CutOffError, ImageHeader, png_fault, read_headers
 from instruments.images._names import LOSSY, SUFFIXES, images_in, is_numbered
-from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
+from instruments.images._pictures import ROUNDED, SMOOTHED, Channel, one_intensity
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
@@ -35,7 +39,7 @@ class _Place:
     header: ImageHeader
 
 
-def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
+def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageFiles", Floats]:
     """Open the images of a folder, sorted by the number in their names, and return these; warn of gaps."""
     exact, lossy = (sorted(p for p in images_in(folder, of) if p.is_file()) for of in (SUFFIXES, LOSSY))
     named = exact or lossy
@@ -60,7 +64,7 @@ def folder_images(folder: Path) -> tuple["ImageFiles", Floats]:
     _warn_of_lossy(folder, [path for path in lossy if exact and is_numbered(path)], headers)
     _warn_of_gaps(folder, numbers)
     places = [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)]
-    return ImageFiles(folder, places), numbers.astype(float)
+    return ImageFiles(folder, places, channel), numbers.astype(float)
 
 
 def _check_one_film(named: Sequence[Path]) -> None:
@@ -75,9 +79,9 @@ def _check_one_film(named: Sequence[Path]) -> None:
         )
 
 
-def pages(path: Path) -> "ImageFiles":
+def pages(path: Path, channel: Channel | None = None) -> "ImageFiles":
     """Open the pages of a TIFF, or the one image of another file."""
-    return ImageFiles(path, [_Place(path, i, header) for i, header in enumerate(read_headers(path))])
+    return ImageFiles(path, [_Place(path, i, header) for i, header in enumerate(read_headers(path))], channel)
 
 
 def _numbers(paths: Sequence[Path]) -> list[int]:
@@ -191,16 +195,17 @@ def _check_alike(places: Sequence[_Place]) -> None:
 class ImageFiles:
     """Images in files; what is wrong with one is found out when it is asked for.
 
-    ``path`` is the folder or file, of which is told what it lacks.
+    ``path`` is the folder or file that warnings name; ``channel`` is the one that is taken of colours.
     """
 
-    def __init__(self, path: Path, places: Sequence[_Place]) -> None:
+    def __init__(self, path: Path, places: Sequence[_Place], channel: Channel | None) -> None:
         _check_alike(places)
-        self._path, self._places = path, places
+        self._path, self._places, self._channel = path, places, channel
         self._faults: dict[int, str] = {}
         cut = [i for i, place in enumerate(places) if place.header.fault]
         self._warn(cut, "not whole")
         self._is_told = len(cut)
+        self._pages = _Pages(path) if places[-1].page else None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -243,7 +248,7 @@ class ImageFiles:
             said = place.header.fault
             if not said and place.header.kind == "PNG":
                 said = png_fault(place.path)
-            elif not said and place.header.is_compressed and _decode(place) is None:
+            elif not said and place.header.is_compressed and self._decoded(place) is None:
                 said = "its compressed pixels cannot be decoded"
             self._faults[index] = said
         return self._faults[index]
@@ -267,23 +272,49 @@ class ImageFiles:
         place = self._places[index]
         if fault := self.fault(index):
             raise SourceError(place.path, fault, hint="Use the frames marked in `.valid`.")
-        image = _decode(place)
+        image = self._decoded(place)
         if image is None or image.shape[:2] != self.size:
             found = "nothing" if image is None else f"an image of shape {image.shape}"
             hint = "Export it again, as PNG or as a TIFF without compression."
             raise SourceError(place.path, f"decodes to {found}, expected {self.size}", hint=hint)
         allowed = ROUNDED * (place.header.kind == "JPEG")
-        return one_intensity(image, allowed, place.path, "the image")
+        return one_intensity(image, allowed, place.path, "the image", self._channel)
+
+    def _decoded(self, place: _Place) -> NDArray[Any] | None:
+        return _decode(place) if self._pages is None else self._pages[place.page]
 
 
 def _decode(place: _Place) -> NDArray[Any] | None:
-    if place.header.directory:
-        data = np.frombuffer(one_page(place.path, place.header.directory), np.uint8)
-    else:
-        data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
+    data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
+    if place.header.turned:  # images stay as the sensor has them, however the camera was held
+        data[place.header.turned : place.header.turned + 2] = (1, 0) if data[0] == ord("I") else (0, 1)
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
         return None
     # packed pixels are decoded to the upper bits of 16
     unused = 16 - place.header.bits if image.dtype == np.uint16 else 0
     return np.right_shift(image, unused) if unused else np.asarray(image)
+
+
+class _Pages:
+    """The pages of a TIFF in any order, by Pillow; OpenCV goes through all pages before the one that is asked for."""
+
+    def __init__(self, path: Path) -> None:
+        stream = path.open("rb")
+        finalize(self, stream.close)
+        try:
+            self._lock, self._image = Lock(), Image.open(stream)
+        except (OSError, ValueError, TypeError, SyntaxError):
+            raise SourceError(path, "its pages cannot be decoded", hint="Export one image per file.") from None
+
+    def __getitem__(self, index: int) -> NDArray[Any] | None:
+        try:
+            with self._lock, warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of fields that are not needed
+                self._image.seek(index)
+                shown = self._image.convert("RGB") if self._image.mode in ("P", "RGBA") else self._image
+                image = np.asarray(shown)
+        except (OSError, ValueError, TypeError, SyntaxError, EOFError):
+            return None
+        # as OpenCV decodes: blue, green, red
+        return np.array(image[..., ::-1] if image.ndim == 3 else image)

@@ -1,7 +1,7 @@
 """What films of exported images are decoded from: the contract, and the one intensity of grey colours."""
 
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags
 from labpipe.errors import SourceError
 
+Channel = Literal["red", "green", "blue"]
+CHANNELS: tuple[Channel, ...] = ("blue", "green", "red")
+"""In the order in which OpenCV decodes them."""
 SMOOTHED = "smooths fine detail away, which no uncertainty here contains"
 ROUNDED = 4  # levels by which the compression of videos and JPEG rounds the three colours of grey apart
 
@@ -38,21 +41,24 @@ class Pictures(Protocol):
         """Decode one image; raises SourceError where it cannot be."""
 
 
-def one_intensity(image: NDArray[Any], allowed: int, path: Path, what: str) -> NDArray[Any]:
-    """Return the one intensity of an image whose colours say the same within so many levels.
+def one_intensity(image: NDArray[Any], allowed: int, path: Path, what: str, channel: Channel | None) -> NDArray[Any]:
+    """Return the intensity of an image: of the channel, or of colours that are equal within so many levels.
 
     Raises
     ------
     SourceError
-        They do not.
+        The colours differ and no channel is chosen.
     """
     if image.ndim == 2:
         return image
+    if channel is not None:
+        return image[:, :, CHANNELS.index(channel)]
     colours = image[:, :, :3].astype(np.int32)
     if int(np.ptp(colours, axis=2).max()) > allowed:
         raise SourceError(
             path,
             f"{what} is in colour, expected grey",
-            hint="A colour image has no single intensity; export the film as grey.",
+            hint='Choose the channel that is measured, channel="green" (or "red", "blue"; in session.toml: channel = '
+            '"green"), or export the film as grey. Green is the finest of most colour sensors.',
         )
     return image[:, :, 1]

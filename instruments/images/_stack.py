@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from instruments.images._files import folder_images, pages
 from instruments.images._headers import is_tiff
 from instruments.images._names import SUFFIXES
-from instruments.images._pictures import Pictures
-from instruments.images._uncompressed import uncompressed
+from instruments.images._pictures import CHANNELS, Channel, Pictures
 from instruments.images._video import Video
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
@@ -25,7 +24,13 @@ from labpipe.frames import ShownFrames
 NEEDS_RATE = "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
 
 
-def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: float | None = None) -> "ExportedFrames":
+def read(
+    path: str | os.PathLike[str],
+    *,
+    fps: float | None = None,
+    exposure: float | None = None,
+    channel: Channel | None = None,
+) -> "ExportedFrames":
     """Open a folder of images, a multipage TIFF, or a video.
 
     Parameters
@@ -34,6 +39,8 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
     fps : float [1/s]
         Frame rate of the camera; required, as the files do not know it.
     exposure : float, optional [s]
+    channel : {"red", "green", "blue"}, optional
+        Of colour images; without it their colours must be equal.
 
     Returns
     -------
@@ -43,7 +50,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
     Raises
     ------
     SourceError
-        There are no images, they differ in size, are colour, or declare impossible sizes.
+        There are no images, they differ in size, are in colour without a channel, or declare impossible sizes.
     InputError
         The frame rate is missing or not positive.
 
@@ -58,7 +65,9 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
         raise InputError(f"{path}: no frame rate. {NEEDS_RATE}")
     if not (np.isfinite(fps) and fps > 0):
         raise InputError(f"{path}: the frame rate must be positive, found {fps}")
-    pictures, numbers = _opened(path)
+    if channel is not None and channel not in CHANNELS:
+        raise InputError(f'{path}: channel must be "red", "green" or "blue", found "{channel}"')
+    pictures, numbers = _opened(path, channel)
     film = ExportedFrames(pictures, numbers / fps, exposure)
     first = next((i for i in range(len(film)) if not pictures.fault(i)), None)
     if first is not None:
@@ -66,15 +75,15 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None, exposure: fl
     return film
 
 
-def _opened(path: Path) -> tuple[Pictures, Floats]:
+def _opened(path: Path, channel: Channel | None) -> tuple[Pictures, Floats]:
     """Open what a path holds, with the number of each of its images from the first."""
     if path.is_dir():
-        images, numbers = folder_images(path)
+        images, numbers = folder_images(path, channel)
         return images, numbers - numbers[0]
     if path.suffix.lower() in SUFFIXES or _is_tiff(path):
-        images = pages(path)
+        images = pages(path, channel)
         return images, np.arange(len(images), dtype=float)
-    video = uncompressed(path) or Video(path)
+    video = Video(path, channel)
     return video, np.arange(len(video), dtype=float)
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._pictures import ROUNDED, SMOOTHED, one_intensity
+from instruments.images._pictures import ROUNDED, SMOOTHED, Channel, one_intensity
 from labpipe.arrays import Flags
 from labpipe.errors import SourceError, SourceWarning, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
@@ -25,8 +25,11 @@ _MOST_PIXELS = 1 << 26
 _COMPARED, _LAST_ROWS = 3, 4
 #: Frames ahead to which it is quicker to decode than to seek.
 _AHEAD = 16
+#: Bytes in which the format of an AVI's pixels is declared, and names of formats without compression.
+_LONGEST_HEAD = 1 << 16
+_BARE = (b"\0\0\0\0", b"DIB ", b"RAW ", b"Y800", b"Y8  ", b"GREY")
 #: Codecs that give back what went in.
-_LOSSLESS = ("FFV1", "HFYU", "FFVH", "MPNG", "Y800")
+_LOSSLESS = ("FFV1", "HFYU", "FFVH", "MPNG")
 
 
 def warn_of_video(path: Path, playback: float, codec: str = "") -> None:
@@ -44,8 +47,9 @@ def warn_of_video(path: Path, playback: float, codec: str = "") -> None:
 class Video:
     """Frames of a video file; every one that is counted was found."""
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._lock = path, Lock()
+    def __init__(self, path: Path, channel: Channel | None = None) -> None:
+        self._path, self._lock, self._channel = path, Lock(), channel
+        _refuse_uncompressed(path)
         self._video = cv2.VideoCapture(str(path))
         sizes = (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH)
         count, rows, columns = (int(self._video.get(p)) for p in sizes)
@@ -82,7 +86,7 @@ class Video:
         """Decode one frame; in order it is fast."""
         with self._lock:  # a decoder has one place in its file, and films are read by several threads
             image = self._image if index == self._at else self._decoded(index)
-        return np.ascontiguousarray(one_intensity(image, ROUNDED, self._path, f"frame {index}"))
+        return np.ascontiguousarray(one_intensity(image, ROUNDED, self._path, f"frame {index}", self._channel))
 
     def _decoded(self, index: int) -> NDArray[np.uint8]:
         if not self._at < index <= self._at + _AHEAD:
@@ -128,6 +132,16 @@ class Video:
                 return len(ends) == _COMPARED - 1
             ends.append(image[-_LAST_ROWS:])
         return bool(np.array_equal(ends[1], ends[2]) and not np.array_equal(ends[0], ends[1]))
+
+
+def _refuse_uncompressed(path: Path) -> None:
+    """Refuse an AVI of bare pixels, over which OpenCV 5 damages its memory and ends the program."""
+    with path.open("rb") as stream:
+        head = stream.read(_LONGEST_HEAD)
+    at = head.find(b"strf")
+    if head[:4] == b"RIFF" and at > 0 and head[at + 24 : at + 28].upper() in _BARE:
+        hint = "Export the film as TIFF or PNG images, or compress it without loss (FFV1)."
+        raise SourceError(path, "an AVI without compression is not read", hint=hint)
 
 
 def warn_of_lost(path: Path, declared: int, count: int) -> None:

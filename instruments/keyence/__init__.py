@@ -6,28 +6,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument, text_of
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 from labpipe.text import Limits
 from labpipe.units import Quantity
 
 if TYPE_CHECKING:
-    from instruments.keyence._acquire import (
-        EMULATOR_ONLY as EMULATOR_ONLY,
+    from instruments.keyence._acquisition import (
         Acquired as Acquired,
-        check_units as check_units,
-        parse_trigger as parse_trigger,
+        Setup as Setup,
+        Trigger as Trigger,
         record as record,
         recover as recover,
     )
-    from instruments.keyence._header import KeyenceProfile as KeyenceProfile
-    from instruments.keyence._live import (
+    from instruments.keyence._connection import (
         DL_EN1 as DL_EN1,
         LK_G5000 as LK_G5000,
         LK_PORT as LK_PORT,
         Connection as Connection,
     )
     from instruments.keyence._markers import Status as Status
-    from instruments.keyence._recorder import Setup as Setup, Trigger as Trigger
     from instruments.keyence._storage import read as read
     from instruments.keyence._writer import encode as encode, make_recording as make_recording, write as write
 else:
@@ -54,11 +51,9 @@ class Options(TypedDict, total=False):
     cycle: str | float | Quantity | None
     units: Sequence[str] | None
     storage_factor: int | None
-    rows: int | None
     encoding: str | None
     delimiter: str | None
     decimal: str | None
-    profile: "KeyenceProfile | None"
     allow_incomplete: bool
     limits: Limits | None
 

@@ -1,23 +1,22 @@
-"""The header of a Keyence storage file, driven by a profile; and where the readings begin.
+"""The header of a Keyence storage file, its columns, and the first row of readings.
 
-No storage file of LK-Navigator is public, so the layout is assumed and the profile holds every
-assumption. What the header does not say (sampling cycle, units) is asked for, never guessed.
+No storage file of LK-Navigator is public, so the layout is assumed. Settings that the header does not hold (sampling
+cycle, units) are asked for, never guessed. Only outputs and the counter are read as numbers; columns of words and empty
+ones are left out, and a column of times stays text, as its decimals say how exact it is.
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from instruments.keyence._columns import Columns, is_aside, is_time, sort_columns
-from instruments.keyence._markers import MARKERS, Marker, marker_status
+from instruments.keyence._markers import marker_status
 from labpipe.errors import InputError, SourceError
-from labpipe.numbers import shorten
+from labpipe.text import check_width, shorten
 from labpipe.units import unit
 
-#: What the labels of header lines look like, by what they say. Compared as a whole, without case.
-HEADER_LABELS: Mapping[str, str] = {
+LABELS: Mapping[str, str] = {
     "model": r"model|controller|modell|mod[èe]le|機種|型式|型号",
     "serial": r"serial(?: (?:number|no\.?))?|s/n",
     "head": r"(?:sensor )?head",
@@ -31,62 +30,32 @@ HEADER_LABELS: Mapping[str, str] = {
     "averaging": r"averag(?:e|ing)(?: (?:count|number|times))?|number of averages",
     "rows": r"(?:number of )?(?:data|points|samples)(?: (?:count|points|number))?",
 }
+"""Patterns of the labels of header lines by their meaning, compared as a whole without case."""
 
 _COUNTER = re.compile(r"n[or°º]\.?|#|index|count(?:er)?|data no\.?|point|番号|序号", re.IGNORECASE)
 _OUTPUT = re.compile(r"out ?0*([0-9]{1,2})\s*(?:[\[(]([^\])]*)[\])])?", re.IGNORECASE)
-_LABEL_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])](?:\s.*)?")
+_LABEL = re.compile(r"(.*?)\s*(?:[\[(]([^\])]*)[\])](?:\s.*)?)?")  # a recorder may name the run behind the unit
+_TIME = re.compile(
+    r"(?:elapsed |relative |sampling )?time(?:[ -]?stamp)?|timestamp|t|date[ /&]*time|clock|"
+    r"zeit|uhrzeit|temps|時間|時刻|时间",
+    re.IGNORECASE,
+)
+_WORDS = re.compile(r"judge?ments?|judge|results?(?: info)?|status|state|go/?ng|判定(?:結果)?|结果", re.IGNORECASE)
+_JUDGEMENT = re.compile(r"GO|NG|OK|HI|LO|HH|LL|HIGH|LOW|PASS|FAIL", re.IGNORECASE)
+CLOCK = re.compile(r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 # A unit that lost a letter may be another unit ("mm" and "m"), so only displayed ones are taken.
-_UNITS_ALLOWED = tuple(map(unit, ("mm", "um", "cm", "V", "mV", "mm/s", "m/s2", "km/s2")))
-
-
-@dataclass(frozen=True, slots=True)
-class KeyenceProfile:
-    """What a storage file looks like, and what it does not say of itself.
-
-    Attributes
-    ----------
-    encodings : tuple of str
-        Codecs tried, in order, when there is no byte order mark and it is not UTF-8.
-    delimiter, decimal : str, optional
-        By default decided from the file.
-    cycle : str, optional
-        Time between samples, ``"50 us"``.
-    storage_factor : int, optional
-        Only every n-th sample is stored.
-    units : tuple of str, optional
-        Unit of every output, in order.
-    rows : int, optional
-        Number of stored points that the run should have.
-    labels : mapping
-        Patterns of header labels, see :data:`HEADER_LABELS`.
-    markers : tuple of Marker
-        Tokens that stand for "no reading".
-    saturation : float
-        Volts from which an analogue reading counts as saturated; the alarm voltage itself is not
-        documented, ±10 V is the end of the controller's output.
-    """
-
-    encodings: tuple[str, ...] = ("cp932", "cp1252", "gbk")
-    delimiter: str | None = None
-    decimal: str | None = None
-    cycle: str | float | None = None
-    storage_factor: int | None = None
-    units: tuple[str, ...] | None = None
-    rows: int | None = None
-    labels: Mapping[str, str] = field(default_factory=lambda: HEADER_LABELS)
-    markers: tuple[Marker, ...] = MARKERS
-    saturation: float = 10.0
+_UNITS = tuple(map(unit, ("mm", "um", "cm", "V", "mV", "mm/s", "m/s2", "km/s2")))
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What stands above the readings.
+    """Lines above the readings, and the columns below them.
 
-    ``text``: the lines, unchanged; ``n_lines``: their number: the first reading stands on line ``n_lines + 1``;
-    ``delimiter``; ``entries``: label's meaning to (line number, cells of its value, unit inside the label);
-    ``outputs``: numbers of the outputs, in the order of their columns; ``has_counter``: whether the first column counts
-    the points; ``unit_texts``: from the column names or a row below them, empty when there are none; ``columns``: which
-    of its columns those are, and where the times stand.
+    ``text``: the lines, unchanged; ``n_lines``: their number; ``delimiter``; ``entries``: meaning of a label to (line
+    number, cells of its value, unit inside the label); ``outputs``: numbers of the outputs, in the order of their
+    columns; ``has_counter``: the first column read counts the points; ``unit_texts``: from the names of the columns or
+    a row below them, or none; ``n_cells`` of a row, of which the indices ``kept`` are read; ``times``: index of the
+    column of times or None, and ``time_unit``, "" where it is not said or they are times of day.
     """
 
     text: str
@@ -96,20 +65,25 @@ class Header:
     outputs: tuple[int, ...]
     has_counter: bool
     unit_texts: tuple[str, ...]
-    columns: Columns
+    n_cells: int
+    kept: tuple[int, ...]
+    times: int | None
+    time_unit: str
+
+    def readings(self, lines: Iterable[str], times: list[str], path: Path) -> Iterator[str]:
+        """Pass on the cells of each row that are read, and collect its time."""
+        for number, line in enumerate(lines, self.n_lines + 1):
+            cells = line.split(self.delimiter)
+            check_width(line, cells, self.n_cells, self.delimiter, path=path, line_number=number)
+            if self.times is not None:
+                times.append(cells[self.times].strip(' "'))
+            yield self.delimiter.join(cells[index] for index in self.kept)
 
 
 def is_length_or_volts(text: str) -> bool:
-    """Tell whether a text is a unit that an output can have."""
+    """Recognise a unit that an output can have."""
     try:
-        return bool(text) and unit(text) in _UNITS_ALLOWED
-    except InputError:
-        return False
-
-
-def _is_unit(cell: str) -> bool:
-    try:
-        return bool(cell) and bool(unit(cell))
+        return bool(text) and unit(text) in _UNITS
     except InputError:
         return False
 
@@ -120,7 +94,7 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def column_of(line: str, delimiter: str, index: int) -> int:
-    """Return where a cell begins in its line, counted from 1.
+    """Return the place of a cell in its line, counted from 1.
 
     Examples
     --------
@@ -130,129 +104,117 @@ def column_of(line: str, delimiter: str, index: int) -> int:
     return len(delimiter.join(line.split(delimiter)[:index])) + (2 if index else 1)
 
 
-def is_reading(cell: str, markers: tuple[Marker, ...]) -> bool:
-    """Tell whether a cell is a number, with any decimal sign, or a marker."""
+def _is_unit(cell: str) -> bool:
+    try:
+        return bool(cell) and bool(unit(cell))
+    except InputError:
+        return False
+
+
+def _is_reading(cell: str) -> bool:
     looks_like_number = re.fullmatch(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?", cell) is not None
-    return looks_like_number or marker_status(cell, markers) is not None
+    return looks_like_number or marker_status(cell) is not None
 
 
-def parse_header(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> Header:
-    """Find the first row of readings and understand what stands above it.
+def parse_header(path: Path, lines: Sequence[str], delimiter: str | None) -> Header:
+    """Find the first row of readings and understand the lines above it.
 
-    ``path``: named in errors; ``lines``: the beginning of the file; ``profile``: assumptions. Raises SourceError: there
-    is no row of readings, or a line stands between the names of the columns and the first row, or the number of columns
-    does not fit their names.
+    ``lines`` are the beginning of the file, ``delimiter`` is found without one. Raises SourceError without a row of
+    readings, with a line between the names of the columns and the first row, or names that do not fit the columns.
     """
-    delimiter, start = _find_start(path, lines, profile)
-    head = lines[:start]
-    first_row = split_cells(lines[start], delimiter)
-    n_columns = len(first_row)
-    names_at = _find_names(path, head, delimiter, n_columns)
-    names = split_cells(head[names_at], delimiter) if names_at is not None else []
+    delimiter, start = _find_start(path, lines, delimiter)
+    head, row = lines[:start], split_cells(lines[start], delimiter)
+    names_at = _find_names(path, head, delimiter, len(row))
+    unit_texts: tuple[str, ...] = ()
     if names_at is None:
-        _refuse_damaged_row(path, head, delimiter, n_columns)
-        columns = sort_columns((), first_row)
-        has_counter = _counts(lines[start : start + _COUNTED], delimiter, len(columns.kept))
-        outputs = tuple(range(1, len(columns.kept) + 1 - has_counter))
-        unit_texts: tuple[str, ...] = ()
+        kept, times, time_unit = _sorted_columns((), row)
+        firsts = [split_cells(line, delimiter)[0] for line in lines[start : start + 3]]
+        counts = len(kept) > 1 and len(firsts) == 3 and all(map(str.isdigit, firsts)) and int(firsts[0]) in (0, 1)
+        has_counter = counts and all(int(b) - int(a) == 1 for a, b in pairwise(firsts))
+        outputs = tuple(range(1, len(kept) + 1 - has_counter))
     else:
-        if len(names) != n_columns:
-            raise SourceError(
-                path,
-                f"the first row has {n_columns} cells, its names are {len(names)}",
-                line=start + 1,
-                column=1,
-                hint='If the comma is the decimal sign, the delimiter must be another: delimiter=";".',
-            )
+        names = split_cells(head[names_at], delimiter)
+        if len(names) != len(row):
+            hint = 'If the comma is the decimal sign, the delimiter must be another: delimiter=";".'
+            message = f"the first row has {len(row)} cells, its names are {len(names)}"
+            raise SourceError(path, message, line=start + 1, column=1, hint=hint)
         has_counter = _COUNTER.fullmatch(names[0]) is not None
-        columns = sort_columns(names, first_row)
-        of_outputs = columns.kept[int(has_counter) :]
+        kept, times, time_unit = _sorted_columns(names, row)
+        of_outputs = kept[int(has_counter) :]
         outputs, unit_texts = _outputs(path, [names[index] for index in of_outputs], names_at)
-        below = _units_below(path, head, names_at, delimiter, of_outputs, profile.markers)
-        if below:
+        if below := _units_below(path, head, names_at, delimiter, of_outputs):
             unit_texts = tuple(below[index] for index in of_outputs)
-        if below and columns.times is not None:
-            columns = replace(columns, unit_text=below[columns.times] or columns.unit_text)
+            time_unit = time_unit if times is None else below[times] or time_unit
     if not outputs:
         raise SourceError(path, "there is no column of readings", line=start + 1)
-    entries = _entries(head[:names_at], delimiter, profile)
-    return Header("\n".join(head), start, delimiter, entries, outputs, has_counter, unit_texts, columns)
+    entries = _entries(head[:names_at], delimiter)
+    text = "\n".join(head)
+    return Header(text, start, delimiter, entries, outputs, has_counter, unit_texts, len(row), kept, times, time_unit)
 
 
-_COUNTED = 3  # rows that must count 1, 2, 3 before a column without a name is taken for a counter
-
-
-def _find_start(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> tuple[str, int]:
-    delimiters = (profile.delimiter,) if profile.delimiter else ("\t", ";", ",")
+def _find_start(path: Path, lines: Sequence[str], given: str | None) -> tuple[str, int]:
+    """Return delimiter and index of the first row: readings, times of day, judgements, and empty cells at the end."""
+    delimiters = (given,) if given else ("\t", ";", ",")
     for index, line in enumerate(lines):
         for delimiter in delimiters:
             cells = split_cells(line, delimiter)
-            if delimiter in line and _is_row(cells, profile.markers):
+            filled = cells[: max((k + 1 for k, cell in enumerate(cells) if cell), default=0)]
+            others = [cell for cell in filled if not _is_reading(cell)]
+            is_row = len(others) < len(filled) and all(CLOCK.fullmatch(c) or _JUDGEMENT.fullmatch(c) for c in others)
+            if delimiter in line and is_row:
                 return delimiter, index
-        if is_reading(line.strip().strip('"'), profile.markers):
+        if _is_reading(line.strip().strip('"')):
             return delimiters[0 if line.startswith("\t") else -1], index
     text = f"found no row of readings in the first {len(lines)} lines"
     raise SourceError(path, text, line=1, hint="Expected rows of numbers or markers such as +FFFFFFF below the header.")
 
 
-def _is_row(cells: Sequence[str], markers: tuple[Marker, ...]) -> bool:
-    """Tell whether cells are a row: readings, and beside them times of day, judgements, empty cells at the end."""
-    filled = list(cells)
-    while filled and not filled[-1]:
-        filled.pop()
-    readings = [is_reading(cell, markers) for cell in filled]
-    return any(readings) and all(is_aside(c) for c, known in zip(filled, readings, strict=True) if not known)
-
-
 def _find_names(path: Path, head: Sequence[str], delimiter: str, n_columns: int) -> int | None:
-    found = [
-        index
-        for index, line in enumerate(head)
-        if any(_OUTPUT.fullmatch(cell) for cell in split_cells(line, delimiter))
-    ]
+    """Return the index of the names of the columns: OUT1, or a word over every column, the first a counter or time."""
+    split = [split_cells(line, delimiter) for line in head]
+    found = [index for index, cells in enumerate(split) if any(map(_OUTPUT.fullmatch, cells))]
     if len(found) > 1:
         text = f"the columns are named twice, before on line {found[0] + 1}"
         raise SourceError(path, text, line=found[1] + 1, hint="Two exports were joined: split the file.")
-    return found[0] if found else _other_names(head, delimiter, n_columns)
-
-
-def _other_names(head: Sequence[str], delimiter: str, n_columns: int) -> int | None:
-    """Find names that are not the controller's own: the last line, as wide as the rows, with a word in each cell."""
     filled = [index for index, line in enumerate(head) if line.strip()]
+    if len(filled) > 1 and len(split[filled[-1]]) == n_columns and all(map(_is_unit, split[filled[-1]])):
+        filled.pop()  # a row of units below the names
     last = filled[-1] if filled else None
-    cells = split_cells(head[last], delimiter) if last is not None else []
-    if len(filled) > 1 and len(cells) == n_columns and all(map(_is_unit, cells)):  # a row of units below the names
-        last = filled[-2]
-        cells = split_cells(head[last], delimiter)
-    is_named = len(cells) == n_columns > 1 and all(re.match(r"[^\W\d_]|#", cell) for cell in cells)
-    has_first = is_named and (_COUNTER.fullmatch(cells[0]) or is_time(cells[0]))
-    return last if has_first else None
+    if not found and last is not None:
+        cells = split[last]
+        first = _LABEL.fullmatch(cells[0])
+        is_first = _COUNTER.fullmatch(cells[0]) or (first is not None and _TIME.fullmatch(first[1]))
+        if len(cells) == n_columns > 1 and is_first and all(re.match(r"[^\W\d_]|#", cell) for cell in cells):
+            found = [last]
+    # without names a damaged first row must not pass for a line of the header
+    damaged = (i for i, cells in enumerate(split) if len(cells) == n_columns and re.match(r"[+-]?[0-9]", cells[0]))
+    if not found and (index := next(damaged, None)) is not None:
+        text = f"found {shorten(head[index])}, which is neither a row of readings nor a header line"
+        raise SourceError(path, text, line=index + 1, column=1, hint="If it is a damaged row, export the file again.")
+    return found[0] if found else None
 
 
-def _refuse_damaged_row(path: Path, head: Sequence[str], delimiter: str, n_columns: int) -> None:
-    """Without names of columns a damaged first row must not pass for a line of the header."""
-    for index, line in enumerate(head):
-        cells = split_cells(line, delimiter)
-        if len(cells) == n_columns and re.match(r"[+-]?[0-9]", cells[0]):
-            text = f"found {shorten(line)}, which is neither a row of readings nor a header line"
-            hint = "If it is a damaged row, export the file again."
-            raise SourceError(path, text, line=index + 1, column=1, hint=hint)
-
-
-def _counts(rows: Sequence[str], delimiter: str, n_columns: int) -> bool:
-    """Tell whether the first column counts from 0 or 1, as a column without a name."""
-    firsts = [split_cells(row, delimiter)[0] for row in rows]
-    if n_columns == 1 or len(firsts) < _COUNTED or not all(cell.isdigit() for cell in firsts):
-        return False
-    numbers = [int(cell) for cell in firsts]
-    return numbers[0] in (0, 1) and all(b - a == 1 for a, b in pairwise(numbers))
+def _sorted_columns(names: Sequence[str], row: Sequence[str]) -> tuple[tuple[int, ...], int | None, str]:
+    """Sort the columns by their names, or without names by the cells of the first row: read, of times, its unit."""
+    kept, times, time_unit = [], None, ""
+    for index, cell in enumerate(row):
+        name = _LABEL.fullmatch(names[index]) if names else None
+        if times is None and (_TIME.fullmatch(name[1]) if name else CLOCK.fullmatch(cell)):
+            times, time_unit = index, (name and name[2]) or ""
+        elif (cell or (names and names[index])) and not (
+            _WORDS.fullmatch(name[1] if name else "") or _JUDGEMENT.fullmatch(cell)
+        ):
+            kept.append(index)
+    return tuple(kept), times, time_unit
 
 
 def _outputs(path: Path, names: Sequence[str], names_at: int) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    numbers, units = [], []
+    """Return the numbers of the outputs, and their units where all are in the names."""
     if not any(map(_OUTPUT.fullmatch, names)):
-        texts = [inner[2] if (inner := _LABEL_UNIT.fullmatch(name)) else "" for name in names]
+        labels = [_LABEL.fullmatch(name) for name in names]
+        texts = [(label and label[2]) or "" for label in labels]
         return tuple(range(1, len(names) + 1)), tuple(texts) if all(texts) else ()
+    numbers, units = [], []
     for name in names:
         match = _OUTPUT.fullmatch(name)
         if match is None or int(match[1]) in numbers:
@@ -264,14 +226,9 @@ def _outputs(path: Path, names: Sequence[str], names_at: int) -> tuple[tuple[int
 
 
 def _units_below(
-    path: Path,
-    head: Sequence[str],
-    names_at: int,
-    delimiter: str,
-    of_outputs: Sequence[int],
-    markers: tuple[Marker, ...],
+    path: Path, head: Sequence[str], names_at: int, delimiter: str, of_outputs: Sequence[int]
 ) -> tuple[str, ...]:
-    """Return the row of units under the names, whole; nothing else may stand there."""
+    """Return the row of units under the names, whole; no other line may be there."""
     units: tuple[str, ...] = ()
     for index in range(names_at + 1, len(head)):
         cells = split_cells(head[index], delimiter)
@@ -279,7 +236,7 @@ def _units_below(
             continue
         texts = [cells[k] for k in of_outputs] if len(cells) > max(of_outputs, default=0) else []
         if units or not texts or not all(map(is_length_or_volts, texts)):
-            wrong = next((i for i, c in enumerate(cells) if not is_reading(c, markers)), 0)
+            wrong = next((i for i, cell in enumerate(cells) if not _is_reading(cell)), 0)
             raise SourceError(
                 path,
                 f"found {shorten(cells[wrong])}, expected the first row of readings",
@@ -291,19 +248,14 @@ def _units_below(
     return units
 
 
-def _entries(
-    head: Sequence[str], delimiter: str, profile: KeyenceProfile
-) -> dict[str, tuple[int, tuple[str, ...], str]]:
+def _entries(head: Sequence[str], delimiter: str) -> dict[str, tuple[int, tuple[str, ...], str]]:
     entries: dict[str, tuple[int, tuple[str, ...], str]] = {}
     for number, line in enumerate(head, 1):
         cells = split_cells(line, delimiter)
         if len(cells) == 1:
             cells = [part.strip() for part in re.split(r"\s*[:=]\s*", cells[0], maxsplit=1)]
-        label, unit_text = cells[0].lstrip("#%; ").rstrip(":= "), ""
-        inner = _LABEL_UNIT.fullmatch(label)
-        if inner:
-            label, unit_text = inner[1], inner[2]
-        for meaning, pattern in profile.labels.items():
-            if re.fullmatch(pattern, label, re.IGNORECASE) and meaning not in entries:
-                entries[meaning] = (number, tuple(cells[1:]), unit_text)
+        label = _LABEL.fullmatch(cells[0].lstrip("#%; ").rstrip(":= "))
+        for meaning, pattern in LABELS.items():
+            if label and re.fullmatch(pattern, label[1], re.IGNORECASE) and meaning not in entries:
+                entries[meaning] = (number, tuple(cells[1:]), label[2] or "")
     return entries

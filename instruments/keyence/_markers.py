@@ -7,7 +7,6 @@ A marker becomes NaN and its state, never a number.
 
 import re
 from enum import IntEnum
-from functools import lru_cache
 from typing import NamedTuple
 
 
@@ -23,33 +22,25 @@ class Status(IntEnum):
     SUSPECT = 6
 
 
-class Marker(NamedTuple):
-    """A token, as a pattern of the whole cell, and the state that it stands for."""
-
-    pattern: str
-    status: Status
-    seen: str
-
-
-#: Every marker known, the first that fits counts. Letters are compared without case.
-MARKERS: tuple[Marker, ...] = (
-    Marker(r"\+F{7}", Status.RANGEOVER_P, "LK-G serial, LK-G5000 library"),
-    Marker(r"-F{7}", Status.RANGEOVER_N, "LK-G serial, LK-G5000 library"),
-    Marker(r"F{7}", Status.SUSPECT, "forum, not documented"),
-    Marker(r"X{8}", Status.WAITING, "LK-G serial"),
-    Marker(r"-{5,8}", Status.WAITING, "display and library: no judgement yet"),
-    Marker(r"alarm", Status.ALARM, "LK-G5000 library"),
-    Marker(r"invalid", Status.INVALID, "LK-G5000 library"),
-    Marker(r"-1048576|0xFFF00000", Status.INVALID, "LK-G5000 Ethernet: output unused"),
-    Marker(r"[+-]?E+\.E+", Status.ALARM, "IL serial: sensor error"),
-    Marker(r"\+100000000", Status.ALARM, "IL Ethernet: error"),
-    Marker(r"\+099999999", Status.RANGEOVER_P, "IL Ethernet"),
-    Marker(r"-099999999", Status.RANGEOVER_N, "IL Ethernet"),
-    Marker(r"-099999998", Status.INVALID, "IL Ethernet"),
-    Marker(r"-999999", Status.INVALID, "CL-3000 serial"),
-    Marker(r"-9999\.999|-999\.9999", Status.SUSPECT, "forum, not documented"),
-    Marker(r"#NAME\?|#VALUE!", Status.SUSPECT, "a spreadsheet took a marker for a formula"),
+#: Patterns of whole cells, without case, and the states that they stand for; the first that fits counts.
+MARKERS: tuple[tuple[str, Status], ...] = (
+    (r"\+F{7}", Status.RANGEOVER_P),  # LK-G serial, LK-G5000 library
+    (r"-F{7}", Status.RANGEOVER_N),
+    (r"F{7}", Status.SUSPECT),  # forum, not documented
+    (r"X{8}", Status.WAITING),  # LK-G serial
+    (r"-{5,8}", Status.WAITING),  # display and library: no judgement yet
+    (r"alarm", Status.ALARM),
+    (r"invalid", Status.INVALID),
+    (r"-1048576|0xFFF00000", Status.INVALID),  # LK-G5000 Ethernet: output unused
+    (r"[+-]?E+\.E+", Status.ALARM),  # IL serial: sensor error
+    (r"\+100000000", Status.ALARM),  # IL Ethernet
+    (r"\+099999999", Status.RANGEOVER_P),
+    (r"-099999999", Status.RANGEOVER_N),
+    (r"-099999998|-999999", Status.INVALID),  # IL Ethernet, CL-3000 serial
+    (r"-9999\.999|-999\.9999", Status.SUSPECT),  # forum, not documented
+    (r"#NAME\?|#VALUE!", Status.SUSPECT),  # a spreadsheet took a marker for a formula
 )
+_ANY = re.compile("|".join(f"(?:{pattern})" for pattern, _ in MARKERS), re.IGNORECASE)
 
 #: All nines in the five digits of the IL series; over range only where a column has this layout.
 _IL_NINES = re.compile(r"[+-](?:99\.999|999\.99|9999\.9)")
@@ -95,17 +86,11 @@ def is_padded(cell: str) -> bool:
     return match is not None and len(match[2]) > 1 and match[2].startswith("0")
 
 
-@lru_cache(maxsize=8)
-def _any_of(markers: tuple[Marker, ...]) -> re.Pattern[str]:
-    """Make one pattern of a whole table: most cells are numbers, and one look must be enough."""
-    return re.compile("|".join(f"(?:{marker.pattern})" for marker in markers), re.IGNORECASE)
-
-
-def marker_status(cell: str, markers: tuple[Marker, ...] = MARKERS, column: Layout | None = None) -> Status | None:
-    """Look a cell up in the table of markers.
+def marker_status(cell: str, column: Layout | None = None) -> Status | None:
+    """Return the state that a cell stands for, None for any other cell.
 
     ``column`` is the layout of the column when it is fixed: all nines are a legal number there unless they are the
-    largest that it can show. None is a cell that is no marker.
+    largest that it can show.
 
     Examples
     --------
@@ -115,9 +100,8 @@ def marker_status(cell: str, markers: tuple[Marker, ...] = MARKERS, column: Layo
     'RANGEOVER_P'
     """
     cell = cell.strip()
-    if _any_of(markers).fullmatch(cell):
-        fits = (m for m in markers if re.fullmatch(m.pattern, cell, re.IGNORECASE))
-        return next(fits).status
+    if _ANY.fullmatch(cell):
+        return next(status for pattern, status in MARKERS if re.fullmatch(pattern, cell, re.IGNORECASE))
     found = layout(cell)
     if found is None or column is None or not found.is_signed or set(cell[1:]) - set("9.,"):
         return None

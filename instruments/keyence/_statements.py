@@ -1,42 +1,50 @@
-"""Settings in a Keyence header, checked against the options: cycle, units, counts, start.
+"""Settings in a Keyence header, checked against the options: cycle, units, counts, start, and the times of rows.
 
-Nothing is guessed: what neither of them says is asked for, and a contradiction is refused.
+Nothing is guessed: a value that neither of them states is asked for, and a contradiction is refused.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from instruments._clock import moment
-from instruments.keyence._columns import even_interval, seconds
-from instruments.keyence._header import Header, KeyenceProfile, is_length_or_volts
+from instruments.keyence._header import CLOCK, Header, is_length_or_volts
+from labpipe.arrays import Floats
 from labpipe.errors import UNSAID, InputError, SourceError
-from labpipe.numbers import shorten
+from labpipe.text import shorten
 from labpipe.units import quantity, unit
 
+_SHORTEST, _LONGEST = 1e-7, 86400.0  # s; the time between samples of any sensor of this family
+_DAY = 86400.0
 
-def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tuple[str, ...]:
-    """Return the unit of every output, from the file or from the caller.
 
-    Raises
-    ------
-    SourceError
-        There are none, they are not known, their number is not that of the outputs, or the
-        caller contradicts the file.
-    """
+class Options(NamedTuple):
+    """Settings that the caller gives: cycle, storage factor, units, delimiter and decimal sign."""
+
+    cycle: str | float | None
+    storage_factor: int | None
+    units: tuple[str, ...] | None
+    delimiter: str | None
+    decimal: str | None
+
+
+def _contradiction(path: Path, name: str, line: int | None, stated: object, given: object) -> SourceError:
+    text = f"the file says {stated}, the option {name} says {given}"
+    return SourceError(path, text, line=line, hint=f"Leave the option {name} out, or correct it.")
+
+
+def stated_units(path: Path, header: Header, given: tuple[str, ...] | None) -> tuple[str, ...]:
+    """Return the unit of every output; SourceError without one, an unknown one, or where file and caller differ."""
     line, cells, _ = header.entries.get("units", (None, (), ""))
-    stated = tuple(cell for cell in cells if cell) or header.unit_texts
-    asked = tuple(given) if given is not None else ()
+    stated, asked = tuple(cell for cell in cells if cell) or header.unit_texts, given or ()
     units = stated or asked
-    if not units:
-        raise SourceError(
-            path,
-            "the file does not say the unit of its readings",
-            hint='Give one for every output, in order: units=["mm"].',
-        ).because(UNSAID)
     if len(units) != len(header.outputs):
         text = f"found {len(units)} units for {len(header.outputs)} outputs"
-        hint = 'Give one for every output, in order: units=["mm", "um"].'
+        text = text if units else "the file does not say the unit of its readings"
+        hint = 'Give one for every output, in order: units=["mm"].'
         raise SourceError(path, text, line=line, hint=hint).because(UNSAID)
     for text in units:
         if not is_length_or_volts(text):
@@ -48,24 +56,8 @@ def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tup
     return units
 
 
-def _contradiction(path: Path, name: str, line: int | None, stated: object, given: object) -> SourceError:
-    text = f"the file says {stated}, the option {name} says {given}"
-    return SourceError(path, text, line=line, hint=f"Leave the option {name} out, or correct it.")
-
-
-_SHORTEST, _LONGEST = 1e-7, 86400.0
-"""s; a cycle of any sensor of this family, and the time between stored points, lies within."""
-_LARGEST_FACTOR = 1e9
-
-
 def stated_cycle(path: Path, header: Header, given: str | float | None) -> float:
-    """Return the sampling cycle in s, from the file or from the caller.
-
-    Raises
-    ------
-    SourceError
-        Neither says it, it has no unit, or they contradict each other.
-    """
+    """Return the sampling cycle in s; SourceError without one, without its unit, or where file and caller differ."""
     asked = None if given is None else _time(str(given) if isinstance(given, str) else f"{given} s")
     if given is not None and asked is None:
         raise InputError(f'cycle must be a time such as "50 us", found "{given}"')
@@ -79,8 +71,7 @@ def stated_cycle(path: Path, header: Header, given: str | float | None) -> float
     stated = _time(text)
     if stated is None:
         message = f"found the sampling cycle {shorten(text)}, expected a time with its unit"
-        hint = 'Correct the line; it should read for example "Sampling cycle,50us".'
-        raise SourceError(path, message, line=line, hint=hint)
+        raise SourceError(path, message, line=line, hint='The line should read for example "Sampling cycle,50us".')
     if asked is not None and abs(asked - stated) > 1e-9 * stated:
         raise _contradiction(path, "cycle", line, f"{stated:g} s", f"{asked:g} s")
     return stated
@@ -99,77 +90,103 @@ def _time(text: str) -> float | None:
 
 
 def stated_storage(path: Path, header: Header, given: int | None, cycle: float, *, is_cycle_given: bool) -> int:
-    """Return how many samples one stored point stands for.
-
-    Raises
-    ------
-    SourceError
-        The line is missing or not understood, or contradicts the caller.
-    """
+    """Return the samples per stored point; SourceError without them, or where file and caller differ."""
     if "storage" not in header.entries:
         if given is None and not is_cycle_given:
-            raise SourceError(
-                path,
-                "the file does not say whether every sample was stored",
-                hint="Give the factor between samples and stored points: storage_factor=1.",
-            ).because(UNSAID)
+            hint = "Give the factor between samples and stored points: storage_factor=1."
+            raise SourceError(path, "the file does not say whether every sample was stored", hint=hint).because(UNSAID)
         return given or 1
     line, cells, unit_text = header.entries["storage"]
     text = " ".join(cells).strip()
-    match = re.fullmatch(r"(?:[x×*]|1/)?\s*([0-9]+)\s*(?:times|回|倍)?", text, re.IGNORECASE)
-    interval = _time(f"{text} {unit_text}".strip())
-    by_interval = interval / cycle if interval else 0.0
-    factor = float(match[1]) if match and not unit_text else by_interval
-    if not 1 <= factor <= _LARGEST_FACTOR or abs(factor - round(factor)) > 1e-6 * factor:
+    match = re.fullmatch(r"(?:[x×*]|1/)?\s*([0-9]{1,9})\s*(?:times|回|倍)?", text, re.IGNORECASE)
+    factor = float(match[1]) if match and not unit_text else (_time(f"{text} {unit_text}".strip()) or 0.0) / cycle
+    if not 1 <= factor <= 1e9 or abs(factor - round(factor)) > 1e-6 * factor:
         message = f"found the storage cycle {shorten(text)}, expected a whole factor such as x1"
-        hint = 'Correct the line; it should read for example "Storage cycle,x10".'
-        raise SourceError(path, message, line=line, hint=hint)
+        raise SourceError(path, message, line=line, hint='The line should read for example "Storage cycle,x10".')
     if given is not None and given != round(factor):
         raise _contradiction(path, "storage_factor", line, round(factor), given)
     return round(factor)
 
 
-def interval_of_times(path: Path, header: Header, texts: Sequence[str], profile: KeyenceProfile) -> tuple[float, int]:
+def interval_of_times(path: Path, header: Header, texts: Sequence[str], given: Options) -> tuple[float, int]:
     """Return the sampling cycle in s and the storage factor of a file whose rows carry their times.
 
     Raises
     ------
     SourceError
-        The times do not lie evenly, have no unit, or contradict the cycle.
+        The times are uneven, have no unit, or contradict the cycle.
     """
-    has_cycle = profile.cycle is not None or "cycle" in header.entries
-    unit_text, first_line = header.columns.unit_text, header.n_lines + 1
-    if not (unit_text or ":" in texts[0] or has_cycle):
+    has_cycle = given.cycle is not None or "cycle" in header.entries
+    first_line, unsaid = header.n_lines + 1, not header.time_unit and ":" not in texts[0]
+    if unsaid and not has_cycle:
         hint = 'Name the column "Time [s]" (or ms, us), or give the time between rows: cycle="50 us".'
         raise SourceError(path, "the file does not say the unit of its times", line=header.n_lines, hint=hint)
-    unsaid = not unit_text and ":" not in texts[0]
-    cycle = stated_cycle(path, header, profile.cycle) if has_cycle else 0.0
-    for each in ("s", "ms", "us") if unsaid else (unit_text,):
-        time, resolution = seconds(texts, each, path=path, first_line=first_line)
-        interval = even_interval(time, resolution, path=path, first_line=first_line)
+    cycle = stated_cycle(path, header, given.cycle) if has_cycle else 0.0
+    for each in ("s", "ms", "us") if unsaid else (header.time_unit,):
+        time, resolution = _seconds(texts, each, path, first_line)
+        interval = _even_interval(time, resolution, path, first_line)
         if not has_cycle:
             return interval, 1
         factor = max(round(interval / cycle), 1)
-        if "storage" in header.entries or profile.storage_factor is not None:
-            factor = stated_storage(path, header, profile.storage_factor, cycle, is_cycle_given=True)
+        if "storage" in header.entries or given.storage_factor is not None:
+            factor = stated_storage(path, header, given.storage_factor, cycle, is_cycle_given=True)
         if abs(interval - cycle * factor) <= 2.0 * resolution / (len(texts) - 1) + 1e-6 * interval:
             return cycle, factor
     raise SourceError(
         path,
-        f"the times lie {interval:.6g} s apart, by the sampling cycle it is {cycle * factor:.6g} s",
+        f"the times are {interval:.6g} s apart, by the sampling cycle it is {cycle * factor:.6g} s",
         line=header.entries["cycle"][0] if "cycle" in header.entries else first_line,
         hint="Correct the cycle, or the unit of the times.",
     )
 
 
-def stated_count(path: Path, header: Header, meaning: str) -> int | None:
-    """Return a whole number of the header (number of points, averaging), or None.
+def _seconds(texts: Sequence[str], unit_text: str, path: Path, first_line: int) -> tuple[Floats, float]:
+    """Return the times of all rows [s] from the first, over midnight too, and the last decimal written [s]."""
+    factor = 1.0
+    if unit_text:
+        try:
+            factor = unit(unit_text).factor if unit(unit_text).si == "s" else np.nan
+        except InputError:
+            factor = np.nan
+        if not factor > 0:
+            raise SourceError(path, f"found times in {shorten(unit_text)}, expected s, ms or us", line=first_line - 1)
+    found, decimals = np.empty(len(texts)), 0
+    for row, text in enumerate(texts):
+        clock = CLOCK.fullmatch(text)
+        last = (clock[3] if clock else text).replace(",", ".")
+        try:
+            value = float(last)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise SourceError(path, f"found {shorten(text)}, expected a time", line=first_line + row)
+        found[row] = int(clock[1]) * 3600 + int(clock[2]) * 60 + value if clock else value
+        decimals = max(decimals, len(last.partition(".")[2]) if last[-1].isdigit() else 0)
+    time = (found - found[0]) * factor
+    if CLOCK.fullmatch(texts[0]):
+        time += _DAY * np.cumsum(np.diff(time, prepend=0.0) < -_DAY / 2)
+    return time, factor * 10.0**-decimals
 
-    Raises
-    ------
-    SourceError
-        The line holds something else, or not the same number for every output.
-    """
+
+def _even_interval(time: Floats, resolution: float, path: Path, first_line: int) -> float:
+    """Return the interval of even times, each within its last decimal; SourceError if they are uneven."""
+    n, steps = len(time), np.diff(time)
+    interval = float(time[-1] / (n - 1))
+    allowed = 1.001 * resolution + 1e-9 * abs(interval)
+    if interval > 0 and np.max(np.abs(time - interval * np.arange(n))) <= allowed:
+        return interval
+    usual = float(np.median(steps))
+    row = int(np.argmax(np.abs(steps - usual))) + 1
+    raise SourceError(
+        path,
+        f"the times are uneven: a step of {steps[row - 1]:.6g} s, {usual:.6g} s elsewhere",
+        line=first_line + row,
+        hint="Rows are missing, repeated or moved: export the file again, without gaps.",
+    )
+
+
+def stated_count(path: Path, header: Header, meaning: str) -> int | None:
+    """Return a whole number of the header (number of points, averaging), or None; SourceError for any other cell."""
     if meaning not in header.entries:
         return None
     line, cells, _ = header.entries[meaning]
@@ -181,9 +198,6 @@ def stated_count(path: Path, header: Header, meaning: str) -> int | None:
 
 def stated_start(header: Header) -> str:
     """Return the ISO start, or "" when there is no date of a form that is not ambiguous."""
-    date = " ".join(header.entries.get("date", (0, (), ""))[1]).strip()
-    clock = " ".join(header.entries.get("clock", (0, (), ""))[1]).strip()
-    for text in (f"{date} {clock}".strip(), date):
-        if found := moment(text):
-            return found.isoformat()
-    return ""
+    date, clock = (" ".join(header.entries.get(name, (0, (), ""))[1]).strip() for name in ("date", "clock"))
+    found = moment(f"{date} {clock}".strip()) or moment(date)
+    return found.isoformat() if found else ""

@@ -1,8 +1,7 @@
-"""Keyence laser displacement storage files, read and written.
+"""Keyence laser displacement storage files, read.
 
-No such file is public: the layout (``layout = "assumed"`` in the result) is a
-:class:`KeyenceProfile`, and what a file does not say is asked for, never guessed. A storage file
-carries no time: time is the number of the point times the storage interval, from the first point.
+No such file is public, so the layout is assumed (``layout = "assumed"`` in the result). A storage file carries no time:
+time is the number of the point times the storage interval, from the first point.
 
 ::
 
@@ -21,7 +20,6 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -29,11 +27,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from instruments.keyence._columns import only_readings
-from instruments.keyence._header import Header, KeyenceProfile, parse_header
+from instruments.keyence._header import Header, parse_header
 from instruments.keyence._markers import Status, layout, marker_status
 from instruments.keyence._rows import Rows, read_rows
 from instruments.keyence._statements import (
+    Options,
     interval_of_times,
     stated_count,
     stated_cycle,
@@ -43,12 +41,16 @@ from instruments.keyence._statements import (
 )
 from instruments.keyence._writer import DEVICE, output_variables
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.numbers import check_decimal, shorten
-from labpipe.text import Limits, TextFile, survey
+from labpipe.text import Limits, TextFile, check_decimal, shorten, survey
 from labpipe.units import Quantity, unit
 from labpipe.variables import variable
 
+_CODECS = ("cp932", "cp1252", "gbk")  # tried in this order without a byte order mark where it is not UTF-8
 _HEADER_LINES = 400  # above the first row of readings; a header is a few dozen lines at most
+_SATURATION = 10.0  # V, the end of the controller's output; its alarm voltage is not documented
+_END = re.compile(r"\[?/?(?:end|eof)(?: of (?:file|data))?\]?", re.IGNORECASE)
+_OF_A_ROW = frozenset("0123456789+-")
+_LETTER = re.compile(r"\"?[^\W\d_]")
 
 
 def read(
@@ -57,11 +59,9 @@ def read(
     cycle: str | float | Quantity | None = None,
     units: Sequence[str] | None = None,
     storage_factor: int | None = None,
-    rows: int | None = None,
     encoding: str | None = None,
     delimiter: str | None = None,
     decimal: str | None = None,
-    profile: KeyenceProfile | None = None,
     allow_incomplete: bool = False,
     limits: Limits | None = None,
 ) -> xr.Dataset:
@@ -78,12 +78,8 @@ def read(
         Unit of every output, in order; needed when the file does not say them.
     storage_factor : int, optional
         Samples per stored point; needed when the file says its cycle but not this.
-    rows : int, optional
-        Number of points that the run should have; the file is refused when it has another.
     encoding, delimiter, decimal : str, optional
         By default decided from the file.
-    profile : KeyenceProfile, optional
-        The same and more, for a whole laboratory; the options above go before it.
     allow_incomplete : bool
         Read a file that lacks rows: a cut last row is dropped, and where the counter jumps the
         time follows the counter; both give a warning. By default such a file is refused.
@@ -108,241 +104,177 @@ def read(
     --------
     >>> readings = read("drop.csv", cycle="50 us", units=["mm"])  # doctest: +SKIP
     """
-    profile = _merge(
-        profile or KeyenceProfile(),
-        cycle=f"{cycle.value!r} {cycle.si}" if isinstance(cycle, Quantity) else cycle,
-        units=tuple(units) if units is not None else None,
-        storage_factor=storage_factor,
-        rows=rows,
-        encodings=(encoding,) if encoding else None,
-        delimiter=delimiter,
-        decimal=decimal,
+    check_decimal(decimal)
+    if delimiter is not None and len(delimiter) != 1:
+        raise InputError(f'delimiter must be one character, found "{delimiter}"')
+    if storage_factor is not None and (not isinstance(storage_factor, int) or storage_factor < 1):
+        raise InputError(f"storage_factor must be a whole number from 1, found {storage_factor!r}")
+    given = Options(
+        f"{cycle.value!r} {cycle.si}" if isinstance(cycle, Quantity) else cycle,
+        storage_factor,
+        None if units is None else tuple(units),
+        delimiter,
+        decimal,
     )
-    source, header, unit_texts, stream = _open(Path(path), profile, limits or Limits())
-    lines = _complete_rows(source, stream, header, profile, allow_incomplete)
-    times: list[str] = []
-    first_line = header.n_lines + 1
-    if not header.columns.all_kept:
-        lines = only_readings(lines, header.columns, header.delimiter, times, path=source.path, first_line=first_line)
-    readings = read_rows(source.path, header, lines, profile)
-    _check_count(source, header, readings, profile, allow_incomplete)
-    _check_counter(source, header, readings, allow_incomplete)
-    return _assemble(source, header, unit_texts, readings, times, profile)
-
-
-def _merge(profile: KeyenceProfile, **options: Any) -> KeyenceProfile:
-    given = {name: value for name, value in options.items() if value is not None}
-    check_decimal(given.get("decimal"))
-    if len(given.get("delimiter", ",")) != 1:
-        raise InputError(f'delimiter must be one character, found "{given["delimiter"]}"')
-    factor = given.get("storage_factor", 1)
-    if not isinstance(factor, int) or factor < 1:
-        raise InputError(f"storage_factor must be a whole number from 1, found {factor!r}")
-    return replace(profile, **given)
+    codecs = (encoding,) if encoding else _CODECS
+    source, header, unit_texts, stream = _open(Path(path), given, codecs, limits or Limits())
+    lines, times = _complete_rows(source, stream, header, allow_incomplete), list[str]()
+    if len(header.kept) < header.n_cells:
+        lines = header.readings(lines, times, source.path)
+    rows = read_rows(source.path, header, lines, decimal)
+    _check_count(source, header, rows, allow_incomplete)
+    _check_counter(source, header, rows, allow_incomplete)
+    if len(times) > 1:
+        sampling, factor = interval_of_times(source.path, header, times, given)
+    else:
+        sampling = stated_cycle(source.path, header, given.cycle)
+        is_given = given.cycle is not None
+        factor = stated_storage(source.path, header, storage_factor, sampling, is_cycle_given=is_given)
+    return _assemble(source, header, unit_texts, rows, sampling, factor)
 
 
 def _open(
-    path: Path, profile: KeyenceProfile, limits: Limits
+    path: Path, given: Options, codecs: Sequence[str], limits: Limits
 ) -> tuple[TextFile, Header, tuple[str, ...], Iterator[str]]:
     """Settle the codec by the first one under which the header makes sense.
 
     cp932 decodes many cp1252 files without an error; but then "µm" is not a unit.
     """
-    source = survey(path, declared=profile.encodings, limits=limits)
+
+    def understood(source: TextFile) -> tuple[TextFile, Header, tuple[str, ...], Iterator[str]]:
+        stream = source.lines()
+        head = list(islice(stream, _HEADER_LINES))
+        header = parse_header(path, head, given.delimiter)
+        return source, header, stated_units(path, header, given.units), chain(head[header.n_lines :], stream)
+
+    source = survey(path, declared=codecs, limits=limits)
     try:
-        return source, *_understand(source, profile)
+        return understood(source)
     except SourceError:
-        if source.encoding not in profile.encodings:
-            raise  # a mark or UTF-8 settled the codec, so the mistake lies elsewhere
-        for codec in profile.encodings[profile.encodings.index(source.encoding) + 1 :]:
+        others = codecs[codecs.index(source.encoding) + 1 :] if source.encoding in codecs else ()
+        for codec in others:
             with contextlib.suppress(SourceError):
-                other = survey(path, declared=(codec,), limits=limits)
-                return other, *_understand(other, profile)
+                return understood(survey(path, declared=(codec,), limits=limits))
         raise
 
 
-def _understand(source: TextFile, profile: KeyenceProfile) -> tuple[Header, tuple[str, ...], Iterator[str]]:
-    stream = source.lines()
-    head = list(islice(stream, _HEADER_LINES))
-    header = parse_header(source.path, head, profile)
-    texts = stated_units(source.path, header, profile.units)
-    return header, texts, chain(head[header.n_lines :], stream)
-
-
-def _complete_rows(
-    source: TextFile, stream: Iterator[str], header: Header, profile: KeyenceProfile, allow_incomplete: bool
-) -> Iterator[str]:
-    """Pass the rows on; leave blank lines at the end out; refuse or drop a cut last line."""
+def _complete_rows(source: TextFile, stream: Iterator[str], header: Header, allow_incomplete: bool) -> Iterator[str]:
+    """Pass the rows on; leave out blank lines and statistics at the end; refuse or drop a cut last line."""
     number = header.n_lines
     blank = 0
     for line in stream:
         number += 1
-        if line[:1] not in _OF_A_ROW:  # most lines begin with a digit
-            if not line.strip():
-                blank += 1
-                continue
-            # what stands below the rows begins: the word END, or words after an empty line
-            if _END.fullmatch(line.strip(' "\t;,')) is not None or (blank > 0 and _LETTER.match(line) is not None):
-                _refuse_rows_below(source, stream, number)
-                return
-        if blank:
-            raise SourceError(source.path, "an empty line between two rows", line=number - blank, column=1)
-        is_last = number == source.n_lines and not source.is_ended
-        if not is_last or _is_stated(source, header, line, number, profile):
+        if line[:1] in _OF_A_ROW and not blank and number < source.n_lines:  # nearly all lines
             yield line
             continue
-        message = f"the last line is cut, it has no line end: {shorten(line)}"
-        if not allow_incomplete:
-            hint = "Export the file again, or drop this row with allow_incomplete=True."
-            raise SourceError(source.path, message, line=number, column=len(line) + 1, hint=hint)
-        warn_of(source.path, f"{message}; it is dropped", line=number)
+        if not line.strip():
+            blank += 1
+            continue
+        if _END.fullmatch(line.strip(' "\t;,')) is not None or (blank > 0 and _LETTER.match(line) is not None):
+            for below, other in enumerate(stream, number + 1):  # maxima and means may follow; rows may not
+                if other.strip() and not _LETTER.match(other):
+                    text = f"found {shorten(other)} below the end of the rows on line {number}"
+                    hint = "Two exports were joined: split the file."
+                    raise SourceError(source.path, text, line=below, column=1, hint=hint)
+            return
+        if blank:
+            raise SourceError(source.path, "an empty line between two rows", line=number - blank, column=1)
+        if number == source.n_lines and not source.is_ended and not _is_stated(source, header, line, number):
+            message = f"the last line is cut, it has no line end: {shorten(line)}"
+            if not allow_incomplete:
+                hint = "Export the file again, or drop this row with allow_incomplete=True."
+                raise SourceError(source.path, message, line=number, column=len(line) + 1, hint=hint)
+            warn_of(source.path, f"{message}; it is dropped", line=number)
+            return
+        yield line
 
 
-_END = re.compile(r"\[?/?(?:end|eof)(?: of (?:file|data))?\]?", re.IGNORECASE)
-_OF_A_ROW = frozenset("0123456789+-")
-_LETTER = re.compile(r"\"?[^\W\d_]")
-
-
-def _refuse_rows_below(source: TextFile, stream: Iterator[str], number: int) -> None:
-    """Maxima, means and the like may follow the rows; rows may not."""
-    for below, line in enumerate(stream, number + 1):
-        if line.strip() and not _LETTER.match(line):
-            text = f"found {shorten(line)} below the end of the rows on line {number}"
-            raise SourceError(source.path, text, line=below, column=1, hint="Two exports were joined: split the file.")
-
-
-_ABOVE = 200  # rows with which the last one is compared
-
-
-def _is_stated(source: TextFile, header: Header, line: str, number: int, profile: KeyenceProfile) -> bool:
-    """Tell whether a last line without line end is complete: its row is the last one stated.
-
-    Its last cell must also end like those above: a number that lost digits still reads as one.
-    """
-    stated = stated_count(source.path, header, "rows")
-    if stated is None or number - header.n_lines != stated:
+def _is_stated(source: TextFile, header: Header, line: str, number: int) -> bool:
+    """Whether a last line without line end is the last row stated, and its number is as long as those above."""
+    if number - header.n_lines != stated_count(source.path, header, "rows"):
         return False
-    last = line.rsplit(header.delimiter, maxsplit=1)[-1].strip('" ')
-    if marker_status(last, profile.markers) is not None:
-        return True
-    above = islice(source.lines(), max(header.n_lines, number - 1 - _ABOVE), number - 1)
-    written = {layout(text.split(header.delimiter)[-1].strip('" ')) for text in above} - {None}
-    decimals = {each.decimals for each in written if each}
+    lines = [*islice(source.lines(), max(header.n_lines, number - 200), number - 1), line]
+    *above, last = (text.rsplit(header.delimiter, maxsplit=1)[-1].strip('" ') for text in lines)
     found = layout(last)
-    return found is not None and found.decimals > 0 and decimals == {found.decimals}
+    decimals = {each.decimals for each in map(layout, above) if each is not None}
+    return marker_status(last) is not None or (found is not None and {found.decimals} == decimals - {0})
 
 
-def _check_count(source: TextFile, header: Header, readings: Rows, profile: KeyenceProfile, allow: bool) -> None:
-    found = len(readings.values)
+def _check_count(source: TextFile, header: Header, rows: Rows, allow_incomplete: bool) -> None:
+    found, expected = len(rows.values), stated_count(source.path, header, "rows")
     if not found:
         raise SourceError(source.path, "there are no rows of readings", line=header.n_lines + 1)
-    stated = stated_count(source.path, header, "rows")
-    for expected, who in ((stated, "the header states"), (profile.rows, "the option rows says")):
-        if expected is None or expected == found:
-            continue
-        message = f"found {found} rows, {who} {expected}"
-        if not allow:
-            hint = "The recording or the copy stopped early, or rows were added; export it "
-            hint += "again, or read what there is with allow_incomplete=True."
-            raise SourceError(source.path, message, line=header.n_lines + found, column=1, hint=hint)
-        warn_of(source.path, message)
+    if expected in (None, found):
+        return
+    message = f"found {found} rows, the header states {expected}"
+    if not allow_incomplete:
+        hint = "The recording or the copy stopped early, or rows were added; export it "
+        hint += "again, or read what there is with allow_incomplete=True."
+        raise SourceError(source.path, message, line=header.n_lines + found, column=1, hint=hint)
+    warn_of(source.path, message)
 
 
-def _check_counter(source: TextFile, header: Header, readings: Rows, allow: bool) -> None:
-    counter = readings.counter
+def _check_counter(source: TextFile, header: Header, rows: Rows, allow_incomplete: bool) -> None:
+    counter = rows.counter
     if counter is None:
         return
     steps = np.diff(counter)
-    wrong = np.flatnonzero(steps <= 0)
-    if not wrong.size:
-        wrong = np.flatnonzero(steps != 1)
-        if not wrong.size and counter[0] not in (0, 1):
-            wrong = np.array([-1])
-        if wrong.size and allow:
-            missing = int(counter[-1] - counter[0]) + 1 - len(counter)
-            message = f"{missing} rows are missing between, the time follows the counter"
-            warn_of(source.path, message)
-            return
-    if not wrong.size:
+    wrong = np.flatnonzero(steps != 1)
+    if not wrong.size and counter[0] in (0, 1):
         return
-    row = int(wrong[0]) + 1
-    before = int(counter[row - 1]) if row else None
+    if allow_incomplete and (steps > 0).all():
+        missing = int(counter[-1] - counter[0]) + 1 - len(counter)
+        warn_of(source.path, f"{missing} rows are missing between, the time follows the counter")
+        return
+    back = np.flatnonzero(steps <= 0)
+    row = int(back[0] if back.size else wrong[0]) + 1 if wrong.size else 0
+    before = int(counter[row - 1]) if row else 0
     found = f"{counter[row]} after {before}" if row else f"{counter[0]} at the beginning"
     hint = (
-        "The rows stand in reverse order, from the last reading to the first: sort them by their number."
+        "The rows are in reverse order, from the last reading to the first: sort them by their number."
         if (steps == -1).all()
         else "Rows are missing, repeated or moved: export the file again. Where rows are only "
         "missing, allow_incomplete=True reads the rest at its right times."
     )
-    text = f"the counter says {found}, expected {before + 1 if before is not None else 1}"
+    text = f"the counter says {found}, expected {before + 1}"
     raise SourceError(source.path, text, line=header.n_lines + 1 + row, column=1, hint=hint)
 
 
 def _assemble(
-    source: TextFile,
-    header: Header,
-    unit_texts: Sequence[str],
-    readings: Rows,
-    times: Sequence[str],
-    profile: KeyenceProfile,
+    source: TextFile, header: Header, unit_texts: Sequence[str], rows: Rows, cycle: float, factor: int
 ) -> xr.Dataset:
-    path = source.path
-    if len(times) > 1:
-        cycle, factor = interval_of_times(path, header, times, profile)
-    else:
-        cycle = stated_cycle(path, header, profile.cycle)
-        factor = stated_storage(path, header, profile.storage_factor, cycle, is_cycle_given=profile.cycle is not None)
-    index = np.arange(len(readings.values)) if readings.counter is None else readings.counter - readings.counter[0]
-    time = index * (cycle * factor)
+    index = np.arange(len(rows.values)) if rows.counter is None else rows.counter - rows.counter[0]
     variables: dict[str, Any] = {}
     for column, (output, text) in enumerate(zip(header.outputs, unit_texts, strict=True)):
-        values, status = readings.values[:, column], readings.status[:, column]
+        values, status = rows.values[:, column], rows.status[:, column]
         if unit(text).si == "V":
-            is_saturated = np.abs(values * unit(text).factor) >= profile.saturation
+            is_saturated = np.abs(values * unit(text).factor) >= _SATURATION
             values = np.where(is_saturated, np.nan, values)
             status = np.where(is_saturated, np.int8(Status.SUSPECT), status)
-        variables |= output_variables(output, text, values, status, readings.layouts[column])
-    attrs = _attributes(source, header, readings, cycle, factor, profile)
-    attrs["status_counts"] = json.dumps(_status_counts(variables))
-    coords = {"time": variable("time", time, "s", "time from the first point")}
-    return xr.Dataset(variables, coords=coords, attrs=attrs)
-
-
-def _status_counts(variables: Mapping[str, Any]) -> dict[str, dict[str, int]]:
-    counts = {}
-    for name, column in variables.items():
-        if name.startswith("status"):
-            found = np.bincount(column[1], minlength=len(Status))
-            counts[name] = {state.name: int(found[state]) for state in Status if found[state]}
-    return counts
-
-
-def _attributes(
-    source: TextFile, header: Header, readings: Rows, cycle: float, factor: int, profile: KeyenceProfile
-) -> dict[str, Any]:
+        variables |= output_variables(output, text, values, status, rows.layouts[column])
+    entries: Mapping[str, tuple[int, tuple[str, ...], str]] = header.entries
+    named = {n: " ".join(entries[n][1]).strip() for n in ("model", "serial", "head") if n in entries}
     averaging = stated_count(source.path, header, "averaging")
-    stated = stated_count(source.path, header, "rows")
-    named = {
-        meaning: " ".join(header.entries[meaning][1]).strip()
-        for meaning in ("model", "serial", "head")
-        if meaning in header.entries
-    }
-    work = {"bytes_read": source.size, "rows_read": len(readings.values)}
-    return {
+    states = {name: np.bincount(column[1]) for name, column in variables.items() if name.startswith("status")}
+    counts = {name: {Status(k).name: int(n) for k, n in enumerate(found) if n} for name, found in states.items()}
+    attrs = {
         "instrument": DEVICE,
         **named,
         "source": source.path.name,
         "layout": "assumed",
         "start": stated_start(header),
-        "clock": "none: a counter of samples" if header.columns.times is None else "times of the rows",
+        "clock": "none: a counter of samples" if header.times is None else "times of the rows",
         "sampling_cycle": cycle,
         "storage_factor": factor,
         "sampling_interval": cycle * factor,
         **({"averaging": averaging} if averaging is not None else {}),
-        "rows_stated": int(stated is not None or profile.rows is not None),
+        "rows_stated": int("rows" in entries),
         "header": header.text,
         "encoding": source.encoding,
         "delimiter": header.delimiter,
-        "decimal": readings.signs.decimal,
-        "work": json.dumps(work),
+        "decimal": rows.signs.decimal,
+        "work": json.dumps({"bytes_read": source.size, "rows_read": len(rows.values)}),
+        "status_counts": json.dumps(counts),
     }
+    coords = {"time": variable("time", index * (cycle * factor), "s", "time from the first point")}
+    return xr.Dataset(variables, coords=coords, attrs=attrs)

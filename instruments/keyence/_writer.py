@@ -19,8 +19,8 @@ from labpipe.variables import described, variable
 
 DEVICE = "Keyence laser displacement sensor"
 
-#: What the writer puts for each state.
-_TOKENS = {
+#: The cell of each state without a reading.
+TOKENS = {
     Status.RANGEOVER_P: "+FFFFFFF",
     Status.RANGEOVER_N: "-FFFFFFF",
     Status.WAITING: "-------",
@@ -195,7 +195,7 @@ def _written(dataset: xr.Dataset, output: int, original_unit: str) -> list[str]:
     states = dataset[f"status{output}"].values
     cells = [f"{value:+0{_WIDTH}.{decimals}f}" for value in values.tolist()]
     for index in np.flatnonzero(states != Status.VALID):
-        cells[index] = _TOKENS[Status(states[index])]
+        cells[index] = TOKENS[Status(states[index])]
     too_long = next((cell for cell in cells if len(cell) > _WIDTH), None)
     if too_long is not None or "+0000nan" in cells:
         raise InputError(

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument, text_of
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 from labpipe.text import Limits
 
 if TYPE_CHECKING:

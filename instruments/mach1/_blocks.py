@@ -25,8 +25,7 @@ import numpy as np
 from instruments.mach1._lines import COPY_AGAIN, END_DATA, Cursor, Options, pair_of, refuse_incomplete, tag_of
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.numbers import Separators, plain_number, shorten
-from labpipe.text import TextFile, not_a_number, parse_rows
+from labpipe.text import Separators, TextFile, not_a_number, parse_rows, plain_number, shorten
 from labpipe.units import Unit, unit
 
 TITLE = "<Mach-1 File>"

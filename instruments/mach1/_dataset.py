@@ -14,7 +14,7 @@ from instruments._clock import moment
 from instruments.mach1._blocks import DECLARED, Block, Column, Parameter
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
-from labpipe.numbers import is_number, shorten
+from labpipe.text import is_number, shorten
 from labpipe.variables import described, variable
 
 DEVICE = "Biomomentum Mach-1"

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from labpipe.errors import SourceError, warn_of
-from labpipe.numbers import shorten
-from labpipe.text import TextFile
+from labpipe.text import TextFile, shorten
 
 END_DATA = "<END DATA>"
 _TAG = re.compile(r"<([^<>\t]+)>\s*")

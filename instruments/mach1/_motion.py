@@ -26,8 +26,7 @@ from instruments.mach1._dataset import assemble, start_of
 from instruments.mach1._lines import END_DATA, Options
 from labpipe import files
 from labpipe.errors import warn_of
-from labpipe.numbers import check_decimal
-from labpipe.text import Limits, survey
+from labpipe.text import Limits, check_decimal, survey
 
 _CELL, _WITH_COMMA = re.compile(r"-?[0-9]+([.,][0-9]+)?"), re.compile(r"-?[0-9]+,[0-9]{4,}")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from instruments._instrument import HEAD_BYTES, Instrument, text_of
 from instruments._workbook import beginning, is_workbook
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 from labpipe.text import unmarked_codec
 from labpipe.units import Quantity
 

@@ -22,8 +22,7 @@ from instruments._quantities import SI_OF, TIMES, fits, quantity, slug, unit_of
 from instruments.tables._headings import Heading, facts, is_begin, is_unit, parsed
 from instruments.tables._layout import ABSENT, BLANKS, COMMA, GAPS, SEMICOLON, TAB, cells, is_numeric
 from labpipe.errors import UNSAID, InputError, SourceError, warn_of
-from labpipe.numbers import listed, shorten
-from labpipe.text import not_a_number
+from labpipe.text import listed, not_a_number, shorten
 
 Columns = str | Mapping[str, Any]
 

@@ -19,8 +19,7 @@ from instruments.tables._layout import ABSENT, Block, is_clock, is_numeric
 from instruments.tables._mapping import line_to_copy
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import SourceError, warn_of
-from labpipe.numbers import Separators, listed, plain_number, shorten
-from labpipe.text import not_a_number
+from labpipe.text import Separators, listed, not_a_number, plain_number, shorten
 
 Pair = tuple[Heading, Floats]
 

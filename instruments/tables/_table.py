@@ -20,8 +20,7 @@ from instruments.tables._layout import COMMA, TAB, Block, blocks, plain_lines
 from instruments.tables._mapping import Columns, Located, chosen, line_to_copy, located, suggestion
 from instruments.tables._readings import intervals, lacking
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.numbers import DOT, Separators, check_decimal, separators
-from labpipe.text import Limits, first_bytes, survey
+from labpipe.text import DOT, Limits, Separators, check_decimal, first_bytes, separators, survey
 from labpipe.units import Measure
 
 DEVICE = "plain table of a dynamic mechanical analysis"

@@ -16,8 +16,7 @@ from instruments.tables._layout import ABSENT
 from instruments.tables._mapping import Located
 from labpipe.arrays import Floats
 from labpipe.errors import UNSAID, SourceError
-from labpipe.numbers import Separators, plain_number
-from labpipe.text import not_a_number
+from labpipe.text import Separators, not_a_number, plain_number
 from labpipe.units import Measure, si as in_si
 from labpipe.variables import described, variable
 
@@ -143,7 +142,7 @@ def even_interval(path: Path, time: Floats, resolution: float, lines: list[int])
     row = int(np.argmax(np.nan_to_num(np.abs(steps - usual), nan=np.inf))) if steps.size else -1
     raise SourceError(
         path,
-        f"the times do not lie evenly: a step of {steps[row] if steps.size else 0.0:.6g} s, {usual:.6g} s elsewhere",
+        f"the times are uneven: a step of {steps[row] if steps.size else 0.0:.6g} s, {usual:.6g} s elsewhere",
         line=lines[row + 1],
         hint="Rows are missing, repeated or moved: export the file again, without gaps.",
     )

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.contact.beyond import (
@@ -21,13 +21,7 @@ if TYPE_CHECKING:
         self_heating as self_heating,
         tabor as tabor,
     )
-    from labpipe.contact.impact import (
-        Plate as Plate,
-        Shortcuts as Shortcuts,
-        compile_drop as compile_drop,
-        drop as drop,
-        impacts as impacts,
-    )
+    from labpipe.contact.impact import Plate as Plate, Shortcuts as Shortcuts, drop as drop, impacts as impacts
     from labpipe.contact.line import (
         dissipated_power as dissipated_power,
         dissipated_work as dissipated_work,

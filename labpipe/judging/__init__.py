@@ -15,7 +15,7 @@ used: to tell what was found takes no SciPy.
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.judging._agreement import (
@@ -23,9 +23,13 @@ if TYPE_CHECKING:
         LIKELY as LIKELY,
         Agreement as Agreement,
         agreement as agreement,
+        along_curve as along_curve,
+        detectable as detectable,
         model_verdict as model_verdict,
+        stretch_means as stretch_means,
+        stretches as stretches,
     )
-    from labpipe.judging._causes import (
+    from labpipe.judging._cause import (
         Cause as Cause,
         Explanation as Explanation,
         explain as explain,
@@ -33,11 +37,13 @@ if TYPE_CHECKING:
         too_large as too_large,
         with_causes as with_causes,
     )
-    from labpipe.judging._checks import (
+    from labpipe.judging._check import (
         DOUBTFUL as DOUBTFUL,
         FLAGS as FLAGS,
         IMPOSSIBLE as IMPOSSIBLE,
+        WEIGHT as WEIGHT,
         Check as Check,
+        CheckSummary as CheckSummary,
         Finding as Finding,
         Level as Level,
         bounded as bounded,
@@ -46,12 +52,6 @@ if TYPE_CHECKING:
         stated as stated,
         unfinished as unfinished,
     )
-    from labpipe.judging._curves import (
-        along_curve as along_curve,
-        stretch_means as stretch_means,
-        stretches as stretches,
-    )
-    from labpipe.judging._detectability import detectable as detectable
     from labpipe.judging._suspects import (
         SLIPS as SLIPS,
         Factor as Factor,

@@ -7,6 +7,7 @@ allowed only because slopes are no better known is in C, but nothing is expected
 for the rest, chi square is trace(C^-1 C0) on the average, and that many are its degrees of freedom.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import Literal, NamedTuple
@@ -15,15 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special  # scipy.stats takes longer to load than a judgement to read
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 
 ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
 
 _SINGULAR = 1e-9
 """Part of the largest variance (of correlations) below which a direction carries no information."""
-LIKELY, DIFFERS = 0.05, 0.001
-"""Probability above which differences are ordinary, and below which a model differs, by all or by one of them."""
+LIKELY, DIFFERS, _POWER = 0.05, 0.001, 0.95
+"""Probability above which differences are ordinary, and below which a model differs, by all or by one of them;
+probability with which a detectable error is shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,3 +126,165 @@ def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
     if min(found.p, alone) < DIFFERS:
         return "differs"
     return "agrees" if found.p > LIKELY and could_notice else "undecided"
+
+
+def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike | None = None) -> np.ndarray:
+    """Return the smallest error of each input that the comparison would have shown, with 95 % probability.
+
+    An error e of an input shifts the differences by s e and makes chi square noncentral with
+    lambda = e^2 s' C^-1 s; it is shown when chi square exceeds its 95 % limit. Other inputs are
+    held at their uncertainty, which stands in C.
+
+    Parameters
+    ----------
+    sensitivities : array (row, input)
+        Derivatives of the differences (measured minus predicted) to each input.
+    covariance : array (row, row)
+        Of the differences.
+    slack : array (row,), optional
+        As for :func:`labpipe.judging.agreement`.
+
+    Returns
+    -------
+    array (input,)
+        In the unit of each input; infinite where the comparison does not see it.
+
+    Examples
+    --------
+    >>> detectable([[1.0], [0.0]], [[1.0, 0.0], [0.0, 1.0]]).round(2)
+    array([3.93])
+    """
+    S = np.asarray(sensitivities, float)
+    C = np.atleast_2d(np.asarray(covariance, float))
+    if S.ndim == 1:
+        S = S[:, None]
+    root, count = directions(C, slack)
+    strength = np.linalg.norm(root @ S, axis=0)
+    wanted = np.sqrt(_noncentrality(count))
+    return np.divide(wanted, strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
+
+
+def _noncentrality(degrees_of_freedom: float) -> float:
+    from scipy.optimize import brentq
+
+    limit = special.chdtri(degrees_of_freedom, LIKELY)
+    return float(brentq(lambda x: 1 - special.chndtr(limit, degrees_of_freedom, x) - _POWER, 1e-6, 1e3 + 10 * limit))
+
+
+_OPEN = 0.05
+"""Part of a shared uncertainty by which its effects may have another shape than their sensitivities say."""
+_BATCHES = 10
+_TREND = 2  # degree: flights and relaxations that differ do so along arcs
+_FEWEST = 6  # batches of a stretch from which its scatter can be told
+
+
+def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Agreement | None:
+    """Compare a curve with its model.
+
+    Parameters
+    ----------
+    difference : array (stretch,)
+        Means of measured minus model.
+    own : array (stretch,)
+        Their standard uncertainties by noise, see :func:`stretches`.
+    effects : array (effect, stretch)
+        What one standard uncertainty of each input and calibration does to the means.
+
+    Returns
+    -------
+    Agreement or None
+        None where no stretch is known with an uncertainty.
+
+    Raises
+    ------
+    InputError
+        Sizes differ.
+
+    Notes
+    -----
+    Sensitivities are good to some per cent: 5 % of what the effects do to a stretch, or of a difference
+    that is larger, is allowed for beside, as slack (see :func:`labpipe.judging.agreement`), and adds no
+    degree of freedom.
+
+    Examples
+    --------
+    >>> found = along_curve([0.3, -0.2], [0.2, 0.1], [])
+    >>> round(found.chi2, 2), found.degrees_of_freedom
+    (6.25, 2.0)
+    """
+    d, u = np.asarray(difference, float), np.asarray(own, float)
+    shared = np.asarray(effects, float).reshape(-1, d.size)
+    if u.shape != d.shape:
+        raise InputError(f"{d.size} stretches of a curve want as many uncertainties, found {u.size}")
+    known = np.isfinite(d) & np.isfinite(u) & np.isfinite(shared).all(axis=0)
+    known &= (u > 0.0) | (shared != 0.0).any(axis=0)
+    if not known.any():
+        return None
+    d, u, shared = d[known], u[known], shared[:, known]
+    by_effects = np.sum(shared**2, axis=0)
+    slack = _OPEN**2 * np.where(by_effects > 0.0, np.maximum(by_effects, d**2), 0.0)
+    return agreement(d, shared.T @ shared + np.diag(u**2 + slack), slack)
+
+
+def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Floats]:
+    """Return the means of a residual over stretches, and their standard uncertainties by its own noise.
+
+    Parameters
+    ----------
+    values : array (sample,)
+        Measured minus model.
+    places : sequence of array of int
+        Samples of each stretch, in order.
+
+    Returns
+    -------
+    means, u : array (stretch,)
+        NaN where a stretch has too few samples.
+
+    Notes
+    -----
+    Means of ten batches scatter about their parabola as the noise does whose memory is shorter than a
+    batch; few batches are allowed for by Student's distribution. A bend along a stretch is no noise.
+
+    Examples
+    --------
+    >>> means, u = stretches(np.arange(100.0), [np.arange(100)])
+    >>> float(means[0]), float(u[0])
+    (49.5, 0.0)
+    """
+    found = [_of_stretch(np.asarray(values, float)[place]) for place in places]
+    means, u = np.array(found, float).reshape(-1, 2).T
+    return means, u
+
+
+def stretch_means(curves: Iterable[Floats], places: Sequence[Integers]) -> Floats:
+    """Return the means of several curves over the same stretches.
+
+    Parameters
+    ----------
+    curves : iterable of array (sample,)
+        Such as what one standard uncertainty of each input does.
+    places : sequence of array of int
+        Samples of each stretch.
+
+    Returns
+    -------
+    array (curve, stretch)
+    """
+    return np.array([[one[place].mean() for place in places] for one in curves])
+
+
+def _of_stretch(values: Floats) -> tuple[float, float]:
+    count = min(_BATCHES, values.size)
+    if count < _FEWEST:
+        return np.nan, np.nan
+    batches = np.array([part.mean() for part in np.array_split(values, count)])
+    place = np.arange(count) - 0.5 * (count - 1)
+    bent = np.linalg.qr(np.vander(place, _TREND + 1))[0]
+    left = batches - bent @ (bent.T @ batches)
+    freedom = count - bent.shape[1]
+    # variance of Student's distribution over that of a normal one
+    wider = freedom / (freedom - 2.0) if freedom > 2 else 3.0
+    scatter = float(left @ left) / freedom
+    rounding = (np.finfo(float).eps * float(np.abs(values).max())) ** 2
+    return float(values.mean()), 0.0 if scatter <= 100.0 * rounding else float(np.sqrt(wider * scatter / count))

@@ -1,16 +1,15 @@
-"""One verdict on a record from all its checks, and its form as JSON."""
+"""The verdict on a record from all its checks, and its form as JSON."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from math import isfinite
 from typing import Any, Literal
 
-from labpipe.judging._causes import Cause, explain, with_causes
-from labpipe.judging._checks import Check, Finding, Level
+from labpipe.judging._cause import Cause, explain, with_causes
+from labpipe.judging._check import WEIGHT, Check, CheckSummary, Finding, grouped
 
 Verdict = Literal["yes", "doubtful", "impossible", "unknown"]
-
-_WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,40 +21,53 @@ class Judgement:
     believable : "yes", "doubtful", "impossible" or "unknown"
         Unknown when no check could be made, or when nothing was found by a run that did not get through.
     checks : tuple of Check
-        All of them, those that could not be made too.
+        Checks of every recording and stated value, also those that could not be made.
     causes : tuple of str
-        What would explain the findings, the likeliest first.
+        Possible causes of the findings, the likeliest first.
+    laws : mapping of str to str
+        Sentence by the title of a check, in the order of the page.
     """
 
     believable: Verdict
     checks: tuple[Check, ...]
     causes: tuple[str, ...] = ()
+    laws: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is wrong, the worst first."""
-        found = [
-            Finding(c.name, c.level, c.message, c.cause, c.file, c.line, c.setting)
-            for c in self.checks
-            if c.level is not None
-        ]
-        return tuple(sorted(found, key=lambda f: -_WEIGHT[f.level]))
+        """Failed checks, the gravest first; a failed step comes after what is doubtful in the record itself."""
+        alike: dict[tuple[object, ...], list[Check]] = {}
+        for c in sorted((c for c in self.checks if c.level is not None), key=_order):
+            alike.setdefault((c.name, c.level, c.cause, c.file, c.line, c.setting), []).append(c)
+        return tuple(map(_finding, alike.values()))
+
+    @property
+    def rows(self) -> tuple[CheckSummary, ...]:
+        """One row for each check, over all recordings."""
+        return grouped(self.checks, self.laws)
 
     @property
     def n_made(self) -> int:
-        """Number of checks that could be made."""
-        return sum(c.is_made for c in self.checks)
+        """Number of checks that could be made; one of several recordings counts once."""
+        return sum(row.is_made for row in self.rows)
+
+    @property
+    def n_passed(self) -> int:
+        """Number of checks without a finding other than notes."""
+        return sum(row.is_made and WEIGHT[row.level] < WEIGHT["doubtful"] for row in self.rows)
 
 
-def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
-    """Make one verdict of all checks of a record.
+def judge(checks: Sequence[Check], causes: Sequence[Cause] = (), laws: Mapping[str, str] | None = None) -> Judgement:
+    """Derive the verdict on a record from all its checks.
 
     Parameters
     ----------
     checks : sequence of Check
     causes : sequence of Cause
-        Mistakes that would explain several checks at once. The likeliest one is told with every
+        Mistakes that would explain several checks at once. The likeliest one is given with every
         finding that it explains, with its file and line.
+    laws : mapping of str to str, optional
+        Sentence by the title of a check, in the order of the page.
 
     Returns
     -------
@@ -63,6 +75,7 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
     """
     ranked = explain(checks, causes)
     explained = with_causes(checks, ranked)
+    explained = [_specific(check, explained) if check.is_generic else check for check in explained]
     levels = [c.level for c in checks if c.level is not None]
     believable: Verdict = "yes"
     if "impossible" in levels:
@@ -71,24 +84,46 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
         believable = "doubtful"
     elif not any(c.is_made for c in checks) or any(c.level is not None and not c.is_made for c in checks):
         believable = "unknown"
-    worst_first = sorted((c for c in explained if c.level is not None), key=lambda c: -_WEIGHT[c.level or "note"])
-    own = [c.cause for c in worst_first if c.cause]
+    judged = Judgement(believable, tuple(explained), laws=laws or {})
+    own = [f.cause for f in judged.findings if f.cause]
     sentences = dict.fromkeys([*(e.sentence for e in ranked), *own])
-    return Judgement(believable, tuple(explained), tuple(sentences))
+    return Judgement(believable, judged.checks, tuple(sentences), judged.laws)
+
+
+def _order(check: Check) -> tuple[bool, bool, int]:
+    return check.level == "note", check.is_generic, -WEIGHT[check.level]
+
+
+def _finding(alike: Sequence[Check]) -> Finding:
+    """Make one finding of checks that fail for one cause in one place."""
+    worst = max(alike, key=lambda c: abs(c.margin) if isfinite(c.margin) else 0.0)
+    more = f" (and in {len(alike) - 1} more)" if len(alike) > 1 else ""
+    title, level, message = worst.title or worst.name, worst.level or "note", f"{worst.message}{more}"
+    return Finding(title, level, message, worst.cause, worst.file, worst.line, worst.setting)
+
+
+def _specific(failed: Check, checks: Sequence[Check]) -> Check:
+    """Give a failed step the cause of the gravest finding about its recording, where there is one."""
+    known = [c for c in checks if not c.is_generic and c.cause and WEIGHT[c.level] > WEIGHT["note"]]
+    known = [c for c in known if not (failed.file and c.recording) or c.recording == failed.file]
+    if not known or failed.level is None or failed.line is not None:
+        return failed
+    worst = min(known, key=_order)
+    return replace(failed, cause=worst.cause, file=worst.file, line=worst.line, setting=worst.setting)
 
 
 def to_json(judgement: Judgement) -> str:
     """Return a judgement as JSON text, for the attribute of a stored result."""
     rows = [{name: _plain(getattr(check, name)) for name in _OF_A_CHECK} for check in judgement.checks]
     document = {"believable": judgement.believable, "causes": judgement.causes, "checks": rows}
-    return json.dumps(document, ensure_ascii=False, sort_keys=True)
+    return json.dumps(document | {"laws": dict(judgement.laws)}, ensure_ascii=False)
 
 
 def from_json(text: str) -> Judgement:
-    """Read what :func:`to_json` wrote."""
+    """Read the text of :func:`to_json`."""
     document = json.loads(text)
     checks = [Check(**{k: _number(k, v) for k, v in row.items()}) for row in document["checks"]]
-    return Judgement(document["believable"], tuple(checks), tuple(document["causes"]))
+    return Judgement(document["believable"], tuple(checks), tuple(document["causes"]), document["laws"])
 
 
 _FLOATS = ("margin", "log_ratio", "u_log_ratio")

@@ -7,7 +7,7 @@ Numerical libraries are imported only when something is drawn.
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 from labpipe.report._blocks import (
     Bars as Bars,
     Block as Block,

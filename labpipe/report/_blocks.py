@@ -104,7 +104,7 @@ class Notice:
 
 @dataclass(frozen=True)
 class Details:
-    """Something folded away until it is asked for (raw headers, provenance); printed unfolded.
+    """Something folded away until it is asked for (raw headers, provenance); printed only where it is unfolded.
 
     Attributes
     ----------

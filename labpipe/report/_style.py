@@ -9,7 +9,7 @@ on black until thin lines keep a contrast of at least 3 to 1.
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -298,7 +298,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
     keys = ("svg.hashsalt", "svg.fonttype", "pdf.fonttype", "path.simplify")
     settings: Any = {key: _settings()[key] for key in keys}
     target, engine, canvas, resolution = BytesIO(), figure.get_layout_engine(), figure.canvas, figure.dpi
-    with rc_context(settings), _fonts_without_layout() if file_format == "pdf" else nullcontext():
+    with rc_context(settings):
         try:
             if engine is not None and not isinstance(engine, PlaceHolderLayoutEngine):
                 engine.execute(figure)  # the places alone: nothing is drawn for them
@@ -314,22 +314,6 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
             if engine is not None:
                 figure.set_layout_engine(engine)
     return target.getvalue()
-
-
-@contextmanager
-def _fonts_without_layout() -> Iterator[None]:
-    """Leave the tables by which text would be set out of embedded fonts, where glyphs have their places.
-
-    Following them to the glyphs that they could substitute is half of the work of writing a PDF.
-    """
-    from fontTools.subset import Options
-
-    usual = Options._drop_tables_default
-    Options._drop_tables_default = [*usual, "GDEF", "GPOS", "GSUB", "MATH", "kern"]
-    try:
-        yield
-    finally:
-        Options._drop_tables_default = usual
 
 
 def save_figure(

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.signals._align import (
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         common_fit as common_fit,
         fit_sinusoid as fit_sinusoid,
     )
+    from labpipe.signals._outliers import Outliers as Outliers, outliers as outliers
     from labpipe.signals._repeats import combine_repeats as combine_repeats
     from labpipe.signals._ringing import Ringing as Ringing, ringing as ringing
     from labpipe.signals._vibration import Damped as Damped, damped_oscillation as damped_oscillation

@@ -20,7 +20,8 @@ from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._colour import Colour, estimate_corner, velocity_factor
 from labpipe.signals._mains import Hum
-from labpipe.signals._noise import Noise, estimate_noise, is_spike
+from labpipe.signals._noise import Noise, estimate_noise
+from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing import evaluate, smooth
 from labpipe.units import Measure, si
@@ -80,20 +81,21 @@ def velocity(
         standard uncertainty. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over
         which the noise is correlated), ``quantisation`` (m); ``bandwidth`` (Hz: smallest and
         largest over the record; a moving average of N samples has 1 / (2 N dt)); ``n_spikes``
-        (samples given no weight); ``work`` (JSON counts).
+        (outliers given no weight); ``work`` (JSON counts).
         NaN where the displacement is NaN.
 
     Raises
     ------
     InputError
-        Not one-dimensional over ``time``, another unit than m, times that do not increase,
-        fewer than two readings, infinite values, a negative noise, breaks that are not finite, or
-        a window below 1 or longer than the record.
+        No Dataset with ``displacement`` and no DataArray, not one-dimensional over ``time``, another unit
+        than m, times that do not increase, fewer than two readings, infinite values, a negative noise,
+        breaks that are not finite, or a window below 1 or longer than the record.
 
     Warns
     -----
     UserWarning
-        Fewer than 12 readings: differences are used instead of the spline. Spikes left out.
+        Fewer than 12 readings: differences are used instead of the spline. Outliers left out, or a run of them that is
+        too long to be left out (:func:`labpipe.signals.outliers`).
 
     Notes
     -----
@@ -114,7 +116,7 @@ def velocity(
     >>> round(float(velocity(fall).sel(time=0.5)), 6)
     -4.9
     """
-    record = displacement["displacement"] if isinstance(displacement, xr.Dataset) else displacement
+    record = _displacement_of(displacement)
     time, values = checked_record(record)
     colour = None
     if events is not None and method == "spline":
@@ -157,6 +159,24 @@ def velocity(
     return _labelled(record, is_read, v, u, {"method": used, **attributes})
 
 
+def _displacement_of(given: object) -> xr.DataArray:
+    """Return the record that :func:`velocity` was given, or say how to make one of what it was given."""
+    if isinstance(given, xr.DataArray):
+        return given
+    if not isinstance(given, xr.Dataset):
+        raise InputError(
+            f"velocity takes a DataArray or Dataset over time, found {type(given).__name__}; make one of numbers by "
+            'xr.DataArray(values, {"time": times}, attrs={"units": "m"}), and of a film by labpipe.track'
+        )
+    if "displacement" not in given:
+        lengths = [str(name) for name, record in given.data_vars.items() if record.attrs.get("units") == "m"]
+        remedy = f'pass one of its lengths, such as readings["{lengths[0]}"]' if lengths else "none of them is a length"
+        raise InputError(
+            f'the Dataset has no variable "displacement" but {", ".join(map(str, given.data_vars))}; {remedy}'
+        )
+    return given["displacement"]
+
+
 def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
     """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
     if displacement.dims != ("time",) or "time" not in displacement.coords:
@@ -195,27 +215,27 @@ def _spline(
     if known.sigma <= 0.0:
         # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
         return np.zeros(len(t)), np.zeros(len(t)), _attributes(known, [0.0, 0.0], 0, counts)
-    spike = is_spike(t, y, known.sigma)
-    n_spikes = int(spike.sum())
-    if n_spikes:
-        text = f"{n_spikes} single readings stand out by more than 8 sigma and are left out"
-        warnings.warn(text, UserWarning, stacklevel=3)
-    fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
+    wild = outliers(y, t, noise=known.sigma)
+    kept, n_spikes = ~wild.flags, int(wild.flags.sum())
+    for text in (wild.message(t) if n_spikes else "", wild.interruption(t, y)):
+        if text:
+            warnings.warn(text, UserWarning, stacklevel=3)
+    fit = smooth(t[kept], y[kept], known.sigma, *cuts)
     n_updates = fit.n_updates
     level, u_level = evaluate(fit, t, 0)
     if may_refine and known.block == 1:
-        freedom = float(np.sum((u_level[~spike] / fit.sigma) ** 2))
-        found = _residual_sigma((y - level)[~spike], freedom, known)
+        freedom = float(np.sum((u_level[kept] / fit.sigma) ** 2))
+        found = _residual_sigma((y - level)[kept], freedom, known)
         if not 1 / _WHITE_RESIDUAL < found / known.sigma < _WHITE_RESIDUAL:
             known = known._replace(sigma=found)
-            fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
+            fit = smooth(t[kept], y[kept], known.sigma, *cuts)
             n_updates += fit.n_updates
             level, u_level = evaluate(fit, t, 0)
-    _warn_of_fast_motion((y - level)[~spike], float(np.ptp(y)), known)
+    _warn_of_fast_motion((y - level)[kept], float(np.ptp(y)), known)
     v, u = evaluate(fit, t, 1)
     share = (u_level / fit.sigma) ** 2
     if colour is None:
-        colour = Colour(estimate_corner(((y - level) / known.sigma)[~spike], share[~spike], fit.time_scale))
+        colour = Colour(estimate_corner(((y - level) / known.sigma)[kept], share[kept], fit.time_scale))
     u = u * velocity_factor(share, fit.time_scale, colour.corner)
     if colour.hum is not None:
         u = np.hypot(u, colour.hum.remaining_rate(t))

@@ -18,7 +18,8 @@ from labpipe.signals._derivative import checked_record
 from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._mains import Hum, Stretch, hum_of
-from labpipe.signals._noise import estimate_noise, is_spike
+from labpipe.signals._noise import estimate_noise
+from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._shape_prior import PRIORS, SHAPE, ShapePrior
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
@@ -174,9 +175,25 @@ def bounces(
     sigma = noise if noise is not None else estimate_noise(values - values[0], time).sigma
     if is_constant(values) or not (np.isfinite(sigma) and sigma > 0.0):
         raise InputError("the displacement does not change: no drop in this record")
-    keep = ~is_spike(time, values, sigma)
-    time, values = time[keep], values[keep]
+    wild = outliers(values, time, noise=sigma)
     known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
+    try:
+        return _measured(time[~wild.flags], values[~wild.flags], sigma, known, gravity, contact, floor)
+    except InputError as error:
+        disturbed = wild.interruption(time, values)
+        raise (InputError(f"{disturbed}; {error}") if disturbed else error) from None
+
+
+def _measured(
+    time: Floats,
+    values: Floats,
+    sigma: float,
+    known: Hum | None,
+    gravity: float | None,
+    contact: str,
+    floor: Floor | None,
+) -> xr.Dataset:
+    """Find and measure the bounces of readings that are all valid."""
     motion = _followed(time, values, sigma, known)
     raw = values if known is None else values + known.at(time)
     free = _without_swing(time, values, sigma, motion)
@@ -202,7 +219,7 @@ def bounces(
                 f"impact {number}: no valid readings from {impact.unread[0]:.6g} to {impact.unread[1]:.6g} s, during "
                 "the contact; its times, speeds and restitution are uncertain by that gap"
             )
-            warnings.warn(text, UserWarning, stacklevel=2)
+            warnings.warn(text, UserWarning, stacklevel=3)
     if not impacts:
         raise InputError("no bounce found: no impact between two flights of constant acceleration")
     found = _per_impact(impacts, direction)

@@ -12,9 +12,8 @@ from math import comb, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 
 DIFFERENCE_ORDER = 8
 """High enough that a sinusoid of 20 samples per period is suppressed 2e4 times against noise."""
@@ -24,7 +23,6 @@ _LARGEST_BLOCK = 64
 _FEWEST_DIFFERENCES = 64
 _PLATEAU = 1.3  # two doublings of the block that change no more than this: it no longer grows
 _DYNAMIC_RANGE = 1e-9  # no sensor resolves more; a computed curve without noise is treated so
-_SPIKE = 8.0  # sigma that a sample must stand out of the line through its neighbours
 _UNEVEN = 1e-3  # relative spread of the sampling interval from which times are taken into account
 
 
@@ -141,45 +139,6 @@ def quantisation_step(values: Floats) -> float:
     if len(near) < 3 or not has_variety or float(np.mean(is_multiple)) < 0.9:
         return 0.0
     return step
-
-
-def is_spike(time: Floats, values: Floats, sigma: float) -> Flags:
-    """Mark single samples that stand out of both neighbours in the same direction.
-
-    ``time``, ``values`` (n,): Samples in order. ``sigma``: Noise level. Returns (n,): The first and last two samples
-    are never marked. A step or a kink is not a spike.
-    """
-    marked = np.zeros(len(values), bool)
-    if len(values) < 5 or sigma <= 0.0:
-        return marked
-    centre = values[2:-2]
-    slope = 0.5 * (
-        (values[3:-1] - values[1:-3]) / (time[3:-1] - time[1:-3]) + (values[4:] - values[:-4]) / (time[4:] - time[:-4])
-    )
-    before = centre - (values[1:-3] + slope * (time[2:-2] - time[1:-3]))
-    after = centre - (values[3:-1] - slope * (time[3:-1] - time[2:-2]))
-    stands_out = (np.minimum(np.abs(before), np.abs(after)) > _SPIKE * sigma) & (before * after > 0.0)
-    if not stands_out.any():
-        return marked
-    n = len(centre)
-    t = np.stack([time[j : j + n] - time[2:-2] for j in (0, 1, 3, 4)], axis=1)
-    y = np.stack([values[j : j + n] for j in (0, 1, 3, 4)], axis=1)
-    middle = np.sum(_cubic_weights(t) * y, axis=1)
-    height = np.maximum(np.abs(before), np.abs(after))
-    # A spike has its full height above the curve through two neighbours on either side; the
-    # sharpest kink, a V, has two thirds, and a smooth extremum next to nothing.
-    excess = np.abs(centre - middle)
-    # The neighbours of a spike are off the curve as well, by less.
-    is_highest = excess >= maximum_filter1d(excess, 5)
-    marked[2:-2] = stands_out & (excess > 0.9 * height) & is_highest
-    return marked
-
-
-def _cubic_weights(t: Floats) -> Floats:
-    """Lagrange weights of four neighbours at relative times t, for the value at 0."""
-    others = [[k for k in range(4) if k != j] for j in range(4)]
-    columns = [np.prod(t[:, others[j]], axis=1) / np.prod(t[:, others[j]] - t[:, [j]], axis=1) for j in range(4)]
-    return np.stack(columns, axis=1)
 
 
 def _means_of_two(values: Floats) -> Floats:

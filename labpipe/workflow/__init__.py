@@ -1,18 +1,15 @@
 """A session from its configuration to its results: graph, plan, run and store.
 
-- :mod:`~labpipe.workflow.config`: types of configured fields, and the check against them
+- :mod:`~labpipe.workflow.fields`, :mod:`~labpipe.workflow.config`, :mod:`~labpipe.workflow.document`: types of
+  configured fields, and the check of a TOML file against them
 - :mod:`~labpipe.workflow.session`: ``session.toml``
-- :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages, tasks and their keys
-- :mod:`~labpipe.workflow.code`: the code that a stage can reach, as a part of its keys
-- :mod:`~labpipe.workflow.plan`: what would run, and why
-- :mod:`~labpipe.workflow.store`: results by key; :mod:`~labpipe.workflow.results`: the reader of
-  those that are up to date
-- :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow._session_run`,
-  :mod:`~labpipe.workflow.engines` and :mod:`~labpipe.workflow._worker`: doing it, which
-  :mod:`~labpipe.workflow.run_result` tells
-- :mod:`~labpipe.workflow._log`: what the runs did, and when
-- :mod:`~labpipe.workflow._ledger`, :mod:`~labpipe.workflow.provenance`,
-  :mod:`~labpipe.workflow.context`: what was done, from what, and what a page is told of it
+- :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages and tasks
+- :mod:`~labpipe.workflow._keys`, :mod:`~labpipe.workflow.code`: content keys, and the code in them
+- :mod:`~labpipe.workflow.plan`: the steps of a run, with the reason of each
+- :mod:`~labpipe.workflow.store`, :mod:`~labpipe.workflow.results`: results by key, and their reader
+- :mod:`~labpipe.workflow.runner`, :mod:`~labpipe.workflow.engines`: the run, in processes or on a cluster
+- :mod:`~labpipe.workflow.run_result`, :mod:`~labpipe.workflow.provenance`, :mod:`~labpipe.workflow.context`: the
+  outcome, its origin, and the part of both that a page receives
 
 The names below are imported when they are first used, so that reading a configuration or making
 a plan loads nothing that it does not need. The function ``plan`` stays in its module, whose name
@@ -21,7 +18,7 @@ it shares.
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.workflow._log import events as events

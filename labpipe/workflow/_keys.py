@@ -1,6 +1,6 @@
 """The key of every result: all that it depends on.
 
-The code that the stage can reach, the parameters, the contents of the files and the keys of the
+The code of the packages that the stage belongs to, the parameters, the contents of the files and the keys of the
 other inputs. Equal key, equal result.
 """
 
@@ -12,23 +12,12 @@ from typing import Any
 import msgspec
 
 from labpipe.errors import SourceError
-from labpipe.files import files_below
-from labpipe.stamps import HashIndex
+from labpipe.files import HashIndex, files_below
+from labpipe.workflow.code import behind
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store, key_of
 from labpipe.workflow.tasks import Task, TaskId, ancestors
-
-CARRIERS = {
-    "dataset": (
-        "labpipe.netcdf:prepare",
-        "labpipe.netcdf:write",
-        "labpipe.netcdf:read",
-        "labpipe.workflow._ledger:counts",
-    ),
-    "page": ("labpipe.workflow._ledger:summarise", "labpipe.workflow.provenance:of_task"),
-}
-"""What has a hand in a result beside its function, by the stage's output."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,14 +82,10 @@ def _key(
         "kind": session.experiments[task.id.experiment].kind,
         "stage": stage.name,
         "function": stage.function,
-        "code": {},
+        "code": behind(stage.function, is_page=stage.output == "page")._asdict(),
         "parameters": parameters,
         "inputs": inputs,
     }
-    try:
-        ingredients["code"] = store.code.behind(stage.function, *CARRIERS[stage.output])._asdict()
-    except SourceError as error:
-        problem = str(error)
     if stage.shortcuts:
         ingredients["full"] = full
     if stage.context:
@@ -139,15 +124,15 @@ _CODE = {"function", "code", "version", "format"}
 
 
 def code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Name the modules, data files and libraries in which the code of two results differs."""
+    """Name the packages and libraries in which the code of two results differs."""
     before, after = (
-        {**code.get("modules", {}), **_versions(code)} for code in (old.get("code", {}), new.get("code", {}))
+        {**code.get("packages", {}), **_versions(code)} for code in (old.get("code", {}), new.get("code", {}))
     )
-    if before == after:
-        return []
-    if not before:
-        return ["made before labpipe recorded the code behind a result"]
-    return [name for name in (*after, *(n for n in before if n not in after)) if before.get(name) != after.get(name)]
+    if "packages" not in old.get("code", {}):
+        return ["made by an earlier version of labpipe"]
+    function = [str(new["function"])] if old.get("function") != new.get("function") else []
+    names = (*after, *(name for name in before if name not in after))
+    return function + [name for name in names if before.get(name) != after.get(name)]
 
 
 def _versions(code: Mapping[str, Any]) -> dict[str, str]:

@@ -15,7 +15,7 @@ from labpipe import files
 from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError, StoreError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
-from labpipe.workflow import _ledger, provenance
+from labpipe.workflow import _ledger, code, provenance
 from labpipe.workflow._keys import Key, describe_file
 from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name
@@ -171,7 +171,7 @@ def _attempts(job: Job, emit: Emit) -> None:
                 is_finished = True
             except _StartAgain as again:
                 retried.add(again.task)
-        store.remember()
+        store.index.save()
 
 
 class _Clock(NamedTuple):
@@ -239,14 +239,14 @@ class _Run:
             raise
         except LabpipeError as error:
             return self._failed(task, error, str(error), error.exit_code, begun)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
             text = f"unexpected {type(error).__name__}: {error}"
             return self._failed(task, error, text, StageError.exit_code, begun)
         seconds, processor = begun.until_now()
         return Outcome(*task.id, DONE, key, seconds=seconds, processor_seconds=processor)
 
-    def _failed(self, task: Task, error: Exception, text: str, code: int, begun: "_Clock") -> Outcome:
+    def _failed(self, task: Task, error: BaseException, text: str, code: int, begun: "_Clock") -> Outcome:
         details = "".join(traceback.format_exception(error))
         seconds, processor = begun.until_now()
         return Outcome(
@@ -334,7 +334,7 @@ class _Run:
         return result, self._caught(raised)
 
     def _refuse_changed(self, task: Task, key: Key) -> None:
-        self.store.code.refuse_changed(key.ingredients["code"]["modules"])
+        code.refuse_changed()
         for argument in key.ingredients["inputs"]:
             for known in argument.get("files", ()):
                 found = describe_file(self.job.session.root, known["name"], self.store.index)

@@ -25,8 +25,7 @@ from typing import Any, Literal, TypeVar, Union
 import msgspec
 
 from labpipe.errors import InputError
-from labpipe.files import files_below
-from labpipe.names import safe_join
+from labpipe.files import files_below, safe_join
 from labpipe.units import Quantity, quantity
 from labpipe.workflow import _toml_lines
 from labpipe.workflow.document import LARGEST_FILE, Document, parse
@@ -240,11 +239,6 @@ class Checker:
             names = (f.relative_to(self.root).as_posix() for f in files_below(self.root))
             near = suggest(value, [name for name in names if not name.startswith("labpipe/")])
             advice = near or "; copy it there, or correct the name"
-            if place_on_disk.with_name(f"{place_on_disk.name}.recording").is_file():
-                advice = (
-                    f", only an unfinished recording of it; finish it with "
-                    f'`labpipe acquire recover "{value}.recording"`'
-                )
             return self.report(place, f'there is no file "{value}" in the session folder{advice}')
         if self.gaps is not None and value.endswith(".toml"):
             self.gaps += _gaps_of_file(place_on_disk, value)

@@ -8,6 +8,7 @@ from labpipe import files
 from labpipe.errors import SourceError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
+from labpipe.workflow import code
 from labpipe.workflow._keys import Key, code_changes, make_keys
 from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
@@ -138,10 +139,10 @@ def plan(
     store = Store(session.folder)
     tasks = spell_out(session, stages)
     wanted = wanted_tasks(session, tasks, targets, only)
-    store.code.is_asked = store.root.is_dir()
     made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
     if store.root.is_dir():
-        store.remember()
+        store.index.save()
+        code.save()
     return made
 
 

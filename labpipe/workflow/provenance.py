@@ -1,6 +1,5 @@
 """Where a result comes from: program, versions, parameters and raw files; nothing of the clock."""
 
-import importlib.metadata
 import platform
 import shutil
 import subprocess
@@ -9,13 +8,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from labpipe.build import __version__
+from labpipe.installation import __version__
 from labpipe.workflow._keys import Key
+from labpipe.workflow.code import LIBRARIES, version
 from labpipe.workflow.store import key_of
 from labpipe.workflow.tasks import Task, TaskId, ancestors
-
-LIBRARIES = ("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba", "opencv-python-headless", "matplotlib")
-"""Distributions whose versions can change a number or a picture."""
 
 _GIT_SECONDS = 10
 """A repository on a share that does not answer must not stop a run."""
@@ -27,16 +24,8 @@ def program() -> dict[str, Any]:
         "labpipe": __version__,
         "git": git_state(Path(__file__).parents[1]),
         "python": platform.python_version(),
-        "libraries": {name: _version(name) for name in LIBRARIES},
+        "libraries": {name: version(name) for name in LIBRARIES},
     }
-
-
-@cache
-def _version(distribution: str) -> str | None:
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 @cache

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from labpipe.errors import ConfigError, InputError, SourceError
-from labpipe.names import safe_join
+from labpipe.files import safe_join
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow import _toml_lines
 from labpipe.workflow.config import Checker

@@ -7,7 +7,6 @@
     SESSION/labpipe/store/latest/NAME.json the last key of every task of an experiment
     SESSION/labpipe/store/quarantine/      what turned out to be damaged
     SESSION/labpipe/store/index.json       digests by size, times and inode
-    SESSION/labpipe/store/code.json        the code behind every stage, while it is unchanged
     SESSION/labpipe/store/verdicts.json    what all judgements came to, with the digest of all that it comes from
     SESSION/labpipe/store/verdicts-of-failures.json    the same of experiments that failed
     SESSION/labpipe/store/amended.json     pages to which the session as a whole added something
@@ -26,8 +25,7 @@ import msgspec
 
 from labpipe import files
 from labpipe.errors import SourceError, StoreError
-from labpipe.stamps import HashIndex
-from labpipe.workflow.code import Code
+from labpipe.files import HashIndex
 from labpipe.workflow.tasks import TaskId
 
 if TYPE_CHECKING:
@@ -122,12 +120,6 @@ class Store:
         self.folder = folder
         self.root = folder / "store"
         self.index = HashIndex(self.root / "index.json", paranoid=paranoid)
-        self.code = Code.kept_in(self.root / "code.json")
-
-    def remember(self) -> None:
-        """Keep what was learnt of files and code, so that the next plan is quick."""
-        self.index.save()
-        self.code.save()
 
     # --- looking ---
 

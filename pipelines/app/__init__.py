@@ -8,7 +8,7 @@ and ``labpipe/`` are written.
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.app._serve import (

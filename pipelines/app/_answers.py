@@ -13,8 +13,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.files import files_below
-from labpipe.names import safe_join
+from labpipe.files import files_below, safe_join
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _measuring as measuring, _setup as setup
 from pipelines.app._outlook import outlook

@@ -17,7 +17,7 @@ import msgspec
 from calibration import KINDS as RECORDS
 from labpipe import files
 from labpipe.errors import ConfigError, InputError, LabpipeError
-from labpipe.names import safe_join
+from labpipe.files import safe_join
 from labpipe.workflow import config, session as sessions
 from labpipe.workflow.document import dotted, parse
 from labpipe.workflow.fields import GAP, FileMark, ReferenceMark, describe, is_gap, mark, split

@@ -1,6 +1,6 @@
-"""Indentation: elastic line and sphere against tamaas, tapping against the thesis's scheme.
+"""Indentation: elastic line against tamaas, tapping against the thesis's scheme.
 
-Truth: Westergaard's and Hertz's pressures; the forces of a tapping cylinder by the closed form of
+Truth: Westergaard's pressure; the forces of a tapping cylinder by the closed form of
 the half-plane's springs at 8000 steps a cycle.
 """
 
@@ -13,7 +13,6 @@ import numpy as np
 
 from labpipe import contact
 from labpipe.arrays import Floats
-from labpipe.contact.impact import Springs, line_springs, ring_springs
 from labpipe.contact.line import indent_thesis_scheme, westergaard
 from labpipe.materials import Prony
 from pipelines.bench import contact_peers
@@ -25,9 +24,7 @@ Call = Callable[[], object]
 _RADIUS, _PERIOD = 2e-3, 8e-3
 #: Half width of the elastic line over the period: sin² is a fifth, a mean pressure of 0.2 p*.
 _SHARE = float(np.arcsin(np.sqrt(0.2)) / np.pi)
-_MOST_FACTORED, _MOST_PIVOTED = 4096, 1024
-#: Points at which the pressure of the sphere is compared.
-_RADII = 400
+_MOST_FACTORED = 4096
 _TIMES = (0.25, 0.40, 0.50, 0.60, 0.70, 1.50)
 
 
@@ -60,26 +57,23 @@ _SOLIDS = (
         454529.8,
     ),
 )
-_MISSING = "tamaas is not installed: no peer beside the elastic line and sphere."
+_MISSING = "tamaas is not installed: no peer for the elastic line."
 
 
 def run(quick: bool) -> list[Suite]:
-    """Measure the elastic line, the elastic sphere, and tapping."""
+    """Measure the elastic line, and tapping."""
     has_peer = find_spec("tamaas") is not None
     tapping = [_tapping(quick, solid) for solid in _SOLIDS]
-    return [_line(quick, has_peer), _sphere(quick, has_peer), *tapping]
+    return [_line(quick, has_peer), *tapping]
 
 
 def _line(quick: bool, has_peer: bool) -> Suite:
     calls: dict[str, tuple[str, Call]] = {}
     sizes = (64, 256, 1024) if quick else (64, 256, 1024, 4096, 16384)
     for n in sizes:
-        # All strips of the half period are factored for the answer to a load; the gradients of a
-        # cold start end in dense pivots: neither is for the finest grids.
+        # All strips of the half period are factored for the answer to a load: not for the finest grids.
         if n <= _MOST_FACTORED:
-            calls[f"springs, {n} strips"] = OURS, partial(_line_pressure, n, "springs")
-        if n <= _MOST_PIVOTED:
-            calls[f"conjugate gradients, {n} strips"] = OURS, partial(_line_pressure, n, "general")
+            calls[f"springs, {n} strips"] = OURS, partial(_line_pressure, n)
         if has_peer:
             calls[f"tamaas, {n} points"] = "tamaas", partial(contact_peers.line, n)
     return Suite(
@@ -91,7 +85,7 @@ def _line(quick: bool, has_peer: bool) -> Suite:
     )
 
 
-def _line_pressure(elements: int, solver: str) -> Floats:
+def _line_pressure(elements: int) -> Floats:
     """Pressure (element,) over its mean, centred."""
     solid = Prony(1.0, [], [], nu=0.0)
     amplitude = _PERIOD**2 / (4.0 * np.pi**2 * _RADIUS)
@@ -105,7 +99,6 @@ def _line_pressure(elements: int, solver: str) -> Floats:
         "cosine",
         elements=elements,
         outputs=("pressure",),
-        solver=solver,  # type: ignore[arg-type]
     )
     pressure: Floats = found.pressure.values[0]
     return pressure / pressure.mean()
@@ -117,40 +110,6 @@ def _line_error(found: object) -> float:
     x = (np.arange(n) - n // 2) / n
     exact = westergaard.pressure(x, _SHARE, 1.0, 1.0, 1.0, "cosine")
     exact = exact / (np.pi * 0.2 / (4.0 * np.pi**2))
-    return float(np.linalg.norm(pressure - exact) / np.linalg.norm(exact))
-
-
-def _sphere(quick: bool, has_peer: bool) -> Suite:
-    calls: dict[str, tuple[str, Call]] = {}
-    for n in (20, 80, 320) if quick else (20, 40, 80, 160, 320, 640):
-        calls[f"springs, {n} in the radius"] = OURS, partial(_sphere_pressure, n, "springs")
-        calls[f"rings, {n} in the radius"] = OURS, partial(_sphere_pressure, n, "rings")
-    if has_peer:
-        for n in (32, 64) if quick else (32, 64, 128, 256):
-            calls[f"tamaas, {n} x {n} points"] = "tamaas", partial(contact_peers.sphere, n)
-    return Suite(
-        "indentation-sphere",
-        "Elastic sphere on a half-space: against Hertz",
-        "relative L2 error of the pressure (1)",
-        _measured(calls, _sphere_error, 3 if quick else 5, "springs, 80 in the radius"),
-        notes=["The springs hold Hertz's answer exactly; their error is rounding.", *([] if has_peer else [_MISSING])],
-    )
-
-
-def _sphere_pressure(per_radius: int, kind: str) -> tuple[Floats, Floats]:
-    """Radii over the contact's and pressures over the peak, both (point,); setup included."""
-    springs: Springs
-    springs = ring_springs(1.0, 1.2, 1.0 / per_radius) if kind == "rings" else line_springs(1.0, 1.2, 0.25, per_radius)
-    gap = springs.gap
-    n = springs.covering(1.1)
-    load = np.maximum(1.0 - gap[:n], 0.0)
-    radii = np.sqrt((np.arange(_RADII) + 0.5) / _RADII)
-    return radii, springs.pressure(load, 1.0, radii) / (2.0 / np.pi)
-
-
-def _sphere_error(found: Any) -> float:
-    radii, pressure = found
-    exact = np.sqrt(np.maximum(1.0 - radii**2, 0.0))
     return float(np.linalg.norm(pressure - exact) / np.linalg.norm(exact))
 
 

@@ -21,12 +21,20 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default="figures", help="Folder to write into."
 )
+@click.option("--data", is_flag=True, help="Write the numbers that each figure draws too, as csv.")
 @jobs_option
 @json_option
 def figures(
-    ids: tuple[str, ...], listed: bool, check: bool, session: Path | None, out: Path, jobs: int, as_json: bool
+    ids: tuple[str, ...],
+    listed: bool,
+    check: bool,
+    session: Path | None,
+    out: Path,
+    data: bool,
+    jobs: int,
+    as_json: bool,
 ) -> None:
-    r"""Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each.
+    r"""Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each, as text and as LaTeX.
 
     Without --session only computed figures are drawn. Up-to-date figures are not drawn again; of
     the session only what the figures need is processed.
@@ -50,7 +58,7 @@ def figures(
         # while the bar is shown, the list waits: both on one screen would run into each other
         say = lambda o: None if as_json else _say(o)  # noqa: E731
         show = say if step is None else lambda outcome: step(outcome.id)
-        outcomes = verb(ids, session=session, out=out, jobs=jobs, progress=show).outcomes
+        outcomes = verb(ids, session=session, out=out, data=data, jobs=jobs, progress=show).outcomes
     if step is not None:
         for outcome in outcomes:
             _say(outcome)

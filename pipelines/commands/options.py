@@ -52,6 +52,7 @@ def reading_options(function: F) -> F:
     @click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
     @click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
     @click.option("--storage-factor", type=click.IntRange(min=1), help="Keyence file: samples per stored point.")
+    @click.option("--channel", type=click.Choice(["red", "green", "blue"]), help="Colour film: the channel to read.")
     @click.option(
         "--option", "others", multiple=True, metavar="NAME=VALUE", help="Another option of the reader, e.g. fps=1000."
     )
@@ -63,10 +64,17 @@ def reading_options(function: F) -> F:
         cycle: str | None,
         units: tuple[str, ...],
         storage_factor: int | None,
+        channel: str | None,
         others: tuple[str, ...],
         **kwargs: Any,
     ) -> Any:
-        typed = {"columns": columns, "cycle": cycle, "units": list(units), "storage_factor": storage_factor}
+        typed = {
+            "columns": columns,
+            "cycle": cycle,
+            "units": list(units),
+            "storage_factor": storage_factor,
+            "channel": channel,
+        }
         given = {name: value for name, value in typed.items() if value}
         try:
             kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
@@ -104,6 +112,7 @@ _APART = {
     "columns": "--columns",
     "cycle": "--cycle",
     "storage_factor": "--storage-factor",
+    "channel": "--channel",
 }
 
 

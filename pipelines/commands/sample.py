@@ -59,11 +59,10 @@ def demo(dest: Path, as_json: bool) -> None:
     from pipelines.commands.session import as_document, summarise
     from pipelines.session import verdicts_of
 
-    with rig.ahead(dest):
-        with waiting("recording a session", enabled=not as_json):
-            rig.record_demo(dest)
-        with watching(enabled=not as_json) as progress:
-            outcome = rig.demo(dest, progress=progress)
+    with waiting("recording a session", enabled=not as_json):
+        rig.record_demo(dest)
+    with watching(enabled=not as_json) as progress:
+        outcome = rig.demo(dest, progress=progress)
     if as_json:
         echo_json(as_document(outcome, dest, verdicts_of(outcome)))
     else:

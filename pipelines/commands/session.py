@@ -33,14 +33,14 @@ _NEVER_RUN = "never run"
 
 
 @click.command()
-@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
 @click.option("--ask/--no-ask", default=None, help="Ask for what no file contains; default: ask at a terminal.")
 @click.option(
     "--template",
     multiple=True,
     metavar="KIND",
-    help="No scan: the tables of this kind, every value to fill in. Repeatable.",
+    help="No scan: the tables of this kind, every value to fill in; makes FOLDER if need be. Repeatable.",
 )
 @json_option
 def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...], as_json: bool) -> None:
@@ -139,14 +139,17 @@ def plan(
     from pipelines import process as verbs
 
     made = verbs.plan(session, targets, only, full=full, keep=keep)
+    exact = verbs.stated_as_exact(made.session)
     if as_json:
         names = ("experiment", "stage", "recording", "state", "reason")
         rows = [{n: getattr(row, n) for n in names} for row in made.rows]
         document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate}
-        echo_json(document | {"waiting": made.session.waiting})
+        echo_json(document | {"waiting": made.session.waiting, "exact": exact})
         return
     echo(f"{made.summary}")
     _show_waiting(made.session.waiting)
+    for values, names in exact.items():
+        echo(f"counted as exact, since stated without ±: {values} ({', '.join(names)})")
     for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
         echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
         _show_steps(list(own))
@@ -278,7 +281,7 @@ def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = N
     for one in () if judged is None else judged.experiments:
         if one.state == "waiting":  # its lines are told below, with those that nobody judged
             continue
-        grave = [f.message for f in one.findings if f.level != "note"]
+        grave = [f"{f.message} [{f.place}]" if f.place else f.message for f in one.findings if f.level != "note"]
         more = f"; and {len(grave) - _TOLD} more on its page" if len(grave) > _TOLD else ""
         told = "; ".join(grave[:_TOLD]) + more
         model = f", model: {one.model}" if one.model != "none" else ""

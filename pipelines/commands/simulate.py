@@ -57,13 +57,6 @@ def simulate() -> None:
 @click.option("--heating", is_flag=True, help="Estimate self-heating.")
 @click.option("--heat-capacity", type=quantities.HEAT_CAPACITY, help="For --heating; default: from the library.")
 @click.option("--conductivity", type=quantities.CONDUCTIVITY, help="For --heating; default: from the library.")
-@click.option(
-    "--map",
-    "maps",
-    type=quantities.TIME,
-    multiple=True,
-    help="Time at which to store pressure and surface; may be repeated.",
-)
 @quantities.result_options
 @json_option
 def drop(
@@ -77,7 +70,6 @@ def drop(
     heating: bool,
     heat_capacity: float | None,
     conductivity: float | None,
-    maps: tuple[float, ...],
     out: Path | None,
     picture: Path | None,
     as_json: bool,
@@ -101,7 +93,7 @@ def drop(
         plate = contact.Plate(plate_mass, plate_frequency, plate_damping)
     solid = load(material, temperature, vertical_shift)
     with _progress(as_json) as shown:
-        found = contact.drop(solid, **fall, plate=plate, maps=sorted(set(maps)) or None, progress=shown)
+        found = contact.drop(solid, **fall, plate=plate, progress=shown)
     extra: dict[str, Any] = {}
     if work_of_adhesion is not None:
         extra |= adhesion_rows(found, solid, work_of_adhesion)

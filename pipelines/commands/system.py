@@ -39,6 +39,7 @@ def doctor(session: Path | None, as_json: bool) -> None:
             "problems": found.problems, "session_problems": found.session_problems,
             "damaged_results": found.damaged_results,
             "checks": None if found.audit is None else found.audit.checks,
+            "exact": None if found.audit is None else found.audit.exact,
             "findings": None if found.audit is None else [t.document() for t in found.audit.troubles],
         })  # fmt: skip
     else:

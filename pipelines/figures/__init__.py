@@ -10,6 +10,7 @@ draw. :mod:`pipelines.figures.check` compares the thesis's printed numbers with 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,10 +27,11 @@ def figures(
     *,
     session: str | Path | None = None,
     out: str | Path = "figures",
+    data: bool = False,
     jobs: int = 1,
     progress: Callable[[Outcome], None] | None = None,
 ) -> Made:
-    """Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each.
+    """Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each, as text and as LaTeX.
 
     Parameters
     ----------
@@ -40,6 +42,8 @@ def figures(
         first. Without it only computed figures are drawn.
     out : path-like
         Folder to write into; what is up to date there is not drawn again.
+    data : bool
+        Write the numbers that each figure draws too, as ``ID-data.csv``.
     jobs : int
         Experiments processed, and figures drawn, side by side; 0 does all in this process.
     progress : callable, optional
@@ -62,6 +66,6 @@ def figures(
     from pipelines.figures import make
 
     wanted = make.chosen([ids] if isinstance(ids, str) else ids)
-    shelf = make.Shelf.of(Path(out), None if session is None else Path(session))
+    shelf = replace(make.Shelf.of(Path(out), None if session is None else Path(session)), with_data=data)
     show = progress or (lambda outcome: None)
     return make.Made(shelf.folder, make.make(shelf, wanted, show, jobs=jobs))

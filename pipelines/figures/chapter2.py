@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from labpipe import contact, materials
+from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, decades, label_outside, letter, panels
+from pipelines.figures.inputs import Inputs, solid_or_library, sweeps_note
 
 TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
 DEPTH = TIPS * TIP_DEPTH
@@ -49,6 +50,11 @@ def _cycle(rubber: Prony, amplitude: float, frequency: float) -> tuple[float, fl
     return float(force[-samples:].min() / rest), float(lost[-1] - lost[-samples - 1])
 
 
+def least_force(rubber: Prony, amplitude: float, frequency: float) -> float:
+    """Return the least force of a simulated cycle over the force at rest."""
+    return _cycle(rubber, amplitude, frequency)[0]
+
+
 def simulated_front(rubber: Prony, frequency: float) -> float:
     """Return the amplitude [m] at which the simulated least force of a cycle falls to zero.
 
@@ -64,9 +70,9 @@ def simulated_front(rubber: Prony, frequency: float) -> float:
     return (old + now * (old - older) / (before - now)) * scale
 
 
-def dissipation_map() -> Drawing:
+def dissipation_map(inputs: Inputs | None) -> Drawing:
     """Figure 2.6: dissipated work over frequency and amplitude, with the detachment front."""
-    rubber = materials.load("nbr")
+    rubber, origin = solid_or_library(inputs, "nbr")
     frequency, amplitude = decades(-2, 10, 20), TIP_RADIUS * decades(-4, -1, 60)
     geometry = (_MEAN, TIP_RADIUS, PERIOD)
     field = contact.dissipation_map(rubber, frequency, amplitude, *geometry, DEPTH)
@@ -100,15 +106,20 @@ def dissipation_map() -> Drawing:
         computed=(
             "map and line from eqs. (2.31) and (2.34); dots from the boundary-element simulator (600 s of rest, then "
             "two cycles), in (a) the amplitude at which its least force falls to zero, in (b) the work of the second "
-            "cycle. The material is the library's nbr, tuned on the thesis's plateaus alone; its one term per decade "
-            "shows as a ripple."
+            f"cycle. The material is {origin}"
+            + (
+                ", tuned on the thesis's plateaus alone; its one term per decade shows as a ripple."
+                if inputs is None
+                else "."
+            )
         ),
         difference=(
             f"the simulated front lies at {ratio.min():.2f} to {ratio.max():.2f} times (2.34), which keeps the contact "
             "width while the real one shrinks. The text after (2.34) has the trend reversed: the critical amplitude "
             "falls as the frequency rises (from near Delta_0 to Delta_0/beta, as the text itself says further on). "
-            "Levels differ from the printed map as far as the true DMA spectrum differs from the library's."
+            "Levels differ from the printed map as far as the thesis's DMA spectrum differs from this one."
         ),
+        **sweeps_note(inputs),
     )
 
 
@@ -135,9 +146,9 @@ def _section_panel(axes: Any, x: Floats, frequency: Floats, rubber: Prony) -> No
     axes.set(ylabel="work $\\tilde W$ (1)", ylim=(scaled.min() / 30, scaled.max() * 2))
 
 
-def tapping_cycle() -> Drawing:
+def tapping_cycle(inputs: Inputs | None) -> Drawing:
     """Figure 2.7: pressure and surface over one cycle of a large oscillation."""
-    rubber = materials.load("nbr")
+    rubber, origin = solid_or_library(inputs, "nbr")
     samples, frequency = 80, 2.0
     time, moved = oscillation(0.25 * TIP_RADIUS, 0.15 * TIP_RADIUS, frequency, 3, samples)
     made = contact.indent(
@@ -152,7 +163,7 @@ def tapping_cycle() -> Drawing:
         for number, place in enumerate(axes.flat):
             state = last.isel(time=number * samples // 8)
             others.append(_state_panel(place, state, near, tip, is_right=number % 4 == 3))
-            letter(place, "abcdefgh"[number], f"$t/T$ = {number}/8")
+            letter(place, "abcdefgh"[number], f"$t/T$ = {number}/8, {float(state['force']):.1f} N")
         low = min(o.get_ylim()[0] for o in others)
         for other in others:
             other.set_ylim(low, -low)
@@ -161,23 +172,29 @@ def tapping_cycle() -> Drawing:
         words = ["pressure (left axis)", "surface (right axis)", "indenter (right axis)"]
         figure.legend(handles, words, loc="outside upper center", ncols=3)
     force, width = last["force"].values, last["contact_half_width"].values
+    first_harmonic = np.exp(-2j * np.pi * np.arange(samples) / samples)
+    lead = float(
+        np.degrees(np.angle((force[1:] @ first_harmonic) / (last["displacement"].values[1:] @ first_harmonic)))
+    )
     return Drawing(
         "Contact pressure and height of surface and indenter, upwards positive and from the mean surface, at eight "
         "moments of the third cycle; mean indentation 0.25 R, amplitude 0.15 R, 2 Hz.",
         figure,
         computed=(
-            "boundary-element simulation of a periodic row of circular tips on the library's "
-            "nbr, 512 strips per period, after a ramp of 1 mm/s and 600 s of rest. The force "
-            f"runs from {force.min():.2f} to {force.max():.1f} N, the contact half-width from "
-            f"{width.min() * 1e3:.3f} to {width.max() * 1e3:.3f} mm, so the indenter "
+            f"boundary-element simulation of a periodic row of circular tips on {origin}, "
+            "512 strips per period, after a ramp of 1 mm/s and 600 s of rest. The force "
+            f"leads the displacement by {lead:.0f} degrees ({lead / 360.0:.2f} T), as the two forces at equal "
+            f"depth in (a) and (e) show; it runs from {force.min():.2f} to {force.max():.1f} N, the contact half-width "
+            f"from {width.min() * 1e3:.3f} to {width.max() * 1e3:.3f} mm, so the indenter "
             + ("leaves the surface. " if width.min() <= 0 else "just keeps contact. ")
             + "The kinks of (b) to (d) sit at the edge of the contact that has relaxed."
         ),
         difference=(
             "the printed caption gives the frequency as 'alpha = 3.12e-10'; that is f tau_0, "
-            "2 Hz. Whether the tip leaves the surface depends on the true DMA spectrum; with "
-            "the library's nbr the figure's amplitude lies at the edge of it."
+            "2 Hz. The tip leaves the surface or just keeps contact according to the DMA spectrum: the "
+            "figure's amplitude is close to the front of eq. (2.34)."
         ),
+        **sweeps_note(inputs),
     )
 
 

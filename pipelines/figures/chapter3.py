@@ -5,22 +5,26 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle, Rectangle
 
-from labpipe import contact, materials
+from labpipe import contact
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, letter, panels
+from pipelines.figures.inputs import Inputs, solid_or_library, sweeps_note
 
 SPHERE_RADIUS, MASS, GRAVITY = 9.525e-3, 0.505, 9.81
 HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
 
 _SHOWN_IMPACTS = 3
-_UNTIL_REST = 0.8  # s from the release, in which the sphere comes to rest
+_DURATIONS = (0.8, 1.6, 3.2)  # s from the release, until the sphere has come to rest
 _AFTER_LIFT_OFF = 1e-4  # s
 
 
-def reduced_gap() -> Drawing:
+def reduced_gap(inputs: Inputs | None) -> Drawing:
     """Figure 3.3: reduced gap and contact radius of a drop to rest, and what its symbols mean."""
-    solid, height = materials.load("acrylic"), HEIGHTS[0]
-    made = contact.drop(solid, SPHERE_RADIUS, MASS, height, _UNTIL_REST)
+    (solid, origin), height = solid_or_library(inputs, "acrylic"), HEIGHTS[0]
+    for duration in _DURATIONS:
+        made = contact.drop(solid, SPHERE_RADIUS, MASS, height, duration)
+        if np.isfinite(made["rest_time"]):
+            break
     first = float(made["impact_time"][0])
     t = (made["time"].values - first) * 1e3
     rest = _static_radius(MASS)
@@ -52,7 +56,7 @@ def reduced_gap() -> Drawing:
         "(b) The quantities: drop height h_0, centre O, contact radius a.",
         figure,
         computed=(
-            "drop simulation with the library's acrylic, R = 9.525 mm, 505 g. g_r = z_O - R + w with the displacement "
+            f"drop simulation with {origin}, R = 9.525 mm, 505 g. g_r = z_O - R + w with the displacement "
             "w of the surface at the centre: 0 as long as sphere and disc touch there, in flight with the dent that is "
             f"left ({left * 1e6:.1f} µm 0.1 ms after the first lift-off). {made.sizes['impact']} bounces; the last "
             f"touch comes at {(float(made['final_contact_time']) - first) * 1e3:.0f} ms, and nothing swings after "
@@ -64,6 +68,7 @@ def reduced_gap() -> Drawing:
             "the printed figure is a sketch without numbers. The text has g_r negative in contact, by the approach; "
             "with the printed g_r = z_O - R + w it cannot be, as w makes up for it. The approach is drawn beside it."
         ),
+        **sweeps_note(inputs),
     )
 
 

@@ -32,7 +32,7 @@ from labpipe.contact.line import dimensionless_frequency, dimensionless_length, 
 from labpipe.contact.lumped import contact_stiffness
 from labpipe.contact.sphere import hertz
 from labpipe.units import Quantity
-from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, PERIOD, TIP_RADIUS
+from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, PERIOD, TIP_RADIUS, least_force
 from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
 
 Verdict = Literal[
@@ -47,6 +47,7 @@ Verdict = Literal[
 _RELAXED_CONTACT_MODULUS = 10.14e6
 """Pa; the one modulus that gives the three plateaus of section 2.3.2."""
 
+_ABOVE_THE_FRONT = 1e2  # Hz
 _INDENTATIONS = (0.1e-3, 0.2e-3, 0.3e-3)
 _PLATEAUS, _PEAKS = (12.2, 31.0, 55.5), (23.1, 44.7, 80.6)  # N, of section 2.3.2
 
@@ -142,6 +143,17 @@ def _conventions() -> Iterator[Row]:
     yield Row("A.1 text", "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)", 1, 0, "1", 0, misprint=why)
     why = "mm over s is mm/s, not um/s; the /1000 is right"
     yield Row("3.14 (eq.)", "velocity unit before /1000, in m/s", 1e-6, 1e-3, "m/s", 0, misprint=why)
+    lead = float(np.abs(np.exp(1j * (1.0 + 1.0))))
+    why = "brackets are missing: exp(i (omega t + delta)); as printed the amplitude grows with the phase"
+    yield Row("1.15", "|sigma| over |G*| epsilon_0 at delta = 1", float(np.exp(1.0)), lead, "1", 1e-9, misprint=why)
+    why = "the dot belongs to the entropy: rho theta ds/dt"
+    yield Row("1.17", "factor of ds/dt over rho theta", 0, 1, "1", 0, misprint=why)
+    why = (
+        "(1.26) multiplies the time by a, (2.35) the frequency; a material that softens has a rising and a falling one"
+    )
+    yield Row("1.26, 2.35", "sign of d log a_T / d T by both", 1, -1, "1", 0, inconsistent=why)
+    why = "no unit is printed; as a yield strain of E = 3.2 GPa it would be 64 to 128 MPa"
+    yield Row("A.1 text", "is the 'yield stress range of 0.02-0.04' a stress? (1 yes)", 1, 0, "1", 0, misprint=why)
     yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
 
 
@@ -261,6 +273,12 @@ def _tapping() -> Iterator[Row]:
     slow, fast = contact.tapping_amplitude(rubber, [0.0, 1e15], mean, TIP_RADIUS, PERIOD)
     sign, why = float(np.sign(fast - slow)), "|E| in (2.34) rises with frequency, so the critical amplitude falls"
     yield Row("2.34 text", "sign of d alpha / d frequency", 1, sign, "1", 0, inconsistent=why)
+    why = "white is above the front, and the caption calls white the detachment region; simulated, the force ends there"
+    frequency = _ABOVE_THE_FRONT
+    beyond = 2.0 * float(contact.tapping_amplitude(rubber, frequency, mean, TIP_RADIUS, PERIOD))
+    least = least_force(rubber, beyond, frequency)
+    name = "is contact continuous above the front? (1 yes)"
+    yield Row("2.3.3", name, 1, float(least > 0.0), "1", 0, inconsistent=why)
     yield Row("2.34 text", "alpha(0)/Delta_0, 'about'", 1.0, float(slow) / mean, "1", 0.25)
     ratio = float(fast) / mean * rubber.E_unrelaxed / rubber.E_relaxed
     yield Row("2.34 text", "alpha(inf) beta/Delta_0, 'about'", 1.0, ratio, "1", 0.25)
@@ -281,6 +299,13 @@ def _impacts() -> Iterator[Row]:
     modulus = 3.2e9 / (1 - 0.35**2)
     load = hertz.static_load(MASS * GRAVITY, SPHERE_RADIUS, modulus)
     yield Row("reference", "Hertz radius at rest, E = 3.2 GPa", 0.213, float(load.contact_radius) * 1e3, "mm", 5e-4)
+    step, converged = 2e-4, contact.drop(materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.5)
+    coarse = contact.drop(
+        materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.5, solver="thesis", time_step=step
+    )
+    bounces = coarse.sizes["impact"] / converged.sizes["impact"]
+    why = "a contact of 1 ms has five such steps; the thesis's scheme agrees with the solution at steps of some us"
+    yield Row("3.3.3", "bounces by steps of 0.2 ms over the true number", 1.0, bounces, "1", 0.05, inconsistent=why)
     elastic = hertz.impact(sqrt(2 * GRAVITY * HEIGHTS[0]), SPHERE_RADIUS, MASS, modulus)
     yield Row("reference", "Hertz approach, acrylic from 1.5 mm", 69.0, float(elastic.peak_approach) * 1e6, "um", 0.5)
     yield Row("3.1", "radius of a 3/4 inch sphere", 9.525, 0.75 * 25.4 / 2, "mm", 1e-9)

@@ -58,6 +58,34 @@ class Drawing:
         paragraphs += [f"{name}: {text or 'nothing.'}" for name, text in rows]
         return "\n\n".join(fill(p, DOUBLE_COLUMN_LINE) for p in paragraphs) + "\n"
 
+    def latex(self, figure_id: str, title: str) -> str:
+        """Return the caption as LaTeX, with a label such as ``fig:3.10``."""
+        text = " ".join(self.caption(figure_id, title).split()).removeprefix(f"{figure_id} ").strip()
+        escaped = "".join(_LATEX.get(character, character) for character in text)
+        return f"\\caption[{title}]{{{escaped}}}\n\\label{{fig:{figure_id}}}\n"
+
+    def data(self) -> str:
+        """Return the numbers that the figure draws as csv: panel, curve, axes with units, x and y of every point."""
+        rows = ["panel,curve,x_axis,y_axis,x,y"]
+        for number, axes in enumerate(self.figure.axes if self.figure is not None else (), 1):
+            names = [_quoted(text) for text in (axes.get_xlabel(), axes.get_ylabel())]
+            curves = [(line.get_label(), line.get_xydata()) for line in axes.lines]
+            curves += [(band.get_label(), path.vertices) for band in axes.collections for path in band.get_paths()]
+            for label, points in curves:
+                head = ",".join([str(number), _quoted(str(label).removeprefix("_")), *names])
+                rows += [f"{head},{x:.9g},{y:.9g}" for x, y in np.asarray(points, float).tolist()]
+        return "\n".join(rows) + "\n"
+
+
+_LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {"µ": "\\textmu{}", "°": "\\textdegree{}", "±": "$\\pm$"} | {
+    "^": "\\textasciicircum{}", "~": "\\textasciitilde{}", "\\": "\\textbackslash{}", "−": "$-$", "×": "$\\times$"
+}  # fmt: skip
+
+
+def _quoted(text: str) -> str:
+    """Return a cell of csv."""
+    return '"' + text.replace('"', '""') + '"'
+
 
 @contextmanager
 def panels(

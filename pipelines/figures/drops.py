@@ -10,9 +10,6 @@ from labpipe.report import kept_samples, line_arguments
 from pipelines.figures.drawing import Drawing, beyond, label_outside, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
-_COVERAGE = 2.0
-"""Standard deviations of the repeats in the band."""
-
 _BEFORE, _PAST_REST = 20.0, 1.05
 """Shown before first contact in ms, and until when, as a multiple of the time until rest."""
 
@@ -69,9 +66,9 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
         ),
         difference="the printed figures give no number for the agreement." + _larger_sample(len(chosen), number),
         **inputs.data_note(
-            f"bands: {number} laser recordings per height, their mean plus and minus two "
-            f"standard deviations over the repeats ({'; '.join(_widths(inputs, chosen))}; the left "
-            "panels hold them within the line's width until the bounces run apart)."
+            f"bands: the envelope of {number} laser recordings per height, from the lowest to the highest at "
+            f"each time ({'; '.join(_widths(inputs, chosen))}; the left panels hold it within the line's width until "
+            "the bounces run apart)."
         ),
     )
 
@@ -99,20 +96,23 @@ def _widths(inputs: Inputs, chosen: list[str]) -> list[str]:
     found = []
     for name in chosen:
         repeats = inputs.result(name, "repeats")
-        time, half = repeats["time"].values * 1e3, _half_width(repeats) * 1e6
-        first = float(np.nanmedian(half[(time >= _ZOOM[0]) & (time <= _ZOOM[1])]))
-        late = time >= 0
+        time, (low, high) = repeats["time"].values * 1e3, _envelope(repeats)
+        wide = (high - low) * 1e6
+        first = float(np.nanmedian(wide[(time >= _ZOOM[0]) & (time <= _ZOOM[1])]))
         found.append(
-            f"{inputs.experiments[name].height.value * 1e3:g} mm: ± {first:.1f} µm in the first impact, "
-            f"at most ± {float(np.nanmax(half[late])):.0f} µm later"
+            f"{inputs.experiments[name].height.value * 1e3:g} mm: {first:.1f} µm wide in the first impact, "
+            f"at most {float(np.nanmax(wide[time >= 0])):.0f} µm later"
         )
     return found
 
 
-def _half_width(repeats: xr.Dataset) -> Floats:
-    """Return the band's half width (time,) in m; a single recording has only its own uncertainty."""
-    spread = repeats["displacement_sd"].values
-    return np.where(np.isfinite(spread), spread, repeats["u_displacement_mean"].values) * _COVERAGE
+def _envelope(repeats: xr.Dataset) -> tuple[Floats, Floats]:
+    """Return the lowest and highest displacement [m] (time,) of the recordings.
+
+    Where bounces have run apart, a mean less two standard deviations would lie below the flat.
+    """
+    moved = repeats["displacement"]
+    return moved.min("repeat").values, moved.max("repeat").values
 
 
 def _row(places: Any, results: dict[str, xr.Dataset], origin: str, rest: float) -> None:
@@ -121,7 +121,7 @@ def _row(places: Any, results: dict[str, xr.Dataset], origin: str, rest: float) 
     t = repeats["time"].values * 1e3
     first = float(model["impact_time"][0])
     t_model = (model["time"].values - first) * 1e3
-    half, mean = _half_width(repeats), repeats["displacement_mean"].values
+    lowest, highest = _envelope(repeats)
     deepest = float(model["displacement"].min()) * 1e6
     end = float(np.fmin(t[-1], 1e3 * _PAST_REST * rest))
     look = line_arguments("measured")
@@ -129,8 +129,8 @@ def _row(places: Any, results: dict[str, xr.Dataset], origin: str, rest: float) 
     for place, factor, limits in zip(places, (1e3, 1e6, 1e6), spans, strict=True):
         place.axhspan(1.3 * deepest * factor * 1e-6, 0.0, color=_GREEN, linewidth=0, zorder=-1, label="penetration")
         shown = np.flatnonzero((t >= limits[0]) & (t <= limits[1]))
-        shown = shown[kept_samples(t[shown], [(mean - half)[shown], (mean + half)[shown]], _DRAWN_POINTS)]
-        low, high = ((mean + side * half)[shown] * factor for side in (-1, 1))
+        shown = shown[kept_samples(t[shown], [lowest[shown], highest[shown]], _DRAWN_POINTS)]
+        low, high = lowest[shown] * factor, highest[shown] * factor
         # An edge keeps a band visible that is narrower than a line on this scale.
         place.fill_between(
             t[shown], low, high, facecolor="#8cc1e6", edgecolor=look["color"], linewidth=0.5, label=f"laser, {origin}"

@@ -2,7 +2,7 @@
 
 A figure is up to date when its key is the one in ``figures.json`` beside it and its files are as
 they were written. The key is made of the figure's id, the content keys of the results it reads, and
-all code and data files of ours that its function can reach. Nothing numerical is imported before a
+a digest of the code that its function belongs to. Nothing numerical is imported before a
 figure is drawn.
 """
 
@@ -12,7 +12,7 @@ import importlib
 import json
 import logging
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.workflow.code import Code
-from labpipe.workflow.engines import load_ahead
+from labpipe.workflow.code import behind
 from labpipe.workflow.session import Session
 from pipelines.figures._list import FIGURES, Figure
 from pipelines.figures.inputs import Inputs, matching, result_keys
@@ -32,9 +31,6 @@ if TYPE_CHECKING:
 
 RECORD = "figures.json"
 """Keys and digests of what was drawn, beside the figures."""
-
-CODE = "figures-code.json"
-"""What was found of the code behind the figures, beside them."""
 
 READY = "ready"
 UP_TO_DATE = "up to date"
@@ -56,6 +52,9 @@ _IMPORTS = (
     *dict.fromkeys(figure.function.partition(":")[0] for figure in FIGURES if figure.function),
 )
 """What drawing needs, for workers to share."""
+
+_BEHIND = ("pipelines.experiments", "pipelines.rig")
+"""Packages that figures use in addition to their own."""
 
 _LONG = ("A.1", "2.6", "3.10", "3.11", "3.12", "2.8")
 """Figures that take longest: begun last, they would be waited for alone."""
@@ -135,23 +134,22 @@ def chosen(names: Iterable[str]) -> tuple[Figure, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Shelf:
-    """A folder of figures and the session they are drawn from, if any."""
+    """A folder of figures and the session they are drawn from, if any; ``with_data`` writes their numbers too."""
 
     folder: Path
     session: Session | None = None
     plan: "Plan | None" = None
-    code: Code = field(default_factory=Code)
+    with_data: bool = False
 
     @classmethod
     def of(cls, folder: Path, session: Path | None) -> "Shelf":
         """Open a folder (which need not exist) and a session."""
-        code = Code(folder / CODE)
         if session is None:
-            return cls(folder, code=code)
+            return cls(folder)
         from pipelines import process
 
         made = process.plan(session.absolute(), keep=None)  # workers may stand in another folder
-        return cls(folder, made.session, made, code)
+        return cls(folder, made.session, made)
 
     def record(self) -> dict[str, Any]:
         """Return what was drawn before; a damaged record is an empty one."""
@@ -191,7 +189,8 @@ class Shelf:
             results = result_keys(self.plan, self.session, figure.needs)
         parts = {
             "id": figure.id,
-            "code": self.code.behind(figure.function, f"{__name__}:{_write.__name__}"),
+            "data": self.with_data,
+            "code": behind(figure.function, *_BEHIND, is_page=True),
             "results": results,
         }
         return hashlib.sha256(files.canonical(parts).encode()).hexdigest()
@@ -224,8 +223,6 @@ def make(
     """
     found = states(shelf, figures)
     ready = [state for state in found if state.state == READY]
-    if ready and jobs > 1:
-        load_ahead(_IMPORTS)
     now, failures = _process(shelf, ready, jobs)
     outcomes = []
     with contextlib.closing(_drawings(now, ready, failures, jobs)) as drawings:
@@ -237,8 +234,6 @@ def make(
                 outcome = Outcome(state.figure.id, state.state, state.detail)
             progress(outcome)
             outcomes.append(outcome)
-    if shelf.folder.is_dir():
-        shelf.code.save()
     return tuple(outcomes)
 
 
@@ -262,7 +257,7 @@ def _process(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[s
     root = shelf.session.root
     run = process.process(root, list(targets.values()), sorted({name for name, _ in targets}), jobs=jobs, keep=None)
     failures = {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
-    return replace(Shelf.of(shelf.folder, root), code=shelf.code), failures
+    return replace(Shelf.of(shelf.folder, root), with_data=shelf.with_data), failures
 
 
 def _drawings(
@@ -271,9 +266,7 @@ def _drawings(
     """Draw one figure after the other, or some side by side; they are given in the order of the states."""
     from labpipe.workflow.engines import Died, choose, side_by_side
 
-    # Following the code behind all figures takes a fifth of their time where each follows its own;
-    # here it is followed once, and kept.
-    sent = replace(shelf, folder=shelf.folder.absolute(), code=Code())
+    sent = replace(shelf, folder=shelf.folder.absolute())
     longest_first = sorted(enumerate(ready), key=lambda one: one[1].figure.id not in _LONG)
     tasks = {number: (sent, state.figure.id, state.experiments, dict(failures)) for number, state in longest_first}
     workers = min(jobs, len(tasks))
@@ -330,6 +323,10 @@ def _write(shelf: Shelf, figure: Figure, drawing: "Drawing") -> dict[str, str]:
     if drawing.table:
         paths.append(shelf.folder / f"{figure.id}.csv")
         files.write_text(paths[-1], drawing.table)
-    paths.append(shelf.folder / f"{figure.id}.txt")
-    files.write_text(paths[-1], drawing.caption(figure.id, figure.title))
+    if shelf.with_data and drawing.figure is not None:
+        paths.append(shelf.folder / f"{figure.id}-data.csv")
+        files.write_text(paths[-1], drawing.data())
+    for ending, text in (("txt", drawing.caption), ("tex", drawing.latex)):
+        paths.append(shelf.folder / f"{figure.id}.{ending}")
+        files.write_text(paths[-1], text(figure.id, figure.title))
     return {path.name: files.digest(path) for path in paths}

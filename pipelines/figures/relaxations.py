@@ -4,7 +4,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe import contact, materials
 from labpipe.arrays import Floats
@@ -23,8 +22,8 @@ _LOADS = (0.5, 2.5, 3.5, 4.5, 5.5)
 _STARTS_MIN = (0.0, 2.55, 18.20, 33.10, 47.55)
 _END_MIN = 63.0
 _MOST_TESTS, _DRAWN_POINTS, _HOLD = 3, 400, 600.0
-_SMOOTHED, _CREEP = 9, 1e4
-"""Readings in the moving mean; time in s until which the last load is held in the simulation."""
+_CREEP = 1e4
+"""Time in s until which the last load is held in the simulation."""
 
 
 def relaxation(inputs: Inputs | None) -> Drawing:
@@ -171,7 +170,6 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
         raw = line_arguments("measured", style="points") | {"markersize": 1.2, "color": "#9a9a9a"}
         raw |= {"markerfacecolor": "#9a9a9a", "markeredgecolor": "#9a9a9a"}
         axes.plot(t, a, label=f"laser, {inputs.origin}", **raw)
-        axes.plot(t, _smoothed(a, held), label=f"mean of {_SMOOTHED}", **line_arguments("measured"))
         axes.plot(t, model["contact_radius"].values * 1e6, label="viscoelastic", **line_arguments("model"))
         look = line_arguments("reference")
         axes.stairs(
@@ -189,6 +187,7 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
         axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1.1 * radii.max()))
         for mass, start, radius in zip(masses, edges, radii, strict=False):
             axes.text(max(start, edges[1]) + 0.8, radius - 95, f"{mass:g} kg", fontsize=7)
+        _creep_inset(axes, t, a / radii[held], model["contact_radius"].values * 1e6 / radii[held], raw)
         letter(axes, "a")
         _circles(circles, radii)
         letter(circles, "b")
@@ -200,7 +199,7 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
         low, high = float(further[later >= 1.0].min()) * 1e6, float(radii[-1])
         creep.set_ylim(low - 0.4 * (high - low), high + 0.4 * (high - low))
         letter(creep, "c")
-        legend_above(figure, axes, columns=3)
+        legend_above(figure, axes, columns=2)
     grown = np.interp([10.0, _CREEP], later, further) * 1e6
     found = [
         f"{m:g} kg: {1e6 * float(r + d):.1f} ± {1e6 * float(u):.1f} (model {1e6 * float(r):.1f}, Hertz {h:.1f}) µm"
@@ -215,8 +214,8 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
     ]
     return Drawing(
         "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added (vertical lines), from the "
-        f"approach by a = sqrt(R delta): readings, their moving mean over {_SMOOTHED} readings within a load, and "
-        "the mean of every load (horizontal); (b) Hertz contact circles to scale; (c) creep under the last load, "
+        "approach by a = sqrt(R delta): readings and the mean of every load (horizontal); inset: radius over Hertz's "
+        "of the same load, which shows the creep; (b) Hertz contact circles to scale; (c) creep under the last load, "
         "the simulation until 10^4 s.",
         figure,
         computed=(
@@ -234,14 +233,15 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
     )
 
 
-def _smoothed(values: Floats, held: NDArray[np.int64]) -> Floats:
-    """Return the moving mean (time,) over readings of the same load only."""
-    found = np.full(values.size, np.nan)
-    half = _SMOOTHED // 2
-    for place in range(values.size):
-        near = slice(max(place - half, 0), place + half + 1)
-        found[place] = np.nanmean(values[near][held[near] == held[place]])
-    return found
+def _creep_inset(axes: Any, time: Floats, measured: Floats, model: Floats, raw: dict[str, Any]) -> None:
+    """Draw radius over Hertz's of the same load (time in min) where the panel has room."""
+    inset = axes.inset_axes((0.42, 0.12, 0.55, 0.36))
+    inset.plot(time, measured, **raw)
+    inset.plot(time, model, **(line_arguments("model") | {"linewidth": 1.0}))
+    low = float(np.nanquantile(model, 0.02))
+    inset.set(ylim=(1.0 - 1.5 * (1.0 - low), 1.0), ylabel="$a/a_\\mathrm{Hertz}$")
+    inset.tick_params(labelsize=6)
+    inset.yaxis.label.set_size(7)
 
 
 def _held_on(inputs: Inputs, name: str, force: Floats, begin: Floats, end: float) -> tuple[Floats, Floats]:

@@ -72,7 +72,11 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
         f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature "
         f"{reference:g} degC, with the fitted generalised Maxwell model; (b) horizontal shift "
         "factors with two standard uncertainties, dotted: the reference temperature"
-        + ("; (c) creep compliances over retardation times." if with_spectrum else "."),
+        + (
+            "; (c) creep compliances over retardation times, hollow where no sweep reaches 1/(2 pi tau)."
+            if with_spectrum
+            else "."
+        ),
         figure,
         computed=(
             f"shifts and spectrum from one joint fit to both moduli; residuals {residual[0]:.2f} % (storage) and "
@@ -133,10 +137,16 @@ def _shifts(axes: Any, made: xr.Dataset) -> None:
 def _spectrum(axes: Any, made: xr.Dataset) -> None:
     weight, tau = made["C"].values, made["tau"].values
     shown = weight > 0
+    reached = 2.0 * np.pi * made["point_reduced_frequency"].values
+    inside = shown & (tau * np.nanmax(reached) >= 1.0) & (tau * np.nanmin(reached) <= 1.0)
     axes.vlines(
         tau[shown], weight[shown].min() / 3, weight[shown], color=line_arguments("repeat")["color"], linewidth=0.7
     )
-    axes.loglog(tau[shown], weight[shown], **line_arguments("measured", style="points"))
+    look = line_arguments("measured", style="points")
+    axes.loglog(tau[inside], weight[inside], label="within the sweeps", **look)
+    if (beyond := shown & ~inside).any():
+        axes.loglog(tau[beyond], weight[beyond], label="extrapolated", **(look | {"markerfacecolor": "white"}))
+    axes.legend(loc="lower center", frameon=True, framealpha=1.0, edgecolor="none")
     axes.set(
         xlabel="retardation time $\\tau_k$ (s)",
         ylabel="compliance $C_k$ (1/Pa)",

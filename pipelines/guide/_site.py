@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from labpipe import files
-from labpipe.build import __version__
 from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.installation import __version__
 from pipelines.guide import _gallery, _reference, _tutorial
 from pipelines.guide._loaded import loaded
 from pipelines.guide._texts import GUIDES, PARTS, PICTURES, linked

@@ -2,10 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from pipelines.rig._ahead import ahead as ahead
     from pipelines.rig._verbs import demo as demo, record_demo as record_demo, sample as sample
     from pipelines.rig.samples import SAMPLES as SAMPLES
 else:

@@ -1,38 +1,22 @@
-"""The demonstration is recorded, and what it needs compiled, by processes that have all of it loaded."""
+"""The demonstration, recorded in a process that has loaded the numerical libraries."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from labpipe.errors import InputError
-from labpipe.workflow.engines import Call, Died, alongside, elsewhere
+from labpipe.workflow.engines import Call, Died, elsewhere
 from labpipe.workflow.graph import imports_of
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session import STAGES
 
 DEMO_TITLE = "Demonstration (synthetic)"
 _KINDS = ("dma", "ball_drop", "harmonic")
-_RECORDING, _COMPILER = "pipelines.rig.samples", "labpipe.compiler"
+_RECORDING, _COMPILER = "pipelines.rig.samples", "labpipe.compilation"
 
 
 def holds_demo(folder: str | Path) -> bool:
     """Tell whether a folder holds the demonstration: its session.toml says so in its title."""
     source = Path(folder) / FILE_NAME
     return source.is_file() and f'title = "{DEMO_TITLE}"' in source.read_text("utf-8", "replace")
-
-
-@contextmanager
-def ahead(folder: str | Path) -> Iterator[None]:
-    """Let another process compile the steps of a drop while the demonstration is recorded and processed in the block.
-
-    At the first time of an installation that takes longer than all else; later there is nothing to do, nor where the
-    demonstration is recorded already.
-    """
-    if holds_demo(folder):
-        yield
-        return
-    with alongside(_call("labpipe.contact:compile_drop")):
-        yield
 
 
 def record_elsewhere(folder: Path) -> None:
@@ -45,12 +29,9 @@ def record_elsewhere(folder: Path) -> None:
     InputError
         The process died.
     """
+    stages = (stage for kind in _KINDS for stage in STAGES[kind])
+    imports = (*imports_of(stages), _RECORDING, _COMPILER)
     try:
-        elsewhere(_call(f"{_RECORDING}:write_sample", "demo", folder))
+        elsewhere(Call(f"{_RECORDING}:write_sample", ("demo", folder), imports=imports))
     except Died as death:
         raise InputError(f"the demonstration was not recorded: {death}; remove {folder} and try again") from None
-
-
-def _call(function: str, *arguments: object) -> Call:
-    imports = imports_of(stage for kind in _KINDS for stage in STAGES[kind])
-    return Call(function, arguments, imports=(*imports, _RECORDING, _COMPILER))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from labpipe.workflow.run_result import Event, RunResult
 from labpipe.workflow.session import Session
-from pipelines.rig._ahead import ahead, holds_demo, record_elsewhere
+from pipelines.rig._ahead import holds_demo, record_elsewhere
 from pipelines.session import open_session, process
 
 
@@ -81,6 +81,5 @@ def demo(
     --------
     >>> demo().reports  # doctest: +SKIP
     """
-    with ahead(folder):
-        record_demo(folder)
-        return process(folder, jobs=jobs, progress=progress)
+    record_demo(folder)
+    return process(folder, jobs=jobs, progress=progress)

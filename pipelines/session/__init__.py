@@ -6,7 +6,7 @@ imported when they are first used, so that a plan loads nothing that it does not
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue, query as query
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     )
     from pipelines.session._sensitivity import Sensitivity as Sensitivity, sensitivity as sensitivity
     from pipelines.session._sensitivity_page import advice as advice
+    from pipelines.session._stated_alike import stated_as_exact as stated_as_exact
     from pipelines.session._survey import Surveyed as Surveyed, survey as survey
     from pipelines.session._template import bare_type as bare_type, gap_for as gap_for
     from pipelines.session._together import beside as beside

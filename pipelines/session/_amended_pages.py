@@ -8,9 +8,11 @@ page stays as it is, and comes back when the finding goes.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
+from labpipe.workflow.code import behind
 from labpipe.workflow.plan import READY, page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.store import AMENDED, Store
@@ -25,16 +27,16 @@ def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
     """Let the pages of all experiments say what their verdicts say, those that are up to date."""
     store = Store(results.plan.session.folder)
     known = store.amended()
-    if not known and not any(one.of_session for one in verdicts.values()):
+    if not known and not any(one.findings for one in verdicts.values()):
         return
-    code = store.code.behind(f"{__name__}:{_amended.__name__}").digest
+    code = behind(f"{__name__}:{_amended.__name__}", is_page=True).digest
     kept = {name: entry for name, entry in known.items() if name not in verdicts and name in results.experiments}
     for name, one in verdicts.items():
         path = store.folder / page_name(name)
-        if not path.is_file() or not (one.of_session or name in known):
+        if not path.is_file() or not (one.findings or name in known):
             continue
         key, before = _key(results, name), known.get(name, {})
-        told = [[f.level, f.message, f.cause, f.file, f.line] for f in one.of_session]
+        told = [[f.level, f.message, f.cause, f.place] for f in one.findings]
         mark = [key, code, told]
         if before.get("mark") != mark or before["digest"] != store.index.digest(path):
             page = path.read_text("utf-8") if key is None else str(store.read(key))
@@ -55,17 +57,22 @@ def _key(results: Results, name: str) -> str | None:
 
 
 def _amended(page: str, one: Verdict) -> str:
+    from markupsafe import escape
+
     from labpipe.report import Notice, amended
-    from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus
+    from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus, written_place
     from pipelines.session._verdict_notices import LEVELS, as_sentence
 
+    for finding in one.findings[: len(one.findings) - one.n_of_session]:
+        if finding.setting and finding.place:
+            for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
+                page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
     if not one.of_session:
         return page
     notices = []
     for found in one.of_session:
         level: Any = LEVELS.get(found.level, "info")
-        where = ":".join(str(part) for part in (found.file, found.line) if part)
-        place = f" ({where})" if where else ""
+        place = f" ({found.place})" if found.place else ""
         cause = f" {as_sentence(found.cause)}" if found.cause else ""
         text = f"{found.message.rstrip('.')}{place}.{cause}"  # a notice that is one is called so
         told = text if found.level == "note" else f"{capitalised(found.level)}: {text}"

@@ -11,6 +11,7 @@ from labpipe.workflow.session import FILE_NAME, Session
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.session._processing import process
 from pipelines.session._session_checks import SESSION_CHECKS, named_at
+from pipelines.session._stated_alike import stated_as_exact
 from pipelines.session._unused import unused_files
 from pipelines.session._verdicts import Verdict, verdicts_of
 from pipelines.session._waiting import WAITING
@@ -29,7 +30,8 @@ class Trouble:
     ``level``: the worst of what follows from it; ``experiments``: those that it spoils; ``checks``: those that it
     fails; ``message``: what was seen, of the worst of them; ``cause``: the most likely mistake; empty when nothing
     singles one out; ``file``: to look at or to change, relative to the session; ``line``: of that file, where it is
-    known; ``named_at``: line of session.toml that names the file, where that is another file.
+    known; ``named_at``: line of session.toml that names the file, where that is another file; ``value``: the text of
+    the line.
     """
 
     level: Level
@@ -40,12 +42,14 @@ class Trouble:
     file: str
     line: int | None
     named_at: int | None = None
+    value: str = ""
 
     @property
     def place(self) -> str:
         """The line to change, for people."""
         where = self.file if self.line is None else f"{self.file}:{self.line}"
-        return where if self.named_at is None else f"{where} ({FILE_NAME}:{self.named_at})"
+        where = where if self.named_at is None else f"{where} ({FILE_NAME}:{self.named_at})"
+        return f"{where}: {self.value}" if self.value and self.named_at is None else where
 
     @property
     def sentence(self) -> str:
@@ -61,10 +65,11 @@ class Trouble:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """All rows, what costs most first, and how many checks were made."""
+    """All rows, what costs most first, how many checks were made, and experiments by the values they state as exact."""
 
     troubles: tuple[Trouble, ...]
     checks: int
+    exact: dict[str, list[str]]
 
     @property
     def is_impossible(self) -> bool:
@@ -96,7 +101,9 @@ def audit(folder: Path) -> Audit:
     session = session if run is None else run.session
     unused = (Trouble(f.level, (), (f.check,), f.message, f.cause, f.file, None) for f in unused_files(session))
     rows = [*_of_verdicts(session, verdicts), *_failures(run, verdicts), *unused]
-    return Audit(tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + SESSION_CHECKS + 1)
+    return Audit(
+        tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + SESSION_CHECKS + 1, stated_as_exact(session)
+    )
 
 
 def _cost(trouble: Trouble) -> tuple[int, int, int]:
@@ -116,7 +123,7 @@ def _of_verdicts(session: Session, verdicts: Iterable[Verdict]) -> Iterator[Trou
         experiments = tuple(dict.fromkeys(name for name, _ in found))
         checks = tuple(dict.fromkeys(f.check for _, f in found))
         named = lines.get(file) if line is None else None
-        yield Trouble(worst.level, experiments, checks, worst.message, worst.cause, file, line, named)
+        yield Trouble(worst.level, experiments, checks, worst.message, worst.cause, file, line, named, worst.value)
 
 
 def _failures(run: RunResult | None, verdicts: Iterable[Verdict]) -> Iterator[Trouble]:

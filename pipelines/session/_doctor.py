@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labpipe import files
-from labpipe.build import __version__
 from labpipe.errors import InputError, LabpipeError
+from labpipe.installation import __version__
 from labpipe.notebook import html_table, text_table
 from labpipe.plugins import PluginWarning
 
@@ -161,7 +161,9 @@ class Health:
         if self.audit is None:
             return []
         rows = [(t.level, t.place, ", ".join(t.experiments), t.sentence) for t in self.audit.troubles]
-        return ["", *(text_table(self.audit.caption, rows, most=None) if rows else self.audit.caption).splitlines()]
+        exact = [f"counted as exact, since stated without ±: {v} ({', '.join(n)})" for v, n in self.audit.exact.items()]
+        table = text_table(self.audit.caption, rows, most=None) if rows else self.audit.caption
+        return ["", *table.splitlines(), *exact]
 
     def _repr_html_(self) -> str:
         told = html_table("; ".join(self.lines()), ("library", "version"), self.versions.items())

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
-from labpipe import build
+from labpipe import installation
 from labpipe.errors import InputError
 from labpipe.units import quantity, unit
 from pipelines import experiments
@@ -22,7 +22,7 @@ _DAYS = ("valid_from", "valid_until", "when")
 
 def library_names() -> tuple[str, ...]:
     """Names of the bundled materials."""
-    folder = Path(build.__file__).parent / "materials/library"
+    folder = Path(installation.__file__).parent / "materials/library"
     return tuple(sorted(path.stem for path in folder.glob("*.toml")))
 
 

@@ -200,7 +200,7 @@ def _folder(folder: Path) -> dict[str, Any]:
     rows: list[dict[str, str]] = []
     problems: dict[str, list[str]] = {}
     alike: dict[tuple[Path, str], list[dict[str, str]]] = {}
-    stacks = [place for place in wholes(folder) if place != folder]  # each one film
+    stacks = list(wholes(folder))  # each one film
     single = [path for path in files_below(folder) if path.parent not in stacks and _is_given(path, folder)]
     for part in sorted([*stacks, *single])[:_MOST]:
         name = part.relative_to(folder).as_posix()
@@ -216,7 +216,7 @@ def _folder(folder: Path) -> dict[str, Any]:
             row |= said
             for problem in of_part:
                 problems.setdefault(problem, []).append(name)
-        except LabpipeError as error:
+        except (LabpipeError, OSError) as error:
             at = Path(getattr(error, "path", part))
             inside = at.relative_to(folder).as_posix() if at.is_relative_to(folder) else name
             problems.setdefault(getattr(error, "message", "") or str(error), []).append(inside)
@@ -235,7 +235,7 @@ def _folder(folder: Path) -> dict[str, Any]:
 def _is_given(path: Path, folder: Path) -> bool:
     """Tell a file that is neither hidden nor a result of a session."""
     parts = path.relative_to(folder).parts
-    return not any(part.startswith(".") for part in parts) and not (
+    return not any(part.startswith((".", "~$")) for part in parts) and not (
         parts[0] == "labpipe" and (folder / FILE_NAME).is_file()
     )
 
@@ -345,7 +345,8 @@ def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
         return {"interval": "uneven", "duration": found["duration"]}, []
     problems = []
     if restarts and "block" not in dataset.variables and "interval" not in dataset.variables:
-        problems.append(f"the time goes back {restarts} times")
+        problems.append(f"the time goes back {'once' if restarts == 1 else f'{restarts} times'}, so no rate is known")
+        found = {"interval": "unknown"}
     if uneven:
         worst = float(forward.max())
         problems.append(f"{uneven} of {len(forward)} steps in time are uneven, up to {worst:.4g} s")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
-from labpipe.workflow.code import Identity
+from labpipe.workflow.code import Identity, behind
 from labpipe.workflow.plan import KEPT, READY, Plan, make_plan, page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
@@ -17,7 +17,7 @@ from pipelines import experiments
 from pipelines.experiments import KeyNumber, Kind, Picture
 from pipelines.session._amended_pages import amend_pages
 from pipelines.session._unused import unused_files
-from pipelines.session._verdicts import VERDICTS, Verdict, stored_verdicts
+from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,21 +62,13 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     verdicts = stored_verdicts(results)
     amend_pages(results, verdicts)
     path = session.folder / PAGE
-    code = follow_code(store)
+    code = behind(f"{__name__}:{_page.__name__}", "pipelines.experiments", is_page=True)
     notes = [f"{f.message}: {f.cause}" for f in unused_files(session)]
     told = [verdict.document() for verdict in verdicts.values()]
     mark = f"<!-- {_state_digest(plan, code, [notes, told])} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
         files.write_text(path, _page(results, verdicts, notes) + mark)
     return path
-
-
-def follow_code(store: Store) -> Identity:
-    """Find the code behind the page, and keep it: that takes longer than all else that an unchanged session needs."""
-    code = store.code.behind(f"{__name__}:{_page.__name__}")
-    store.code.behind(VERDICTS)
-    store.code.save()
-    return code
 
 
 def _state_digest(plan: Plan, code: Identity, told: Sequence[Any]) -> str:

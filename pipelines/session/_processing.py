@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Unpack
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.workflow import session as sessions
-from labpipe.workflow.code import one_look
 from labpipe.workflow.plan import Plan, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
-from labpipe.workflow.store import Store
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
 from pipelines.experiments import Derived
 from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, reopen_session
-from pipelines.session._overview import follow_code, write_overview
+from pipelines.session._overview import write_overview
 from pipelines.session._results import needed, opened
 
 if TYPE_CHECKING:
@@ -124,8 +122,7 @@ def process(
     """
     how: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
     how |= {"jobs": jobs, "cluster": cluster, "fail_fast": fail_fast}
-    with one_look():
-        ((_, done),) = process_all([folder], **how)
+    ((_, done),) = process_all([folder], **how)
     if isinstance(done, LabpipeError):
         raise done
     return done
@@ -200,7 +197,6 @@ def _look_over(session: Session, done: RunResult, has_processes: bool) -> None:
 
     if has_processes and any(outcome.state == "done" for outcome in done.outcomes):
         whole = replace(session, root=session.root.absolute())
-        follow_code(Store(session.folder))  # here the modules have been taken apart for the plan
         with contextlib.suppress(Died):
             elsewhere(Call(f"{write_overview.__module__}:{write_overview.__name__}", (whole, STAGES, done.plan)))
             return
@@ -313,5 +309,4 @@ def verdict(
     """
     from pipelines.session._verdicts import verdicts_of
 
-    with one_look():
-        return verdicts_of(process(folder, targets, only, jobs=jobs))
+    return verdicts_of(process(folder, targets, only, jobs=jobs))

@@ -16,9 +16,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import instruments
+from instruments import photron
 from labpipe import files
 from labpipe.errors import LabpipeError, SourceError, UsageError
-from labpipe.names import name_problem, printable
+from labpipe.files import name_problem, printable
 from labpipe.notebook import html_table, text_table
 from labpipe.workflow.session import FILE_NAME, VERSION
 from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
@@ -74,7 +75,7 @@ def init(
         Returns the answer to a question that no file answers, or None to leave it open.
     template : iterable of str
         Kinds of experiment to write down with every value still to come, instead of a scan; for a
-        session that is to be recorded.
+        session that is to be recorded, whose folder is made where it is not there.
 
     Returns
     -------
@@ -84,8 +85,8 @@ def init(
     Raises
     ------
     UsageError
-        There is a session.toml, the folder holds no file of a known instrument, or there is no such
-        kind.
+        There is a session.toml, there is no such folder or it holds no file of a known instrument, or there
+        is no such kind.
 
     Examples
     --------
@@ -100,6 +101,8 @@ def init(
         raise UsageError(f"{path} exists already; edit it, or use --force to replace it")
     if kinds := list(template):
         return _from_template(path, kinds, ask)
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: there is no such folder; with --template one is made for a session to be recorded")
     found = _with_folders(recognise(folder))
     begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
     records, completed = _with_missing_records(found)
@@ -172,6 +175,11 @@ UNKNOWN = "no instrument recognises the content"
 _ZEROS = "it begins with zeros only, as a copy that broke off leaves it; copy it again from the instrument"
 LINK = "a link that leads out of the folder"
 PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
+LOOSE = (
+    "images of a film directly in the session folder: move them into a folder of their own, such as film, then run "
+    "labpipe init again"
+)
+_FRAMES = {".png", ".tif", ".tiff", ".bmp"}
 _PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
 
 
@@ -181,9 +189,31 @@ def why_unknown(folder: Path, name: str) -> str:
         return f"{problem}; rename it"
     if _leads_out(folder / name, folder):
         return LINK
+    if _is_loose_frame(folder, name):
+        return LOOSE
     if Path(name).suffix.lower() in _PICTURES:
         return PICTURE
-    return _nothing_in(folder / name) or UNKNOWN
+    if nothing := _nothing_in(folder / name):
+        return nothing
+    return f"{UNKNOWN}. {_remedy(folder / name)}" if _is_binary(folder / name) else UNKNOWN
+
+
+def _is_loose_frame(folder: Path, name: str) -> bool:
+    """Recognise one of several numbered images that are in the session folder itself."""
+    suffix, numbered = Path(name).suffix.lower(), re.compile(r".*\d.*")
+    if "/" in name or suffix not in _FRAMES or not numbered.match(Path(name).stem):
+        return False
+    alike = (p for p in folder.iterdir() if p.suffix.lower() == suffix and numbered.match(p.stem))
+    return next(alike, None) is not None and next(alike, None) is not None
+
+
+def _is_binary(path: Path) -> bool:
+    """Recognise a file that is no text, for which there is more advice than to name its columns."""
+    try:
+        with path.open("rb") as stream:
+            return path.is_file() and b"\0" in stream.read(instruments.HEAD_BYTES)
+    except OSError:
+        return False
 
 
 def _nothing_in(path: Path) -> str:
@@ -206,7 +236,7 @@ def _leads_out(path: Path, folder: Path) -> bool:
 def wholes(folder: Path) -> dict[Path, instruments.Instrument]:
     """Return folders that are one recording, such as a film in images."""
     below = (p for p in folder.rglob("*") if p.is_dir() and not _is_ours(p, folder) and not _leads_out(p, folder))
-    places = [folder, *sorted(below)]
+    places = sorted(below)  # the session folder itself holds more than one recording
     names = {place: _instrument(place) for place in places}
     return {place: instruments.by_name(name) for place, name in names.items() if name is not None}
 
@@ -259,7 +289,7 @@ def recognise(folder: Path) -> Found:
     unknown: list[str] = []
     for path in _candidates(folder):
         name = path.relative_to(folder).as_posix()
-        if _leads_out(path, folder) or name_problem(name):
+        if _leads_out(path, folder) or name_problem(name) or _is_loose_frame(folder, name):
             unknown.append(name)
         elif path.suffix == ".toml":
             if (kind := _record_kind(path)) is not None:
@@ -268,6 +298,8 @@ def recognise(folder: Path) -> Found:
             else:
                 unknown.append(name)
         elif (instrument := _instrument(path)) is not None:
+            if instrument == "photron" and path.suffix.lower() != ".mraw" and photron.frames_of(path) is not None:
+                continue  # its frames stand for the film
             found.setdefault(instrument, []).append(name)
         else:
             unknown.append(name)
@@ -407,6 +439,9 @@ def _nothing_proposed(found: Found) -> str:
         known = ", ".join(each.name for each in instruments.known())
         remedies = [f"{name}: {hint}" for name in found.unknown if (hint := _remedy(folder / name))]
         nothing = f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
+        loose = next((name for name in found.unknown if _is_loose_frame(folder, name)), None)
+        if loose is not None:
+            return f"{folder}: no experiment is proposed\n  {loose} and others: {LOOSE}"
         return "\n  ".join([nothing, *remedies[:1]])
     lines = [f"{folder}: no experiment is proposed"]
     for (title, reason), names in of_reason.items():
@@ -422,17 +457,18 @@ def _candidates(folder: Path) -> Iterator[Path]:
 
 
 def _is_ours(path: Path, folder: Path) -> bool:
-    """Tell whether a path is hidden, or of labpipe itself."""
+    """Tell whether a path is of labpipe itself, of the system, or a spreadsheet's mark of an open workbook (~$)."""
     parts = path.relative_to(folder).parts
     written = (at for at, part in enumerate(parts[:-1], 1) if part in {"labpipe", "truth"})
     is_written = any(folder.joinpath(*parts[: at - 1], FILE_NAME).is_file() for at in written)
-    return any(p.startswith(".") for p in parts) or parts[0] in {"labpipe", "truth", FILE_NAME} or is_written
+    of_system = any(p.startswith((".", "~$")) or p.lower() in {"thumbs.db", "desktop.ini"} for p in parts)
+    return of_system or parts[0] in {"labpipe", "truth", FILE_NAME} or is_written
 
 
 def _instrument(path: Path) -> str | None:
     try:
         return instruments.identify(path)
-    except LabpipeError:
+    except (LabpipeError, OSError):
         return None
 
 

@@ -19,7 +19,7 @@ from labpipe.workflow.fields import POSITIVE, FileMark, Range, every_setting, ma
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.session._gaps import library_names
-from pipelines.session._stated_alike import bodies, finding, plates, without_uncertainty, written
+from pipelines.session._stated_alike import bodies, finding, plates, written
 
 if TYPE_CHECKING:
     from calibration.record import Record
@@ -147,11 +147,6 @@ def _records(session: Session) -> Iterator[tuple[str, Finding]]:
             cause = "one of the two records is out of date"
             for owner in dict.fromkeys(users[other]):
                 yield owner, finding("calibration record", "doubtful", text, cause, other, "id")
-        elif _is_one_sensor(record, twin):
-            text = f"{name} and {other} calibrate one {record.kind.replace('_', ' ')} for the same days"
-            for owner in dict.fromkeys(users[other]):
-                cause = "experiments of one sensor in one place should use one of them"
-                yield owner, finding("calibration record", "note", text, cause, other, "id")
 
 
 def _record(path: Path) -> Record | None:
@@ -173,12 +168,6 @@ def of_record(session: Session, finding: Finding) -> Finding:
             key = next((key for words, key in _OF_RECORD.items() if words in finding.message), "id")
             return replace(finding, file=named.name, setting=key)
     return finding
-
-
-def _is_one_sensor(a: Record, b: Record) -> bool:
-    is_same = (a.kind, a.instrument, a.serial, a.view) == (b.kind, b.instrument, b.serial, b.view)
-    differs = getattr(a, "values", None) != getattr(b, "values", None)
-    return is_same and differs and a.valid_from <= b.valid_until and b.valid_from <= a.valid_until
 
 
 def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
@@ -276,6 +265,6 @@ def named_at(session: Session) -> Mapping[str, int]:
     return found
 
 
-_CHECKS = (_twice, _records, bodies, plates, _material_names, _uncertainties, without_uncertainty, _temperatures)
+_CHECKS = (_twice, _records, bodies, plates, _material_names, _uncertainties, _temperatures)
 SESSION_CHECKS = len(_CHECKS)
 """How many checks a session as a whole is given, beside those of its experiments."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe.units import Quantity
 from labpipe.workflow.fields import every_setting
 from labpipe.workflow.session import Experiment, Session
+from pipelines.experiments.shared.exact_values import exact_values
 
 if TYPE_CHECKING:
     from labpipe.judging import Finding, Level
@@ -153,24 +154,10 @@ def plates(session: Session) -> Iterator[tuple[str, Finding]]:
             yield experiment.name, finding("one plate, two values", "doubtful", text, cause, setting=f"plate.{name}")
 
 
-def without_uncertainty(session: Session) -> Iterator[tuple[str, Finding]]:
-    """Find quantities that are stated as exact, where the other experiments of their kind state an uncertainty."""
-    kinds: dict[tuple[str, str], list[tuple[Experiment, Quantity]]] = {}
+def stated_as_exact(session: Session) -> dict[str, list[str]]:
+    """Return the experiments that state the same values without an uncertainty, by the names of these values."""
+    found: dict[str, list[str]] = {}
     for e in session.experiments.values():
-        for setting, value in _measured(e.settings):
-            kinds.setdefault((e.kind, setting), []).append((e, value))
-    for (_, setting), places in kinds.items():
-        exact = [e for e, value in places if not value.u and setting in e.lines]
-        if len(exact) == 1 and len(places) > 2:
-            text = f"{setting} is stated without an uncertainty and taken for exact; the other {len(places) - 1} "
-            text += "experiments of its kind state one"
-            yield (
-                exact[0].name,
-                finding("stated uncertainty", "note", text, f"± was forgotten in {setting}", "", setting),
-            )
-
-
-def _measured(settings: Any) -> Iterator[tuple[str, Quantity]]:
-    """Yield the quantities of settings, each with its name; those in lists have none in common with others."""
-    found = ((place, value) for place, value, _ in every_setting(settings) if "[" not in place)
-    return ((place, value) for place, value in found if isinstance(value, Quantity))
+        if names := exact_values(e.settings):
+            found.setdefault(", ".join(names), []).append(e.name)
+    return found

@@ -10,7 +10,7 @@ from typing import Any
 
 import instruments
 from labpipe.errors import InputError
-from labpipe.names import printable, safe_join
+from labpipe.files import printable, safe_join
 from labpipe.workflow.document import nodes
 from labpipe.workflow.session import FILE_NAME
 from pipelines.session._proposal import PICTURE, recognise, wholes, why_unknown
@@ -65,7 +65,7 @@ def survey(folder: Path) -> list[Surveyed]:
     found = recognise(folder)
     titles = {each.name: each for each in instruments.known()}
     of_instrument = {name: titles[key] for key, names in found.names.items() if key in titles for name in names}
-    whole = {place.relative_to(folder).as_posix(): each for place, each in wholes(folder).items() if place != folder}
+    whole = {place.relative_to(folder).as_posix(): each for place, each in wholes(folder).items()}
     used = _users(folder)
     has_session = (folder / FILE_NAME).is_file()
     entries = []

@@ -10,12 +10,15 @@ import contextlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
+from itertools import islice
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import LabpipeError, StorageError
 from labpipe.notebook import Shown, ShownAsTable
+from labpipe.workflow.code import behind
 from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.plan import READY, Plan, Row
 from labpipe.workflow.results import Results
@@ -27,7 +30,7 @@ from pipelines.session._exchanged import exchanged
 from pipelines.session._gaps import library_names
 from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
-from pipelines.session._session_checks import named_files, of_record, session_findings
+from pipelines.session._session_checks import named_at, named_files, of_record, session_findings
 from pipelines.session._stated_alike import TWO_VALUES
 from pipelines.session._unused import unused_files
 from pipelines.session._waiting import WAITING, that_wait
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
 
 VERDICTS = f"{__name__}:stored_verdicts"
 """Whose code the kept ones are of."""
+_LONGEST_LINE = 100  # characters of a line that is shown
 _KEPT = "verdicts.json"
 """Among the results: the verdicts as they were last told."""
 FAILED_VERDICTS = "verdicts-of-failures.json"
@@ -163,7 +167,7 @@ class Verdicts(ShownAsTable):
 
 
 def _documents(findings: Iterable[Finding]) -> list[dict[str, Any]]:
-    names = ("check", "level", "message", "cause", "file", "line")
+    names = ("check", "level", "message", "cause", "file", "line", "value")
     return [{name: getattr(finding, name) for name in names} for finding in findings]
 
 
@@ -271,8 +275,7 @@ def _mark(plan: Plan, rows: Iterable[Row], store: Store) -> str:
         for n in named_files(session)
     ]
     judgements = [[row.experiment, plan.keys[row.task].value, plan.keys[row.task].problem] for row in rows]
-    code = store.code.behind(VERDICTS)
-    store.code.save()
+    code = behind(VERDICTS, "pipelines.experiments")
     settings = files.digest(session.root / FILE_NAME)
     return key_of({"verdicts": [code, settings, library_names(), named, judgements]})
 
@@ -371,16 +374,30 @@ def _tolerant(results: Results, argument: Any) -> Any:
 
 
 def _placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:
-    """Find the line of a setting as the files are now."""
+    """Find the line of a setting as the files are now, and its text; of a recording, where session.toml names it."""
     finding = of_record(session, finding)
-    if finding.line is not None or not (finding.setting or not finding.file):
-        return finding
-    if not finding.file:
+    line = finding.line
+    if line is None and not finding.file:
         name, lines = finding.setting, experiment.lines
         while name and name not in lines:
             name = name.rpartition(".")[0]
-        return replace(finding, file=FILE_NAME, line=lines.get(name, lines.get("")))
-    return replace(finding, line=_line_in(session.root / finding.file, finding.setting))
+        finding, line = replace(finding, file=FILE_NAME), lines.get(name, lines.get(""))
+    elif line is None and finding.setting:
+        line = _line_in(session.root / finding.file, finding.setting)
+    if line is None:
+        named = named_at(session).get(finding.file)
+        return finding if named is None else replace(finding, value=f"named in {FILE_NAME}:{named}")
+    return replace(finding, line=line, value=_text_of(session.root / finding.file, line))
+
+
+def _text_of(path: Path, line: int) -> str:
+    """Return a line of a text file, shortened; empty where there is none."""
+    try:
+        with path.open(encoding="utf-8", errors="replace") as lines:
+            text = next(islice(lines, line - 1, None), "")
+    except OSError:
+        return ""
+    return shorten(text.strip(), _LONGEST_LINE, placeholder=" …")
 
 
 def _line_in(path: Path, setting: str) -> int | None:

@@ -17,7 +17,7 @@ from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
 from labpipe.notebook import html_table
 from labpipe.variables import described, variable
-from labpipe.workflow.code import Code
+from labpipe.workflow import code
 from labpipe.workflow.engines import Died, Engine, Serial, side_by_side
 from pipelines.simulator_inputs import material
 from pipelines.sweeps.grid import DRAW, Design
@@ -220,9 +220,9 @@ class _Results:
 
 @cache
 def code_of(simulator: str) -> str:
-    """Return a digest of all code that a simulator can reach."""
+    """Return a digest of the code that a simulator belongs to."""
     function = SIMULATORS[simulator].run
-    return Code().behind(f"{function.__module__}:{function.__name__}").digest
+    return code.behind(f"{function.__module__}:{function.__name__}").digest
 
 
 def _key(simulator: str, block: Block, contents: dict[str, str]) -> str:

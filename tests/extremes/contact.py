@@ -14,7 +14,7 @@ import numpy as np
 
 from labpipe import contact
 from labpipe.arrays import Floats
-from labpipe.contact.line import GeneralContact, dissipation, line_kernel, westergaard
+from labpipe.contact.line import dissipation, westergaard
 from labpipe.contact.memory import Creep, advance, history, step_weights
 from labpipe.contact.sphere import hertz
 from labpipe.materials import Prony
@@ -190,30 +190,6 @@ def line_loads(random: Random) -> Outcome:
     )
 
 
-def any_profile(random: Random) -> Outcome:
-    """Rough, off-centre and two-tip profiles: pressure and gap are complementary."""
-    n = int(random.choice([32, 64, 128]))
-    roughness = float(random.uniform(0.0, 1.0))
-    thickness = float(random.choice([np.inf, 1e-3, 1e-4]))
-    x = 2.0 * pi * np.arange(n) / n
-    tips = int(random.integers(1, 4))
-    heights = (1.0 - roughness) * np.cos(tips * x + random.uniform(0, 6)) + roughness * (random.random(n))
-    heights = 1e-4 * (heights - heights.min())
-    kernel = line_kernel(8e-3, n, thickness, float(random.uniform(0.0, 0.4999)))
-    approach = float(random.uniform(0.02, 0.97)) * float(heights.mean())
-    answer = GeneralContact(kernel, heights, "closed").press(np.zeros(n), 1.0, approach)
-    gap = kernel.displacement(answer.load) + heights - approach
-    size = float(np.ptp(heights))
-    return worst(
-        (-float(gap.min()) / size / 1e-9, "a penetration of 1e-9 of the roughness"),
-        (
-            float(np.abs(gap[answer.load > 0.0]).max(initial=0.0)) / size / 1e-9,
-            "a gap in the contact of 1e-9 of the roughness",
-        ),
-        (below_zero(answer.load), "a pressure below zero"),
-    )
-
-
 # -- closed forms ----------------------------------------------------------------------------------
 
 
@@ -337,7 +313,6 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "elastic line": (elastic_line, 135),
     "history of a line": (line_history, 6),
     "loads on a line": (line_loads, 6),
-    "any profile": (any_profile, 300),
     "closed forms": (inverse_closed_forms, 350),
     "harmonic work": (harmonic_work, 200),
     "invalid input": (input_that_is_none, 600),

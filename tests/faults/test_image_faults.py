@@ -97,7 +97,6 @@ def test_an_image_that_is_another_file_is_refused(tmp_path: Path) -> None:
 TIFFS = {
     "an offset outside": (b"II*\0\xff\xff\xff\x7f", "points outside of itself"),
     "no page": (b"II*\0\0\0\0\0", "holds no image"),
-    "a palette": (b"II*\0" + struct.pack("<IHHHII", 8, 1, 262, 3, 1, 3) + bytes(4), "palette"),
     "a field of an unknown type": (
         b"II*\0" + struct.pack("<IHHHII", 8, 1, 256, 99, 1, 3) + bytes(4),
         "field of type 99",

@@ -26,13 +26,13 @@ def test_times_are_believed_in_every_notation(tmp_path, form, lost):
     if lost is None:
         assert keyence.read(path).attrs["sampling_interval"] == pytest.approx(2e-4)
         return
-    with pytest.raises(SourceError, match=r"the times do not lie evenly: a step of 0\.0004 s"):
+    with pytest.raises(SourceError, match=r"the times are uneven: a step of 0\.0004 s"):
         keyence.read(path)
 
 
 def test_two_rates_are_refused(tmp_path):
     time = np.cumsum(np.where(np.arange(40) < 20, 2e-4, 4e-4))
-    with pytest.raises(SourceError, match="the times do not lie evenly"):
+    with pytest.raises(SourceError, match="the times are uneven"):
         keyence.read(write(tmp_path, "Time (s),Displacement (mm)\n", time, "{:.6E}"))
 
 

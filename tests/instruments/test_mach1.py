@@ -2,7 +2,6 @@
 
 import json
 from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -81,14 +80,6 @@ def test_values_are_si_and_keep_their_unit_as_provenance(tmp_path):
     assert readings.position_theta.attrs["units"] == "rad"
 
 
-def test_gram_force_becomes_newton_exactly(tmp_path):
-    readings = read_blocks(tmp_path, sinusoid())
-    rows = (tmp_path / "made.txt").read_text().partition("Fz, gf\n")[2]
-    written = float(rows.splitlines()[0].split("\t")[2])
-    assert readings.force_z.values[0] == written * GF
-    assert readings.force_z.attrs["original_unit"] == "gf"
-
-
 @pytest.mark.parametrize(("unit", "newtons"), [("N", 1.0), ("mN", 1e-3), ("gf", GF), ("kgf", 1e3 * GF)])
 def test_units_of_force_are_converted(tmp_path, unit, newtons):
     read_blocks(tmp_path, sinusoid())
@@ -130,13 +121,6 @@ def test_declared_parameters_are_si_over_blocks(tmp_path):
     assert readings.declared_relaxation_rate.attrs["units"] == "N/s"
 
 
-def test_old_spelling_of_frequency_is_known(tmp_path):
-    path = tmp_path / "old.txt"
-    data = mach1.encode(mach1.assemble([sinusoid(frequency=0.5)]))
-    path.write_bytes(data.replace(b"Frequency, Hz", b"Freqency, Hz"))
-    assert mach1.read(path).declared_frequency.values[0] == 0.5
-
-
 def test_start_is_iso_and_per_block_past_midnight(tmp_path):
     readings = read_blocks(tmp_path, relaxation(), sinusoid())
     assert readings.start_time.values.tolist() == ["2023-07-19T23:59:59.900", "2024-01-24T10:08:47.546"]
@@ -162,19 +146,6 @@ def test_json_of_blocks_says_everything(tmp_path):
     assert block["sampling_interval"] == pytest.approx(0.01)
     assert block["incomplete"] is False
     assert [column["unit"] for column in block["columns"]] == ["s", "mm", "gf"]
-
-
-def test_header_text_is_kept_as_it_is(tmp_path):
-    header = read_blocks(tmp_path, sinusoid()).attrs["header"]
-    assert "Load Cell Low-pass filter Cutoff frequency (Hz):\t20.00" in header
-    assert "<Sinusoid>" in header
-
-
-def test_every_number_has_unit_and_name(tmp_path):
-    readings = read_blocks(tmp_path, sinusoid(), relaxation())
-    for name, variable in readings.variables.items():
-        if variable.dtype.kind in "fi":
-            assert {"units", "long_name"} <= variable.attrs.keys(), name
 
 
 def test_split_blocks_gives_each_its_own_time_and_columns(tmp_path):
@@ -241,13 +212,6 @@ def test_no_blocks_and_units_of_two_kinds_are_refused():
         mach1.assemble([first, second])
 
 
-def test_dataset_survives_netcdf(tmp_path):
-    readings = read_blocks(tmp_path, sinusoid(), relaxation())
-    readings.to_netcdf(tmp_path / "a.nc")
-    with xr.open_dataset(tmp_path / "a.nc") as stored:
-        assert mach1.encode(stored.load()) == (tmp_path / "made.txt").read_bytes()
-
-
 @needs_samples
 @pytest.mark.parametrize("path", [DYNAMIC, RELAXATION], ids=["dynamic", "relaxation"])
 def test_public_files_are_rewritten_byte_for_byte(path):
@@ -268,14 +232,6 @@ def test_public_dynamic_file_has_its_five_frequencies():
     assert crossings.size >= 19
     ends = block.start_time.item()
     assert ends.startswith("2024-01-24T10:")
-
-
-@needs_samples
-def test_back_to_back_blocks_follow_each_other_to_the_millisecond():
-    readings = instruments.read(DYNAMIC)
-    starts = [datetime.fromisoformat(text) for text in readings.start_time.values]
-    gaps = np.array([(b - a).total_seconds() for a, b in pairwise(starts)])
-    np.testing.assert_allclose(gaps, readings.n_rows.values[:-1] * 0.01, atol=0.002)
 
 
 @needs_samples

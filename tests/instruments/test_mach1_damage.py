@@ -100,35 +100,20 @@ def column(index):
 # name: (damage, line, column or None, part of the message)
 REFUSED = {
     "letter in a number": (cell(5, "-0.2x5"), AT, column(5), "expected a number"),
-    "letter in the time": (cell(0, "0.0S0000"), AT, 1, "expected a number"),
     "empty cell": (cell(3, ""), AT, column(3), "expected a number"),
     "nan in a cell": (cell(3, "nan"), AT, column(3), "expected a number"),
-    "infinity in a cell": (cell(3, "inf"), AT, column(3), "expected a number"),
     "number beyond double": (cell(3, "1e999"), AT, column(3), "expected a number"),
-    "over-range marker": (cell(5, "OVER"), AT, column(5), "'OVER'"),
     "keyence marker": (cell(5, "-FFFFFFF"), AT, column(5), "FFFFFFF"),
-    "underscore in a number": (cell(3, "1_0.0"), AT, column(3), "1_0"),
-    "two points": (cell(3, "0.1.2"), AT, column(3), "0.1.2"),
-    "two signs": (cell(3, "--0.1"), AT, column(3), "--0.1"),
-    "hexadecimal": (cell(3, "0x1F"), AT, column(3), "0x1F"),
-    "wide digits": (cell(3, "０.１"), AT, column(3), "expected a number"),
-    "blank inside a number": (cell(3, "0. 1"), AT, column(3), "0. 1"),
     "one decimal comma": (cell(3, "-0,250000"), AT, column(3), "expected a number"),
-    "thousands point": (cell(3, "1.234.567"), AT, column(3), "1.234.567"),
     "missing cell": (once(ROW, "\t".join(CELLS[:-1])), AT, None, "8 cells, expected 9"),
     "added cell": (once(ROW, ROW + "\t1.0"), AT, len(ROW) + 2, "10 cells, expected 9"),
     "empty line among rows": (once(ROW, ""), AT, 1, "1 cells"),
     "blanks instead of tabs": (once(ROW, ROW.replace("\t", " ")), AT, None, "1 cells"),
-    "commas instead of tabs": (once(ROW, ROW.replace("\t", ",")), AT, None, "1 cells"),
-    "return inside a row": (once(ROW, ROW.replace("\t", "\r", 1)), AT, None, "cells"),
     "repeated row": (once(ROW, ROW + "\r\n" + ROW), AT + 1, 1, "does not go on"),
-    "backward time": (cell(0, "0.010000"), AT, 1, "does not go on"),
     "missing row": (once(ROW + "\r\n", ""), AT, 1, "rows are missing"),
     "missing first row": (once(row(0, 0) + "\r\n", ""), line_of(row(0, 0)), 1, "start at zero"),
     "time jumps ahead": (cell(0, "0.057000"), AT, 1, "rows are missing or added"),
-    "time restarts without a block": (once(row(0, 12), row(0, 0)), line_of(row(0, 12)), 1, "does not go on"),
     "NUL in a row": (once(ROW, ROW[:10] + "\0" + ROW[11:]), AT, 11, "NUL"),
-    "NUL in the header": (once("V500c", "V5\0c"), 7, None, "NUL"),
     "unknown unit of a column": (once("Fz, N\t", "Fz, Q\t"), AT - 6, None, 'unknown unit "Q"'),
     "unit that lost a letter": (once("(z), mm\t", "(z), m\t"), AT - 6, None, "found the unit 'm', expected mm"),
     "declared unit that lost a letter": (
@@ -137,34 +122,16 @@ REFUSED = {
         12,
         "found the unit 'm'",
     ),
-    "no unit of a column": (once("\tFz, N\t", "\tFz\t"), AT - 6, None, "a comma and its unit"),
     "no time column": (once("Time, s\t", "Zeit, s\t"), AT - 6, 1, "expected 'Time, s'"),
     "column named twice": (once("\tFy, N\t", "\tFx, N\t"), AT - 6, 1, "twice"),
     "column name missing": (once("\tTz, N-mm", ""), AT - 5, None, "9 cells, expected 8"),
-    "German column names": (once("Time, s\tPosition", "Zeit, s\tWeg"), AT - 6, 1, "'Zeit, s'"),
     "title missing": (once("<Mach-1 File>\r\n", ""), 1, 1, "expected <Mach-1 File>"),
-    "title misspelt": (once("<Mach-1 File>", "<Mach-2 File>"), 1, 1, "expected <Mach-1 File>"),
     "END INFO missing": (once("<END INFO>\r\n", ""), line_of("<END INFO>"), 1, "<END INFO>"),
-    "END INFO misspelt": (once("<END INFO>", "<END INF>"), line_of("<END INFO>"), 1, "<END INFO>"),
     "INFO missing": (once("<INFO>\r\n", ""), 2, 1, "expected <INFO>"),
-    "INFO twice": (once("<INFO>\r\n", "<INFO>\r\n<INFO>\r\n"), 3, 1, "expected 'Key:'"),
     "function tag missing": (once("<Stress Relaxation>\r\n", ""), line_of("<Stress"), 1, "a function's tag"),
     "DATA tag missing": (once("<DATA>\r\n", ""), line_of("<DATA>"), 1, "expected 'Key:'"),
-    "DATA tag misspelt": (once("<DATA>", "<DATEN>"), line_of("<DATA>"), 1, "expected <DATA>"),
     "END DATA missing": (once("<END DATA>\r\n", ""), line_of("<END DATA>"), 1, "<END DATA>"),
-    "END DATA twice": (
-        once("<END DATA>\r\n", "<END DATA>\r\n" * 2),
-        line_of("<END DATA>") + 1,
-        1,
-        "found '<END DATA>'",
-    ),
     "divider misspelt": (once("<divider>", "<devider>"), line_of("<divider>"), 1, "<devider>"),
-    "divider outside the data": (
-        once("<END DATA>\r\n", "<END DATA>\r\n<divider>\r\n"),
-        line_of("<END DATA>") + 1,
-        1,
-        "<divider>",
-    ),
     "header line without a tab": (
         once("Load Cell Offset:\t", "Load Cell Offset "),
         line_of("Load Cell Offset"),
@@ -172,22 +139,8 @@ REFUSED = {
         "expected 'Key:'",
     ),
     "letter in the calibration factor": (once("1.000491", "1.00x491"), line_of("1.000491"), 31, "'1.00x491'"),
-    "letter in the filter's cutoff": (once("20.00", "2O.00"), line_of("20.00"), None, "'2O.00'"),
     "letter in a declared amplitude": (once("0.0393", "0.o393"), line_of("0.0393"), 16, "0.o393"),
-    "unknown unit of a declared number": (
-        once("Amplitude, mm", "Amplitude, inches"),
-        line_of("Amplitude, mm"),
-        12,
-        "'inches'",
-    ),
-    "parameter without a tab": (
-        once("Number of Ramp:\t3", "Number of Ramp 3"),
-        line_of("Number of Ramp"),
-        1,
-        "expected 'Key:'",
-    ),
     "prose between blocks": (once(SECOND, "hello\r\n" + SECOND), line_of("<INFO>", nth=1), 1, "hello"),
-    "half a file": (lambda t: t[: len(t) // 2], None, None, "expected <END DATA>"),
     "no END DATA at the end": (after_last("<END DATA>\r\n", ""), None, None, "expected <END DATA>"),
     "cut in the last row": (
         after_last("\r\n<END DATA>\r\n", ""),
@@ -195,10 +148,7 @@ REFUSED = {
         1,
         "expected <END DATA>",
     ),
-    "header only": (lambda t: t[: t.index("<Stress")], None, None, "before its first block"),
-    "title only": (lambda t: t[:15], 1, 1, "before its first block"),
     "empty": (lambda _: "", None, None, "empty"),
-    "blank lines only": (lambda _: "\r\n\r\n", 1, 1, "expected <Mach-1 File>"),
 }
 
 
@@ -237,30 +187,20 @@ HARMLESS = {
     "untouched": as_bytes(same),
     "UTF-8 mark": as_bytes(same, "utf-8-sig"),
     "UTF-16 little end first": lambda t: ("\ufeff" + t).encode("utf-16-le"),
-    "UTF-16 big end first": lambda t: ("\ufeff" + t).encode("utf-16-be"),
     "LF only": as_bytes(lambda t: t.replace("\r\n", "\n")),
-    "CR only": as_bytes(lambda t: t.replace("\r\n", "\r")),
     "mixed line ends": as_bytes(lambda t: t.replace("\r\n", "\n", 20)),
     "latin-1 name": as_bytes(once("FT35537-17N", "Zelle é µ"), "latin-1"),
-    "utf-8 name": as_bytes(once("FT35537-17N", "Zelle é µ"), "utf-8"),
     "no line end after END DATA": as_bytes(lambda t: t.rstrip("\r\n")),
-    "half a line end after END DATA": as_bytes(lambda t: t[:-1]),
     "blank lines at the end": as_bytes(lambda t: t + "\r\n\r\n"),
     "blank line between blocks": as_bytes(once(SECOND, "\r\n" + SECOND)),
-    "quoted column names": as_bytes(once("Time, s\t", '"Time, s"\t')),
     "quotes around every cell with a comma": as_bytes(lambda t: re.sub(r"([^\t\r\n]*,[^\t\r\n]*)", r'"\1"', t)),
     "saved as comma-separated": as_bytes(lambda t: separated(t, ",")),
     "saved with semicolons": as_bytes(lambda t: separated(t, ";")),
     "tabs after tags and keys": as_bytes(lambda t: re.sub(r"(?m)^(<.*>|[A-Z].*:\t.*)\r", r"\1\t\t\r", t)),
     "tabs after every row": as_bytes(lambda t: re.sub(r"(?m)^([0-9].*)\r", r"\1\t\t\r", t)),
-    "fewer header lines": as_bytes(once("Mach-1 System Model:\tV500c\r\n", "")),
     "more header lines": as_bytes(once("<END INFO>", "Operator:\tA: B\r\n<END INFO>")),
     "unknown function": as_bytes(once("<Stress Relaxation>", "<Normal Indentation>")),
     "unknown text parameter": as_bytes(once("<DATA>", "Stop based on:\tRelaxation Rate\r\n<DATA>")),
-    "old spelling": as_bytes(once("Frequency, Hz", "Freqency, Hz")),
-    "blanks around numbers": as_bytes(cell(3, f"  {CELLS[3]} ")),
-    "exponents": as_bytes(cell(3, f"{float(CELLS[3]):.17e}")),
-    "plus sign": as_bytes(cell(0, "+" + CELLS[0])),
     "no filter declared": as_bytes(lambda t: re.sub(r"Load Cell Low-pass filter[^\r]*\r\n", "", t)),
 }
 
@@ -283,15 +223,6 @@ def test_decimal_comma_is_read_with_and_without_the_option(tmp_path, decimal):
         readings = mach1.read(path, decimal=decimal)
     np.testing.assert_array_equal(readings.force_z.values, mach1.assemble(_blocks()).force_z.values)
     assert json.loads(readings.attrs["blocks"])[0]["filter"] == {"order": 3, "cutoff": 20.0}
-
-
-def test_point_is_refused_under_decimal_comma(tmp_path):
-    path = tmp_path / "comma.txt"
-    text = re.sub(r"(?<=\d)\.(?=\d)", ",", WHOLE).replace(ROW.replace(".", ","), ROW)
-    path.write_text(text, newline="")
-    with pytest.raises(SourceError) as caught:
-        mach1.read(path, decimal=",")
-    assert (caught.value.line, caught.value.column) == (AT, 1)
 
 
 def test_empty_data_section_and_silent_functions_are_blocks(tmp_path):
@@ -325,14 +256,6 @@ def test_unknown_column_warns_and_keeps_its_name(tmp_path):
     path.write_text(once("Position (theta), deg", "Temperature, deg")(WHOLE), newline="")
     with pytest.warns(UserWarning, match="'Temperature, deg' is not known"):
         assert "temperature" in mach1.read(path)
-
-
-def test_second_title_warns_and_goes_on(tmp_path):
-    path = tmp_path / "joined.txt"
-    path.write_text(WHOLE + WHOLE, newline="")
-    with pytest.warns(UserWarning, match="two files were joined"):
-        readings = mach1.read(path)
-    assert readings.sizes["block_index"] == 4
 
 
 def test_unknown_date_warns_and_leaves_the_start_empty(tmp_path):

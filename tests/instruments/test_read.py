@@ -60,7 +60,7 @@ def test_unknown_content_lists_what_was_tried(tmp_path):
 
 def test_a_folder_of_raw_frames_says_what_to_export(tmp_path):
     (tmp_path / "frame_0001.raw").write_bytes(bytes(96))
-    with pytest.raises(SourceError, match="export them as TIFF"):
+    with pytest.raises(SourceError, match="export the film as TIFF"):
         instruments.read(tmp_path)
 
 
@@ -81,8 +81,8 @@ def test_missing_file_is_a_source_error(tmp_path):
 
 
 def test_options_reach_the_reader(laser):
-    with pytest.raises(SourceError, match="the option rows says 51"):
-        instruments.read(laser, rows=51)
+    with pytest.raises(SourceError, match="the option cycle says 1e-05 s"):
+        instruments.read(laser, cycle="10 us")
 
 
 def _touch(path):
@@ -129,6 +129,7 @@ def test_names_are_those_that_results_state():
     assert [each.name for each in instruments.OURS] == [
         "mach1",
         "phantom",
+        "photron",
         "anton_paar",
         "plain_table",
         "dice",

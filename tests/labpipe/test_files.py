@@ -20,8 +20,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, StorageError, StoreError
-from labpipe.names import safe_join
-from labpipe.stamps import HashIndex
+from labpipe.files import HashIndex, safe_join
 from tests.by_day import by_day
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from labpipe import numbers, text
+from labpipe import text
 from labpipe.errors import InputError, SourceError
 
 
@@ -190,8 +190,8 @@ def test_comma_in_a_number_suggests_the_option():
         text.parse_rows(["1;2,5"], 2, ";", path="a", first_line=1)
 
 
-COMMA = numbers.Separators(",", "")
-GROUPED = numbers.Separators(",", ".")
+COMMA = text.Separators(",", "")
+GROUPED = text.Separators(",", ".")
 
 
 def test_decimal_comma_and_thousands_dot_are_parsed():
@@ -211,27 +211,27 @@ def test_dot_is_refused_where_the_comma_is_the_decimal_sign():
 @pytest.mark.parametrize(
     ("cells", "expected"),
     [
-        (["1.5", "2"], numbers.DOT),
-        (["1", "2"], numbers.DOT),
-        (["1.234"], numbers.DOT),
+        (["1.5", "2"], text.DOT),
+        (["1", "2"], text.DOT),
+        (["1.234"], text.DOT),
         (["+00,1234"], COMMA),
         (["0,010"], COMMA),
         (["1,234", "0,5"], COMMA),
         (["1.234,5"], GROUPED),
         (["1.234.567", "1,5"], GROUPED),
-        (["1,234.5"], numbers.Separators(".", ",")),
-        (["1,234,567"], numbers.Separators(".", ",")),
+        (["1,234.5"], text.Separators(".", ",")),
+        (["1,234,567"], text.Separators(".", ",")),
         (["alarm", "-------", "1,5"], COMMA),
     ],
 )
 def test_decimal_sign_is_decided_by_evidence(cells, expected):
-    assert numbers.separators(cells) == expected
+    assert text.separators(cells) == expected
 
 
 @pytest.mark.parametrize("cells", [["1,234"], ["12,345", "6,789"], ["1.5", "2,5"]])
 def test_ambiguous_decimal_sign_is_refused(cells):
     with pytest.raises(InputError, match="decimal="):
-        numbers.separators(cells)
+        text.separators(cells)
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)
@@ -239,14 +239,14 @@ def test_ambiguous_decimal_sign_is_refused(cells):
 def test_a_number_reads_the_same_with_dot_comma_or_thousands(value, decimals):
     dotted = f"{value:.{decimals}f}"
     grouped = f"{value:,.{decimals}f}".replace(",", "_").replace(".", ",").replace("_", ".")
-    assert numbers.plain_number(dotted) == float(dotted)
-    assert numbers.plain_number(dotted.replace(".", ","), COMMA) == float(dotted)
-    assert numbers.plain_number(grouped, GROUPED) == float(dotted)
+    assert text.plain_number(dotted) == float(dotted)
+    assert text.plain_number(dotted.replace(".", ","), COMMA) == float(dotted)
+    assert text.plain_number(grouped, GROUPED) == float(dotted)
 
 
 def test_shorten_escapes_control_characters():
-    assert numbers.shorten("\x1b[31mred\n") == repr("\x1b[31mred\n")
-    assert len(numbers.shorten("x" * 10_000)) < 70
+    assert text.shorten("\x1b[31mred\n") == repr("\x1b[31mred\n")
+    assert len(text.shorten("x" * 10_000)) < 70
 
 
 def test_a_file_that_ends_within_a_character_was_cut_off(tmp_path):

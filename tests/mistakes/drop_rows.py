@@ -81,19 +81,8 @@ def _sine(x: Floats) -> Floats:
     return x[0] - 0.4 * np.abs(np.sin(2 * np.pi * 20 * t)) + np.random.default_rng(2).normal(0.0, 7e-4, x.size)
 
 
-def _bare_sine(x: Floats) -> Floats:
-    t = np.arange(x.size) * 50e-6
-    return x[0] + 0.7 * np.sin(2 * np.pi * 25 * t) + np.random.default_rng(3).normal(0.0, 7e-4, x.size)
-
-
 def _hum(amplitude: float, frequency: float = 50.0) -> Callable[[Floats], Floats]:
     return lambda x: x + amplitude * np.sin(2 * np.pi * frequency * 50e-6 * np.arange(x.size))
-
-
-def _pulled(x: Floats) -> Floats:
-    """Let the sensor be pulled by 20 um in a flight, within 2 ms."""
-    begin = int(0.75 * x.size)
-    return np.asarray(x + np.interp(np.arange(x.size), [begin, begin + 40], [0.0, 0.02]))
 
 
 def _jump(x: Floats) -> Floats:
@@ -113,77 +102,10 @@ def _spike(place: int, size: float) -> Callable[[Floats], Floats]:
     return change
 
 
-def _every(count: int, size: float) -> Callable[[Floats], Floats]:
-    """Return what adds a spike to each so many readings."""
-    return lambda x: x + size * (np.arange(x.size) % count == 37)
-
-
-def _jittered(x: Floats) -> Floats:
-    """Take the readings 60 µs early or late."""
-    n = np.arange(x.size)
-    return np.interp(n + np.random.default_rng(3).normal(0.0, 1.2, x.size), n, x)
-
-
-def _sinking(x: Floats) -> Floats:
-    """Let the floor sink by 1.5 mm/s after the first impact."""
-    first = int(np.argmax(x < x.min() + _DEEP))
-    return x - 1.5 * 50e-6 * np.clip(np.arange(x.size) - first - 200, 0, None)
-
-
-def _caught(x: Floats) -> Floats:
-    """Hold the body from its first apex on."""
-    first = int(np.argmax(x < x.min() + _DEEP))
-    apex = first + int(np.argmax(x[first : first + 800]))
-    held = x[apex] + np.random.default_rng(6).normal(0.0, 8e-4, x.size)
-    return np.where(np.arange(x.size) > apex, held, x)
-
-
-def _two_exchanged(x: Floats) -> Floats:
-    out = x.copy()
-    out[[1000, 1060]] = out[[1060, 1000]]
-    return out
-
-
-def _shaken(x: Floats) -> Floats:
-    """Add what a loose clamp of the sensor does after the first impact: 320 Hz, 50 µm."""
-    i = int(np.argmax(x < x.min() + 0.02))
-    t = 1e-4 * np.arange(x.size - i)
-    return np.r_[x[:i], x[i:] + 0.05 * np.exp(-t / 0.03) * np.sin(2 * np.pi * 320 * t)]
-
-
-def _rubbing(x: Floats) -> Floats:
-    """Let the body fall with 0.86 g until it first touches."""
-    n, first = np.arange(x.size), int(np.argmax(x < x.min() + _DEEP))
-    return np.interp(np.where(n < first, first - 0.93 * (first - n), n), n, x)
-
-
-def _upside_down(x: Floats) -> Floats:
-    return 2 * x[0] - x
-
-
-def _averaged(x: Floats) -> Floats:
-    """Take the mean of sixteen readings, as a controller that was set so."""
-    return np.convolve(np.concatenate([np.full(15, x[0]), x]), np.full(16, 1 / 16), "valid")
-
-
 def _turned_round(folder: Path) -> None:
     """Sort the rows of a file by their number, downwards."""
     lines = (folder / FIRST[0]).read_text("utf-8").splitlines()
     (folder / FIRST[0]).write_text("\n".join(lines[:HEAD] + lines[: HEAD - 1 : -1]) + "\n", "utf-8")
-
-
-def _pushed(folder: Path) -> None:
-    """Hold the body of the third record 0.5 mm lower than it falls from: it is let go with that speed."""
-    _other_height(2e-3)(folder)
-
-    def held(x: Floats) -> Floats:
-        top = np.median(x[:200]) - 0.5 * np.cos(np.deg2rad(12.07))
-        out, begun = x.copy(), int(np.argmax(x < top))
-        out[:begun] = top + x[:begun] - np.median(x[:200])
-        out[begun - 200 : begun] = out[:200]  # at rest until it is pushed
-        return out
-
-    values(held, LAST)(folder)
 
 
 def _rounded(step: float) -> Callable[[Floats], Floats]:
@@ -225,12 +147,6 @@ def _of_first(kept: slice, *, own: bool = False) -> Edit:
     return edit
 
 
-def _rezeroed(folder: Path) -> None:
-    """Put the readings of the first record, less a constant, below the header of the third."""
-    _of_first(slice(None))(folder)
-    values(lambda x: x - 0.0137, LAST)(folder)
-
-
 def _converted(factor: float, decimals: int) -> Edit:
     """Put the readings of the first record below the header of the third, as another program writes them."""
 
@@ -250,14 +166,6 @@ def _other_height(height: float, material: str = "acrylic") -> Edit:
     return edit
 
 
-def _both(*edits: Edit) -> Edit:
-    def edit(folder: Path) -> None:
-        for one in edits:
-            one(folder)
-
-    return edit
-
-
 _CYCLE = "Sampling cycle,50us"
 _TOML = "session.toml"
 
@@ -266,22 +174,6 @@ ROWS = (
     Mistake(
         "cycle 100 for 50 us",
         header(_CYCLE, "Sampling cycle,100us"),
-        "impossible",
-        ("sampling interval", "50.0 µs"),
-        ALL[0],
-        4,
-    ),
-    Mistake(
-        "cycle 20 for 50 us",
-        header(_CYCLE, "Sampling cycle,20us"),
-        "impossible",
-        ("sampling interval", "50.0 µs"),
-        ALL[0],
-        4,
-    ),
-    Mistake(
-        "cycle 51 for 50 us",
-        header(_CYCLE, "Sampling cycle,51us"),
         "impossible",
         ("sampling interval", "50.0 µs"),
         ALL[0],
@@ -304,73 +196,23 @@ ROWS = (
         ALL[0],
     ),
     Mistake("every second row kept", cells(_thinned), "impossible", ("sampling interval", "100 µs"), ALL[0]),
-    Mistake(
-        "cycle 100 for 50 us in one file",
-        header(_CYCLE, "Sampling cycle,100us", LAST),
-        "impossible",
-        ("sampling interval", "50.0 µs"),
-        ALL[2],
-        4,
-    ),
-    Mistake("unit um in one file", header("Unit,mm", "Unit,um", LAST), "impossible", ("unit",), ALL[2], 8),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um"), "impossible", ("unit", "0.001"), ALL[0], 8),
-    Mistake("unit cm", header("Unit,mm", "Unit,cm"), "impossible", ("unit",), ALL[0], 8),
-    Mistake("unit m", header("Unit,mm", "Unit,m"), "impossible", ("unit",), ALL[0], 8),
     Mistake("unit mil", header("Unit,mm", "Unit,mil"), "impossible", ("unit",), ALL[0], 8),
     Mistake("display x10", values(_scaled(10.0)), "impossible", ("10", "times too large")),
     Mistake("gain one half", values(_scaled(0.5)), "impossible", ("too small by a factor of 2",)),
-    Mistake("display in mil", values(_scaled(1 / 0.0254), decimals=3), "impossible", ("39.37",)),
     Mistake("decimal point lost", cells(_lost_point), "impossible", ("unit",)),
-    Mistake(
-        "gain one half in the record",
-        setting("1.0000 ±", "0.5000 ±", RECORD),
-        "impossible",
-        ("values.scale", "calibration"),
-    ),
     # what the session states
     Mistake("height 15 for 1.5 mm", setting('"1.5 ±', '"15 ±'), "impossible", ("drop height", "1.50 mm"), _TOML, 17),
-    Mistake(
-        "height 1.5 cm",
-        setting("1.5 ± 0.005 mm", "1.5 ± 0.0005 cm"),
-        "impossible",
-        ("drop height", "1.50 mm"),
-        _TOML,
-        17,
-    ),
     Mistake("height 1.4 mm", setting('"1.5 ±', '"1.4 ±'), "impossible", ("drop height",), _TOML, 17),
     Mistake("mass 505 kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("mass", "505 g"), _TOML, 22),
     Mistake(
-        "gravity with exchanged digits",
-        setting(
-            "[experiments.drop.sphere]", '[experiments.drop.model]\ngravity = "9.18 m/s2"\n\n[experiments.drop.sphere]'
-        ),
-        "impossible",
-        ("gravity is probably 9.81",),
-        _TOML,
-    ),
-    Mistake(
-        "inclination known to 10 degrees",
-        setting("± 0.10 deg", "± 10 deg", RECORD),
-        "doubtful",
-        ("u of the inclination",),
-        RECORD,
-    ),
-    Mistake(
         "radius in inch", setting('"9.525 ± 0.005 mm"', '"0.375 ± 0.0002 mm"'), "doubtful", ("sphere.radius",), _TOML
-    ),
-    Mistake(
-        "radius with a lost decimal point",
-        setting('"9.525 ± 0.005 mm"', '"95.25 ± 0.05 mm"'),
-        "impossible",
-        ("sphere.radius", "weighs at least"),
-        _TOML,
     ),
     Mistake("mass 5.05 g", setting("505.0 ± 0.5 g", "5.05 ± 0.005 g"), "doubtful", ("mass", "505 g"), _TOML, 22),
     Mistake("uncertainty 5 mm", setting("± 0.005 mm", "± 5 mm"), "doubtful", ("uncertainty",), _TOML, 17),
     # calibration
     Mistake("inclination 22 deg", setting('"12.00', '"22.00', RECORD), "impossible", ("inclination",), RECORD, 13),
-    Mistake("inclination complement", setting('"12.00', '"78.00', RECORD), "impossible", ("inclination",), RECORD, 13),
     Mistake(
         "inclination in radians",
         setting("12.00 ± 0.10 deg", "12.00 ± 0.10 rad", RECORD),
@@ -383,55 +225,10 @@ ROWS = (
     Mistake("corrected twice", values(_scaled(1 / np.cos(np.deg2rad(12.0)))), "impossible", ("inclination", "twice")),
     Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
     Mistake(
-        "bare sphere's mass, without its holder",
-        setting("505.0 ± 0.5 g", "4.3 ± 0.1 g"),
-        "doubtful",
-        ("moving mass is probably", "not 4.30 g"),
-        _TOML,
-        22,
-    ),
-    Mistake(
-        "every tenth row lost and the rest renumbered",
-        cells(lambda t: [text for i, text in enumerate(t) if i % 10]),
-        "impossible",
-        ("sampling interval is probably 55.5 µs", "line 4"),
-        ALL[0],
-        4,
-    ),
-    Mistake(
-        "range wraps above a limit",
-        values(lambda x: np.where(x > 3.2, x - 4.0, x)),
-        "impossible",
-        ("jump by −4.00 mm",),
-        ALL[0],
-    ),
-    Mistake(
-        "every 7 read as 1 in one repeat",
-        cells(lambda t: [text.replace("7", "1") for text in t], LAST),
-        "impossible",
-        ("the readings jump",),
-        LAST[0],
-    ),
-    Mistake(
         "day of another session stated",
         setting('height = "1.5', 'measured_on = 2024-09-01\nheight = "1.5'),
         "note",
         ("2024-09-01, which is used", "says 2024-05-14"),
-        _TOML,
-        "measured_on",
-    ),
-    Mistake(
-        "year mistyped in the day that is stated, record renewed",
-        lambda folder: [
-            setting('height = "1.5', 'measured_on = 2025-05-14\nheight = "1.5')(folder),
-            setting(
-                "valid_from = 2024-05-01\nvalid_until = 2025-04-30",
-                "valid_from = 2025-05-01\nvalid_until = 2026-04-30",
-                RECORD,
-            )(folder),
-        ],
-        "doubtful",
-        ("2025-05-14, which is used", "says 2024-05-14", "was not valid"),
         _TOML,
         "measured_on",
     ),
@@ -442,10 +239,7 @@ ROWS = (
     # sensor
     Mistake("constant channel", values(_constant), "impossible", ("channel",)),
     Mistake("noise only", values(_noise), "impossible", ("channel",)),
-    Mistake("hum only", values(lambda x: _hum(0.05)(np.full(x.size, x[0]))), "impossible", ("channel",)),
     Mistake("sine with cusps", values(_sine), "impossible", ()),
-    Mistake("sine", values(_bare_sine), "impossible", ("channel",)),
-    Mistake("sign of the display lost", values(lambda x: np.abs(x - x.mean() - 0.3)), "impossible", ("falls upwards",)),
     Mistake(
         "direction reversed",
         setting("[experiments.drop.sphere]", "[experiments.drop.sensor]\ndirection = -1\n\n[experiments.drop.sphere]"),
@@ -473,67 +267,29 @@ ROWS = (
     Mistake(
         "cut, with the old count", cells(lambda t: t[:1300], FIRST, counted=False), "impossible", ("not copied whole",)
     ),
-    Mistake("cut in the first flight", cells(lambda t: t[:1000]), "note", ("ends",)),
     Mistake("zero-filled tail", cells(_zero_tail), "impossible", ("70.0 ms",)),
     Mistake("60 rows lost", cells(_lost), "impossible", ("lost",)),
+    Mistake("one row lost in flight", cells(lambda t: t[:740] + t[741:], FIRST), "doubtful", ("1 single rows lost",)),
+    Mistake("one row doubled in flight", cells(lambda t: t[:740] + t[739:], FIRST), "doubtful", ("1 doubled",)),
     Mistake("60 rows doubled", cells(_doubled), "impossible", ("twice",)),
-    Mistake("cable pulled in one repeat", values(_pulled, LAST), "doubtful", ("this repeat", "pulled"), LAST[0]),
     Mistake("level jump", values(_jump), "impossible", ("75", "jump")),
     Mistake("drift 1 mm", values(_drift), "impossible", ("drift",)),
     Mistake("begins in mid-fall", cells(lambda t: t[600:]), "impossible", ("mid-fall",)),
     Mistake("ends after first contact", cells(lambda t: t[:820]), "impossible", ("ends",)),
     Mistake("one spike of 3 mm", values(_spike(900, 3.0)), "note", ("spike",)),
-    Mistake("spike before release", values(_spike(150, 3.0)), "note", ("spike",)),
-    Mistake("spike in the contact", values(_spike(775, -3.0)), "note", ("spike",)),
     Mistake("hum of 5 um", values(_hum(0.005)), "note", ("hum",)),
-    Mistake("hum of 20 um, as any phase of it begins", values(_hum(0.02, 60.0)), "note", ("hum of 2",), FIRST[0]),
     Mistake("hum of 50 um", values(_hum(0.05)), "note", ("hum of 51",)),
-    Mistake("spikes at the mains", values(_every(200, 0.12), FIRST), "note", ("come each 10.0 ms", "mains"), FIRST[0]),
-    Mistake("readings at uneven times", values(_jittered, LAST), "doubtful", ("times of the readings",), LAST[0]),
-    Mistake("guide rubs in the first fall", values(_rubbing), "doubtful", ("guide that rubs",), FIRST[0]),
-    Mistake("bench sinks", values(_sinking, LAST), "doubtful", ("the bench sank",), LAST[0]),
-    Mistake("caught at the apex", values(_caught, LAST), "impossible", ("caught",), LAST[0]),
-    Mistake(
-        "height known to a sixth", setting("1.5 ± 0.005 mm", "1.5 ± 0.25 mm"), "note", ("too vaguely",), TOML, "height"
-    ),
     Mistake("resolution 10 um", values(_rounded(0.01)), "note", ("resolution",)),
     Mistake("resolution 100 um", values(_rounded(0.1)), "impossible", ("resolution",)),
-    Mistake("two readings exchanged in flight", values(_two_exchanged), "note", ("2 spikes",)),
-    Mistake("clamp of the sensor loose", values(_shaken), "impossible", ("shakes",)),
-    Mistake("another sensor beats at 200 Hz", values(_hum(0.008, 200.0)), "doubtful", ("at 200 Hz",)),
-    Mistake("mount swings at 70 Hz", values(_hum(0.004, 70.0)), "doubtful", ("before the release", "fasten it")),
-    Mistake("mean of 16 readings left on", values(_averaged), "doubtful", ("averages over about",)),
-    Mistake("pushed at the release", _pushed, "impossible", ("pushed or thrown",), LAST[0]),
     Mistake("rows from the last to the first", _turned_round, "impossible", ("reverse order",), FIRST[0]),
-    Mistake("upside down readings", values(_upside_down), "impossible", ("direction",)),
     # repeats
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),
     Mistake(
         "same readings under another header", _of_first(slice(None)), "doubtful", ("digit by digit", "copy"), ALL[2]
     ),
-    Mistake(
-        "same readings without their beginning", _of_first(slice(40, None)), "doubtful", ("digit by digit",), ALL[2]
-    ),
-    Mistake("copy of a repeat from another zero", _rezeroed, "doubtful", ("but for their zero", "copy"), ALL[2]),
     *(
         Mistake(f"copy of a repeat {word}", _converted(*how), "doubtful", ("its noise is that of", "copy"), ALL[2])
         for word, how in (("with fewer digits", (1.0, 3)), ("along another line of sight", (1.0013, 4)))
-    ),
-    Mistake("scale known to a half", setting('± 0.0005"', '± 0.5"', RECORD), "doubtful", ("u of the scale",), RECORD),
-    Mistake("end of another repeat pasted on", _of_first(slice(0, 900), own=True), "impossible", ("pasted",), ALL[2]),
-    Mistake(
-        "another gain for one repeat",
-        values(_scaled(1.02), LAST),
-        "impossible",
-        ("lengths of laser/drop_3.csv come out 1.02", "than for the other repeats"),
-        ALL[2],
-    ),
-    Mistake(
-        "average of 32 readings, below the display's step",
-        values(lambda x: np.convolve(np.r_[np.full(31, x[0]), x], np.full(32, 1 / 32), "valid")),
-        "impossible",
-        ("averages over about", "smeared"),
-        ALL[0],
     ),
     Mistake("repeat of another height", _other_height(1.7e-3), "impossible", ("1.7", "another height"), ALL[2]),
     Mistake(

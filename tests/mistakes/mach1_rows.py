@@ -19,7 +19,6 @@ from tests.mistakes.rows import Mistake
 
 START = datetime(2024, 5, 14, 9, 30)
 RECORD, TOML = "calibration/load_cell.toml", "session.toml"
-_FACTOR = "Load Cell Calibration Factor:\t"
 WAVES, HOLD, DEEPER = "mach1/nbr.txt", "mach1/nbr_100um.txt", "mach1/nbr_200um.txt"
 
 
@@ -57,18 +56,6 @@ def _all(old: str, new: str, name: str) -> Edit:
     return rewritten(lambda text: text.replace(old, new), name)
 
 
-def _factor_twice(factor: str) -> Edit:
-    """Return what has a factor in the headers of the tests and, once more, in the record of the cell."""
-    edits = [_all(f"{_FACTOR}1.000000", f"{_FACTOR}{factor}00", name) for name in (HOLD, DEEPER)]
-    edits.append(setting("1.0000 ± 0.0010", f"{factor} ± 0.0010", RECORD))
-
-    def change(folder: Path) -> None:
-        for edit in edits:
-            edit(folder)
-
-    return change
-
-
 def _cell(row: str, column: int, value: str) -> str:
     parts = row.split("\t")
     parts[column] = value
@@ -84,52 +71,12 @@ def _force(change: Callable[[int, float], float]) -> Callable[[list[str]], list[
     return changed
 
 
-def _averaged(found: list[str]) -> list[str]:
-    """Take the mean of a hundred readings of the force, as a display that was set so."""
-    seen = np.array([float(r.split("\t")[2]) for r in found if "\t" in r])
-    means = np.convolve(np.r_[np.full(99, seen[0]), seen], np.full(100, 0.01), "valid")
-    return _force(lambda i, f: float(means[i]))(found)
-
-
-def _slipped(at: int, by: float) -> Callable[[list[str]], list[str]]:
-    """Return what moves the position of a block from some row on."""
-
-    def changed(found: list[str]) -> list[str]:
-        return found[:at] + [
-            _cell(r, 1, f"{float(r.split(chr(9))[1]) + by:.6f}") if "\t" in r else r for r in found[at:]
-        ]
-
-    return changed
-
-
 def _frozen(at: int) -> Callable[[list[str]], list[str]]:
     """Return what writes the force of one row on until the end of its block."""
 
     def changed(found: list[str]) -> list[str]:
         forces = [row.split("\t")[2] for row in found if "\t" in row]
         return _force(lambda i, f: float(forces[min(i, at)]))(found)
-
-    return changed
-
-
-def _of_other_day(clock: str) -> Edit:
-    """Return what takes one test for the other, with another time in its header."""
-
-    def edit(folder: Path) -> None:
-        text = (folder / HOLD).read_text("utf-8")
-        (folder / DEEPER).write_text(text.replace("Time:\t09:30", f"Time:\t{clock}"), "utf-8")
-
-    return edit
-
-
-def _stopped(share: float) -> Callable[[list[str]], list[str]]:
-    """Return what keeps the position of a block within a share of its way."""
-
-    def changed(found: list[str]) -> list[str]:
-        x = np.array([float(r.split("\t")[1]) for r in found if "\t" in r])
-        middle, half = 0.5 * (x.max() + x.min()), 0.5 * share * np.ptp(x)
-        kept = np.clip(x, middle - half, middle + half)
-        return [_cell(r, 1, f"{at:.6f}") for r, at in zip(found, kept, strict=False)]
 
     return changed
 
@@ -222,8 +169,8 @@ def _of_rows(name: str, block: int) -> tuple[Mistake, ...]:
         Mistake(
             "one force of -99 N",
             rows(lambda r: [*r[:200], _cell(r[200], 2, "-99.0"), *r[201:]], name, block),
-            "doubtful",
-            ("leaves its neighbours",),
+            "note",
+            ("left out as outliers",),
             name,
             "-99.0",
         ),
@@ -270,27 +217,6 @@ def _declared(name: str, key: str, old: str, new: str, words: str, after: str = 
     return Mistake(f"{key} {new} for {old}", edit, "impossible", (words,), name, f"{key}:\t{new}")
 
 
-def _struck(at: int) -> Callable[[list[str]], list[str]]:
-    """Return what lets the table ring for a while from some row on."""
-
-    def more(i: int, force: float) -> float:
-        since = max(i - at, 0)
-        return force + 1.5 * math.exp(-since / 15) * math.sin(2 * math.pi * 0.17 * since)
-
-    return _force(more)
-
-
-def _late(by: int) -> Callable[[list[str]], list[str]]:
-    """Return a change that gives each row the position of so many rows before."""
-
-    def change(found: list[str]) -> list[str]:
-        texts = [text.split("\t") for text in found if text.count("\t") == 2]
-        made = ["\t".join((t, texts[max(i - by, 0)][1], f)) for i, (t, _, f) in enumerate(texts)]
-        return [*made, *(text for text in found if text.count("\t") != 2)]
-
-    return change
-
-
 WAVE_ROWS = (
     Mistake(
         "position zeroed between two blocks",
@@ -299,7 +225,6 @@ WAVE_ROWS = (
         ("the position was zeroed",),
         WAVES,
     ),
-    Mistake("table struck in an oscillation", rows(_struck(200), WAVES), "doubtful", ("struck the table",), WAVES),
     Mistake(
         "cell drifts in an oscillation",
         rows(_force(lambda i, f: f - 0.01 * i), WAVES),
@@ -307,21 +232,6 @@ WAVE_ROWS = (
         ("mean force changes", "drifts"),
         WAVES,
     ),
-    Mistake(
-        "specimen slips in an oscillation",
-        rows(_force(lambda i, f: f * (1.0 - 1e-3 * i)), WAVES),
-        "doubtful",
-        ("first cycle that has settled", "slips"),
-        WAVES,
-    ),
-    Mistake(
-        "zero slips by 2 % of the force",
-        rows(_force(lambda i, f: f + 0.3), WAVES, 3),
-        "doubtful",
-        ("two zeros",),
-        WAVES,
-    ),
-    Mistake("stage stopped at a limit", rows(_stopped(0.7), WAVES), "doubtful", ("lie at one end", "stopped"), WAVES),
     *_of_columns(WAVES),
     *_of_units(WAVES),
     *_of_record(WAVES),
@@ -338,17 +248,10 @@ WAVE_ROWS = (
     Mistake(
         "one position of 99 mm",
         rows(lambda r: [*r[:200], _cell(r[200], 1, "99.0"), *r[201:]], WAVES),
-        "impossible",
-        ("leaves its neighbours",),
+        "note",
+        ("left out as outliers",),
         WAVES,
         "\t99.0\t",
-    ),
-    Mistake(
-        "rows lost and renumbered",
-        rows(_renumbered(lambda r: r[:150] + r[175:]), WAVES),
-        "impossible",
-        ("lost",),
-        WAVES,
     ),
     Mistake(
         "cut-off of the filter ten times",
@@ -357,58 +260,11 @@ WAVE_ROWS = (
         ("a filter of order 3 and 200 Hz has about 1.59 ms",),
         RECORD,
     ),
-    Mistake(
-        "sign of the force turned in one oscillation",
-        rows(_force(lambda i, f: -f), WAVES),
-        "impossible",
-        ("a sign is wrong",),
-        WAVES,
-    ),
-    Mistake(
-        "position late by five readings in the oscillations",
-        lambda folder: [rows(_late(5), WAVES, block)(folder) for block in (2, 3)],
-        "impossible",
-        ("before the stage moves", "comes later than that of the force"),
-        WAVES,
-    ),
-    Mistake(
-        "fewer cycles than declared",
-        _all("Number of Cycles:\t7", "Number of Cycles:\t14", WAVES),
-        "note",
-        ("7.9 cycles, declared are 14", "stopped before"),
-        WAVES,
-        "Number of Cycles",
-    ),
-    Mistake(
-        "more cycles than declared",
-        _all("Number of Cycles:\t7", "Number of Cycles:\t3", WAVES),
-        "doubtful",
-        ("declared are 3", "stand twice"),
-        WAVES,
-        "Number of Cycles",
-    ),
-    Mistake(
-        "filter said to be off", _all("Low-pass filter:\tYes", "Low-pass filter:\tNo", WAVES), "impossible", ("delay",)
-    ),
 )
 
 _RELAX = "<Stress Relaxation>"
 HOLD_ROWS = (
     Mistake("tips of 6 cm", setting("6 ± 0.006 mm", "6 ± 0.006 cm"), "doubtful", ("length of a tip",), TOML, "depth"),
-    Mistake("table struck in a hold", rows(_struck(600), HOLD, 1), "note", ("struck the table",), HOLD),
-    Mistake(
-        "test stopped before its last hold was over",
-        rows(lambda found: found[: int(0.7 * len(found))], "mach1/nbr_200um.txt", 1),
-        "note",
-        ("stopped before its hold was over",),
-        "mach1/nbr_200um.txt",
-    ),
-    Mistake(
-        "forces of one depth 1.6 times too large",
-        columns(lambda t, x, f: (t, x, 1.6 * f), HOLD),
-        "doubtful",
-        ("times the simulated force", "are not the same"),
-    ),
     *_of_columns(HOLD),
     *_of_units(HOLD),
     *_of_record(HOLD),
@@ -424,53 +280,13 @@ HOLD_ROWS = (
         HOLD,
     ),
     Mistake(
-        "another axis of the cell", columns(lambda t, x, f: (t, x, 0.01 * f), HOLD), "doubtful", ("another axis",), HOLD
-    ),
-    Mistake(
         "cell zeroed between two blocks", rows(_force(lambda i, f: f + 3.0), HOLD, 1), "doubtful", ("two zeros",), HOLD
-    ),
-    Mistake(
-        "time in min under s",
-        columns(lambda t, x, f: (t / 60, x, f), HOLD),
-        "impossible",
-        ("column of the time is too small by a factor of 60",),
-        HOLD,
     ),
     Mistake(
         "force in kgf under N",
         columns(lambda t, x, f: (t, x, f / 9.80665), HOLD),
         "impossible",
         ("factor of 9.8",),
-        HOLD,
-    ),
-    Mistake(
-        "force rounded to 0.5 N",
-        columns(lambda t, x, f: (t, x, 0.5 * round(f / 0.5)), HOLD),
-        "doubtful",
-        ("steps of 500 mN", "rounded"),
-        HOLD,
-    ),
-    Mistake(
-        "first touch stated where the approach begins",
-        setting("]\n\n[experiments.nbr.punch]", ']\ncontact = "12.300 mm"\n\n[experiments.nbr.punch]'),
-        "doubtful",
-        ("finds first touch at 12.345", "contact = 12.3000 mm, which is used"),
-        TOML,
-        "contact",
-    ),
-    Mistake(
-        "position late by five readings in the ramp",
-        rows(_late(5), HOLD, 1),
-        "impossible",
-        ("before the stage moves", "comes later than that of the force"),
-        HOLD,
-    ),
-    Mistake("mean of a second", rows(_averaged, HOLD, 1), "doubtful", ("force is late",), HOLD),
-    Mistake(
-        "cell drifts in the hold",
-        rows(_force(lambda i, f: f + 1e-3 * i), HOLD, 1),
-        "doubtful",
-        ("in the others", "cell drifted"),
         HOLD,
     ),
     Mistake(
@@ -481,73 +297,14 @@ HOLD_ROWS = (
         HOLD,
     ),
     Mistake(
-        "one row of the ramp lost", rows(_renumbered(lambda r: r[:6] + r[7:]), HOLD, 1), "doubtful", ("leaps",), HOLD
-    ),
-    Mistake(
-        "stage slips in the ramp", rows(_slipped(5, 0.03), HOLD, 1), "impossible", ("leaps by 40.0 µm", "slipped"), HOLD
-    ),
-    Mistake(
-        "position rounded to 10 um",
-        columns(lambda t, x, f: (t, round(x, 2), f), HOLD),
-        "doubtful",
-        ("steps of the position", "too few decimals"),
-        HOLD,
-    ),
-    Mistake(
-        "force swings in a hold",
-        columns(lambda t, x, f: (t, x, f * (1 + 0.02 * math.sin(1.6 * t))), HOLD),
-        "doubtful",
-        ("in its hold the force rises", "swings"),
-        HOLD,
-    ),
-    Mistake(
         "cell calibrated after the test",
         _all("Calibration Date:\t2024", "Calibration Date:\t2034", HOLD),
         "doubtful",
         ("tester's clock",),
         HOLD,
     ),
-    Mistake(
-        "cell calibrated again in a test",
-        _replaced(f"{_FACTOR}1.000000", f"{_FACTOR}1.030000", HOLD, "<END DATA>"),
-        "doubtful",
-        ("1.03 times in block", "in the middle of a test"),
-        HOLD,
-        f"{_FACTOR}1.03",
-    ),
-    Mistake(
-        "cell calibrated with ten times the mass",
-        _all(f"{_FACTOR}1.000000", f"{_FACTOR}10.00000", HOLD),
-        "doubtful",
-        ("10 times what the cell showed", "another mass"),
-        HOLD,
-        f"{_FACTOR}10",
-    ),
-    Mistake(
-        "record repeats the tester's factor",
-        _factor_twice("1.0042"),
-        "doubtful",
-        ("applied it already",),
-        RECORD,
-        "scale",
-    ),
     Mistake("force frozen in a hold", rows(_frozen(700), DEEPER), "doubtful", ("froze", "530 readings"), DEEPER),
     Mistake(
-        "forces in whole N", columns(lambda t, x, f: (t, x, round(f)), HOLD), "doubtful", ("steps of 1.00 N",), HOLD, 27
-    ),
-    Mistake("copy with another time", _of_other_day("10:30"), "doubtful", ("digit by digit", "copy"), DEEPER),
-    Mistake(
-        "two tests at one time",
-        _all("Time:\t10:00:0", "Time:\t09:30:0", DEEPER),
-        "doubtful",
-        ("by the clock of the tester",),
-        DEEPER,
-        2,
-    ),
-    Mistake(
         "record of another cell", setting('"250N"', '"50N"', RECORD), "doubtful", ("another load cell",), RECORD, "50N"
-    ),
-    Mistake(
-        "another axis declared", _all("Load Cell Axis:\tFz", "Load Cell Axis:\tFx", HOLD), "doubtful", ("axis",), HOLD
     ),
 )

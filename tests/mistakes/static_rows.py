@@ -20,7 +20,6 @@ RECORD = "calibration/laser.toml"
 RIG = StaticRig()
 START = datetime(2024, 5, 14, 9, 30)
 _TOML = "session.toml"
-_SPHERE = "[experiments.static.sphere]"
 _CYCLE = 5.0  # s
 
 
@@ -80,14 +79,6 @@ def _line(mass: float) -> str:
     return f'  {{ mass = "{mass:g} ± 0.0005 kg", time = "{RIG.times[number] / 60:.2f} min" }},\n'
 
 
-def _without_times(folder: Path) -> None:
-    path = folder / _TOML
-    text = path.read_text("utf-8")
-    for begin in RIG.times:
-        text = text.replace(f', time = "{begin / 60:.2f} min"', "")
-    path.write_text(text, "utf-8")
-
-
 def _times_as_seconds(folder: Path) -> None:
     path = folder / _TOML
     path.write_text(path.read_text("utf-8").replace(' min" }', ' s" }'), "utf-8")
@@ -97,37 +88,13 @@ def _reversed(texts: list[str]) -> list[str]:
     return texts[::-1]
 
 
-def _spike(x: Floats) -> Floats:
-    out = x.copy()
-    out[400] -= 3.0
-    return out
-
-
 def _shifted(x: Floats) -> Floats:
     return x - 0.02 * (np.arange(x.size) * _CYCLE > 1500.0)
 
 
-def _taken_off(x: Floats) -> Floats:
-    return x + 0.008 * (np.arange(x.size) * _CYCLE > 2400.0) * (np.arange(x.size) * _CYCLE < 2853.0)
-
-
-def _upside_down(x: Floats) -> Floats:
-    return 2 * x[0] - x
-
-
-def _scaled(k: float) -> Callable[[Floats], Floats]:
-    return lambda x: x[0] + k * (x - x[0])
-
-
-_LATER = (("2.55", "7.55"), ("18.20", "23.20"), ("33.10", "38.10"), ("47.55", "52.55"))
-"""Times of the loads [min], and those of a clock that was started five minutes before the record."""
 ROWS = (
     # loads
     Mistake("a load left out, times given", setting(_line(3.5), ""), "impossible", ("missing", "1098"), _TOML),
-    Mistake("the last load left out", setting(_line(5.5), ""), "impossible", ("missing",), _TOML),
-    Mistake(
-        "a load left out, no times", _all(setting(_line(3.5), ""), _without_times), "impossible", ("missing",), _TOML
-    ),
     Mistake(
         "a load too many",
         setting(_line(5.5), _line(5.5) + '  { mass = "6.5 ± 0.0005 kg", time = "56.00 min" },\n'),
@@ -136,37 +103,15 @@ ROWS = (
         _TOML,
     ),
     Mistake("the third load 3.0 kg", _mass("3.5", "3.0 ± 0.0005 kg"), "impossible", ("load 3", "3.5 kg"), _TOML),
-    Mistake("the third load 4.2 kg", _mass("3.5", "4.2 ± 0.0005 kg"), "impossible", ("load 3", "3.5 kg"), _TOML),
-    Mistake("the last load 55 kg", _mass("5.5", "55 ± 0.0005 kg"), "impossible", ("load 5", "5.5"), _TOML),
-    Mistake("the first load in g", _mass("0.5", "0.5 ± 0.0005 g"), "impossible", (), _TOML),
-    Mistake(
-        "the holder not counted", _every_mass(lambda m: f"{m - 0.4:g} ± 0.0005 kg"), "impossible", ("holder",), _TOML
-    ),
     Mistake("kg for g", _every_mass(lambda m: f"{1e3 * m:g} ± 0.5 kg"), "impossible", ("masses", "1000"), _TOML),
     Mistake("g for kg", _every_mass(lambda m: f"{m:g} ± 0.0005 g"), "impossible", ("masses", "factor of 1000"), _TOML),
     Mistake("forces typed as masses", _every_mass(lambda m: f"{9.81 * m:.4g} kg"), "doubtful", ("forces",), _TOML),
-    Mistake("uncertainty 0.5 kg", setting("0.5 ± 0.0005", "0.5 ± 0.5"), "doubtful", ("uncertainty",), _TOML),
     # sphere
     Mistake(
         "diameter for radius",
         setting('"9.525 ± 0.005 mm"', '"19.05 ± 0.005 mm"'),
         "doubtful",
         ("sphere.radius", "9.5", "diameter"),
-        _TOML,
-    ),
-    Mistake("half of the radius", setting('"9.525 ± 0.005 mm"', '"4.7625 ± 0.005 mm"'), "doubtful", ("9.5",), _TOML),
-    Mistake("radius in um", setting('"9.525 ± 0.005 mm"', '"9.525 ± 0.005 um"'), "impossible", ("sphere.radius",)),
-    Mistake(
-        "radius against a film",
-        _all(
-            setting(
-                'mass = "5.5 ± 0.0005 kg", time = "47.55 min"',
-                'mass = "5.5 ± 0.0005 kg", time = "47.55 min", radius = "850 ± 5 um"',
-            ),
-            setting('"9.525 ± 0.005 mm"', '"19.05 ± 0.005 mm"'),
-        ),
-        "impossible",
-        ("sphere.radius", "9.5"),
         _TOML,
     ),
     Mistake("nylon is acrylic", setting('material = "ptfe"', 'material = "nbr"'), "impossible", ("stated sphere",)),
@@ -178,22 +123,11 @@ ROWS = (
         ("sampling interval", "5.00 s"),
         FILE,
     ),
-    Mistake(
-        "cycle in us for s",
-        header("Sampling cycle,5e+06us", "Sampling cycle,5us", FILES),
-        "impossible",
-        ("sampling interval", "5.00 µs"),
-        FILE,
-        4,
-    ),
     Mistake("times in s for min", _times_as_seconds, "impossible", ("seconds and minutes",), _TOML),
     Mistake("rows reversed", cells(_reversed, FILES), "impossible", ("direction", "reversed"), _TOML),
-    Mistake("file cut after the third load", cells(lambda t: t[:300], FILES), "impossible", ("2 steps", "4 loads")),
     Mistake("rows doubled", cells(lambda t: t[:500] + t[420:], FILES), "impossible", ("twice",)),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", FILES), "impossible", ()),
-    Mistake("display x10", values(_scaled(10.0), FILES), "impossible", ()),
-    Mistake("inclination 72 for 12 deg", setting('"12.00 ±', '"72.00 ±', RECORD), "doubtful", ("stated sphere",)),
     Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
     Mistake(
         "direction reversed",
@@ -204,11 +138,8 @@ ROWS = (
         ("direction",),
         _TOML,
     ),
-    Mistake("upside down readings", values(_upside_down, FILES), "impossible", ("direction",)),
     # drift
     Mistake("warming under the third load", values(_ramp(6e-3, 1200.0, 1900.0), FILES), "impossible", ("load 3",)),
-    Mistake("warming under the last load", values(_ramp(6e-3, 3300.0, 3700.0), FILES), "impossible", ("load 5",)),
-    Mistake("cooling under the fourth load", values(_ramp(-4e-3, 2100.0, 2800.0), FILES), "impossible", ("load 4",)),
     Mistake(
         "a minute of readings lost under the second load",
         cells(lambda t: t[:140] + t[152:], FILES),
@@ -216,38 +147,8 @@ ROWS = (
         ("lost 57 s", "between load 2 and load 3"),
         _TOML,
     ),
-    Mistake(
-        "readings rounded to 10 um",
-        values(lambda x: np.round(x, 2), FILES),
-        "impossible",
-        ("a resolution of 10.0 µm", "too few digits"),
-        FILE,
-    ),
-    Mistake(
-        "half a minute of readings lost under the third load",
-        cells(lambda t: t[:300] + t[306:], FILES),
-        "doubtful",
-        ("of readings between load 3 and load 4",),
-        _TOML,
-    ),
-    Mistake(
-        "every second reading kept from half-time on",
-        cells(lambda t: t[: len(t) // 2] + t[len(t) // 2 :: 2], FILES),
-        "impossible",
-        ("0.5 times the readings", "interval was changed"),
-        _TOML,
-    ),
-    Mistake(
-        "beginning of the record cut off, times counted from before",
-        _all(*(setting(f'"{old} min"', f'"{new} min"') for old, new in _LATER)),
-        "impossible",
-        ("lost", "of readings at its beginning"),
-        _TOML,
-    ),
     Mistake("stand knocked by 20 um", values(_shifted, FILES), "impossible", ("1502", "knocked")),
-    Mistake("a load taken off for a while", values(_taken_off, FILES), "impossible", ()),
     # sensor
     Mistake("constant channel", values(lambda x: np.full(x.size, x[0]), FILES), "impossible", ()),
     Mistake("out of range for a while", cells(lambda t: t[:300] + ["+99.9999"] * 60 + t[360:], FILES), "doubtful", ()),
-    Mistake("out of range in text", cells(lambda t: t[:300] + ["FFFFFFF"] * 60 + t[360:], FILES), "doubtful", ()),
 )

@@ -2,17 +2,21 @@
 
 from typing import TYPE_CHECKING
 
-from labpipe.lazy import lazily
+from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.contact.impact._checks import Solver as Solver
-    from labpipe.contact.impact._compiled import compile_drop as compile_drop
-    from labpipe.contact.impact._drop import drop as drop
-    from labpipe.contact.impact._line_springs import Profile as Profile, line_springs as line_springs
-    from labpipe.contact.impact._many import impacts as impacts
-    from labpipe.contact.impact._motion import Springs as Springs
+    from labpipe.contact.impact._batch import impacts as impacts
+    from labpipe.contact.impact._drop import compile_drop as compile_drop, drop as drop
     from labpipe.contact.impact._plate import Plate as Plate
-    from labpipe.contact.impact._rings import ring_springs as ring_springs
+    from labpipe.contact.impact._setting import Solver as Solver
     from labpipe.contact.impact._setup import Shortcuts as Shortcuts
+    from labpipe.contact.impact._springs import (
+        Profile as Profile,
+        Springs as Springs,
+        disc_displacement as disc_displacement,
+        influence as influence,
+        line_springs as line_springs,
+        ring_springs as ring_springs,
+    )
 else:
     __getattr__ = lazily(__name__)

@@ -1,62 +1,60 @@
-"""Drop a viscoelastic sphere on a rigid flat and follow every bounce until it rests.
-
-The bounces are simulated in :mod:`._simulate`, which is imported by the first drop
-only: its steps are compiled, and loading the compiler takes a second.
-"""
+"""Drop a viscoelastic sphere on a flat and follow every bounce until it rests."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import inf, nan, sqrt
+from math import nan
 from time import perf_counter
 
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.arrays import Floats
-from labpipe.contact.impact._checks import Solver, checked, checked_times, warn_of_millimetres
-from labpipe.contact.impact._dataset import DropRun, Setting, dataset, energy_error, thesis_dataset
-from labpipe.contact.impact._line_springs import Profile
+from labpipe.contact.impact._bounce import Tables
+from labpipe.contact.impact._dataset import dataset, thesis_dataset
 from labpipe.contact.impact._motion import AnnularContactError
 from labpipe.contact.impact._plate import Plate
-from labpipe.contact.impact._setup import ALL_SHORTCUTS, MARGIN, Effort, Shortcuts, scales
+from labpipe.contact.impact._setting import Setting, Solver, checked_times, exact, warn_of_millimetres
+from labpipe.contact.impact._setup import ALL_SHORTCUTS, MARGIN, Effort, Scales, Shortcuts, scales
+from labpipe.contact.impact._springs import Profile
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
-from labpipe.contact.impact._trajectory import Contact, Flight
+from labpipe.contact.impact._train import COLUMNS, Train
 from labpipe.contact.memory import Creep
+from labpipe.contact.sphere.counter_body import Substrate, counter_compliance
 from labpipe.errors import InputError
-from labpipe.materials import Solid, solid
-from labpipe.units import Measure, si
+from labpipe.materials import Solid, load, solid
+from labpipe.units import Measure, require_positive
 
 # Progress is told at steps of this part of the duration.
 _PROGRESS_EVERY = 0.01
+MAX_STEPS = 1_000_000
 # A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
 # and 0.8 for a long train) is repeated once with rtol divided by the refinement, down to the limit.
-MAX_STEPS = 1_000_000
-ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
+_ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
 
 
 def drop(
     material: Solid,
-    radius: Measure,
-    mass: Measure,
-    height: Measure,
-    duration: Measure,
+    radius: Measure | None = None,
+    mass: Measure | None = None,
+    height: Measure | None = None,
+    duration: Measure | None = None,
     solver: Solver = "mdr",
     profile: Profile = "parabola",
     rtol: float = 1e-4,
     *,
     gravity: Measure = 9.81,
     plate: Plate | None = None,
+    substrate: Substrate = None,
     times: ArrayLike | None = None,
-    maps: ArrayLike | None = None,
     ring_width: float | None = None,
     time_step: float | None = None,
     fold: bool = True,
     shortcuts: Shortcuts = ALL_SHORTCUTS,
     max_steps: int = MAX_STEPS,
     progress: Callable[[float], None] | None = None,
+    diameter: Measure | None = None,
 ) -> xr.Dataset:
     """Drop a viscoelastic sphere on a rigid flat.
 
@@ -87,10 +85,10 @@ def drop(
         Default as in the references, 9.81.
     plate : Plate, optional
         Lets the substrate ring; by default it is rigid.
+    substrate : "sapphire", (float [Pa], float) or None
+        Elastic counter-body: a name, or Young's modulus and Poisson's ratio; None is a rigid one.
     times : array (time,) [s], optional
         Where to report; by default every step in contact, and samples of every flight.
-    maps : array (map_time,) [s], optional
-        Instants at which to give the pressure and the shape of the surface.
     ring_width : float [m], optional
         Of "rings" and "thesis"; by default from ``rtol``, and 4e-5.
     time_step : float [s], optional
@@ -104,6 +102,8 @@ def drop(
         Refuse rather than take more steps.
     progress : callable, optional
         Called now and then with the fraction of ``duration`` that is done.
+    diameter : float [m], optional
+        Not taken: the error says which radius to give.
 
     Returns
     -------
@@ -124,16 +124,13 @@ def drop(
         Scalars: ``final_contact_time``, the touch after which it never lifts off again, and
         ``rest_time``, after which it only creeps; NaN if ``duration`` ends before. With a plate
         ``rigid_restitution``, that of the first impact on a rigid substrate.
-        With ``maps``, over (``map_time``, ``r``): ``pressure`` [Pa] and ``surface`` [m], the
-        displacement of the sphere's surface towards its centre, up to 1.25 times the largest
-        contact radius.
         ``attrs["work"]`` is JSON: steps, kernel products, flights, terms and springs used, seconds.
 
     Raises
     ------
     InputError
-        A value is out of range; the contact would be wider than the sphere; the material damps so
-        little that ``max_steps`` do not reach ``duration``.
+        A value is missing, out of range, or states an uncertainty; the contact would be wider than
+        the sphere; the material damps so little that ``max_steps`` do not reach ``duration``.
 
     Warns
     -----
@@ -153,77 +150,103 @@ def drop(
     Thesis equations (3.1)-(3.9), without its time stepping. With "mdr" every contact up to a
     lift-off is collocated: Ting's solution (doi:10.1115/1.3625192) on the dents of the bounces
     before it. The contact in which the sphere comes to rest, or that grows again before it lifts
-    off, is stepped spring by spring, as are all contacts of "rings", a run with ``maps`` and one
-    without shortcuts. What the ledger calls dissipated never decreases; ``numerical_energy`` is the
-    numerical energy error, a measure of the error of the run.
+    off, is stepped spring by spring, as are all contacts of "rings" and of a run without shortcuts.
+    The dissipated energy never decreases; ``numerical_energy`` is the numerical energy error, a measure
+    of the error of the run.
     """
     started = perf_counter()
+    if diameter is not None:
+        half = exact(diameter, "radius") / 2.0
+        raise InputError(f'drop takes the radius: for diameter={diameter} give radius="{half * 1e3:.6g} mm"')
+    given = {"radius": radius, "mass": mass, "height": height, "duration": duration}
+    if missing := [name for name, value in given.items() if value is None]:
+        raise InputError(f"drop needs {', '.join(missing)} as well")
+    assert radius is not None and mass is not None and height is not None and duration is not None  # noqa: PT018, S101
     warn_of_millimetres(radius, mass, height)
-    material, gravity = solid(material), si(gravity, "m/s2", "gravity")
-    radius, mass = si(radius, "m", "radius"), si(mass, "kg", "mass")
-    height, duration = si(height, "m", "height"), si(duration, "s", "duration")
-    setting = checked(Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate))
-    wanted = None if times is None else checked_times("times", times, duration)
-    looks = None if maps is None else checked_times("maps", maps, duration)
-    creep = Creep.of(material)
-    speed = sqrt(2.0 * gravity * height)
+    numbers = [exact(value, name) for name, value in (given | {"gravity": gravity}).items() if value is not None]
+    setting = Setting(*numbers[:4], solver, profile, rtol, numbers[4], plate)
+    wanted = None if times is None else checked_times("times", times, setting.duration)
+    creep = Creep.of(solid(material)).on(counter_compliance(substrate))
     observe = None if progress is None else _Throttle(progress, setting)
     if solver == "thesis":
-        if looks is not None:
-            raise InputError('the thesis\'s scheme draws no maps; use solver "rings" or "mdr"')
         thesis = drop_thesis(
             creep,
-            radius,
-            mass,
-            gravity,
-            speed,
-            max(duration - setting.fall_time, 0.0),
-            MARGIN * 2.0 * scales(creep, radius, mass, gravity, speed).radius,
+            setting.radius,
+            setting.mass,
+            setting.gravity,
+            setting.speed,
+            max(setting.duration - setting.fall_time, 0.0),
+            MARGIN * 2.0 * _scales(setting, creep).radius,
             ring_width=RING_WIDTH if ring_width is None else ring_width,
             time_step=TIME_STEP if time_step is None else time_step,
             profile=profile,
             observe=observe,
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
+    if ring_width is not None:
+        require_positive("m", ring_width=ring_width)
     effort = Effort(rtol, ring_width, fold, max_steps, shortcuts)
-    run, error = refined(setting, creep, effort, looks, observe)
-    rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
-    result = dataset(run, setting, wanted, rigid, perf_counter() - started)
-    result.attrs["energy_error"] = error
-    return result
+    train = refined(setting, creep, effort, observe=observe)
+    rigid = None
+    if plate is not None:
+        rows = follow(replace(setting, plate=None), creep, replace(effort, rows_only=True), most=1).rows
+        rigid = rows[0][COLUMNS.index("restitution")] if rows else nan
+    return dataset(train, wanted, rigid, perf_counter() - started)
+
+
+def _scales(setting: Setting, creep: Creep) -> Scales:
+    return scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
+
+
+def follow(
+    setting: Setting,
+    creep: Creep,
+    effort: Effort,
+    tables: Tables | None = None,
+    most: int | None = None,
+    observe: Callable[[float], None] | None = None,
+    expected: Scales | None = None,
+) -> Train:
+    """Simulate one drop; ``tables`` and ``expected`` are made for it unless they are given."""
+    expected = expected or _scales(setting, creep)
+    if tables is None:
+        tables = Tables.of(creep, expected.duration, setting.duration, effort.rtol, fold=effort.fold)
+    return Train(setting, tables, effort, expected, most, observe).run()
 
 
 def refined(
-    setting: Setting, creep: Creep, effort: Effort, looks: Floats | None, observe: Callable[[float], None] | None
-) -> tuple[DropRun, float]:
-    """Simulate, and again more finely when the first run says that it was too coarse.
+    setting: Setting,
+    creep: Creep,
+    effort: Effort,
+    tables: Tables | None = None,
+    most: int | None = None,
+    observe: Callable[[float], None] | None = None,
+    expected: Scales | None = None,
+) -> Train:
+    """Simulate, and again more finely when the first run was too coarse by its energy.
 
     It happens where the instantaneous compliance hardly matters (a modulus ratio beyond 1e3 with
-    few terms): the pressure then ends in a step at the edge, and long steps ring. Returns also the
-    numerical energy error, relative to the energy of the drop.
+    few terms): the pressure then ends in a step at the edge, and long steps ring.
     """
-    from labpipe.contact.impact._simulate import simulate
-
+    limit = _ENERGY_LIMIT * setting.rtol
     finer = replace(effort, rtol=effort.rtol / _REFINEMENT)
-    may_refine = finer.rtol >= _FINEST
+    train = None
     try:
-        run = simulate(setting, creep, effort, looks, observe)
-        error = energy_error(run, setting)
+        train = follow(setting, creep, effort, tables, most, observe, expected)
     except AnnularContactError:
-        if not may_refine:
+        if finer.rtol < _FINEST:
             raise
-        error = inf
-    if error > ENERGY_LIMIT * setting.rtol and may_refine:
-        run = simulate(setting, creep, finer, looks, observe)
-        error = energy_error(run, setting)
-    if error <= ENERGY_LIMIT * setting.rtol:
-        return run, error
-    message = (
-        f"the numerical energy error is {error:.1e} of the drop's energy, more than expected for rtol = "
-        f"{setting.rtol:.0e}; restitution and forces are uncertain by about as much. A smaller rtol reduces it"
-    )
-    warnings.warn(message, UserWarning, stacklevel=3)
-    return run, error
+    if (train is None or not train.error <= limit) and finer.rtol >= _FINEST:
+        train = follow(setting, creep, finer, None, most, observe, expected)
+    assert train is not None  # noqa: S101 - it was raised, or run again
+    if not train.error <= limit:
+        warnings.warn(
+            f"the numerical energy error is {train.error:.1e} of the drop's energy, more than expected for rtol = "
+            f"{setting.rtol:.0e}; restitution and forces are uncertain by about as much. A smaller rtol reduces it",
+            UserWarning,
+            stacklevel=3,
+        )
+    return train
 
 
 @dataclass(slots=True)
@@ -241,21 +264,7 @@ class _Throttle:
             self.progress(done)
 
 
-def _rigid_restitution(setting: Setting, creep: Creep, effort: Effort) -> float:
-    """Restitution of the first impact on a rigid substrate; NaN when it does not lift off."""
-    from labpipe.contact.impact._simulate import simulate
-    from labpipe.contact.impact._trains import COLUMNS, follow
-
-    rigid = replace(setting, plate=None)
-    if setting.solver == "mdr" and effort.shortcuts == ALL_SHORTCUTS:
-        found = follow(creep, [rigid], 1, ENERGY_LIMIT * setting.rtol, fold=effort.fold)
-        if not found.is_left[0]:
-            row = dict(zip(COLUMNS, found.rows[0, 0].tolist(), strict=True))
-            return row["rebound_speed"] / row["impact_speed"]
-    run = simulate(rigid, creep, replace(effort, rows_only=True), None, None, first_contact_only=True)
-    if len(run.segments) < 3 or not isinstance(run.segments[2], Flight):
-        return nan
-    contact = run.segments[1]
-    assert isinstance(contact, Contact)  # noqa: S101 - the second segment follows the fall
-    velocity = contact.records["velocity"]
-    return float(-velocity[-1] / velocity[0])
+def compile_drop() -> None:
+    """Compile the kernels of a drop where they were not yet, and keep the code for all processes."""
+    with warnings.catch_warnings(action="ignore"):  # whoever drops something is told
+        drop(load("acrylic"), 9.525e-3, 0.505, 1.5e-3, 0.03)

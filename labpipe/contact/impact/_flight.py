@@ -8,9 +8,7 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.contact.impact._contact_records import Fall
-from labpipe.contact.impact._plate import Plate, PlateState, modal
-from labpipe.errors import LabpipeError
+from labpipe.contact.impact._records import Fall
 
 # Looks within a period of a ringing plate.
 _LOOKS_PER_PERIOD = 32
@@ -134,6 +132,11 @@ def time_of_flight(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: f
     [m] [1/s]: displacements of the elements of the central spring, and their rates of recovery; ``u``, ``w`` [m] [m/s]:
     displacement and velocity of the plate. Returns 0 when the surface follows at once; negative when no touch was
     found, a defect.
+
+    Notes
+    -----
+    On rigid ground the distance is a parabola minus a sum of decaying exponentials: its second derivative
+    increases, so that it has exactly one zero after lift-off, before the sphere falls back to where it lifted off.
     """
     parting = velocity - w
     for k in range(rate.size):
@@ -143,31 +146,3 @@ def time_of_flight(fall: Fall, velocity: float, dent: Floats, rate: Floats, u: f
     if fall.plate_mass > 0.0:
         return _touch_of_plate(fall, velocity, dent, rate, u, w)
     return _touch_of_dent(velocity, fall.gravity, dent, rate)
-
-
-def time_to_touch(
-    velocity: float,
-    gravity: float,
-    dent: Floats,
-    rate: Floats,
-    plate: Plate | None = None,
-    state: PlateState | None = None,
-) -> float:
-    """Time in s until the sphere meets its recovering dent again; 0 when it does not part from it.
-
-    ``velocity`` [m/s] is that at lift-off, downwards positive, so negative when the sphere rises; ``dent`` (element,)
-    [m] are the displacements of the central spring's elements then, and ``rate`` (element,) [1/s] how fast they
-    recover. Of touches of a plate that rings the first one that lasts longer than a small part of its period is found.
-
-    Notes
-    -----
-    The distance is a parabola minus a sum of decaying exponentials: its second derivative
-    increases, so that it has exactly one zero after lift-off. The dent only recovers, therefore the
-    zero lies before the sphere falls back to where it lifted off. Above a plate that rings the
-    surface is looked at while the sphere is within reach of the plate's swing, and only then.
-    """
-    u, w, _ = state or PlateState()
-    time = time_of_flight(Fall(1.0, gravity, 1.0, False, *modal(plate), 0.0, 0.0, 0.0), velocity, dent, rate, u, w)
-    if time < 0.0:
-        raise LabpipeError("the sphere does not come back to the plate")
-    return float(time)

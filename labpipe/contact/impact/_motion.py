@@ -1,41 +1,50 @@
 """The state of motion, its record and the counts of work, as all parts of a drop share them.
 
-One record of named numbers (a numpy structured scalar) is the state of a drop at one instant; the
-compiled steps change it in place, and a row of such records is the trail of a contact.
+The compiled steps change a record of these numbers in place (a numpy structured scalar); a row of such
+records is the trail of a contact.
 """
 
 from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple, Protocol, Self, cast
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._plate import Plate
 from labpipe.errors import InputError
 
 
-class Motion(Protocol):
+@dataclass(slots=True)
+class Motion:
     """Sphere, plate and springs at one instant, in SI; lengths downwards positive, touch at 0.
 
     ``approach`` is the sphere's position above the plate's; ``stored`` the energy that the springs
-    hold, ``spring_work`` the work done on them, ``plate_loss`` what the plate's dashpot took.
+    hold, ``spring_work`` the work done on them, ``plate_loss`` that taken by the dashpot of the plate.
     """
 
-    time: float
-    position: float
-    velocity: float
-    acceleration: float
-    approach: float
-    force: float
-    contact_radius: float
-    stored: float
-    spring_work: float
-    plate_displacement: float
-    plate_velocity: float
-    plate_acceleration: float
-    plate_loss: float
+    time: float = 0.0
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+    approach: float = 0.0
+    force: float = 0.0
+    contact_radius: float = 0.0
+    stored: float = 0.0
+    spring_work: float = 0.0
+    plate_displacement: float = 0.0
+    plate_velocity: float = 0.0
+    plate_acceleration: float = 0.0
+    plate_loss: float = 0.0
+
+    def record(self) -> np.record:
+        """Return the same as a record, as compiled steps take it."""
+        return blank(MOTION, **{name: getattr(self, name) for name in Motion.__annotations__})
+
+    def take(self, record: Any) -> None:
+        """Take over the numbers of a record."""
+        for name, value in zip(Motion.__annotations__, record.item(), strict=True):
+            setattr(self, name, value)
 
 
 class Counts(Protocol):
@@ -56,17 +65,6 @@ COUNTS = np.dtype([(name, np.int64) for name in Counts.__annotations__])
 Trail = NDArray[np.void]
 
 
-def motion(**values: float) -> Motion:
-    """Return a record with the given fields, the others 0.
-
-    Examples
-    --------
-    >>> float(motion(time=2.0).time)
-    2.0
-    """
-    return cast("Motion", blank(MOTION, **values))
-
-
 def blank(dtype: np.dtype[np.void], **values: float | Floats) -> np.record:
     """Return one record of zeros, with the fields that are given."""
     row: np.recarray[tuple[int], np.dtype[np.record]] = np.recarray(1, dtype)
@@ -81,68 +79,12 @@ def counted(counts: Counts) -> dict[str, int]:
     return {name: int(getattr(counts, name)) for name in Counts.__annotations__}
 
 
-class Springs(Protocol):
-    """Nested springs: the common shape of the method of dimensionality reduction and of rings."""
-
-    @property
-    def position(self) -> Floats:
-        """Distance from the axis (spring,) in m."""
-
-    @property
-    def gap(self) -> Floats:
-        """Approach at which each unloaded spring touches (spring,) in m."""
-
-    @property
-    def weight(self) -> Floats:
-        """Force per load of each spring (spring,)."""
-
-    @property
-    def last_weight(self) -> Floats:
-        """Weight of each spring as the last in contact, without its outer cell (spring,)."""
-
-    @property
-    def edge_bias(self) -> float:
-        """Length in m to take off the interpolated edge; NaN where the edge cuts a cell."""
-
-    def covering(self, radius: float) -> int:
-        """Return how many springs reach out to a radius."""
-
-    def pressure(self, load: Floats, edge: float, radius: Floats) -> Floats:
-        """Pressure in Pa at given radii in m, from loads and the contact radius."""
-
-    def surface(self, displacement: Floats, radius: Floats) -> Floats:
-        """Displacement in m of the surface at given radii in m."""
-
-    def pole(self, displacement: Floats) -> Floats:
-        """Displacement (element,) in m of the surface on the axis, of the springs' (element, spring)."""
-
-    def extended(self, radius: float) -> Self:
-        """Return the same springs and further ones out to a radius."""
-
-
 class AnnularContactError(InputError):
     """The springs outside the contact would touch before those inside: steps or springs too coarse.
 
     A sphere does not do that; a step that rings does, where the material relaxes by a factor of
     thousands within it.
     """
-
-
-class Body(NamedTuple):
-    """What falls, and onto what."""
-
-    mass: float
-    gravity: float
-    plate: Plate | None
-
-
-class Snapshot(NamedTuple):
-    """The springs at one instant; ``load`` in Pa m and ``displacement`` in m, (spring,)."""
-
-    time: float
-    load: Floats
-    displacement: Floats
-    contact_radius: float
 
 
 @dataclass(frozen=True, slots=True)

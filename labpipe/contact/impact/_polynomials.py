@@ -4,7 +4,7 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
-from labpipe.contact.impact._contact_records import Law, Scheme
+from labpipe.contact.impact._records import Law, Scheme
 
 
 @inner()

@@ -6,11 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labpipe.contact.impact._dataset import Setting
-from labpipe.contact.impact._line_springs import line_springs
-from labpipe.contact.impact._motion import Springs
-from labpipe.contact.impact._rings import ring_springs
-from labpipe.contact.impact._step_table import MOST_RINGING
+from labpipe.contact.impact._setting import Setting
+from labpipe.contact.impact._springs import Springs, line_springs, ring_springs
+from labpipe.contact.impact._stepping import MOST_RINGING
 from labpipe.contact.memory import Creep, step_weights
 from labpipe.units import require_positive
 
@@ -61,23 +59,20 @@ class Shortcuts(NamedTuple):
     Attributes
     ----------
     flights : bool
-        A flight is one step, exact; otherwise it is cut into steps as long as those of a contact.
-    near : bool
-        Only springs that the contact at hand can reach are solved for; otherwise those of the
-        whole sphere.
+        A flight is one step, exact, and a contact up to a lift-off is collocated; otherwise all is stepped, flights in
+        steps as long as those of a contact.
     rest : bool
         Once a contact has come to rest its creep is followed in few steps; otherwise its motion is
         followed to the end, and no time of rest is found.
     """
 
     flights: bool = True
-    near: bool = True
     rest: bool = True
 
     @classmethod
     def chosen(cls, *, full: bool) -> "Shortcuts":
         """All of them, or none for a run that leaves nothing out."""
-        return cls(flights=not full, near=not full, rest=not full)
+        return cls(flights=not full, rest=not full)
 
 
 ALL_SHORTCUTS = Shortcuts()
@@ -135,22 +130,19 @@ def _ends_in_a_step(creep: Creep, expected: Scales, duration: float) -> bool:
     return any(look.old_total > MOST_RINGING * look.compliance for look in looks)
 
 
-def springs_for(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> Springs:
-    """Springs of the solver, as fine as rtol asks."""
+def springs_for(setting: Setting, creep: Creep, expected: Scales, effort: Effort, reach: float) -> Springs:
+    """Springs of the solver out to a radius [m], as fine as rtol asks."""
     finer = sqrt(1e-4 / effort.rtol)
     after = setting.duration - setting.fall_time
     finer *= _FINER_FOR_A_STEP if _ends_in_a_step(creep, expected, after) else 1.0
-    ring_width = effort.ring_width
-    reach = MARGIN * expected.radius if effort.shortcuts.near else setting.radius
     if setting.solver == "rings":
         # Rings cannot be made so fine: their number is limited.
         finer = min(finer, _MOST_RINGS_PER_RADIUS / _RINGS_PER_RADIUS)
-        width = expected.radius / (_RINGS_PER_RADIUS * finer) if ring_width is None else ring_width
+        width = effort.ring_width or expected.radius / (_RINGS_PER_RADIUS * finer)
         require_positive("m", ring_width=width)
-        return ring_springs(setting.radius, reach, width, setting.profile)
+        return ring_springs(reach, setting.radius, width, setting.profile)
     core = _CORE * min(expected.rest_radius, expected.radius)
-    per_radius = _SPRINGS_PER_RADIUS * finer
-    return line_springs(setting.radius, reach, core, per_radius, setting.profile)
+    return line_springs(reach, setting.radius, core, _SPRINGS_PER_RADIUS * finer, setting.profile)
 
 
 def step_tolerance(rtol: float) -> float:

@@ -23,8 +23,7 @@ from math import ceil
 import numpy as np
 
 from labpipe.arrays import Flags, Floats
-from labpipe.contact.impact._line_springs import Profile
-from labpipe.contact.impact._rings import influence, surface_gap
+from labpipe.contact.impact._springs import Profile, influence, surface_gap
 from labpipe.contact.memory import Creep
 from labpipe.errors import InputError, LabpipeError
 

@@ -7,17 +7,16 @@ of its steps.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._motion import Body, Motion, Trail
+from labpipe.contact.impact._bounce import Curves
+from labpipe.contact.impact._motion import Motion, Trail
 from labpipe.contact.impact._plate import Plate, PlateState
-
-if TYPE_CHECKING:
-    from labpipe.contact.impact._bounce import Curves
+from labpipe.contact.impact._setting import Setting
 
 # Samples of a flight when no times are asked for: enough for a smooth parabola.
 _FLIGHT_SAMPLES = 24
@@ -48,7 +47,7 @@ class Contact:
 
     records: Trail
     is_resting: bool = False
-    curves: "Curves | None" = None
+    curves: Curves | None = None
 
     @property
     def end(self) -> float:
@@ -76,10 +75,10 @@ class Columns(NamedTuple):
     plate_loss: Floats
 
 
-def columns(segments: list[Segment], body: Body, times: Floats | None) -> Columns:
+def columns(segments: list[Segment], body: Setting, times: Floats | None) -> Columns:
     """Put the segments one behind the other.
 
-    ``segments``: In order; each begins where the one before it ends. ``body``: Mass, gravity and plate. ``times``
+    ``segments``: In order; each begins where the one before it ends. ``body``: mass, gravity and plate. ``times``
     (time,): Where to evaluate; None takes every step of a contact and samples the flights.
     """
     parts = []
@@ -108,7 +107,7 @@ def record_columns(records: Trail, plate: Plate | None) -> Columns:
     return Columns(plate_energy=energy, surface=records["approach"], **known)
 
 
-def _natural(segment: Segment, body: Body, *, is_first: bool, is_last: bool) -> Columns:
+def _natural(segment: Segment, body: Setting, *, is_first: bool, is_last: bool) -> Columns:
     """Every step; of a flight, samples without the ends that its neighbours bring."""
     if isinstance(segment, Contact):
         # Rest begins with the last instant of the contact before it.
@@ -118,13 +117,13 @@ def _natural(segment: Segment, body: Body, *, is_first: bool, is_last: bool) -> 
     return _at(segment, body, times[(0 if is_first else 1) : (None if is_last else -1)])
 
 
-def _at(segment: Segment, body: Body, times: Floats) -> Columns:
+def _at(segment: Segment, body: Setting, times: Floats) -> Columns:
     if isinstance(segment, Flight):
         return _of_flight(segment, times, body)
     return _of_contact(segment, times, body)
 
 
-def _of_flight(flight: Flight, times: Floats, body: Body) -> Columns:
+def _of_flight(flight: Flight, times: Floats, body: Setting) -> Columns:
     start = flight.start
     s = times - start.time
     position = start.position + (start.velocity + 0.5 * body.gravity * s) * s
@@ -151,7 +150,7 @@ def _of_flight(flight: Flight, times: Floats, body: Body) -> Columns:
     )
 
 
-def _of_contact(contact: Contact, times: Floats, body: Body) -> Columns:
+def _of_contact(contact: Contact, times: Floats, body: Setting) -> Columns:
     if contact.curves is not None:
         return record_columns(contact.curves.at(times), body.plate)
     steps = record_columns(contact.records, body.plate)

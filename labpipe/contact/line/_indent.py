@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.contact.line._simulate import DEFAULT_RTOL, Output, Request, Solver, simulate
+from labpipe.contact.line._simulate import DEFAULT_RTOL, Output, Request, simulate
 from labpipe.contact.memory import checked_history, checked_load
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, si
@@ -34,7 +34,6 @@ def indent(
     *,
     rtol: float | None = DEFAULT_RTOL,
     outputs: Sequence[Output] = (),
-    solver: Solver = "auto",
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Press a periodic row of tips into a viscoelastic surface by a prescribed displacement.
@@ -70,9 +69,6 @@ def indent(
         between samples. None takes one step whatever their distance.
     outputs : sequence of {"pressure", "surface", "energy"}
         Further variables.
-    solver : {"auto", "springs", "general"}
-        ``auto`` takes the springs while the contact is nested and the general solver otherwise,
-        and says so; the others insist.
     progress : callable, optional
         Called now and then with the fraction of the samples that is done.
 
@@ -83,7 +79,7 @@ def indent(
         total contact length of a period). On request ``pressure`` [Pa], ``surface`` [m] (positive
         into the body) over (``time``, ``x``); ``work_done``, ``stored_energy``,
         ``dissipated_energy`` [J]. Attributes: ``work`` (JSON counts), ``solver``,
-        ``solver_reason``, ``datum`` of displacements ("mean surface" or "rigid base (absolute)"),
+        ``datum`` of displacements ("mean surface" or "rigid base (absolute)"),
         and with energies ``energy_error``: the largest difference of the work done and what is
         stored and dissipated, relative to the work; it is what the steps in time mislay.
 
@@ -91,8 +87,8 @@ def indent(
     ------
     InputError
         A value lies outside its domain, the history has a gap or runs backwards, a
-        half-plane would be in full contact, a circle in contact at ``|x| = R``, or
-        ``solver="springs"`` and the contact is not nested.
+        half-plane would be in full contact, a circle in contact at ``|x| = R``, or the contact
+        does not grow and shrink from the centre of the period.
 
     Notes
     -----
@@ -113,7 +109,7 @@ def indent(
     """
     times, values = checked_history(time, displacement, "displacement")
     request = _request(material, tip_radius, period, depth, profile, thickness, elements)
-    return simulate(request, times, values, "displacement", rtol, outputs, solver, progress)
+    return simulate(request, times, values, "displacement", rtol, outputs, progress)
 
 
 def indent_load(
@@ -129,7 +125,6 @@ def indent_load(
     *,
     rtol: float | None = DEFAULT_RTOL,
     outputs: Sequence[Output] = (),
-    solver: Solver = "auto",
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Press a periodic row of tips into a viscoelastic surface by a prescribed load.
@@ -164,7 +159,7 @@ def indent_load(
     """
     times, values = checked_load(time, load)
     request = _request(material, tip_radius, period, depth, profile, thickness, elements)
-    return simulate(request, times, values, "force", rtol, outputs, solver, progress)
+    return simulate(request, times, values, "force", rtol, outputs, progress)
 
 
 def _request(

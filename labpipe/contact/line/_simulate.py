@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
 from labpipe.arrays import Floats
-from labpipe.contact.line._conjugate_gradients import GeneralContact
 from labpipe.contact.line._kernels import LineKernel, line_kernel
 from labpipe.contact.line._profiles import is_symmetric, sampled_heights, strip_heights
 from labpipe.contact.line._strips import line_bed, line_pressure
@@ -22,7 +21,6 @@ from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.variables import variable
 
-Solver = Literal["auto", "springs", "general"]
 Output = Literal["pressure", "surface", "energy"]
 
 DEFAULT_ELEMENTS = 1024
@@ -32,7 +30,6 @@ DEFAULT_RTOL = 1e-4
 """Error of the force over the history, relative to the largest; with a pressed load, of the approach."""
 
 _OUTPUTS = ("pressure", "surface", "energy")
-_SOLVERS = ("auto", "springs", "general")
 # Maps larger than this are a mistake more often than a wish.
 _MAX_MAP_BYTES = 2 << 30
 _PRESSURE_ROUNDING = 1e-6
@@ -73,37 +70,32 @@ def simulate(
     control: Control,
     rtol: float | None,
     outputs: Sequence[Output],
-    solver: Solver,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """March through a checked history; see :func:`labpipe.contact.indent`.
 
     ``request``: what is pressed into what; ``time`` (time,) [s]: never falling; ``value`` (time,) [m or N]:
-    displacement, or load; ``control``: which of the two; ``rtol``, ``outputs``, ``solver``, ``progress``: as of
+    displacement, or load; ``control``: which of the two; ``rtol``, ``outputs``, ``progress``: as of
     :func:`labpipe.contact.indent`.
     """
-    _require_known(request, rtol, outputs, solver, time.size)
+    _require_known(request, rtol, outputs, time.size)
     is_small = (request.elements or DEFAULT_ELEMENTS) <= _BY_ONE_THREAD
     with _libraries().limit(limits=1 if is_small else None, user_api="blas"):
         creep = Creep.of(request.material)
         geometry = _geometry(request, value if control == "displacement" else None)
         values = value if control == "displacement" else value / request.depth
         settings = (creep, control, rtol, "energy" in outputs)
-        reason = "as requested" if solver != "auto" else _why_general(geometry)
-        if solver == "springs" or not reason:
-            run = _spring_run(geometry, values, settings)
-            try:
-                rows = _record(run, geometry.kernel, time, values, outputs, progress)
-                return _dataset(run, rows, request, time, geometry.kernel, reason or "nested contact")
-            except NotNestedError:
-                where = time[run.march.samples_done]
-            reason = f"the contact stops being one growing and shrinking strip at {where:g} s"
-            if solver == "springs":
-                raise InputError(f'{reason}; use solver="auto" or "general"')
-        contact = GeneralContact(geometry.kernel, geometry.heights, geometry.limit, has_end=not geometry.is_smooth)
-        run = _Run("general", March(contact, *settings), lambda load: load, contact)
-        rows = _record(run, geometry.kernel, time, values, outputs, progress)
-        return _dataset(run, rows, request, time, geometry.kernel, reason)
+        _require_nested(geometry)
+        run = _spring_run(geometry, values, settings)
+        try:
+            rows = _record(run, geometry.kernel, time, values, outputs, progress)
+        except NotNestedError:
+            raise InputError(
+                f"at {time[run.march.samples_done]:g} s the contact stops being one growing and shrinking strip about "
+                "the centre of the period, which the springs of this solver cannot follow; give a smaller rtol, or a "
+                "profile that touches from its centre outwards"
+            ) from None
+        return _dataset(run, rows, request, time, geometry.kernel)
 
 
 @cache
@@ -114,12 +106,10 @@ def _libraries() -> ThreadpoolController:
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """A solver ready to march, and how its loads become pressures over the period."""
+    """Springs ready to march, and how their loads become pressures over the period."""
 
-    solver: str
     march: March
     pressure: Callable[[Floats], Floats]
-    general: GeneralContact | None = None
 
 
 def _spring_run(geometry: _Geometry, value: Floats, settings: tuple[Creep, Control, float | None, bool]) -> _Run:
@@ -137,18 +127,14 @@ def _spring_run(geometry: _Geometry, value: Floats, settings: tuple[Creep, Contr
         has_end=not geometry.is_smooth and not present.all(),
         limit=geometry.limit,
     )
-    return _Run("springs", March(bed, *settings), lambda load: line_pressure(kernel, folded, load))
+    return _Run(March(bed, *settings), lambda load: line_pressure(kernel, folded, load))
 
 
-def _require_known(
-    request: Request, rtol: float | None, outputs: Sequence[Output], solver: Solver, n_times: int
-) -> None:
+def _require_known(request: Request, rtol: float | None, outputs: Sequence[Output], n_times: int) -> None:
     if not (np.isfinite(request.depth) and request.depth > 0.0):
         raise InputError(f"the depth (contact length) is {request.depth} m, expected a positive length")
     if rtol is not None and not 1e-8 <= rtol <= 0.1:
         raise InputError(f"rtol is {rtol}, expected 1e-8 to 0.1, or None for one step per sample")
-    if solver not in _SOLVERS:
-        raise InputError(f'solver "{solver}" is unknown; use one of {", ".join(_SOLVERS)}')
     unknown = [name for name in outputs if name not in _OUTPUTS]
     if unknown:
         raise InputError(f'output "{unknown[0]}" is unknown; use any of {", ".join(_OUTPUTS)}')
@@ -205,15 +191,13 @@ def _require_below_full_contact(heights: Floats, displacement: Floats, limit: st
         raise InputError(f"displacement[{n}] is {displacement[n]:.4g} m: {limit}")
 
 
-def _why_general(geometry: _Geometry) -> str:
-    """Return why springs cannot do this profile, or nothing."""
+def _require_nested(geometry: _Geometry) -> None:
+    """Refuse a profile whose contact does not grow from the centre of the period outwards."""
     heights = geometry.heights
     if not is_symmetric(heights):
-        return "the profile is not symmetric about the centre of the period"
-    half = heights[heights.size // 2 :]
-    if half[0] > heights.min():
-        return "the profile is not lowest at its centre"
-    return ""
+        raise InputError("the profile is not symmetric about the centre of the period, index N/2: give one that is")
+    if heights[heights.size // 2] > heights.min():
+        raise InputError("the profile is not lowest at its centre, index N/2: shift it by a part of a period")
 
 
 def _record(
@@ -263,7 +247,7 @@ def _not_negative(pressure: Floats) -> Floats:
     if pressure.min() < -_PRESSURE_ROUNDING * float(pressure.max()):
         raise InputError(
             f"a negative pressure of {pressure.min():.3g} Pa was found against a largest of "
-            f'{pressure.max():.3g} Pa; use solver="general"'
+            f"{pressure.max():.3g} Pa; use more elements"
         )
     return np.maximum(pressure, 0.0)
 
@@ -281,9 +265,7 @@ _VARIABLES = {
 _PER_DEPTH = ("force", "work_done", "stored_energy", "dissipated_energy")
 
 
-def _dataset(
-    run: _Run, rows: dict[str, Floats], request: Request, time: Floats, kernel: LineKernel, reason: str
-) -> xr.Dataset:
+def _dataset(run: _Run, rows: dict[str, Floats], request: Request, time: Floats, kernel: LineKernel) -> xr.Dataset:
     variables: dict[str, Any] = {}
     for name, values in rows.items():
         units, text = _VARIABLES[name]
@@ -301,15 +283,13 @@ def _dataset(
         "solver_steps": march.ledger.steps,
         "rejected_steps": march.ledger.rejected_steps,
         "solves": march.ledger.solves,
-        "kernel_products": run.general.products if run.general else 0,
-        "pivots": run.general.pivots if run.general else 0,
         "unknowns": march.contact.size,
         "elements": kernel.elements,
         "terms": march.creep.n_terms,
     }
     attributes: dict[str, str | float] = {
-        "solver": run.solver,
-        "solver_reason": reason,
+        "solver": "springs",
+        "solver_reason": "nested contact",
         "datum": kernel.datum,
         "profile": request.profile if isinstance(request.profile, str) else "array",
         "work": json.dumps(counts),

@@ -123,6 +123,13 @@ class Creep:
         used = C > 0.0
         return cls(instantaneous * factor, C[used] * factor, tau[used], fluidity * factor)
 
+    def on(self, compliance: float) -> "Creep":
+        """Return the compliance of contact with an elastic counter-body: the compliances add up.
+
+        ``compliance`` [1/Pa]: ``(1 - nu**2)/E`` of the other body.
+        """
+        return Creep(self.instantaneous + compliance, self.C, self.tau, self.fluidity)
+
     @property
     def n_terms(self) -> int:
         """Number of Kelvin elements."""

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
 from labpipe.contact.memory import Creep, checked_history, checked_load
+from labpipe.contact.sphere.counter_body import Substrate, counter_compliance
 from labpipe.contact.sphere.hertz import static_approach, static_load
 from labpipe.contact.springs import Control, March, NotNestedError, SpringBed, sphere_bed
 from labpipe.errors import InputError
@@ -44,6 +45,7 @@ def load_sphere(
     load: ArrayLike,
     *,
     profile: Profile = "parabola",
+    substrate: Substrate = None,
     springs: int = DEFAULT_SPRINGS,
     rtol: float | None = DEFAULT_RTOL,
 ) -> xr.Dataset:
@@ -52,7 +54,7 @@ def load_sphere(
     Parameters
     ----------
     material : Prony, or str
-        Viscoelastic body, or its name; the other one is rigid.
+        Viscoelastic body, or its name.
     radius : float, or text with a unit [m]
         Of the sphere.
     time : array (time,) [s]
@@ -61,6 +63,8 @@ def load_sphere(
         At least 0, linear between the samples.
     profile : {"parabola", "sphere"}
         Shape of the gap; the exact sphere differs by 7e-4 in force at a/R = 0.08.
+    substrate : "sapphire", (float [Pa], float) or None
+        Elastic counter-body: a name, or Young's modulus and Poisson's ratio; None is a rigid one.
     springs : int
         Springs within the largest contact radius.
     rtol : float or None
@@ -95,7 +99,7 @@ def load_sphere(
     """
     material, radius = solid(material), si(radius, "m", "radius")
     times, loads = checked_load(time, load)
-    creep = Creep.of(material)
+    creep = Creep.of(material).on(counter_compliance(substrate))
     softest = float(creep.compliance(float(times[-1] - times[0])))
     largest = max(float(loads.max()), np.finfo(float).tiny)
     reach = float(static_load(largest, radius, 1.0 / softest).contact_radius)
@@ -109,6 +113,7 @@ def press_sphere(
     approach: ArrayLike,
     *,
     profile: Profile = "parabola",
+    substrate: Substrate = None,
     springs: int = DEFAULT_SPRINGS,
     rtol: float | None = DEFAULT_RTOL,
 ) -> xr.Dataset:
@@ -135,7 +140,8 @@ def press_sphere(
     times, depth = checked_history(time, approach, "approach")
     deepest = max(float(depth.max()), np.finfo(float).tiny)
     reach = float(static_approach(deepest, radius, 1.0).contact_radius)
-    return _run(_bed(radius, reach, springs, profile), Creep.of(material), times, depth, "displacement", rtol)
+    creep = Creep.of(material).on(counter_compliance(substrate))
+    return _run(_bed(radius, reach, springs, profile), creep, times, depth, "displacement", rtol)
 
 
 def sphere_gap(position: Floats, radius: float) -> Floats:

@@ -3,9 +3,10 @@
 from labpipe.materials.library._library import (
     Material as Material,
     Solid as Solid,
+    Thermal as Thermal,
     describe as describe,
     load as load,
     read_material as read_material,
     solid as solid,
+    thermal as thermal,
 )
-from labpipe.materials.library._thermal import Thermal as Thermal, thermal as thermal

@@ -18,14 +18,27 @@ from typing import Any, NoReturn
 import numpy as np
 
 from labpipe.errors import MATERIAL_FILE, NO_MATERIAL, InputError, SourceError
-from labpipe.materials._shift_law import ShiftLaw, arrhenius, wlf
 from labpipe.materials.prony import Prony
+from labpipe.materials.shift_law import ShiftLaw, arrhenius, wlf
 from labpipe.materials.superposition import MasterCurve
-from labpipe.units import Measure, quantity, si
-
-__all__ = ["NAMES", "Entry", "Material", "Solid", "describe", "load", "read_material", "solid"]
+from labpipe.units import Measure, quantity, require_positive, si
 
 NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
+_ALSO_CALLED = {
+    "pmma": "acrylic",
+    "plexiglas": "acrylic",
+    "plexiglass": "acrylic",
+    "perspex": "acrylic",
+    "acrylglas": "acrylic",
+    "pa": "nylon",
+    "pa66": "nylon",
+    "polyamide": "nylon",
+    "polyamid": "nylon",
+    "teflon": "ptfe",
+    "nitrile": "nbr",
+    "nitril": "nbr",
+    "perbunan": "nbr",
+}
 STATUSES = ("measured", "datasheet", "estimate")
 
 _WHOLE = "labpipe/materials/library/acrylic.toml is a whole file of a material."
@@ -141,7 +154,8 @@ def load(name: str | Path, temperature: float | None = None) -> Prony:
     Parameters
     ----------
     name : str or path-like
-        ``nbr``, ``acrylic``, ``peek``, ``nylon`` or ``ptfe``; or a TOML file.
+        ``nbr``, ``acrylic``, ``peek``, ``nylon`` or ``ptfe``, or another name of theirs (PMMA, Teflon, PA); or
+        a TOML file.
     temperature : float [degC], optional
         Where the material is; by default its reference temperature.
 
@@ -166,13 +180,21 @@ def load(name: str | Path, temperature: float | None = None) -> Prony:
 
 
 def describe(name: str | Path) -> Material:
-    """Return a material of the library, or of a TOML file, with the origin of its numbers."""
+    """Return a material of the library, or of a TOML file, with the origin of its numbers.
+
+    Examples
+    --------
+    >>> describe("PMMA").name, describe("Teflon").name, describe("PA 66").name
+    ('acrylic', 'ptfe', 'nylon')
+    """
     if isinstance(name, Path) or name.endswith(".toml"):
         return read_material(name)
-    if name not in NAMES:
+    plain = name.strip().casefold()
+    known = _ALSO_CALLED.get(plain.replace(" ", "").replace("-", ""), plain)
+    if known not in NAMES:
         text = f'there is no material "{name}" in the library; known are {", ".join(NAMES)}'
         raise InputError(text).because(NO_MATERIAL)
-    return _of_library(name)
+    return _of_library(known)
 
 
 @cache
@@ -190,23 +212,18 @@ def read_material(path: str | Path) -> Material:
         With the line of the first mistake.
     """
     path = Path(path)
-    text = _text(path)
-    try:
-        tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SourceError(path, f"is not TOML: {error}") from None
-    return _Reader(path, text, tree).material()
-
-
-def _text(path: Path) -> str:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise SourceError(path, "is larger than 1 MiB, which no material file is")
-        return path.read_text("utf-8")
+        text = path.read_text("utf-8")
+        tree = tomllib.loads(text)
     except OSError as error:
         raise SourceError(path, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise SourceError(path, "is not UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SourceError(path, f"is not TOML: {error}") from None
+    return _Reader(path, text, tree).material()
 
 
 class _Reader:
@@ -303,3 +320,66 @@ class _Reader:
             entries.append(Entry(name, math.nan, 0.0, "", source, status))
         name, summary = str(self.tree.get("name", self.path.stem)), str(self.tree.get("summary", ""))
         return Material(name, summary, prony, tuple(entries), law.T_ref, law)
+
+
+@dataclass(frozen=True, slots=True)
+class Thermal:
+    """Thermal properties of a solid.
+
+    Attributes
+    ----------
+    density : float [kg/m3]
+    heat_capacity : float [J/(kg K)]
+        At constant pressure.
+    conductivity : float [W/(m K)]
+    source, status : str
+        Where the numbers come from: measured, datasheet or estimate.
+    """
+
+    density: float
+    heat_capacity: float
+    conductivity: float
+    source: str = "given"
+    status: str = "measured"
+
+    def __post_init__(self) -> None:
+        require_positive(density=self.density, heat_capacity=self.heat_capacity, conductivity=self.conductivity)
+
+    @property
+    def diffusivity(self) -> float:
+        """Thermal diffusivity in m2/s."""
+        return self.conductivity / (self.density * self.heat_capacity)
+
+
+# Heat capacity [J/(kg K)] and conductivity [W/(m K)]: typical values of handbooks at room temperature; grades
+# differ by a tenth and more.
+_HANDBOOK = "typical value of handbooks at 23 degC; the density is that of the library"
+_KNOWN = {
+    "nbr": (1950.0, 0.25),
+    "acrylic": (1470.0, 0.19),
+    "peek": (1340.0, 0.29),
+    "nylon": (1700.0, 0.25),
+    "ptfe": (1000.0, 0.25),
+}
+
+
+def thermal(name: str) -> Thermal:
+    """Return the thermal properties of a material of the library.
+
+    Raises
+    ------
+    InputError
+        There are none of that name.
+
+    Examples
+    --------
+    >>> round(thermal("acrylic").diffusivity * 1e6, 3)
+    0.11
+    """
+    if name not in _KNOWN:
+        raise InputError(
+            f'no thermal properties of "{name}" are known, only of {", ".join(_KNOWN)}; give its '
+            "density, heat capacity and conductivity"
+        )
+    density = next(e.value for e in describe(name).entries if e.name == "density")
+    return Thermal(density, *_KNOWN[name], source=_HANDBOOK, status="estimate")

@@ -2,16 +2,17 @@
 
 from labpipe.materials.superposition._first_shifts import overlapped_shifts as overlapped_shifts
 from labpipe.materials.superposition._master_curve import master_curve as master_curve
+from labpipe.materials.superposition._points import read_sweeps as read_sweeps
 from labpipe.materials.superposition._result import MasterCurve as MasterCurve
-from labpipe.materials.superposition._spectrum_modes import (
-    UncertainSpectrum as UncertainSpectrum,
-    uncertain_spectra as uncertain_spectra,
-)
-from labpipe.materials.superposition._sweep_data import read_sweeps as read_sweeps
-from labpipe.materials.superposition._sweep_readings import (
+from labpipe.materials.superposition._sweeps import (
     TableRun as TableRun,
     gather_sweeps as gather_sweeps,
     isothermal_runs as isothermal_runs,
+    loading_of as loading_of,
     modulus_factor as modulus_factor,
     trusted_tables as trusted_tables,
+)
+from labpipe.materials.superposition._uncertain_spectra import (
+    UncertainSpectrum as UncertainSpectrum,
+    uncertain_spectra as uncertain_spectra,
 )

@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 from labpipe.arrays import Floats
 from labpipe.materials.spectrum import maxwell_shapes
 from labpipe.materials.superposition._joint_fit import Points
-from labpipe.materials.superposition._shift_parameters import (
+from labpipe.materials.superposition._parameters import (
     CHANGE,
     CHANGE_SHARE,
     LEAST_SPACING,
@@ -67,7 +67,7 @@ def scanned_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats
 
     A step of one pair alone may be ambiguous: two sweeps without loss in common fit at any
     distance. So every pair keeps all its dips, and the chain of steps is taken that fits best
-    and changes gradually, as the expectation of :mod:`._shift_parameters` has it.
+    and changes gradually, as the expectation of :mod:`._parameters` has it.
     """
     order = np.argsort(temperature, kind="stable")
     scans = [_scanned(_pair(points, temperature, ln_bT, cold, warm)) for cold, warm in pairwise(order.tolist())]

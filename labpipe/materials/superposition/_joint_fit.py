@@ -19,7 +19,7 @@ Golub & Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201.
 Kaufman, BIT 15 (1975) 49, doi:10.1007/BF01932995.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -38,8 +38,7 @@ from labpipe.materials.spectrum import (
     solve_nearby,
     solve_normal,
 )
-from labpipe.materials.superposition._shift_parameters import OuterModel, State
-from labpipe.materials.superposition._work import Work
+from labpipe.materials.superposition._parameters import OuterModel, State
 
 _LN10 = float(np.log(10.0))
 # Levenberg-Marquardt: first damping relative to the diagonal, its factors, and the stop. The
@@ -58,8 +57,8 @@ class Points:
     """All measured points of all isotherms, one after the other.
 
     ``omega`` (point,) [rad/s]. ``isotherm`` (point,): Index of the isotherm that each point belongs to. ``storage``,
-    ``loss`` (point,) [Pa]. ``count``: Number of isotherms. ``readings`` (point,): Of how many readings every point is
-    the mean; by default of one. ``work``: What fits of these points have cost, shared with all parts of them.
+    ``loss`` (point,) [Pa]. ``count``: Number of isotherms. ``readings`` (point,): Number of readings that every point
+    is the mean of; by default one.
     """
 
     omega: Floats
@@ -68,17 +67,16 @@ class Points:
     loss: Floats
     count: int
     readings: Floats | None = None
-    work: Work = field(default_factory=Work, compare=False)
 
     def only(self, kept: Flags | NDArray[np.intp]) -> "Points":
         """Return some of the points, isotherms numbered as before."""
         readings = None if self.readings is None else self.readings[kept]
         known = (self.omega[kept], self.isotherm[kept], self.storage[kept], self.loss[kept])
-        return Points(*known, self.count, readings, self.work)
+        return Points(*known, self.count, readings)
 
     @property
     def certainty(self) -> Floats:
-        """How many times more certain than one reading every modulus is, (2 point,)."""
+        """Ratio of the certainty of every modulus to that of one reading, (2 point,)."""
         readings = np.ones(self.omega.size) if self.readings is None else self.readings
         return np.tile(np.sqrt(readings), 2)
 
@@ -106,7 +104,7 @@ class Fit:
 
     @property
     def cost(self) -> float:
-        """What is minimised: squared residuals plus the penalty on the spectrum."""
+        """Squared residuals plus the penalty on the spectrum."""
         return self.solution.misfit + self.solution.roughness
 
 
@@ -141,7 +139,6 @@ def evaluate(
     phase = points.omega * state.delay
     turn, lean = np.cos(phase) * vertical, np.sin(phase) * vertical
     rows = _design(shapes, turn, lean, grid, weight)
-    points.work.spent += rows.size
     measured = np.concatenate([points.storage, points.loss])
     target = measured * weight
     gram = rows.T @ rows if guess is not None else None
@@ -225,7 +222,7 @@ def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, 
     """Return normal matrix and gradient of the outer parameters, expectation included.
 
     The spectrum follows. A point knows the parameters only through shift and level of its own
-    isotherm and the delay, so sums over each isotherm tell all that :func:`sensitivity` would.
+    isotherm and the delay, so sums over each isotherm hold all that :func:`sensitivity` would.
     """
     by = np.column_stack([fit.by_shift, fit.by_vertical, fit.by_delay])
     both = np.column_stack([by, fit.residual, fit.rows])
@@ -266,12 +263,12 @@ def minimise(
 
 
 def total_cost(fit: Fit, model: OuterModel) -> float:
-    """Return what the outer iteration minimises: misfit, roughness, expectation."""
+    """Return the cost of the outer iteration: misfit, roughness, expectation."""
     return fit.cost + model.pull_cost(fit.state)
 
 
 def predictive_cost(fit: Fit, model: OuterModel) -> float:
-    """Return what compares two minima: misfit, its price in effective terms, expectation.
+    """Return the cost by which two minima compare: misfit, its price in effective terms, expectation.
 
     The misfit to be expected of new data (Mallows' C_p), the same judge that cross-validation
     asks for the smoothing: a spectrum that falls apart into one piece per sweep fits better by

@@ -11,7 +11,8 @@ of the starts, the Kramers-Kronig verdict, and which terms lie outside the cover
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -21,28 +22,32 @@ from threadpoolctl import threadpool_limits
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials._shift_law import LawName
-from labpipe.materials.superposition._fit import superpose
+from labpipe.materials.shift_law import LawName
 from labpipe.materials.superposition._joint_fit import Points
-from labpipe.materials.superposition._outlying import off_the_curve
+from labpipe.materials.superposition._model_selection import Options, superpose
+from labpipe.materials.superposition._parameters import (
+    GLASS,
+    SLOPE_SPREAD,
+    VERTICAL_SIZE,
+    Horizontal,
+    OuterModel,
+    Vertical,
+)
+from labpipe.materials.superposition._points import SweepData, read_sweeps
 from labpipe.materials.superposition._result import MasterCurve, assembled
-from labpipe.materials.superposition._shift_parameters import SLOPE_SPREAD, Horizontal, OuterModel
-from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps, without_readings
-from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
-from labpipe.materials.superposition._vertical_law import GLASS, VERTICAL_SIZE, Vertical
+from labpipe.materials.superposition._sweeps import Mode, gather_sweeps, loading_asked_for
+from labpipe.materials.time_domain import with_responses
 from labpipe.units import Measure, si
 
-_ALL_VERTICALS: tuple[Vertical, ...] = tuple(VERTICAL_SIZE)
+_READINGS = {"storage_modulus", "relaxation_modulus", "creep_compliance"}
 # Levels about a vertical law are looked for from this many isotherms on.
 _LEVELS_NEED = 5
-# How often readings far off the curve are looked for: one of them may hide another.
-_LOOKS = 3
 # Measured means differ from set temperatures by this much (K) at most.
 _SAME_TEMPERATURE = 1.0
 
 
 def master_curve(
-    sweeps: xr.Dataset,
+    sweeps: xr.Dataset | Sequence[xr.Dataset],
     T_ref: Measure | None = None,
     law: LawName | None = None,
     *,
@@ -53,18 +58,19 @@ def master_curve(
     noise_ratio: float | None = None,
     shifts: ArrayLike | None = None,
     refine: bool = True,
-    nu: float = 0.5,
-    mode: Mode = "tension",
+    nu: float | None = None,
+    mode: Mode | None = None,
 ) -> MasterCurve:
     """Shift isothermal sweeps onto one curve and fit its spectrum, all at once.
 
     Parameters
     ----------
-    sweeps : Dataset
-        ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency`` [Hz]; NaN
+    sweeps : Dataset, or sequence of Dataset
+        ``storage`` and ``loss`` [Pa] in tension over ``temperature`` [degC] and ``frequency`` [Hz]; NaN
         where a sweep has no point. Any order; repeated temperatures keep a shift each. Or the
-        readings of a rheometer's export, whose isothermal sweeps are gathered first
-        (:func:`labpipe.materials.gather_sweeps`).
+        readings of a rheometer's export, one or several, whose isothermal sweeps are gathered first
+        (:func:`labpipe.materials.gather_sweeps`); relaxation and creep tests at several temperatures become
+        sweeps (:func:`labpipe.materials.with_responses`).
     T_ref : float or text with a unit, optional [degC]
         Reference temperature within the measured range (a law may reach beyond); default the
         middle isotherm. It need not be one of the temperatures.
@@ -74,9 +80,9 @@ def master_curve(
         Law of b_T: "none", "rho_T" (b ∝ absolute temperature), "linear" or "quadratic"
         (in T − T_ref); "auto" takes what Schwarz's criterion asks for.
     delay : bool or "auto"
-        Whether the instrument's phase lags by a constant time.
+        Lag of the instrument's phase by a constant time.
     levels : bool or "auto"
-        Whether every sweep has a small level of its own about the vertical law, as after
+        A small level of its own of every sweep about the vertical law, as after
         clamping or tempering the sample anew; kept apart in ``level``, not part of b_T.
     robust : bool
         Leave out readings that lie far off their own sweep (more than a third), and weaken
@@ -89,9 +95,11 @@ def master_curve(
     refine : bool
         Use hand-set shifts as the start of the fit (True) or as they are (False).
     nu : float
-        Poisson's ratio of the material, handed on to ``prony``.
+        Poisson's ratio of the material, handed on to ``prony``. Of readings it has to be given; of
+        ``storage`` and ``loss`` it is 0.5 unless given.
     mode : {"tension", "bending", "shear", "torsion"}
-        What was loaded, where readings are given; shear moduli become E = 2 (1 + ν) G.
+        The loading, where readings are given; shear moduli become E = 2 (1 + ν) G. By default that of the
+        column of strain or modulus, if it shows shear or extension.
 
     Returns
     -------
@@ -100,8 +108,8 @@ def master_curve(
     Raises
     ------
     InputError
-        The sweeps are not usable (the message says where), T_ref lies outside the range of free
-        shifts, or an option is unknown.
+        The sweeps are not usable (the message says where), mode or Poisson's ratio of readings is missing,
+        T_ref lies outside the range of free shifts, or an option is unknown.
 
     Warns
     -----
@@ -121,85 +129,15 @@ def master_curve(
 
     Examples
     --------
-    >>> curve = master_curve(lp.read("acrylic.csv"), "20 °C", law="wlf")  # doctest: +SKIP
+    >>> curve = master_curve(lp.read("acrylic.csv"), "20 °C", mode="torsion", nu=0.35)  # doctest: +SKIP
     >>> curve.at(39.0).relaxation(1e-3)  # doctest: +SKIP
     """
-    if "storage_modulus" in sweeps:
-        sweeps = gather_sweeps(sweeps, mode, nu)
+    sweeps, nu = _in_tension(sweeps, mode, nu)
     data = read_sweeps(sweeps, robust)
-    T_ref = None if T_ref is None else si(T_ref, "degC", "T_ref")
-    _check_options(law, vertical, delay, levels, noise_ratio)
-    given = None if shifts is None else _given_shifts(shifts, sweeps, data)
-    reference = _reference(data.temperature, T_ref)
-    where = float(data.temperature[reference]) if T_ref is None else float(T_ref)
-    horizontal: Horizontal = law or "free"
-    if given is not None and not refine:
-        horizontal = "fixed"
-    _check_reference(data.temperature, where, horizontal)
-    if data.points.count == 1:
-        horizontal = "fixed"
-    model = OuterModel(
-        temperature=data.temperature,
-        T_ref=where,
-        reference=reference,
-        given=np.zeros(data.points.count) if given is None else given - given[reference],
-        delay_unit=1.0 / float(np.max(data.points.omega)),
-        horizontal=horizontal,
-        slope_spread=SLOPE_SPREAD if vertical == "auto" and _is_glass(data.points) else 0.0,
-    )
-    is_started = given is not None or horizontal == "fixed"
-    starts = (("given", model.given),) if is_started else None
-    fit = partial(
-        superpose,
-        model=model,
-        starts=starts,
-        verticals=_verticals(vertical, data.points),
-        delay=None if delay == "auto" else delay,
-        levels=_levels(levels, data.points.count),
-        robust=robust,
-        noise_ratio=noise_ratio,
-    )
-    # Thousands of small systems: more threads of linear algebra would only wait for each other.
-    with threadpool_limits(limits=1, user_api="blas"):
-        found = fit(data.points)
-        for _ in range(_LOOKS if robust else 0):
-            far = off_the_curve(data.points, found.fit.predicted)
-            if not far.any() or not data.points.work.goes_on(times=2):
-                break
-            data = without_readings(data, far)
-            found = fit(data.points)
-        return assembled(sweeps, data, found, law, nu)
-
-
-def _verticals(vertical: str, points: Points) -> tuple[Vertical, ...]:
-    """One isotherm has no vertical shift; two cannot carry two parameters.
-
-    A modulus that grows as T does is one of entropy: that of a network or a melt, not of a glass.
-    """
-    if points.count == 1:
-        return ("none",)
-    if vertical == "auto":
-        laws = tuple(law for law in _ALL_VERTICALS if not (law == "rho_T" and _is_glass(points)))
-        return laws if points.count > 3 else ("none",)
-    return (vertical,)  # type: ignore[return-value]
-
-
-def _is_glass(points: Points) -> bool:
-    """Tell whether no sweep is of a rubber or a melt; the modulus of a glass always falls as it warms."""
-    return points.count > 1 and bool(points.storage.min() > GLASS)
-
-
-def _levels(levels: bool | Literal["auto"], count: int) -> bool | None:
-    """Levels need enough isotherms to tell their spread from a law."""
-    if count < _LEVELS_NEED:
-        return False
-    return None if levels == "auto" else levels
-
-
-def _check_options(law: str | None, vertical: str, delay: object, levels: object, noise_ratio: float | None) -> None:
+    points, temperature = data.points, data.temperature
     for name, value, allowed in (
         ("law", law, (None, "wlf", "arrhenius")),
-        ("vertical", vertical, ("auto", *_ALL_VERTICALS)),
+        ("vertical", vertical, ("auto", *VERTICAL_SIZE)),
         ("delay", delay, (True, False, "auto")),
         ("levels", levels, (True, False, "auto")),
     ):
@@ -207,6 +145,67 @@ def _check_options(law: str | None, vertical: str, delay: object, levels: object
             raise InputError(f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}")
     if noise_ratio is not None and not (np.isfinite(noise_ratio) and noise_ratio > 0):
         raise InputError(f"noise_ratio = {noise_ratio}: expected a positive number (loss over storage)")
+    given = None if shifts is None else _given_shifts(shifts, sweeps, data)
+    is_fixed = points.count == 1 or (given is not None and not refine)
+    horizontal: Horizontal = "fixed" if is_fixed else law or "free"
+    reference = int(np.argsort(temperature, kind="stable")[temperature.size // 2])
+    where = float(temperature[reference]) if T_ref is None else si(T_ref, "degC", "T_ref")
+    _check_reference(temperature, where, horizontal)
+    is_glass = points.count > 1 and bool(points.storage.min() > GLASS)
+    model = OuterModel(
+        temperature=temperature,
+        reference=reference,
+        given=np.zeros(points.count) if given is None else given - given[reference],
+        delay_unit=1.0 / float(np.max(points.omega)),
+        horizontal=horizontal,
+        slope_spread=SLOPE_SPREAD if vertical == "auto" and is_glass else 0.0,
+    )
+    options = Options(
+        verticals=_verticals(vertical, points, is_glass),
+        delay=None if delay == "auto" else delay,
+        # Levels need enough isotherms to separate their spread from a law.
+        levels=False if points.count < _LEVELS_NEED else None if levels == "auto" else levels,
+        robust=robust,
+        noise_ratio=noise_ratio,
+    )
+    starts = (("given", model.given),) if given is not None or is_fixed else None
+    # Thousands of small systems: more threads of linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return assembled(sweeps, data, superpose(points, model, options, starts), where, nu)
+
+
+def _in_tension(
+    sweeps: xr.Dataset | Sequence[xr.Dataset], mode: Mode | None, nu: float | None
+) -> tuple[xr.Dataset, float]:
+    """Return sweeps in tension and Poisson's ratio; readings are gathered first."""
+    if isinstance(sweeps, str | Path):
+        raise InputError(
+            f"master_curve takes readings, not the name of a file: "
+            f'master_curve(lp.read("{sweeps}"), T_ref=..., mode=..., nu=...)'
+        )
+    parts = [sweeps] if isinstance(sweeps, xr.Dataset) else list(sweeps) if isinstance(sweeps, list | tuple) else []
+    if not parts or not all(isinstance(part, xr.Dataset) for part in parts):
+        raise InputError(
+            f"master_curve takes a Dataset, found {type(sweeps).__name__}: the readings of lp.read(file), or storage "
+            "and loss (Pa) over temperature (°C) and frequency (Hz)"
+        )
+    if len(parts) == 1 and not _READINGS & set(map(str, parts[0].variables)):
+        return parts[0], 0.5 if nu is None else nu
+    mode, nu = loading_asked_for(parts, mode, nu)
+    return gather_sweeps([with_responses(part) for part in parts], mode, nu), nu
+
+
+def _verticals(vertical: str, points: Points, is_glass: bool) -> tuple[Vertical, ...]:
+    """One isotherm has no vertical shift; two cannot carry two parameters.
+
+    A modulus that grows as T does is one of entropy: that of a network or a melt, not of a glass.
+    """
+    if points.count == 1:
+        return ("none",)
+    if vertical == "auto":
+        laws = tuple(law for law in VERTICAL_SIZE if not (law == "rho_T" and is_glass))
+        return laws if points.count > 3 else ("none",)
+    return (vertical,)  # type: ignore[return-value]
 
 
 def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Floats:
@@ -218,13 +217,6 @@ def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Flo
             f"{count} temperatures, in their order"
         )
     return values[data.kept]
-
-
-def _reference(temperature: Floats, T_ref: float | None) -> int:
-    """Return the isotherm nearest to T_ref, or the middle one."""
-    if T_ref is None:
-        return int(np.argsort(temperature, kind="stable")[temperature.size // 2])
-    return int(np.argmin(np.abs(temperature - T_ref)))
 
 
 def _check_reference(temperature: Floats, T_ref: float, horizontal: Horizontal) -> None:

@@ -1,11 +1,11 @@
-"""Noise of storage and loss modulus, and the part of the misfit due to the model.
+"""Noise of storage and loss modulus, and the lack of fit of the model.
 
 Left to the residuals alone, the ratio of the two noise levels can run away: when superposition
 does not hold exactly, one modulus is fitted ever better while all misfit is called noise of the
 other. So the scatter of every sweep about its own smooth curve, which needs no superposition,
-gives the noise; what the residuals hold beyond it is a misfit of the model, and that counts the
-same (relative) in both moduli. Where both levels of the residuals lie within what the scatter, of
-few readings, tells of itself, there is no misfit to share out, and the residuals know better.
+gives the noise (pure error); residuals beyond it are a lack of fit of the model, which counts the
+same (relative) in both moduli. Where both levels of the residuals lie within the uncertainty of the
+scatter, of few readings, there is no lack of fit to share out, and the residuals decide.
 """
 
 from dataclasses import dataclass
@@ -22,12 +22,8 @@ _ASSUMED_NOISE = 0.02
 # this many free residuals before their scatter is trusted (18 % on a level).
 _LEAST_POINTS, _LEAST_FREEDOM = 6, 16
 _DEGREE = 3
-# Median of the absolute value of a standard normal number.
-_MEDIAN_OF_NORMAL = 0.6745
-# Share of the readings that a variance from such a median is worth (its efficiency), and standard
-# deviations to the end of its 95 % interval.
-_MEDIAN_EFFICIENCY = 0.37
-_INTERVAL = 2.0
+_MEDIAN_OF_NORMAL = 0.6745  # median of the absolute value of a standard normal number
+_MEDIAN_EFFICIENCY = 0.37  # of a variance from such a median
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,19 +34,19 @@ class Noise:
     loss: float
 
     def scaled(self, storage: float, loss: float) -> "Noise":
-        """Return the levels times two factors, not below what the grid can resolve."""
+        """Return the levels times two factors, not below the resolution of the grid."""
         return Noise(max(self.storage * storage, _LEAST_NOISE), max(self.loss * loss, _LEAST_NOISE))
 
 
 @dataclass(frozen=True, slots=True)
 class Scatter(Noise):
-    """Noise of the sweeps about their own curves, and of how many free residuals it is known."""
+    """Noise of the sweeps about their own curves; ``freedom`` is the number of free residuals behind it."""
 
     freedom: int
 
     def holds(self, found: Noise) -> bool:
-        """Whether two levels may be this scatter, as far as it is known."""
-        ratio = 1.0 + _INTERVAL * float(np.sqrt(2.0 / (_MEDIAN_EFFICIENCY * self.freedom)))
+        """Return True where two levels agree with this scatter within its 95 % interval."""
+        ratio = 1.0 + 2.0 * float(np.sqrt(2.0 / (_MEDIAN_EFFICIENCY * self.freedom)))
         shares = (found.storage / self.storage) ** 2, (found.loss / self.loss) ** 2
         return all(1.0 / ratio < share < ratio for share in shares)
 
@@ -111,3 +107,21 @@ def next_noise(noise: Noise, factors: tuple[float, float], scatter: Scatter | No
     rest = s_storage * s_loss - 0.5 * (v_storage * s_loss + v_loss * s_storage)
     misfit = float(-half + np.sqrt(max(half**2 - rest, 0.0)))
     return Noise(float(np.sqrt(s_storage + misfit)), float(np.sqrt(s_loss + misfit)))
+
+
+def design_effect(noise: Noise, scatter: Scatter | None, points: Points) -> float:
+    """Return the factor by which a lack of fit widens the covariance of a fit.
+
+    Pure error differs from reading to reading; a lack of fit is common to the readings of a sweep, with the
+    intraclass correlation r = (noise² − scatter²)/noise². Sweeps of n readings then are worth 1 + (n − 1) r
+    times fewer (Kish's design effect). The modulus with the larger correlation counts.
+
+    References
+    ----------
+    Kish, Survey Sampling, Wiley, 1965, ch. 5.
+    """
+    if scatter is None or scatter.holds(noise):
+        return 1.0
+    pure = min((scatter.storage / noise.storage) ** 2, (scatter.loss / noise.loss) ** 2)
+    readings = points.omega.size / points.count
+    return 1.0 + (readings - 1.0) * max(1.0 - pure, 0.0)

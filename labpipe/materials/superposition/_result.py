@@ -15,25 +15,21 @@ import xarray as xr
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials._shift_law import LawName, ShiftLaw, fit_law, shift_at
-from labpipe.materials.codes import CODES, Bulk, Code, deck_text, make_deck
+from labpipe.materials.fem_export import CODES, Bulk, Code, deck_text, make_deck
 from labpipe.materials.prony import Prony
+from labpipe.materials.shift_law import LawName, ShiftLaw, fit_law, shift_at
 from labpipe.materials.spectrum import KramersKronig, kramers_kronig
-from labpipe.materials.superposition._anchoring import anchor_at
-from labpipe.materials.superposition._limits import limits_of
-from labpipe.materials.superposition._reweighting import Superposition
-from labpipe.materials.superposition._shift_parameters import OuterModel
-from labpipe.materials.superposition._spectrum_modes import modes_of
-from labpipe.materials.superposition._sweep_data import SweepData
-from labpipe.materials.superposition._tables import (
-    bands,
+from labpipe.materials.superposition._curve import (
+    curve_and_modes,
     overlap_of_neighbours,
-    possible_spectra,
     predictions,
     terms_of,
     without_delay,
 )
-from labpipe.materials.superposition._verdict import Verdict, verdict_on
+from labpipe.materials.superposition._model_selection import Superposition
+from labpipe.materials.superposition._points import SweepData
+from labpipe.materials.superposition._reference import reference_at
+from labpipe.materials.superposition._verdict import Verdict, limits_of, verdict_on
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.uncertainty import propagated_u
 from labpipe.variables import described, variable
@@ -43,7 +39,7 @@ _CURVE_NAMES = ("storage", "loss", "loss_factor")
 
 @dataclass(frozen=True, slots=True, repr=False)
 class MasterCurve(ShownAsTable):
-    """A master curve and everything the report says about it.
+    """A master curve, its uncertainties, and the verdict on it.
 
     Attributes
     ----------
@@ -61,9 +57,10 @@ class MasterCurve(ShownAsTable):
     delay, u_delay : float [s]
         Delay of the instrument's phase; zero when none was needed.
     law : ShiftLaw
-        The law that was asked for, or the better of WLF and Arrhenius through the free shifts.
+        The law that was asked for, or the better of WLF and Arrhenius through the free shifts; ``law.holds``
+        is False where it does not describe them, and the shifts then count without a law.
     laws : dict of str to ShiftLaw
-        Both laws through the shifts; their ``chi_square`` over ``freedom`` says which holds.
+        Both laws through the shifts, with their ``chi_square`` and ``freedom``.
     prony : Prony
         The material at T_ref.
     terms : Dataset over ``term``
@@ -75,16 +72,16 @@ class MasterCurve(ShownAsTable):
     curve : Dataset over ``reduced_frequency``
         ``storage``, ``loss``, their uncertainties, and ``loss_factor`` at T_ref.
     modes : Dataset over ``mode``
-        What is uncertain of curve and shifts, as independent changes.
+        The uncertainty of curve and shifts, as independent changes.
     overlap : Dataset over ``pair``
         Neighbouring temperatures, their step, its uncertainty, the overlap in decades, and
-        whether the step is ``determined``.
+        ``determined``, True where the data determine the step.
     noise : dict
         Relative noise of ``storage`` and ``loss`` as found from the residuals.
     starts : tuple of (str, float, float)
         Name of every start, final cost, largest distance of its shifts from the best ones.
     verdict : Verdict
-        Whether time-temperature superposition holds: pass, doubtful, or fail, with the reasons.
+        On time-temperature superposition: pass, doubtful, or fail, with the reasons.
     warnings : tuple of str
     work : dict
         Counts for the ledger: isotherms, points, terms.
@@ -116,7 +113,9 @@ class MasterCurve(ShownAsTable):
     work: dict[str, int]
 
     def _shown(self) -> Shown:
-        caption = f"Master curve at {self.T_ref:g} °C, {self.law.name} law; {self.prony!r}"
+        name = {"wlf": "WLF", "arrhenius": "Arrhenius"}[self.law.name]
+        law = f"{name} law" if self.law.holds else "no law holds (free shifts)"
+        caption = f"Master curve at {self.T_ref:g} °C, superposition: {self.verdict.level}, {law}; {self.prony!r}"
         columns = (self.log10_aT["temperature"], self.log10_aT, self.u_log10_aT, self.b_T)
         rows = [
             (f"{T:g} °C", f"{a:+.3f} ± {u:.3f}", f"{b:.3f}")
@@ -235,56 +234,66 @@ class MasterCurve(ShownAsTable):
         return merged
 
 
-def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: LawName | None, nu: float) -> MasterCurve:
+def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, T_ref: float, nu: float) -> MasterCurve:
     """Move the reference to T_ref and put the result into Datasets."""
     model, state = found.model, found.fit.state
-    anchor = anchor_at(data.points, found)
-    log10_aT = state.log10_aT - anchor.offset
-    covariance = anchor.covariance
-    scale = found.fit.grid.scale
-    weights = found.fit.solution.coefficient * scale
-    times = np.exp(found.fit.grid.ln_time) * 10.0**anchor.offset
-    prony = Prony(weights[-1], weights[:-1], times, nu)
-    laws = _laws(model, log10_aT, covariance)
-    chosen = _chosen_law(found, laws)
-    reduced = predictions(sweeps, data, found, log10_aT)
-    moduli = without_delay(data.points, found.fit)
+    reference = reference_at(data.points, found, T_ref)
+    log10_aT = state.log10_aT - reference.log10_aT
+    b_ref = float(np.exp(reference.ln_bT))
+    weights = found.fit.solution.coefficient * found.fit.grid.scale * b_ref
+    prony = Prony(weights[-1], weights[:-1], np.exp(found.fit.grid.ln_time) * 10.0**reference.log10_aT, nu)
+    laws = _laws(found, reference.covariance, T_ref)
+    chosen = _chosen_law(found, laws, T_ref)
+    reduced = predictions(sweeps, data, found, reference, log10_aT)
+    moduli = without_delay(data.points, found.fit) * b_ref
     frequency = data.points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[data.points.isotherm]
-    # Where the loss is small its noise may be larger than what the delay leaves of it.
+    # Where the loss is small its noise may be larger than the remainder without the delay.
     lossy = moduli.imag > 0
     kk = kramers_kronig(frequency[lossy], moduli.real[lossy], moduli.imag[lossy])
-    overlap = overlap_of_neighbours(data, log10_aT, covariance)
+    overlap = overlap_of_neighbours(data, log10_aT, reference.covariance)
     window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
-    verdict = verdict_on(data.points, found, kk)
-    notes = limits_of(data, found, law, chosen, overlap, verdict)
+    verdict = verdict_on(found, kk)
+    notes = limits_of(data.points, found, chosen, overlap, verdict)
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=4)
-    temperature = sweeps["temperature"]
-    possible = possible_spectra(data.points, found)
+    curve, modes = curve_and_modes(data.points, found, reference, window)
     levels = model.levels(state.parameters)
-    law_b_T = np.exp(state.ln_bT - levels)
-    tail = found.covariance[model.size - 1, model.size - 1] if model.has_delay else 0.0
+    law_b_T = np.exp(state.ln_bT - levels - reference.ln_bT)
+    by_b = model.directions(state)[1] - reference.vertical_by_parameter
+    by_b[:, model.level_slice] = 0.0
+    u_ln_bT = propagated_u(by_b, found.covariance) if model.size else np.zeros(levels.size)
+    is_sloped = model.has_slope and bool(state.parameters[model.horizontal_size])
+    u_delay = found.covariance[-1, -1] ** 0.5 * model.delay_unit if model.has_delay else 0.0
+    temperature = sweeps["temperature"]
+
+    def over(values: Floats, text: str) -> xr.DataArray:
+        """Put values of the used isotherms over all temperatures, NaN elsewhere."""
+        full = np.full(temperature.size, np.nan)
+        full[data.kept] = values
+        coords, attrs = {"temperature": temperature}, described("1", text)
+        return xr.DataArray(full, dims="temperature", coords=coords, attrs=attrs)
+
+    u_log10_aT = np.sqrt(np.maximum(np.diag(reference.covariance), 0.0))
     return MasterCurve(
-        T_ref=model.T_ref,
-        log10_aT=_over(temperature, data, log10_aT, "1", "log10 of the horizontal shift factor"),
-        u_log10_aT=_over(
-            temperature, data, np.sqrt(np.maximum(np.diag(covariance), 0.0)), "1", "standard uncertainty of log10_aT"
-        ),
-        covariance=_matrix_over(temperature, data, covariance),
-        b_T=_over(temperature, data, law_b_T, "1", "vertical shift factor"),
-        u_b_T=_over(temperature, data, law_b_T * _u_ln_bT(found), "1", "standard uncertainty of b_T"),
-        level=_over(temperature, data, np.exp(levels), "1", "level of the sweep about the vertical law"),
-        vertical=_vertical_law(found),
+        T_ref=T_ref,
+        log10_aT=over(log10_aT, "log10 of the horizontal shift factor"),
+        u_log10_aT=over(u_log10_aT, "standard uncertainty of log10_aT"),
+        covariance=_matrix_over(temperature, data, reference.covariance),
+        b_T=over(law_b_T, "vertical shift factor"),
+        u_b_T=over(law_b_T * u_ln_bT, "standard uncertainty of b_T"),
+        level=over(np.exp(levels), "level of the sweep about the vertical law"),
+        # A slope that a glass turned out to have is a linear law.
+        vertical="linear" if model.vertical == "none" and is_sloped else model.vertical,
         delay=state.delay,
-        u_delay=float(np.sqrt(max(tail, 0.0))) * model.delay_unit,
+        u_delay=float(u_delay),
         law=chosen,
         laws=laws,
         prony=prony,
         terms=terms_of(prony, window),
         kramers_kronig=kk,
         data=reduced,
-        curve=bands(data.points, found, anchor, window, possible),
-        modes=modes_of(data.points, found, anchor, window, possible),
+        curve=curve,
+        modes=modes,
         overlap=overlap,
         noise={"storage": float(found.noise.storage), "loss": float(found.noise.loss)},
         starts=found.starts,
@@ -294,53 +303,36 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: La
     )
 
 
-def _vertical_law(found: Superposition) -> str:
-    """Name the law of b_T; a slope that a glass turned out to have is a linear one."""
-    model = found.model
-    is_sloped = model.has_slope and bool(found.fit.state.parameters[model.horizontal_size])
-    return "linear" if model.vertical == "none" and is_sloped else model.vertical
-
-
-def _u_ln_bT(found: Superposition) -> Floats:
-    """Return the standard uncertainty of ln b_T of every isotherm."""
-    if not found.model.size:
-        return np.zeros(found.model.temperature.size)
-    rows = found.model.directions(found.fit.state)[1]
-    rows[:, found.model.level_slice] = 0.0
-    return propagated_u(rows, found.covariance)
-
-
-def _laws(model: OuterModel, log10_aT: Floats, covariance: Floats) -> dict[str, ShiftLaw]:
-    """Fit both laws through the shifts; the weights come from their covariance."""
+def _laws(found: Superposition, covariance: Floats, T_ref: float) -> dict[str, ShiftLaw]:
+    """Fit both laws through the shifts from the reference isotherm, weighed by their covariance."""
+    model, shifts, at = found.model, found.fit.state.log10_aT, found.model.reference
     distinct = np.unique(model.temperature).size
     names: tuple[LawName, ...] = ("wlf", "arrhenius") if distinct > 2 else ("arrhenius",)
-    if distinct < 2:
-        names = ()
-    usable = covariance if np.any(covariance) else np.eye(log10_aT.size)
-    return {name: fit_law(name, model.temperature, log10_aT, usable, model.T_ref) for name in names}
+    differences = covariance - covariance[:, [at]] - covariance[[at]] + covariance[at, at]
+    usable = differences if np.any(differences) else np.eye(shifts.size)
+    laws = {}
+    for name in names if distinct > 1 else ():
+        law = fit_law(name, model.temperature, shifts - shifts[at], usable, model.T0)
+        moved = law.about(T_ref)
+        if moved is not None:
+            laws[name] = moved
+    return laws
 
 
-def _chosen_law(found: Superposition, laws: dict[str, ShiftLaw]) -> ShiftLaw:
+def _chosen_law(found: Superposition, laws: dict[str, ShiftLaw], T_ref: float) -> ShiftLaw:
     """Return the law of the fit itself, or the better one through free shifts."""
     model = found.model
     if model.horizontal in ("wlf", "arrhenius"):
         size = model.horizontal_size
         parameters = tuple(float(p) for p in found.fit.state.parameters[:size])
-        return ShiftLaw(model.horizontal, model.T_ref, parameters, found.covariance[:size, :size])
+        law = ShiftLaw(model.horizontal, model.T0, parameters, found.covariance[:size, :size]).about(T_ref)
+        if law is not None:
+            return law
     if not laws:
-        return ShiftLaw("arrhenius", model.T_ref, (0.0,), np.full((1, 1), np.nan))
+        return ShiftLaw("arrhenius", T_ref, (0.0,), np.full((1, 1), np.nan))
     # One more constant has to pay for itself (Schwarz).
     price = float(np.log(model.temperature.size))
     return min(laws.values(), key=lambda one: one.chi_square + price * len(one.parameters))
-
-
-def _over(temperature: xr.DataArray, data: SweepData, values: Floats, units: str, name: str) -> xr.DataArray:
-    """Put values of the used isotherms over all temperatures, NaN elsewhere."""
-    full = np.full(temperature.size, np.nan)
-    full[data.kept] = values
-    coordinate = {"temperature": temperature}
-    attrs = described(units, name)
-    return xr.DataArray(full, dims="temperature", coords=coordinate, attrs=attrs)
 
 
 def _matrix_over(temperature: xr.DataArray, data: SweepData, values: Floats) -> xr.DataArray:

@@ -1,5 +1,5 @@
 "use strict";
-/* What a page does besides charts: sortable tables, galleries, copying, unfolding for print. */
+/* What a page does besides charts: sortable tables, galleries, copying. */
 (() => {
   document.documentElement.classList.add("has-scripts");
 
@@ -56,13 +56,4 @@
       button.textContent = document.execCommand("copy") ? "Copied" : "Selected";
     });
   }
-
-  let unfolded = [];
-  window.addEventListener("beforeprint", () => {
-    unfolded = [...document.querySelectorAll("details:not([open])")];
-    for (const details of unfolded) details.open = true;
-  });
-  window.addEventListener("afterprint", () => {
-    for (const details of unfolded) details.open = false;
-  });
 })();

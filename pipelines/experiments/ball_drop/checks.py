@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import repeat
 from math import acos, cos, expm1, inf, pi
 
@@ -18,10 +19,12 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.comparison import DURATION, RESTITUTION, SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
+from pipelines.experiments.shared.alternatives import of_drop
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.fall_checks import Fall, Stiffness
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, line_of, times_over
+from pipelines.experiments.shared.judgements import Scene, Title, line_of, times_over
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 from pipelines.experiments.shared.trace_checks import Trace
 
@@ -38,6 +41,13 @@ _BENT_BY_SWINGS = ("durations of the flights", "smoothness of the flights")
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
 )
+_OF_IMPACTS = {
+    RESTITUTION: "restitution",
+    DURATION: "contact_duration",
+    "speed of the first impact": "impact_speed",
+    "penetration of the first impact": "penetration",
+}
+"""Results of a simulation by the beginning of the name of a compared quantity."""
 _HELD_BACK = (
     "what was taken for its flights is no free fall: the body was caught, held or guided, or another body was in view"
 )
@@ -63,9 +73,40 @@ _FAILED = trace_checks.CAUSES | {
 
 
 _STEPS = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
+_SOURCES = ("material_file", "fitted", "plate")
 
 
-@judgements.judging(*_STEPS, rests_on=("sphere.material_from", "plate_from"), plate_from=OF_PLATE)
+TITLES = {
+    "free fall": Title(
+        "Every flight is a parabola with the acceleration of gravity.",
+        (
+            "free-fall acceleration", fall_checks.SPEED, "durations of the flights", "smoothness of the flights",
+            "direction of the fall",
+        ),
+    ),
+    "stated height": Title(
+        "The measured fall equals the stated height.", ("height of the fall", "level of the release")
+    ),
+    "order of the bounces": Title(
+        "0 < e < 1: every rebound is lower than the one before.",
+        ("coefficients of restitution", "heights of the rebounds"),
+    ),
+    "contact duration": Title(
+        "Hertz: t = 2.87 (m²/(R E*² v))^(1/5) for the stated sphere.",
+        ("duration of the first contact", "size of the contact"),
+    ),
+    "touch and rest levels": Title(
+        "The floor stays in place: every contact begins at one level.",
+        ("levels of the touches", "level at rest", "repeats: levels of the touches"),
+    ),
+    "repeats": Title("Repeats agree within their scatter.", ("repeats",)),
+    **judgements.OF_LASER,
+}  # fmt: skip
+
+
+@judgements.judging(
+    *_STEPS, *_SOURCES, rests_on=("sphere.material_from", "plate_from"), titles=TITLES, plate_from=OF_PLATE
+)
 def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context: Context) -> Scene:
     """Judge one ball drop; what gave no result is judged by that."""
     readings, displacement, bounces, repeats, model, _ = map(given.get, _STEPS)
@@ -99,6 +140,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         of_records[swing.file] = [
             _by_swing(check, swing, added, by_name[swing.file][1]) for check in of_records[swing.file]
         ]
+    for lost in (c for c in of_traces if c.name == trace_checks.SINGLE_ROWS and c.level and c.file in of_records):
+        names = {check.name for check in of_records[lost.file]}
+        of_records[lost.file] = judgements.because(of_records[lost.file], lost.cause, *names, file=lost.file)
     for average in (c for c in of_traces if c.name == trace_checks.SMOOTHED and c.level and c.file in of_records):
         of_records[average.file] = judgements.because(
             of_records[average.file], average.cause, *_SMEARED, file=average.file
@@ -136,7 +180,19 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         basis,
         unstated,
         measured_by=judgements.measured_by(settings.sphere),
+        alternatives=partial(
+            of_drop, settings=settings, column=_simulated, **{name: given.get(name) for name in _SOURCES}
+        ),
     )
+
+
+def _simulated(row: Row) -> tuple[str, int] | None:
+    """Return which result of a simulation a row compares, and of which impact."""
+    for title, name in _OF_IMPACTS.items():
+        if row.quantity.startswith(title):
+            number = row.quantity.removeprefix(title)
+            return name, int(number) - 1 if number else 0
+    return None
 
 
 def _unstated_plate(compared: Sequence[Row], settings: BallDrop) -> str:
@@ -350,6 +406,7 @@ def _causes(
         {fall: -1.0},
         times_over("the drop height", settings.height.value, "m", "height in session.toml"),
         SLIPS["decimal"],
+        u=(settings.height.u or usual_uncertainty(settings.height)) / settings.height.value,
         setting="height",
     )
 

@@ -56,7 +56,7 @@ _STAGES = (
         ("height", "sphere", "model", "plate"),
         schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
+        imports=("labpipe.contact.impact._drop", "labpipe.compilation"),
         summary="simulate the drop",
     ),
     stage(
@@ -68,7 +68,16 @@ _STAGES = (
     ),
     judged(
         "ball_drop",
-        ("readings", "displacement", "bounces", "repeats", "model", "comparison"),
+        (
+            "readings",
+            "displacement",
+            "bounces",
+            "repeats",
+            "model",
+            "comparison",
+            *solid_of("sphere"),
+            "other:plate_from/plate",
+        ),
         rests_on=("sphere.material_from", "plate_from"),
     ),
     reported("ball_drop", ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison")),

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from math import hypot, inf, isfinite, log, nan, sqrt
 
 import numpy as np
@@ -38,6 +39,9 @@ from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, 
 from pipelines.experiments.contact_area.measured import LATER, brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
+from pipelines.experiments.shared.alternatives import of_drop
+from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.film_frames import CAUSES, explained, not_smoothed, whole_film
 from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic, not_written
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
@@ -84,8 +88,17 @@ ORDER = "order of the impacts"
 RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "first flight", "duration of the contact"
 
 
+_SOURCES = ("material_file", "fitted", "plate")
+
+
 @judgements.judging(
-    "radius", "impacts", "model", "comparison", rests_on=("sphere.material_from", "plate_from"), plate_from=OF_PLATE
+    "radius",
+    "impacts",
+    "model",
+    "comparison",
+    *_SOURCES,
+    rests_on=("sphere.material_from", "plate_from"),
+    plate_from=OF_PLATE,
 )
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; what gave no result is judged by that."""
@@ -137,7 +150,16 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         {FRAMES: Quantity(0.0, 1.0, "1")},
         basis=basis,
         measured_by=judgements.measured_by(settings.sphere),
+        alternatives=partial(
+            of_drop, settings=settings, column=_simulated, **{name: given.get(name) for name in _SOURCES}
+        ),
     )
+
+
+def _simulated(row: Row) -> tuple[str, int] | None:
+    """Return which result of a simulation a row compares, and of which impact."""
+    title, _, number = row.quantity.partition(", impact ")
+    return ("peak_contact_radius", int(number) - 1) if title == "largest radius" else None
 
 
 def _inputs(
@@ -440,6 +462,7 @@ def _causes(
             + (", of another view" if abs(log(k)) > log(3.0) else _ASLANT if _MOST_ASLANT < k < 1.0 else "")
         ),
         SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],
+        u=float(radius.attrs["u_systematic_relative"]) or inf,
         file=settings.camera,
         setting="values.pixel_length",
     )
@@ -447,6 +470,7 @@ def _causes(
         {FRINGE: 1.0, RADIUS: -0.4, DURATION: 1.0},
         times_over("the sphere's radius", body.value, "m", "sphere.radius in session.toml"),
         SLIPS["decimal"],
+        u=(body.u or usual_uncertainty(body)) / body.value,
         setting="sphere.radius",
     )
     yield Cause(

@@ -8,9 +8,9 @@ _STAGES = (
     stage(
         "contact_area.measured:radius",
         ("file:film", "file:camera"),
-        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "region"),
+        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "channel", "region"),
         shortcuts=True,
-        imports=("labpipe.imaging.fringes._every_frame", "labpipe.compiler"),
+        imports=("labpipe.imaging.fringes._every_frame", "labpipe.compilation"),
         summary="fit the fringes around the contact",
     ),
     stage(
@@ -24,7 +24,7 @@ _STAGES = (
         ("height", "sphere", "model", "plate", "work_of_adhesion", "wavelength"),
         schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
+        imports=("labpipe.contact.impact._drop", "labpipe.compilation"),
         summary="simulate the drop",
     ),
     stage(
@@ -34,12 +34,14 @@ _STAGES = (
         summary="measurement against model",
     ),
     judged(
-        "contact_area", ("radius", "impacts", "model", "comparison"), rests_on=("sphere.material_from", "plate_from")
+        "contact_area",
+        ("radius", "impacts", "model", "comparison", *solid_of("sphere"), "other:plate_from/plate"),
+        rests_on=("sphere.material_from", "plate_from"),
     ),
     stage(
         "contact_area.measured:keys",
         ("file:film", "radius", "impacts"),
-        ("frame_rate",),
+        ("frame_rate", "channel"),
         may_lack=("impacts",),
         summary="select key frames for the page",
     ),

@@ -45,7 +45,7 @@ _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not 
 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
     """Measure the contact radius while there may be contact; in every frame if full."""
-    source = open_film(film, settings.frame_rate)
+    source = open_film(film, settings.frame_rate, settings.channel)
     known = calibration.load_record(record)
     day = settings.measured_on
     size, checked = camera_scale.image_scale(known, settings.view, measured=day, recorded=recorded_on(source))
@@ -249,7 +249,7 @@ _ALL_OVER = 7  # frames that stand for a film without impacts
 
 def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings: ContactArea) -> xr.Dataset:
     """Copy key frames with the fitted circles: around each largest radius, and at rest; without impacts, all over."""
-    source = open_film(film, settings.frame_rate)
+    source = open_film(film, settings.frame_rate, settings.channel)
     wanted = _of_impacts(radius, impacts) if impacts is not None else _of_whole(radius)
     near = sorted(i for i in wanted if source.valid[int(radius["frame"][i])])
     found = key_frames(source, [int(radius["frame"][i]) for i in near])

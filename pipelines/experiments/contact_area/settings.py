@@ -16,7 +16,7 @@ class ContactArea(Table, frozen=True, kw_only=True):
     ``camera`` is the calibration record of the film's ``view``. ``wavelength`` is that of the
     light; without it (white light) only the edge of the dark spot can be measured, which is
     several micrometres worse. ``exposure`` replaces that in the film's file. ``frame_rate``
-    is needed for exported images, which hold no time. ``measured_on`` is
+    is needed for exported images, which hold no time, and ``channel`` for those in colour. ``measured_on`` is
     the day of the film, for the validity of the record; by default that of its trigger.
     ``region`` are two opposite corners, in px (x right, y down), of the part of the frames in which
     the contact is looked for: without it all of each frame, in which a second sphere, a scratch or
@@ -35,6 +35,7 @@ class ContactArea(Table, frozen=True, kw_only=True):
     exposure: Annotated[Time, POSITIVE] | None = None
     measured_on: date | None = None
     frame_rate: Annotated[Frequency, POSITIVE] | None = None
+    channel: Literal["red", "green", "blue"] | None = None
     region: tuple[Corner, Corner] | None = None
     work_of_adhesion: Annotated[Adhesion, Range(at_least=0.0)] | None = None
     model: DropModel = DropModel()

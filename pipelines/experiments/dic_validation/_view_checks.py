@@ -223,11 +223,14 @@ def seen_whole(track: xr.Dataset, settings: DicValidation) -> Check:
         text += "nothing stands there, and what may hide the holder elsewhere is not left out by it"
         cause = "the polygon is not drawn in px of the first image, x to the right and y down, or is of another film"
         return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")
-    if "standing" not in track.attrs:
+    status = track["status"].isel(point=0) if "status" in track else None
+    meanings = [] if status is None else str(status.attrs["flag_meanings"]).split()
+    hidden = 0 if status is None or "occluded" not in meanings else int((status == meanings.index("occluded")).sum())
+    if not hidden:
         return stated(name, law, f"{settings.film}: nothing else was found before the holder", None, file=settings.film)
     cause = (
         "a rod, a scale bar or a line burned into the images, dust on a window, or what is seen around the holder: "
         "draw tracking.obstructions around it"
     )
-    text = f"{settings.film}: {track.attrs['standing_told']}"
+    text = f"{settings.film}: in {hidden} frames something hides a part of the holder, which has no value there"
     return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")

@@ -1,18 +1,19 @@
 """Comparison of a film of the holder with the laser."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from labpipe import signals
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.flights import flights, moved_by_scatter
 
+_RATIO = "displacement_ratio"
 _LARGEST_LAG = 2e-3  # s that the two records may still be apart after alignment
 
 
@@ -58,29 +59,45 @@ def comparison(
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
     )
-    ratio = float(made["expected_u_gain"])
-    return made.assign(curve_table((), [_along(made, bounces, laser, ratio)])).merge(_impacts(bounces, laser))
+    along = _along(made, bounces, laser, float(made["expected_u_gain"]))
+    pair = with_u(_RATIO, (), along.ratio, along.u, "1", "displacement, film over laser; u without that of the scales")
+    return made.assign(curve_table((), [along.agreement]) | pair).merge(_impacts(bounces, laser))
 
 
-def _along(made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float) -> Agreement | None:
+class _Along(NamedTuple):
+    """Agreement of the curves, and displacement of the film over that of the laser with its u without the scales."""
+
+    agreement: Agreement | None
+    ratio: float = np.nan
+    u: float = np.nan
+
+
+def _along(made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float) -> _Along:
     """Lay the film over the laser in stretches of fall and flights.
 
     They share the ratio of both scales, level and moment of first touch, and by how much the drops that the laser
     saw differ from each other: the film shows one drop, and each impact's scatter moves all that follows.
+    The ratio of the displacements is that of generalised least squares with the covariance of the rest.
     """
     time, start = made["time"].values, float(film["first_contact_time"])
     touches = film["touch_time"].values - start
     leaves = film["liftoff_time"].values - start
     places = flights(time, touches, leaves, float(film["release_time"]) - start)
     if not places:
-        return None
+        return _Along(None)
     means, own = stretches(made["residual"].values, places)
     later = np.gradient(made["laser"].values, time)
     touched = [float(one["u_touch_time"][0]) * (later + float(laser["incoming_speed"][0])) for one in (film, laser)]
     apart = moved_by_scatter(time, touches, laser["touch_time_sd"].values, later)
     level = np.full(time.size, float(film["u_contact_level"]))
-    shared = (ratio * made["laser"].values, level, *touched, *apart)
-    return along_curve(means, own, stretch_means(shared, places))
+    effects = stretch_means((made["laser"].values, level, *touched, *apart), places)
+    agreed = along_curve(means, own, np.vstack([ratio * effects[:1], effects[1:]]))
+    known = np.isfinite(means) & np.isfinite(own) & np.isfinite(effects).all(axis=0)
+    size, others = effects[0, known], effects[1:, known]
+    weighted = np.linalg.pinv(others.T @ others + np.diag(own[known] ** 2), hermitian=True) @ size
+    if not size @ weighted > 0.0:
+        return _Along(agreed)
+    return _Along(agreed, 1.0 + float(weighted @ means[known] / (size @ weighted)), float((size @ weighted) ** -0.5))
 
 
 def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
@@ -106,6 +123,17 @@ def rows(comparison: xr.Dataset) -> Iterator[Row]:
     n, nrmse = int(comparison["n_compared"]), comparison["nrmse"]
     bias, u, told = comparison["bias"], comparison["u_bias"], of_curve(comparison)
     yield row("displacement", "m", n, against="laser", nrmse=nrmse, difference=bias, u_difference=u, **told)
+    seen, own, scales = (float(comparison[of]) for of in (_RATIO, f"u_{_RATIO}", "expected_u_gain"))
+    if np.isfinite(seen):
+        yield row(
+            "displacement, film over laser",
+            "1",
+            n,
+            against="laser",
+            measured=(seen, own),
+            model=(1.0, scales),
+            difference=(seen - 1.0, np.hypot(own, scales)),
+        )
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         yield row(
             f"restitution, impact {i + 1}",

@@ -19,9 +19,9 @@ _STAGES = (
     stage(
         "dic_validation.measured:track",
         ("file:film",),
-        ("tracking", "frame_rate"),
+        ("tracking", "frame_rate", "channel"),
         shortcuts=True,
-        imports=("labpipe.imaging.dic._tracker", "labpipe.compiler"),
+        imports=("labpipe.imaging.dic._tracker", "labpipe.compilation"),
         summary="track the holder through the film",
     ),
     stage(
@@ -46,7 +46,7 @@ _STAGES = (
     stage(
         "dic_validation.measured:keys",
         ("file:film", "track", "bounces"),
-        ("frame_rate",),
+        ("frame_rate", "channel"),
         may_lack=("bounces",),
         summary="select key frames for the page",
     ),

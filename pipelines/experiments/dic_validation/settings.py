@@ -51,10 +51,10 @@ class Tracking(Table, frozen=True, kw_only=True):
 class DicValidation(Table, frozen=True, kw_only=True):
     """A film of the holder, and the ball drop whose laser saw the same motion another day.
 
-    ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for
-    exported images, which hold no time. ``camera_distance`` is that of the lens from the holder: with it,
-    the length that is lost by looking up or down at the motion is known. ``measured_on`` is the day of the
-    film, for the validity of the record; by default that of its trigger.
+    ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for exported images, which
+    hold no time, and ``channel`` for those in colour. ``camera_distance`` is that of the lens from the holder: with it,
+    the length that is lost by looking up or down at the motion is known. ``measured_on`` is the day of the film, for
+    the validity of the record; by default that of its trigger.
     """
 
     kind: Literal["dic_validation"]
@@ -64,5 +64,6 @@ class DicValidation(Table, frozen=True, kw_only=True):
     laser_experiment: ExperimentName | None = None
     measured_on: date | None = None
     frame_rate: Annotated[Frequency, POSITIVE] | None = None
+    channel: Literal["red", "green", "blue"] | None = None
     camera_distance: Annotated[Length, Range(at_least=0.01, at_most=100.0)] | None = None
     tracking: Tracking = Tracking()

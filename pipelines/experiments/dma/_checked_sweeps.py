@@ -52,8 +52,9 @@ class Sweep:
 
     @property
     def place(self) -> str:
-        """Say where it stands in its file."""
-        return self.export.place(int(self.rows[0])).rpartition(", point")[0] or self.export.name
+        """Return its file, temperature, and interval there."""
+        interval = self.export.place(int(self.rows[0])).rpartition(", point")[0].removeprefix(self.export.name)
+        return f"{self.export.name}, sweep at {self.temperature:.1f} °C{interval}"
 
     def values(self, name: str) -> Floats:
         """Return one of its columns."""

@@ -25,6 +25,7 @@ _SPECIMENS = 3.0
 _AGED = 0.02  # decades by which a specimen that was heated, or dried, between two sweeps may differ
 _SHARED, _SHARED_RANGE = 3, 0.05
 """Readings of each of two sweeps, and decades of loss factor, that both have where one modulus is told from another."""
+_ONE_BRANCH = 0.8  # correlation of loss factor and modulus in each of two sweeps
 _OTHER_LOSS, _LOSSES_APART = 1.5, 5.0
 """Factor of the loss of one sweep over that of its neighbours that a transition between them does not make, and u."""
 _WARMER, _WARMTHS_APART = 3.0, 5.0
@@ -70,7 +71,8 @@ def _offset(a: Sweep, b: Sweep) -> tuple[float, float] | None:
     x, y, own = [], [], []
     for number, sweep in enumerate((a, b)):
         storage, loss = sweep.values("storage_modulus"), sweep.values("loss_modulus")
-        if not ((storage > 0) & (loss > 0)).all():
+        # A melt lies between plates; it has no clamp to slip in.
+        if not ((storage > 0) & (loss > 0)).all() or np.median(loss / storage) > 1.0:
             return None
         x.append(np.log10(np.hypot(storage, loss)))
         y.append(np.log10(loss / storage))
@@ -79,6 +81,10 @@ def _offset(a: Sweep, b: Sweep) -> tuple[float, float] | None:
     low, high = max(part.min() for part in y), min(part.max() for part in y)
     shared = [(part >= low) & (part <= high) for part in y]
     if min(int(part.sum()) for part in shared) < _SHARED or high - low < _SHARED_RANGE:
+        return None
+    # A loss factor has two branches about its maximum: both sweeps have to lie on one of them.
+    turns = [float(np.corrcoef(m[at], part[at])[0, 1]) for m, part, at in zip(x, y, shared, strict=True)]
+    if min(turns) < _ONE_BRANCH and max(turns) > -_ONE_BRANCH:
         return None
     keep = np.concatenate(shared)
     X, Y, second = np.concatenate(x)[keep], np.concatenate(y)[keep], np.concatenate(own)[keep]

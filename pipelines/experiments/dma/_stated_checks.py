@@ -7,10 +7,9 @@ from math import log, log10
 import numpy as np
 
 from labpipe.judging import Check, bounded, in_words, not_made, stated
-from labpipe.materials import modulus_factor
+from labpipe.materials import loading_of, modulus_factor
 from labpipe.report import quantity
 from pipelines.experiments.dma._checked_sweeps import POLYMERS, Export
-from pipelines.experiments.dma.measured import loading_told
 from pipelines.experiments.dma.settings import Dma
 
 _NU = 0.2  # lowest Poisson's ratio of a polymer that is no foam
@@ -68,7 +67,7 @@ def scale_of_moduli(settings: Dma) -> Check:
 def mode_of_loading(export: Export, settings: Dma) -> Check:
     """Hold the mode against the headings of strain and moduli, where one of them tells."""
     name, law = "mode of loading", "what was loaded in torsion has a shear strain and moduli G' and G\""
-    seen, heading = loading_told(export.data)
+    seen, heading = loading_of(export.data)
     if not seen:
         return not_made(name, law, "a heading that says shear or extensional strain, or whether a modulus is G or E")
     is_shear = seen == "shear"

@@ -1,6 +1,5 @@
 """Dynamic mechanical analysis: isothermal sweeps, master curve, and the glass transition."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -60,39 +59,6 @@ def _stated(path: Path, settings: Dma) -> float | None:
         raise InputError(message)
     at = next(k for k, name in enumerate(settings.rheometer) if path.as_posix().endswith(Path(name).as_posix()))
     return settings.temperatures[at].value
-
-
-def loading_told(readings: xr.Dataset) -> tuple[str, str]:
-    """Return how the headings of an export say that its specimen was loaded, and the heading that says it.
-
-    Returns
-    -------
-    loading : {"shear", "extensional", ""}
-        Empty where no heading tells, or two contradict each other.
-    heading : str
-        Of a strain ("Shear Strain") or of a modulus (the letter of G' or E').
-
-    Examples
-    --------
-    >>> loading_told(xr.Dataset({"storage_modulus": ("sample", [1e6], {"long_name": "G' (Pa)"})}))
-    ('shear', "G' (Pa)")
-    """
-    headings = [str(readings[name].attrs.get("long_name", "")) for name in _TELLING if name in readings]
-    told = {
-        loading: heading
-        for loading, pattern in _LOADINGS.items()
-        for heading in reversed(headings)
-        if pattern.search(heading)
-    }
-    return next(iter(told.items())) if len(told) == 1 else ("", "")
-
-
-_TELLING = ("strain", "storage_modulus", "loss_modulus", "complex_modulus")
-_LETTER = r"(?<![A-Za-z]){}(?:pp?|['′″’\"]+)?(?![A-Za-z])"
-_LOADINGS = {
-    "shear": re.compile("(?i:shear|scher|cisail|cisalh|cizall|torsion)|" + _LETTER.format("G")),
-    "extensional": re.compile("(?i:extension|tensile|dehnung)|" + _LETTER.format("E")),
-}
 
 
 def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:

@@ -12,9 +12,9 @@ import xarray as xr
 
 import instruments
 from labpipe.errors import LabpipeError
-from labpipe.names import printable
+from labpipe.files import printable
+from labpipe.materials import loading_of
 from pipelines.experiments._kind import Found, Proposed
-from pipelines.experiments.dma.measured import loading_told
 from pipelines.experiments.dma.settings import MODES
 from pipelines.experiments.shared import proposals
 from pipelines.experiments.shared.proposals import GAP
@@ -35,7 +35,7 @@ def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     held = [name for name, table in tables.items() if set(map(str, table.data_vars)) >= _NEEDED]
     for key, files in proposals.grouped(held, stem):
         lacks = ["temperature" not in tables[name] for name in files]
-        told = dict(loading_told(tables[name]) for name in files)
+        told = dict(loading_of(tables[name]) for name in files)
         yield Proposed(key, tuple(files), partial(_text, found, files, any(lacks), told))
 
 
@@ -58,7 +58,7 @@ def _text(found: Found, files: Sequence[str], lacks_temperature: bool, told: Map
 kind = "dma"
 rheometer = {proposals.listed(files)}
 {mode_line(name, told)}
-nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
+nu = "{GAP}"  # Poisson's ratio, with ±, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
 {_published(found, files)}"""
 
@@ -79,7 +79,7 @@ def _temperature(files: Sequence[str]) -> str:
 def mode_line(name: str, told: Mapping[str, str]) -> str:
     """Return the line of the mode, from the experiment's name where it tells, else from the headings of its columns.
 
-    ``told`` has the heading by loading that it tells (`loading_told`), more than one where files contradict each other.
+    ``told`` has the heading by loading that it tells (`loading_of`), more than one where files contradict each other.
     """
     known = next((m for m in MODES if m in name.lower()), None)
     if known is not None:

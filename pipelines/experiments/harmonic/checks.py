@@ -29,7 +29,7 @@ _FAILED = {
 _STEPS = ("readings", "loads", "hold", "oscillations", "model", "comparison")
 
 
-@judgements.judging(*_STEPS, rests_on=("substrate.material_from",))
+@judgements.judging(*_STEPS, rests_on=("substrate.material_from",), titles=mach1_checks.TITLES)
 def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context: Context) -> Scene:
     """Judge one harmonic indentation; what gave no result is judged by that."""
     readings, loads, _, oscillations, model, _ = map(given.get, _STEPS)

@@ -38,7 +38,7 @@ from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
 from pipelines.experiments.shared.fall_checks import Fall, shown
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, line_of, times_over
+from pipelines.experiments.shared.judgements import Scene, Title, line_of, times_over
 from pipelines.experiments.shared.trace_checks import Trace
 
 _BLOCK = 16
@@ -73,7 +73,31 @@ _FAILED = trace_checks.CAUSES | {
 _STEPS = ("readings", "displacement", "ringing", "table", "plate", "model", "comparison")
 
 
-@judgements.judging(*_STEPS, rests_on=("drops.material_from",))
+TITLES = {
+    "one plate": Title(
+        "All recordings show the free ringing of one plate: one frequency and one damping.",
+        ("frequency of the plate", "damping of the plate", "free ringing", "modal mass of the plate"),
+    ),
+    "direction and order of the blows": Title(
+        "A falling body pushes the plate down, and harder from a larger height.",
+        ("direction of the blow", "amplitude over height"),
+    ),
+    "momentum of the blow": Title(
+        "Momentum over amplitude and frequency gives one modal mass for all drops.", ("momentum of the blow",)
+    ),
+    "pause before the second blow": Title(
+        "The time until the second blow is the flight after a fall from the stated height.",
+        ("pause before the second blow",),
+    ),
+    "contact duration": Title(
+        "Hertz: t = 2.87 (m²/(R E*² v))^(1/5) for the stated sphere.", ("duration of the blow", "size of the contact")
+    ),
+    "repeats": Title("Repeats agree within their scatter.", ("repeats",)),
+    **judgements.OF_LASER,
+}
+
+
+@judgements.judging(*_STEPS, rests_on=("drops.material_from",), titles=TITLES)
 def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, context: Context) -> Scene:
     """Judge one plate vibration; what gave no result is judged by that."""
     readings, displacement, ringing, table, plate, model, comparison = map(given.get, _STEPS)

@@ -63,7 +63,7 @@ _STAGES = (
         ("table", "plate", "other:drops.material_from/master_curve"),
         ("drops", "sphere", "model"),
         shortcuts=True,
-        imports=("labpipe.contact.impact._simulate", "labpipe.compiler"),
+        imports=("labpipe.contact.impact._drop", "labpipe.compilation"),
         summary="simulate the drops on the plate",
     ),
     stage(

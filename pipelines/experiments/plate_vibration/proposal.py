@@ -5,7 +5,6 @@ from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
-from pipelines.experiments.shared.proposals import GAP
 from pipelines.experiments.shared.record_templates import laser_record
 
 
@@ -23,8 +22,8 @@ kind = "plate_vibration"  # proposed from the file name
 calibration = "{record}"  # inclination of the sensor in its place over the plate
 
 [experiments.{name}.sphere]  # for the modal mass; without it frequency and damping alone
-radius = "{GAP} mm"
-mass = "{GAP} g"  # of all that moves: sphere and holder
+{proposals.SPHERE}
+{proposals.MOVING_MASS}
 
 [[experiments.{name}.drops]]  # one such table for each material and height
 {proposals.named_material_lines(files[0], found)}

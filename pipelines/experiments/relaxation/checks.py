@@ -35,7 +35,9 @@ _FAILED = {
 _STEPS = ("readings", "loads", "ramps", "comparison", "tests")
 
 
-@judgements.judging(*_STEPS, rests_on=("substrate.material_from",), expected=("comparison", "tests"))
+@judgements.judging(
+    *_STEPS, rests_on=("substrate.material_from",), expected=("comparison", "tests"), titles=mach1_checks.TITLES
+)
 def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, context: Context) -> Scene:
     """Judge all relaxation tests of an experiment; what gave no result is judged by that."""
     readings, loads, ramps, comparison, tests = map(given.get, _STEPS)

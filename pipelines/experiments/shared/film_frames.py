@@ -35,8 +35,8 @@ _MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossib
 _AROUND = 8  # frames read on either side of a contact
 
 
-def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
-    """Open a film of any known format; exported images need the frame rate.
+def open_film(path: Path, frame_rate: Quantity | None = None, channel: str | None = None) -> FrameSource:
+    """Open a film of any known format; exported images need the frame rate, in colour a channel.
 
     Raises
     ------
@@ -45,7 +45,8 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
     """
     fps = None if frame_rate is None else frame_rate.value
     reader = instruments.by_name(instruments.identify(path, fps=fps))
-    options: dict[str, Any] = {"fps": fps} if "fps" in reader.option_names() else {}
+    given: dict[str, Any] = {"fps": fps, "channel": channel}
+    options = {name: value for name, value in given.items() if name in reader.option_names()}
     found = instruments.read(path, instrument=reader.name, **options)
     if isinstance(found, xr.Dataset):
         raise InputError(f"{path}: expected a film, found a table of readings")

@@ -1,12 +1,15 @@
 """Readings of one laser export; what the file omits comes from the settings."""
 
+import json
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
 import xarray as xr
 
 import instruments
 from labpipe.errors import UNSAID, SourceError
+from labpipe.signals import outliers
 from pipelines.experiments.shared.settings import Keyence, named_columns
 
 
@@ -17,9 +20,37 @@ class _Recorded(Protocol):
     def keyence(self) -> Keyence: ...
 
 
+OUTLIER = 7
+"""Status of a reading that deviates from those around it, beyond the states that a controller writes."""
+
+
 def readings(path: Path, *, settings: _Recorded) -> xr.Dataset:
-    """Read one laser export, as a stage of every kind that has one."""
-    return read_laser(path, settings.keyence)
+    """Read one laser export, as a stage of every kind that has one; outliers become NaN and :data:`OUTLIER`.
+
+    The attribute ``outliers`` holds, as JSON and by output, first and last index and largest deviation [m or V] of
+    each run.
+    """
+    return without_outliers(read_laser(path, settings.keyence))
+
+
+def without_outliers(readings: xr.Dataset) -> xr.Dataset:
+    """Leave out short runs of readings that leave a record and return to it."""
+    time, made, left_out = readings["time"].values, readings.copy(), {}
+    for output in (str(name) for name in readings if str(name).startswith("out")):
+        state, values = output.replace("out", "status"), readings[output].values.astype(float)
+        if state in readings:
+            values = np.where(readings[state].values == 0, values, np.nan)
+        found = outliers(values, time)
+        if not found.runs:
+            continue
+        kept = np.isfinite(values) & ~found.flags
+        off = np.abs(values - np.interp(time, time[kept], values[kept]))
+        left_out[output] = [(first, last, float(np.nanmax(off[first : last + 1]))) for first, last in found.runs]
+        made[output] = readings[output].copy(data=np.where(found.flags, np.nan, readings[output].values))
+        if state in readings:
+            codes = readings[state]
+            made[state] = codes.copy(data=np.where(found.flags, OUTLIER, codes.values).astype(codes.dtype))
+    return made.assign_attrs(outliers=json.dumps(left_out)) if left_out else made
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:

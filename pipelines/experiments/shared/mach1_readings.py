@@ -16,6 +16,7 @@ from calibration import load_cell
 from calibration.record import LoadCellRecord
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.signals import outliers
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared import mach1_touch
@@ -33,14 +34,14 @@ _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth i
 
 
 def readings(path: Path, *, settings: object = None) -> xr.Dataset:
-    """Read a file of the tester, as a stage of every kind that has one.
+    """Read a file of the tester, as a stage of every kind that has one; outliers become NaN and have a status.
 
     A table whose columns the settings name is one block, of the function that the kind of experiment evaluates.
     """
     columns = named_columns(getattr(settings, "columns", None))
     found = instruments.read_table(path, "force", "mach1", columns=columns)
     if columns is None:
-        return found
+        return without_outliers(found)
     name = {"harmonic": "Sinusoid", "relaxation": "Stress Relaxation"}[str(getattr(settings, "kind", "harmonic"))]
     found.attrs["blocks"] = json.dumps([block | {"function": name} for block in blocks(found)])
     found = found.assign(function=("block_index", [name]))
@@ -51,15 +52,79 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
         amplitude = 0.5 * float(np.ptp(position))
         found["declared_frequency"] = variable("block_index", [frequency], "Hz", "frequency of the largest motion")
         found["declared_amplitude"] = variable("block_index", [amplitude], "m", "half of the stage's travel")
-    return found
+    return without_outliers(found)
+
+
+def without_outliers(readings: xr.Dataset) -> xr.Dataset:
+    """Leave out short runs of readings that leave a record and return to it, block by block.
+
+    Adds ``status`` (sample,), 1 where a position or a force was left out, and the attribute ``outliers``: as JSON for
+    each run its column, block, first and last index in the block, and largest deviation [m or N].
+    """
+    block, time = readings["block"].values, readings["time"].values
+    made, left_out = readings.copy(), []
+    status = np.zeros(block.size, np.int8)
+    for name in (str(n) for n in readings if str(n).startswith(("position_", "force_"))):
+        values = readings[name].values.astype(float)
+        for number in np.unique(block):
+            where = np.flatnonzero(block == number)
+            rising = np.all(np.diff(time[where]) > 0)
+            found = outliers(values[where], time[where] if rising else None)
+            if not found.runs:
+                continue
+            off = np.abs(values[where] - bridged(np.where(found.flags, np.nan, values[where]), time[where]))
+            left_out += [
+                {"column": name, "block": int(number), "first": a, "last": b, "by": float(off[a : b + 1].max())}
+                for a, b in found.runs
+            ]
+            values[where[found.flags]] = np.nan
+            status[where[found.flags]] = 1
+        made[name] = readings[name].copy(data=values)
+    if not left_out:
+        return readings
+    made["status"] = (
+        "sample",
+        status,
+        {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out as an outlier"},
+    )
+    return made.assign_attrs(outliers=json.dumps(left_out))
+
+
+def bridged(values: Floats, time: Floats) -> Floats:
+    """Fill readings that were left out with an Akima curve through those around, for what needs an even sampling."""
+    from scipy.interpolate import Akima1DInterpolator
+
+    lost = ~np.isfinite(values)
+    if not lost.any() or lost.sum() > values.size - 2 or not np.all(np.diff(time) > 0):
+        return values
+    made = values.copy()
+    curve = Akima1DInterpolator(time[~lost], values[~lost], method="makima")
+    inside = np.clip(time[lost], time[~lost][0], time[~lost][-1])
+    made[lost] = curve(inside)
+    return made
+
+
+def _bridged_blocks(readings: xr.Dataset) -> xr.Dataset:
+    """Bridge the outliers of every block; readings that the file itself does not hold stay NaN."""
+    if "outliers" not in readings.attrs:
+        return readings
+    made, block = readings.copy(), readings["block"].values
+    for name, number in sorted({(run["column"], run["block"]) for run in json.loads(readings.attrs["outliers"])}):
+        where = block == number
+        values = made[name].values.copy()
+        values[where] = bridged(values[where], readings["time"].values[where])
+        made[name] = made[name].copy(data=values)
+    return made
 
 
 def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str) -> xr.Dataset:
     """Add compression-positive force; tared where the file begins with a free approach.
 
+    Readings that were left out as outliers are bridged: at most ten in a row, by the curve through their neighbours.
     Without a calibration record of the cell the gain's uncertainty is NaN. Where the force cannot be tared a warning
     says what that means for the results, ``untared``.
     """
+    readings = _bridged_blocks(readings)
     begins_free = str(readings["function"].values[0]) == _APPROACH
     if tare and not begins_free:
         message = f"the file begins in contact, so the force is not tared: {untared}"

@@ -1,4 +1,4 @@
-"""Columns of a Mach-1 file by themselves: readings that stand alone, leaps and levels that jump, hum, drift.
+"""Columns of a Mach-1 file by themselves: outliers, leaps and levels that jump, hum, drift.
 
 A stage and a sample have inertia and the cell has a filter: no reading leaves both its neighbours
 by far, a stage goes no faster than it was told, and under a motion that repeats itself, or none, a
@@ -9,22 +9,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.judging import Check, not_made, stated
+from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import quantisation_step
 from pipelines.experiments.shared.trace_checks import longest_by_chance
 
-SPIKE, JUMP, QUIET = "readings that stand alone", "level of the force", "force before contact"
+SPIKE, JUMP, QUIET = "outliers", "level of the force", "force before contact"
 FOUND, ZERO = "force at contact", "zero of the force"
 LEAP, HELD, MOVED = "leaps of the stage", "held forces", "position from block to block"
 
 _ALONE = 15.0  # standard deviations of noise, or steps of the resolution
-_BESIDE = 3.0  # times the changes on either side
-_WIDE = 2  # readings of a spike at most
+_MANY = 0.01  # of the readings of a block
 _FASTER, _IN_NOISE = 4.0, 8.0
 """Times the largest usual change between two readings, and standard deviations beside it, that a
 jump exceeds."""
@@ -53,7 +53,8 @@ class Trace:
     ``first`` is the line of the first row; ``rests`` says from when on the stage holds or only
     oscillates; ``criterion`` [N] is the force by which contact was found, NaN without one;
     ``fastest`` [m/s] is the speed that the command leads to at most, NaN where it says none;
-    ``pause`` [s] is the time from the last row to the next block, NaN where it is not known.
+    ``pause`` [s] is the time from the last row to the next block, NaN where it is not known; ``outliers`` are
+    the runs of readings that were left out.
     """
 
     file: str
@@ -67,6 +68,7 @@ class Trace:
     criterion: float
     fastest: float
     pause: float
+    outliers: tuple[dict[str, Any], ...] = ()
 
     def line(self, index: int) -> int:
         """Return the line of a reading; segments are parted by a line each."""
@@ -75,7 +77,7 @@ class Trace:
 
 def checks_of(traces: list[Trace]) -> Iterator[Check]:
     """Make all checks of the blocks of one file, the worst of each."""
-    for of_one in (_spikes, _leap, _jump, _held, _quiet, partial(_found, traces)):
+    for of_one in (_outliers, _leap, _jump, _held, _quiet, partial(_found, traces)):
         found = [check for trace in traces for check in of_one(trace)]
         worst = next((c for level in ("impossible", "doubtful", "note") for c in found if c.level == level), None)
         if worst is not None or found:
@@ -127,33 +129,29 @@ def _held(trace: Trace) -> Iterator[Check]:
     yield stated(HELD, law, text, "doubtful", cause=cause, file=trace.file, line=line)
 
 
-def _spikes(trace: Trace) -> Iterator[Check]:
-    law = "a reading lies between its neighbours but for noise: what is measured has inertia"
-    for word, values, unit in (("position", trace.position, "m"), ("force", trace.force, "N")):
-        if values.size < _FEWEST or not np.isfinite(values).all():
-            yield not_made(SPIKE, law, f"{_FEWEST} readings in a block")
-            continue
-        noise, step = _noise(values)
-        limit = _ALONE * max(noise, step)
-        for wide in range(1, _WIDE + 1):
-            before = values[1:-wide] - values[: -wide - 1]
-            after = values[wide:-1] - values[wide + 1 :]
-            size = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
-            # a peak behind a fast ramp stands on a slope, a disturbance between quiet neighbours
-            moves = np.abs(np.diff(values, prepend=values[0], append=values[-1]))
-            size = np.where(size > _BESIDE * np.maximum(moves[: size.size], moves[wide + 2 :]), size, 0.0)
-            if limit == 0.0 or not (size > limit).any():
-                continue
-            at = 1 + int(np.argmax(size))
-            text = (
-                f"{trace.file}, block {trace.number + 1}: the {word} of {quantity(float(values[at]), unit)} at "
-                f"{quantity(float(trace.time[at]), 's')} leaves its neighbours by {quantity(float(size.max()), unit)}"
-            )
-            line = trace.line(at)
-            cause = f"a disturbance, or a value that was edited, in line {line}: it counts in means and in work"
-            yield stated(SPIKE, law, text, "doubtful", cause=cause, file=trace.file, line=line)
-            return
-    yield stated(SPIKE, law, f"{trace.file}: no reading stands alone", None, file=trace.file)
+def _outliers(trace: Trace) -> Iterator[Check]:
+    """Name the readings that were left out."""
+    law = "a reading agrees with its neighbours but for noise: what is measured has inertia"
+    if trace.force.size < _FEWEST:
+        yield not_made(SPIKE, law, f"{_FEWEST} readings in a block")
+        return
+    runs = [run for run in trace.outliers if run["column"] in ("position_z", "force_z")]
+    if not runs:
+        yield stated(SPIKE, law, f"{trace.file}: no outliers", None, file=trace.file)
+        return
+    largest = max(runs, key=lambda run: float(run["by"]))
+    column, first, last = str(largest["column"]).removesuffix("_z"), int(largest["first"]), int(largest["last"])
+    count = sum(run["last"] - run["first"] + 1 for run in runs)
+    line, end = trace.line(first), trace.line(last)
+    by = quantity(float(largest["by"]), "m" if column == "position" else "N")
+    where = f"line {line}" if line == end else f"lines {line}-{end}"
+    text = (
+        f"{trace.file}, block {trace.number + 1}: {count} {'reading' if count == 1 else 'readings'} left out as "
+        f"outliers, the largest deviation {by} of the {column} in {where}, at {quantity(float(trace.time[first]), 's')}"
+    )
+    level: Level = "doubtful" if count > _MANY * trace.force.size else "note"
+    cause = f"a disturbance, or a value that was edited, in line {line}"
+    yield stated(SPIKE, law, text, level, cause=cause, file=trace.file, line=line)
 
 
 def _leap(trace: Trace) -> Iterator[Check]:
@@ -333,6 +331,9 @@ def _moved(traces: list[Trace]) -> Check:
 
 def _off(before: Trace, change: float, span: float) -> float:
     """Return by how much a force changes from a block to the next beyond what its rest leads to [N]."""
+    level = float(np.median(before.force[-3:]))
+    if _IN_CONTACT * level < level + change < level:  # a force in contact that only falls relaxes
+        return -np.inf
     noise = max(_noise(before.force))
     moved = np.flatnonzero(np.abs(before.position - before.position[-1]) > _STILL)
     rest = slice((int(moved[-1]) if moved.size else 0) + 1, None)

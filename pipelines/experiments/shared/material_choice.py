@@ -81,7 +81,7 @@ def variations(
     """
     found: dict[str, Variation] = {}
     stated = choice.temperature
-    if stated is not None and stated.u > 0.0:
+    if stated is not None:  # one without an uncertainty may be stated wrongly as well
         step = max(stated.u, _LEAST_WARMER)
         off = Quantity(stated.value + step, 0.0, stated.si)
         warmer = msgspec.structs.replace(choice, temperature=off)

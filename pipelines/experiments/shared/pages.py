@@ -289,7 +289,7 @@ def ledger(context: Context) -> Section:
     columns = (Column("experiment"), Column("step"), Column("work"), Column("done"), Column("skipped"))
     caption = "Counts of work; the same for the same inputs on every machine."
     table = Table(columns[not is_of_others :], rows, caption=caption)
-    return folded("Work done and work skipped", counted(len(rows), "count"), (table,))
+    return folded("Processing steps", counted(len(rows), "count"), (table,))
 
 
 def provenance(context: Context) -> Section:

@@ -17,8 +17,8 @@ from pipelines.experiments._kind import Found
 
 GAP = fields.GAP
 
-SPHERE = f'''radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"'''
-MOVING_MASS = f'''mass = "{GAP} g"  # of all that moves: sphere and holder'''
+SPHERE = f'''radius = "{GAP} mm"  # of the sphere, with ±, e.g. "9.525 ± 0.005 mm"'''
+MOVING_MASS = f'''mass = "{GAP} g"  # of all that moves, sphere and holder, with ±, e.g. "505.0 ± 0.5 g"'''
 
 _HEIGHT = re.compile(r"(?<![\d.,])(\d+(?:[.,p]\d+)?)[ _]*(mm|cm)(?![a-z])", re.IGNORECASE)
 _SHORT_HEIGHT = re.compile(r"(?:^|[_ -])h=?(\d+(?:[.,p]\d+)?)[ _]*(mm|cm)?(?=$|[_ -])", re.IGNORECASE)
@@ -128,7 +128,7 @@ def _named(material: str) -> str:
 def _from_dma(experiment: str) -> str:
     return (
         f'material_from = "{experiment}"  # the DMA experiment of the same material, by the file names\n'
-        f'temperature = "{GAP} degC"  # of the specimen, e.g. "21.0 ± 0.5 degC"'
+        f'temperature = "{GAP} degC"  # of the specimen, with ±, e.g. "21.0 ± 0.5 degC"'
     )
 
 
@@ -157,7 +157,7 @@ def height_line(name: str) -> str:
             return f'height = "{number} {(unit or "mm").lower()}"  # proposed from the file name; add ± u'
         if lengths:
             break
-    return f'height = "{GAP} mm"  # fall from release to first touch, e.g. "1.500 ± 0.005 mm"'
+    return f'height = "{GAP} mm"  # fall from release to first touch, with ±, e.g. "1.500 ± 0.005 mm"'
 
 
 def sees_plate(name: str) -> bool:

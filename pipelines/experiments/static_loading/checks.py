@@ -27,7 +27,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.shared import judgements, trace_checks
 from pipelines.experiments.shared.fall_checks import shown
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, line_of
+from pipelines.experiments.shared.judgements import Scene, Title, line_of
 from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.trace_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
@@ -55,7 +55,23 @@ _FAILED = {
 _STEPS = ("readings", "displacement", "steps", "approach", "model", "comparison")
 
 
-@judgements.judging(*_STEPS, rests_on=("sphere.material_from",))
+TITLES = {
+    "steps and times of the loads": Title(
+        "The readings step when a load is put on, and only then.", ("steps of the record", "times of the loads")
+    ),
+    "one creep law for all loads": Title(
+        "One creep compliance and one first touch describe all loads (Lee and Radok).", ("record against its loads",)
+    ),
+    "creep": Title("Under a constant load a contact creeps ever more slowly.", ("direction of creep", "rate of creep")),
+    "stiffness": Title(
+        "Approach = (3 F J*/4)^(2/3) R^(-1/3) for the stated sphere, loads and material.",
+        ("stiffness of the sphere", MATERIAL, RADIUS_GIVEN, "size of the contact"),
+    ),
+    **judgements.OF_LASER,
+}
+
+
+@judgements.judging(*_STEPS, rests_on=("sphere.material_from",), titles=TITLES)
 def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, context: Context) -> Scene:
     """Judge one static loading; what gave no result is judged by that."""
     readings, displacement = given.get("readings"), given.get("displacement")

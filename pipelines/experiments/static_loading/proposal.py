@@ -28,8 +28,8 @@ with its uncertainty
 {proposals.material_line(files[0], found)}
 
 [[experiments.{name}.loads]]  # on from the beginning
-mass = "{GAP} kg"  # all that rests on the disc, holder included
+mass = "{GAP} kg"  # all that rests on the disc, holder included, with ±, e.g. "0.500 ± 0.001 kg"
 
 [[experiments.{name}.loads]]  # one such table for each further load
-mass = "{GAP} kg"  # all that rests on the disc then
+mass = "{GAP} kg"  # all that rests on the disc then, with ±
 # time = "2.55 min"  # when it was put on; without it the record is searched"""

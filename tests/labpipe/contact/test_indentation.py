@@ -50,7 +50,6 @@ def test_tapping_matches_the_closed_form_springs(material, column, loss, rtol) -
     cycle = slice(400, None)
     found = np.trapezoid(result.force.values[cycle], result.displacement.values[cycle])
     assert found == pytest.approx(loss, rel=3e-4)
-    assert result.attrs["solver"] == "springs"
 
 
 def test_tapping_leaves_and_meets_the_surface_where_it_should() -> None:
@@ -139,7 +138,6 @@ def test_work_does_not_depend_on_the_length_of_the_history() -> None:
     short = indent(SLS, RADIUS, PERIOD, 1.0, time[:401], 1e-4 * np.sin(time[:401]) ** 2, rtol=None)
     long_work, short_work = json.loads(long.attrs["work"]), json.loads(short.attrs["work"])
     assert long_work["solver_steps"] == 4 * (short_work["solver_steps"] - 1) + 1
-    assert long_work["kernel_products"] == short_work["kernel_products"] == 0
 
 
 @pytest.mark.parametrize(
@@ -265,7 +263,8 @@ def test_maps_that_would_not_fit_are_refused() -> None:
         ({"elements": 33}, "even"),
         ({"thickness": 0.0}, "thick"),
         ({"outputs": ["colour"]}, "colour"),
-        ({"solver": "magic"}, "magic"),
+        ({"profile": np.arange(64.0) ** 2 * 1e-5}, "symmetric"),
+        ({"profile": 1e-3 * (1.1 - np.cos(np.arange(64) * np.pi / 32))}, "lowest"),
         ({"thickness": 5e-5}, "thickness"),
     ],
 )

@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
 from labpipe.arrays import Floats, Integers
+from labpipe.imaging.dic._kernels import compose_with_inverse
 from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
-from labpipe.imaging.dic._subset_kernel import compose_with_inverse
-from labpipe.imaging.dic._subset_solver import DEFAULT_ITERATIONS
 from labpipe.imaging.dic._subsets import _RIGID_FROM_AFFINE
 from labpipe.imaging.fringes._interference import (
     BETWEEN_BEAMS,
@@ -59,7 +58,7 @@ def solve_oracle(
     motion: Floats,
     *,
     tolerance: float = 1e-6,
-    max_iterations: int = DEFAULT_ITERATIONS,
+    max_iterations: int = 30,
 ) -> tuple[Floats, float]:
     """Match one subset with ``scipy.ndimage`` in float64: the check on ``solve``.
 

@@ -6,6 +6,7 @@ moved there. Rigid motions only move the (round) blobs, so the mapping is exact 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,12 +31,13 @@ class Speckle:
 
 @dataclass(frozen=True)
 class Motion:
-    """Rotation by ``angle`` (rad, from x towards y) about ``centre``, then a shift, in px."""
+    """Rotation by ``angle`` (rad, from x towards y) or strain along x and y about ``centre``, then a shift, in px."""
 
     dx: float = 0.0
     dy: float = 0.0
     angle: float = 0.0
     centre: tuple[float, float] = (0.0, 0.0)
+    strain: tuple[float, float] = (0.0, 0.0)
 
     def displacement(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacement of points (point, 2) in px."""
@@ -44,7 +46,7 @@ class Motion:
     def move(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Position of points (point, 2) after the motion, in px."""
         cosine, sine = math.cos(self.angle), math.sin(self.angle)
-        x, y = (points - np.array(self.centre)).T
+        x, y = (points - np.array(self.centre)).T * (1.0 + np.array(self.strain))[:, None]
         moved = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
         return moved + np.array(self.centre) + np.array([self.dx, self.dy])
 
@@ -86,8 +88,9 @@ def digitise(grey: NDArray[np.float64], noise: float, seed: int) -> NDArray[np.u
 
 
 def _field(speckle: Speckle, shape: tuple[int, int], motion: Motion) -> NDArray[np.float64]:
-    """Sum of the blobs at every pixel of a frame."""
+    """Sum of the blobs at every pixel of a frame; a strain stretches the blobs along the axes as well."""
     rows, columns = shape
+    stretch = 1.0 + np.array(motion.strain)
     centres = motion.move(np.stack([speckle.x, speckle.y], axis=1))
     reach = math.ceil(_REACH * float(speckle.width.max()))
     x, y = centres.T
@@ -99,8 +102,8 @@ def _field(speckle: Speckle, shape: tuple[int, int], motion: Motion) -> NDArray[
     for part in np.array_split(np.arange(len(x)), len(x) // _BLOBS_AT_ONCE + 1):
         row = np.rint(y[part]).astype(int)[:, None] + steps
         column = np.rint(x[part]).astype(int)[:, None] + steps
-        along_y = np.exp(-0.5 * ((row - y[part, None]) / width[part, None]) ** 2)
-        along_x = np.exp(-0.5 * ((column - x[part, None]) / width[part, None]) ** 2)
+        along_y = np.exp(-0.5 * ((row - y[part, None]) / (width[part, None] * stretch[1])) ** 2)
+        along_x = np.exp(-0.5 * ((column - x[part, None]) / (width[part, None] * stretch[0])) ** 2)
         place = (row[:, :, None] + 2 * reach) * wide + column[:, None, :] + 2 * reach
         weight = along_y[:, :, None] * along_x[:, None, :]
         total += np.bincount(place.ravel(), weight.ravel(), minlength=tall * wide)
@@ -157,3 +160,16 @@ def _fourier_slope(grey: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     weights = frequency[:, None] if axis == 0 else frequency[None, :]
     slope = np.fft.ifft(np.fft.fft(mirrored, axis=axis) * weights, axis=axis).real
     return slope[: grey.shape[0], : grey.shape[1]]
+
+
+def waves(seed: int) -> Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]:
+    """Texture (x, y in px) of standard deviation 1 and features of some 2.5 px: a sum of waves at random."""
+    rng = np.random.default_rng(seed)
+    wave = rng.uniform(0.4, 1.6, 80)
+    angle, phase = rng.uniform(0.0, 2.0 * np.pi, (2, 80))
+
+    def grey(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        parts = zip(wave, angle, phase, strict=True)
+        return np.asarray(sum(np.sin(k * (x * np.cos(a) + y * np.sin(a)) + p) for k, a, p in parts) / np.sqrt(40.0))
+
+    return grey

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from math import cos, exp, inf, log, radians
 
 import numpy as np
@@ -108,12 +109,27 @@ def test_a_plausible_range_is_never_impossible():
     assert bounded("E", "", "", 1e15, 1.0, at_most=1e10, is_law=False).level == "doubtful"
 
 
-def test_few_repeats_widen_what_is_believed():
-    few = compared("a", "", "", 6.0, 1.0, 0.0, 0.0, degrees_of_freedom=2)
-    many = compared("a", "", "", 6.0, 1.0, 0.0, 0.0)
-    assert few.level is None
-    assert many.level == "doubtful"
-    assert stats.norm.sf(few.margin) == pytest.approx(stats.t.sf(6.0, 2), rel=1e-6)
+def test_a_check_of_five_recordings_is_one_row_with_its_worst_margin():
+    found = [replace(drop_checks(seed=s)[0], title="free fall", recording=f"drop_{s}.csv") for s in range(5)]
+    wrong = replace(drop_checks(interval=0.5)[0], title="free fall", recording="drop_4.csv")
+    judged = judge(found, laws={"free fall": "flights are parabolas"})
+    (row,) = judged.rows
+    assert judged.n_made == judged.n_passed == 1
+    assert row.law == "flights are parabolas"
+    assert row.summary.startswith("passed in 5 of 5 recordings, worst margin ")
+    assert float(row.summary.split()[-2]) == pytest.approx(max(abs(c.margin) for c in found), abs=0.05)
+    (row,) = judge([*found[:4], wrong]).rows
+    assert (row.level, row.worst.recording) == ("impossible", "drop_4.csv")
+    assert row.summary.startswith("impossible in 1 of 5 recordings")
+
+
+def test_a_doubtful_reading_comes_before_the_step_that_failed_for_it_and_gives_its_cause():
+    step = stated("step bounces", "", "no flights", "impossible", cause="any cause", file="a.csv", is_generic=True)
+    clipped = stated("clipped", "", "flat", "doubtful", cause="out of range", file="a.csv", recording="a.csv")
+    other = replace(clipped, cause="another", file="b.csv", recording="b.csv")
+    judged = judge([step, other, clipped])
+    assert [f.cause for f in judged.findings] == ["another", "out of range", "out of range"]
+    assert judge([step]).findings[0].cause == "any cause"
 
 
 def test_without_checks_nothing_is_known():

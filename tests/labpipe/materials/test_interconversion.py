@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from labpipe.materials.prony._interconversion import (
+from labpipe.materials.interconversion import (
     Relaxation,
     Retardation,
     _first_guess,

@@ -11,7 +11,7 @@ import xarray as xr
 from labpipe.errors import InputError
 from labpipe.materials import master_curve
 from labpipe.materials.superposition._joint_fit import Points
-from labpipe.materials.superposition._outlying import outlying
+from labpipe.materials.superposition._outliers import outliers
 
 
 def rms(values):
@@ -53,13 +53,6 @@ def test_fit_in_the_frame_of_the_measurement(curve, maxwell_truth):
     np.testing.assert_allclose(shifted.real, curve.data["storage_fitted"][3], rtol=1e-9)
 
 
-def test_bands_hold_the_truth(curve, maxwell_truth):
-    omega = 2 * np.pi * curve.curve["reduced_frequency"].values
-    exact = maxwell_truth.modulus(omega)
-    z = (curve.curve["storage"].values - exact.real) / curve.curve["u_storage"].values
-    assert np.mean(np.abs(z) < 1.96) > 0.8
-
-
 def test_terms_outside_the_covered_window_are_marked(curve):
     covered = curve.data["reduced_frequency"]
     low, high = 1 / (2 * np.pi * float(covered.max())), 1 / (2 * np.pi * float(covered.min()))
@@ -67,16 +60,6 @@ def test_terms_outside_the_covered_window_are_marked(curve):
     np.testing.assert_array_equal(curve.terms["extrapolated"], (rho < low) | (rho > high))
     assert curve.terms["extrapolated"].any()
     assert not curve.terms["extrapolated"].all()
-
-
-def test_reference_temperature_may_lie_between_isotherms(curve, maxwell_truth):
-    assert 60.0 not in maxwell_truth.temperature
-    moved = master_curve(maxwell_truth.sweeps(5), T_ref=maxwell_truth.temperature[4])
-    assert float(moved.log10_aT[4]) == 0
-    assert float(moved.u_log10_aT[4]) == 0
-    difference = moved.log10_aT.values - curve.log10_aT.values
-    # another grid of times, which begins elsewhere: a small part of what the noise leaves open
-    assert np.ptp(difference) < 0.1 * float(curve.u_log10_aT.max())
 
 
 def test_order_of_temperatures_and_frequencies_does_not_matter(curve, maxwell_truth):
@@ -126,12 +109,6 @@ def test_law_inside_the_fit_is_sharper_and_returns_its_constants(maxwell_truth):
     assert 0 < found.law.u_C2 < 10
 
 
-def test_law_reaches_beyond_the_measured_temperatures(maxwell_truth):
-    found = master_curve(maxwell_truth.sweeps(5), T_ref=140.0, law="wlf")
-    expected = maxwell_truth.log10_aT - (maxwell_truth.shift(140.0) - maxwell_truth.shift(60.0))
-    assert rms(found.log10_aT.values - expected) < 0.06
-
-
 def test_law_that_does_not_hold_is_named(maxwell_truth):
     with pytest.warns(UserWarning, match="the arrhenius law does not hold"):
         master_curve(maxwell_truth.sweeps(5), T_ref=60.0, law="arrhenius", vertical="none")
@@ -176,18 +153,6 @@ def test_entropic_factor_is_found(maxwell_truth):
     assert error(without, rubber) > 0.2
 
 
-def test_levels_of_sweeps_are_kept_apart_from_the_law(maxwell_truth):
-    sweeps = maxwell_truth.sweeps(8, storage=0.005, loss=0.005)
-    levels = np.exp(0.04 * np.random.default_rng(1).standard_normal(12))
-    for name in ("storage", "loss"):
-        sweeps[name] = (sweeps[name] * levels[:, None]).assign_attrs(units="Pa")
-    found = quiet(sweeps, T_ref=60.0)
-    assert np.corrcoef(found.level.values, levels)[0, 1] > 0.9
-    assert error(found, maxwell_truth) < 0.1
-    blind = quiet(sweeps, T_ref=60.0, levels=False)
-    assert error(found, maxwell_truth) < error(blind, maxwell_truth)
-
-
 def test_single_outliers_do_not_matter(maxwell_truth):
     sweeps = maxwell_truth.sweeps(5)
     sweeps["storage"][4, 5] *= 1.5
@@ -222,7 +187,7 @@ def test_narrow_loss_peaks_are_no_outlying_readings():
     z = 1j * omega[:, None] * np.array([2e-3, 0.3])
     modulus = 1e6 + (z / (1 + z)) @ np.array([1e9, 1e8])
     points = Points(omega, np.zeros(21, dtype=int), modulus.real, modulus.imag, 1)
-    assert not outlying(points).any()
+    assert not outliers(points).any()
 
 
 def test_hand_set_shifts_are_refined_or_kept(curve, maxwell_truth):
@@ -258,14 +223,6 @@ def test_result_is_deterministic_and_travels(curve, maxwell_truth):
     assert pickle.loads(pickle.dumps(curve)).prony == curve.prony  # noqa: S301
 
 
-def test_units_of_the_modulus_do_not_change_the_shifts(curve, maxwell_truth):
-    sweeps = maxwell_truth.sweeps(5)
-    for name in ("storage", "loss"):
-        sweeps[name] = (sweeps[name] * 1e-9).assign_attrs(units="Pa")
-    small = master_curve(sweeps, T_ref=60.0)
-    np.testing.assert_allclose(small.log10_aT, curve.log10_aT, atol=1e-6)
-
-
 def quiet(sweeps, **options):
     """Run with the limits of the data expected; they are tested by name elsewhere."""
     with warnings.catch_warnings():
@@ -287,29 +244,6 @@ def test_repeated_temperature_keeps_two_shifts_and_says_so(maxwell_truth):
     first, second = float(found.log10_aT[4]), float(found.log10_aT[12])
     assert abs(first - second) < 0.1
     assert abs(first - second) > 0
-
-
-@pytest.mark.slow
-def test_curves_hold_to_what_repeats_tell_of_the_thermometer(maxwell_truth):
-    """The sweeps on either side of the reference are as wrong in temperature as those that were repeated."""
-    base = np.linspace(-20.0, 100.0, 9)
-    nominal = np.append(base, base[[2, 4, 6]])
-    inside = []
-    for seed in range(10):
-        actual = nominal + 0.3 * np.random.default_rng((14, seed)).standard_normal(nominal.size)
-        sweeps = replace(maxwell_truth, temperature=tuple(actual)).sweeps(seed)
-        curve = quiet(sweeps.assign_coords(temperature=nominal), T_ref=60.0).curve
-        modulus = maxwell_truth.modulus(2.0 * np.pi * curve["reduced_frequency"].values)
-        for name, true in (("storage", modulus.real), ("loss", modulus.imag)):
-            inside.append(np.mean(np.abs(curve[name] - true) < 1.96 * curve[f"u_{name}"]))
-    assert np.mean(inside) > 0.85  # 0.80 with the reference taken to be where it was asked for
-
-
-def test_same_temperature_throughout_is_no_master_curve_but_fits(maxwell_truth):
-    same = xr.concat([maxwell_truth.sweeps(seed).isel(temperature=[4]) for seed in range(3)], "temperature")
-    with pytest.warns(UserWarning, match="measured more than once"):
-        found = master_curve(same)
-    assert np.abs(found.log10_aT.values).max() < 0.1
 
 
 def test_one_temperature_fits_its_own_spectrum(maxwell_truth):
@@ -376,24 +310,6 @@ def test_sweep_without_a_valid_point_has_no_shift(maxwell_truth):
         found = master_curve(changed(maxwell_truth, blank), T_ref=60.0)
     assert np.isnan(found.log10_aT.values).tolist() == [True] + 11 * [False]
     assert np.isnan(found.covariance.values[0]).all()
-
-
-def test_half_a_point_is_left_out_and_said(maxwell_truth):
-    def half(sweeps):
-        sweeps["loss"][3, 2] = np.nan
-
-    with pytest.warns(UserWarning, match=r"only one of the two moduli.*3.63636 °C, 0.2512 Hz"):
-        found = master_curve(changed(maxwell_truth, half), T_ref=60.0)
-    assert found.work["points"] == 131
-
-
-def test_single_negative_loss_is_left_out_and_said(maxwell_truth):
-    def negative(sweeps):
-        sweeps["loss"][2, 3] = -1.0
-
-    with pytest.warns(UserWarning, match="loss modulus zero or negative at 1 points"):
-        found = master_curve(changed(maxwell_truth, negative), T_ref=60.0)
-    assert error(found, maxwell_truth) < 0.034
 
 
 def test_storage_that_falls_with_frequency_is_named(maxwell_truth):
@@ -467,43 +383,6 @@ def test_missing_variables_and_dimensions_are_named(maxwell_truth):
         master_curve(sweeps.assign_coords(frequency=-sweeps["frequency"]).assign_attrs())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("truth", "limits"), [("maxwell_truth", (0.034, 0.075)), ("fractional_truth", (0.027, 0.095))])
-def test_goals_over_many_seeds(truth, limits, request, amount):
-    known = request.getfixturevalue(truth)
-    errors, z, wider = [], [], []
-    for seed in range(2000, 2000 + amount(10, 60)):
-        found = quiet(known.sweeps(seed), T_ref=known.T_ref)
-        errors.append(error(found, known))
-        assert (found.vertical, found.delay) == ("none", 0.0)
-        wider.append((found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values)
-        # that there is no slope of the modulus either is known here, and no laboratory knows it
-        found = quiet(known.sweeps(seed), T_ref=known.T_ref, vertical="none")
-        z.append((found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values)
-    assert np.mean(errors) < limits[0]
-    assert np.max(errors) < limits[1]
-    # Shifts of one set err together: of 20 sets the share inside 95 % scatters by 0.015 (100 others have
-    # 97.4 and 97.7 %), and says nothing of the 98 % above which intervals are too wide. Their rms does.
-    assert np.mean(np.abs(z) < 1.96) >= 0.93
-    assert 0.75 < np.sqrt(np.mean(np.square(z))) < 1.15
-    assert np.sqrt(np.mean(np.square(wider)) / np.mean(np.square(z))) > 0.7
-
-
-@pytest.mark.slow
-def test_goals_of_the_law_and_the_variants(maxwell_truth, amount):
-    seeds = range(3000, 3000 + amount(3, 12))
-
-    def mean_error(truth, **options):
-        noise = options.pop("noise", (0.02, 0.02))
-        return np.mean([error(quiet(truth.sweeps(s, *noise), T_ref=60.0, **options), truth) for s in seeds])
-
-    assert mean_error(maxwell_truth, law="wlf") < 0.018
-    assert mean_error(maxwell_truth, noise=(0.01, 0.08)) < 0.035
-    assert mean_error(replace(maxwell_truth, delay=200e-6)) < 0.04
-    assert mean_error(replace(maxwell_truth, is_entropic=True)) < 0.06
-    assert mean_error(replace(maxwell_truth, is_entropic=True), vertical="linear") < 0.06
-
-
 def random_material(seed, truth):
     """Two loss peaks anywhere, of any width, between any moduli: often a glass or a plateau."""
     rng = np.random.default_rng(seed)
@@ -568,17 +447,3 @@ def test_violated_superposition_is_said_and_widens_the_uncertainties(maxwell_tru
         found = master_curve(sweeps, T_ref=60.0, vertical="none")
     assert any("superposition does not hold" in str(w.message) for w in caught)
     assert float(found.u_log10_aT.max()) > 3 * float(honest.u_log10_aT.max())
-
-
-@pytest.mark.slow
-def test_stated_uncertainties_hold_for_materials_drawn_at_random(maxwell_truth, amount):
-    """Where a glass leaves a step open, its uncertainty has to say so."""
-    z, errors = [], []
-    for seed in range(amount(12, 24)):
-        known = random_material(seed, maxwell_truth)
-        found = quiet(known.sweeps(seed), T_ref=60.0)
-        errors.append(error(found, known))
-        z.append((found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values)
-    assert np.median(errors) < 0.03
-    assert np.mean(np.abs(z) < 1.96) > 0.92
-    assert np.mean(np.max(np.abs(z), axis=1) > 4) < 0.1

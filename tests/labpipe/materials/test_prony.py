@@ -159,7 +159,7 @@ def test_attributes_cannot_be_set(acrylic_like):
         (lambda: Prony(1.0, [], []).shifted(0.0), "a_T = 0.0"),
         (lambda: Prony(1.0, [], []).scaled(-1.0), "positive number"),
         (lambda: Prony(1.0, [], []).relaxation(-1.0), "t ≥ 0"),
-        (lambda: Prony(1.0, [], []).complex_modulus([1.0, -1.0]), "frequencies ≥ 0"),
+        (lambda: Prony(1.0, [], []).complex_modulus([1.0, -1.0]), "defined for omega ≥ 0"),
         (lambda: Prony(1.0, [], []).relaxation(1.0, "torsion"), "unknown"),
     ],
 )

@@ -380,11 +380,12 @@ def test_without_scripts_every_chart_and_frame_is_a_still_picture(browser, page)
     assert not browser.run("document.querySelector('.view').checkVisibility()")
 
 
-def test_in_print_the_stills_stand_on_white_and_details_are_open(browser, page, tmp_path):
+def test_in_print_the_stills_stand_on_white_and_what_is_folded_stays_out(browser, page, tmp_path):
     browser.open(page)
     browser.media("print", prefers_color_scheme="dark")
     assert visible_stills(browser) >= 4
     assert not browser.run("document.querySelector('.chart-live').checkVisibility()")
+    assert not browser.run("[...document.querySelectorAll('details:not([open])')].some(d => d.checkVisibility())")
     assert browser.run("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
     assert browser.run("getComputedStyle(document.body).color") == "rgb(0, 0, 0)"
     browser.media()

@@ -168,14 +168,25 @@ def test_motion_faster_than_the_sampling_can_show_is_reported(displacement_of):
         velocity(displacement_of(time, values + 1e-7 * np.random.default_rng(0).random(2000)))
 
 
-def test_spikes_are_left_out_and_counted(displacement_of):
+def test_runs_of_outliers_are_left_out_and_named(displacement_of):
     time = np.arange(5000) / 5000
     values = np.sin(20 * time) + 1e-3 * np.random.default_rng(0).standard_normal(5000)
-    values[[100, 2000, 3000]] += 0.5
-    with pytest.warns(UserWarning, match="3 single readings"):
+    values[[100, 2000, 2001]] += 0.5
+    values[[3000, 3001]] += [0.05, -0.05]
+    with pytest.warns(UserWarning, match=r"readings 101 \(at 0.02 s\), 2001-2002 \(at 0.4 s\), 3001-3002"):
         result = velocity(displacement_of(time, values))
-    assert result.attrs["n_spikes"] == 3
-    assert rms(result.values - 20 * np.cos(20 * time)) < 0.02
+    assert result.attrs["n_spikes"] == 5
+    error = result.values - 20 * np.cos(20 * time)
+    assert rms(error) < 0.02
+    assert (np.abs(error) < 5 * result.u_velocity.values).all()
+
+
+def test_a_disturbance_too_long_to_be_left_out_is_named(displacement_of):
+    time = np.arange(5000) / 5000
+    values = np.sin(20 * time) + 1e-3 * np.random.default_rng(0).standard_normal(5000)
+    values[2000:2040] += 0.5
+    with pytest.warns(UserWarning, match=r"readings 2001-2040 \(from 0.4 to 0.4078 s\) leave the record"):
+        velocity(displacement_of(time, values))
 
 
 def test_sensor_that_averages_is_recognised(bouncing, displacement_of):
@@ -283,3 +294,16 @@ def test_velocity_follows_a_change_of_units(displacement_of, scale, shift, stret
     base = velocity(displacement_of(time, values))
     other = velocity(displacement_of(time * stretch, (values + shift) * scale))
     np.testing.assert_allclose(other * stretch / scale, base, atol=1e-4 * np.abs(base.values).max())
+
+
+@pytest.mark.parametrize(
+    ("record", "remedy"),
+    [
+        (np.zeros(20), "xr.DataArray"),
+        (xr.Dataset({"out1": ("time", np.zeros(20), {"units": "m"})}), 'readings\\["out1"\\]'),
+        (xr.Dataset({"force": ("time", np.zeros(20), {"units": "N"})}), "none of them is a length"),
+    ],
+)
+def test_other_than_a_displacement_is_refused_with_a_remedy(record, remedy):
+    with pytest.raises(InputError, match=remedy):
+        velocity(record)

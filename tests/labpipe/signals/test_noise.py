@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from labpipe.signals._noise import difference_sigma, estimate_noise, is_spike, quantisation_step
+from labpipe.signals._noise import difference_sigma, estimate_noise, quantisation_step
 
 
 @pytest.fixture
@@ -46,19 +46,6 @@ def test_continuous_values_have_no_step(white):
     assert quantisation_step(white) == 0.0
     assert quantisation_step(np.arange(50.0)) == 0.0
     assert quantisation_step(np.zeros(50)) == 0.0
-
-
-def test_kinks_and_steps_are_no_spikes():
-    time = np.arange(100.0)
-    assert not is_spike(time, np.abs(time - 50.0), 1e-3).any()
-    assert not is_spike(time, (time > 50).astype(float), 1e-3).any()
-    assert not is_spike(time, np.sin(0.8 * time), 1e-6).any()
-
-
-def test_only_the_spike_is_marked(white):
-    values = white[:100].copy()
-    values[40] += 50.0
-    assert np.flatnonzero(is_spike(np.arange(100.0), values, 1.0)).tolist() == [40]
 
 
 def test_few_samples_are_not_averaged_into_a_plateau(white):

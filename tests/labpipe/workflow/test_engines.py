@@ -13,18 +13,7 @@ import pytest
 
 from labpipe.errors import InputError, UsageError
 from labpipe.workflow import provenance
-from labpipe.workflow.engines import (
-    Call,
-    Dask,
-    Died,
-    Engine,
-    Processes,
-    Serial,
-    alongside,
-    choose,
-    elsewhere,
-    side_by_side,
-)
+from labpipe.workflow.engines import Call, Dask, Died, Engine, Processes, Serial, choose, elsewhere, side_by_side
 
 DOUBLE = f"{__name__}:double"
 
@@ -47,10 +36,6 @@ def threads() -> str:
     return os.environ["OMP_NUM_THREADS"] + os.environ["OPENBLAS_NUM_THREADS"]
 
 
-def unsendable(number: int) -> object:
-    return (lambda: number) if number else number
-
-
 def naps(number: int, folder: Path) -> int:
     """Tell who computes, and take a moment."""
     (folder / f"{os.getpid()}").touch()
@@ -63,11 +48,6 @@ def says(number: int, *, tell: Callable[[object], None]) -> int:
     tell(["half", number])
     tell({"all": number})
     return number
-
-
-def stays(folder: Path) -> None:
-    (folder / f"{os.getpid()}").touch()
-    time.sleep(600.0)
 
 
 class Lazy(Mapping[int, tuple[int]]):
@@ -114,11 +94,6 @@ def test_what_a_task_raises_is_raised(engine: Engine) -> None:
         dict(side_by_side(engine, DOUBLE, {0: (1,), 1: (-1,)}))
 
 
-def test_an_answer_that_cannot_be_sent_is_an_error_and_no_death() -> None:
-    with pytest.raises(TypeError, match="cannot be sent between processes"):
-        dict(side_by_side(Processes(1), f"{__name__}:unsendable", {0: (0,), 1: (1,)}))
-
-
 def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
     tmp_path: Path, amount: Callable[[int, int], int]
 ) -> None:
@@ -126,7 +101,7 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
     done, generator = threading.Event(), random.Random(3)
 
     def kill() -> None:
-        while not done.wait(generator.uniform(0.0, 0.2)):
+        while not done.wait(generator.uniform(0.3, 1.0)):
             workers = [int(path.name) for path in tmp_path.iterdir()]
             if workers:
                 (tmp_path / str(victim := generator.choice(workers))).unlink()
@@ -136,7 +111,7 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
     killer = threading.Thread(target=kill)
     killer.start()
     try:
-        tasks = {i: (i, tmp_path) for i in range(amount(40, 3000))}
+        tasks = {i: (i, tmp_path) for i in range(amount(40, 400))}
         found = list(side_by_side(Processes(3), f"{__name__}:naps", tasks))
     finally:
         done.set()
@@ -145,21 +120,11 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
     assert all(answer == key or isinstance(answer, Died) for key, answer in found)
 
 
-def test_a_call_alongside_is_computed_during_the_block_and_ends_with_it(tmp_path: Path) -> None:
-    with alongside(Call(f"{__name__}:stays", (tmp_path,))):
-        deadline = time.monotonic() + 60.0
-        while not (found := list(tmp_path.iterdir())):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-    with pytest.raises(ProcessLookupError):
-        os.kill(int(found[0].name), 0)
-
-
 def test_a_call_elsewhere_gives_its_answer_raises_or_tells_of_its_death(tmp_path: Path) -> None:
     assert elsewhere(Call(DOUBLE, (4,))) == 8
     with pytest.raises(ValueError, match="negative"):
         elsewhere(Call(DOUBLE, (-1,)))
-    with pytest.raises(Died, match="SIGKILL"):
+    with pytest.raises(Died, match="was the memory full"):
         elsewhere(Call(f"{__name__}:deadly", (5, tmp_path / "marker")))
 
 

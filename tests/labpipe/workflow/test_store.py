@@ -11,7 +11,7 @@ import xarray as xr
 
 from labpipe import files
 from labpipe.errors import StoreError
-from labpipe.stamps import HashIndex
+from labpipe.files import HashIndex
 from labpipe.workflow.plan import plan
 from labpipe.workflow.runner import run
 from labpipe.workflow.store import Caught, Store, _Memory, key_of

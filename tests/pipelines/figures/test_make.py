@@ -29,19 +29,8 @@ def drawn(folder: Path, *names: str) -> dict[str, str]:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """The files by name, without what is kept of the code: whoever comes second finds it with the installation."""
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != make.CODE}
-
-
-def test_the_code_behind_a_figure_is_followed_once_and_kept(tmp_path: Path) -> None:
-    """Nothing of it is read again, neither to see that the figure is up to date nor to draw it anew."""
-    assert drawn(tmp_path, CHEAP) == {CHEAP: make.DRAWN}
-    shelf = make.Shelf.of(tmp_path, None)
-    (state,) = make.states(shelf, make.chosen([CHEAP]))
-    assert (state.state, shelf.code.n_read) == (make.UP_TO_DATE, 0)
-    (tmp_path / make.RECORD).unlink()
-    make.make(shelf, make.chosen([CHEAP]))
-    assert shelf.code.n_read == 0
+    """The files by name."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def test_no_number_twice_and_every_function_exists() -> None:
@@ -96,7 +85,7 @@ def test_a_figure_has_three_formats_and_a_caption_and_the_same_bytes_each_time(t
     for name in ("first", "second"):
         assert drawn(tmp_path / name, CHEAP) == {CHEAP: make.DRAWN}
     first, second = contents(tmp_path / "first"), contents(tmp_path / "second")
-    assert set(first) == {f"{CHEAP}.{kind}" for kind in ("pdf", "svg", "png", "txt")} | {make.RECORD}
+    assert set(first) == {f"{CHEAP}.{kind}" for kind in ("pdf", "svg", "png", "txt", "tex")} | {make.RECORD}
     assert first == second
 
 
@@ -149,3 +138,18 @@ def test_a_failed_experiment_is_named_with_its_reason(session_copy: Path, tmp_pa
     assert outcome.state == make.FAILED
     assert laser.name in outcome.detail
     assert not list((tmp_path / "figures").glob("3.10*"))
+
+
+def test_numbers_and_captions_are_written_for_a_thesis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, _ = run(capsys, "figures", "1.2", "--data", "--out", str(tmp_path))
+    assert code == 0
+    head, *rows = (tmp_path / "1.2-data.csv").read_text("utf-8").splitlines()
+    assert head == "panel,curve,x_axis,y_axis,x,y"
+    loss = [tuple(map(float, row.split(",")[-2:])) for row in rows if "loss" in row]
+    where, largest = max(loss, key=lambda point: point[1])
+    assert (where, largest) == pytest.approx((1.0, 0.45), rel=0.02)  # omega tau = 1, 0.9 of the step over two
+    caption = (tmp_path / "1.2.tex").read_text("utf-8")
+    assert caption.startswith("\\caption[Complex modulus with one relaxation time]{")
+    assert caption.endswith("\\label{fig:1.2}\n")
+    without = make.states(make.Shelf.of(tmp_path, None), make.chosen(["1.2"]))
+    assert [state.state for state in without] == [make.READY]  # what was asked for differs

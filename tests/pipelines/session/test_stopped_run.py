@@ -6,7 +6,7 @@ import pytest
 
 from labpipe.errors import InstallationError, SourceError
 from labpipe.materials import load
-from labpipe.workflow.code import Code
+from labpipe.workflow import code
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.shared.judgements import Scene, believed, failed_steps, judgement, sentence
 from pipelines.session import process, verdict, verdicts_of
@@ -23,7 +23,7 @@ def test_a_program_changed_under_the_run_is_no_judgement_of_the_record(
     def refuse(*_: object) -> None:
         raise InstallationError(_WHY)
 
-    monkeypatch.setattr(Code, "refuse_changed", refuse)
+    monkeypatch.setattr(code, "refuse_changed", refuse)
     (found,) = verdict(folder, "bounces", jobs=0).experiments
     assert (found.state, found.believable) == ("failed", "unknown")
     assert {f.level for f in found.findings} == {"note"}

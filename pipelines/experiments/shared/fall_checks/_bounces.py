@@ -90,8 +90,8 @@ def touch_levels(fall: Fall) -> Check:
     worst = int(np.argmax(apart))
     allowed = _STAYS * abs(fall.value("drop_height")[0]) + 4 * np.hypot(u, u[0])
     text = (
-        f"{fall.name}: touch {worst + 1} lies {quantity(float(level[worst] - level[0]), 'm')} from the first one, "
-        f"{quantity(float(allowed[worst]), 'm')} may be"
+        f"{fall.name}: touch {worst + 1} lies {quantity(float(level[worst] - level[0]), 'm')} from the first one; "
+        f"up to {quantity(float(allowed[worst]), 'm')} is allowed"
     )
     beyond = np.flatnonzero(apart > allowed)
     if not beyond.size:

@@ -9,6 +9,7 @@ import xarray as xr
 from labpipe.judging import Check, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
+from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.fall_checks._fall import Fall, shown
 
 SPEED = "speed of the first impact"
@@ -47,8 +48,10 @@ def height(fall: Fall, given: Quantity | None) -> Check:
         return not_made(name, law, "a stated height")
     seen, own = fall.value("drop_height")
     u = hypot(own, seen * fall.relative)
-    message = f"{fall.name}: the body fell {shown(seen, u, 'm')}, stated are {shown(*given)}"
-    return compared(name, law, message, seen, u, given.value, given.u, file="", setting="height")
+    u_given = given.u or usual_uncertainty(given)
+    assumed = "" if given.u else f", without ±: {quantity(u_given, 'm', 1)} is assumed"
+    message = f"{fall.name}: the body fell {shown(seen, u, 'm')}, stated are {shown(*given)}{assumed}"
+    return compared(name, law, message, seen, u, given.value, u_given, file="", setting="height", recording=fall.name)
 
 
 def speed(fall: Fall, gravity: Quantity) -> Check:

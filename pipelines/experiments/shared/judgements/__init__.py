@@ -12,12 +12,14 @@ from pipelines.experiments.shared.judgements._sentences import (
     noticed as noticed,
     sentence as sentence,
     verdict_blocks as verdict_blocks,
+    written_place as written_place,
 )
 from pipelines.experiments.shared.judgements._stored import (
     believed as believed,
     compared as compared,
     suspected as suspected,
 )
+from pipelines.experiments.shared.judgements._titles import OF_LASER as OF_LASER, Title as Title, Titles as Titles
 from pipelines.experiments.shared.judgements._usual_checks import (
     because as because,
     day_known as day_known,

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence, Set
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ import xarray as xr
 from labpipe.judging import Agreement, Judgement, agreement, detectable, judge, model_verdict, to_json
 from labpipe.variables import variable
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.judgements._exact import undecided_by
 from pipelines.experiments.shared.judgements._scene import Scene
 from pipelines.experiments.shared.judgements._suspects import explanations, stiffness_of
+from pipelines.experiments.shared.judgements._titles import Titles, entitled, laws
 from pipelines.experiments.shared.material_choice import is_of_spectrum
 
 MATTERS = 0.2
@@ -20,15 +23,17 @@ _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows: slopes are no better."""
 
 
-def judgement(scene: Scene) -> xr.Dataset:
-    """Make one verdict of a scene: whether the record is believable and the model agrees.
+def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset:
+    """Derive the verdict on a scene: whether the record is believable and the model agrees.
+
+    ``titles`` are those under which its checks are listed.
 
     Returned are ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the smallest error
     that the comparison would have shown, ``detectable`` (relative, NaN where the input is 0 or a temperature).
     Attributes ``judgement``, ``model`` and ``believable`` hold the words and, as JSON, all checks; ``suspects`` what
     would explain a model that differs.
     """
-    judged = judge([*scene.checks, *scene.basis.checks], scene.causes)
+    judged = judge(entitled([*scene.checks, *scene.basis.checks], titles), scene.causes, laws(titles))
     compared_rows = [row for row in scene.rows if row.deviation is not None]
     rows = [row for row in compared_rows if not scene.basis.carries(row, scene.inputs)]
     is_held = scene.basis.is_sound and (bool(rows) or not scene.basis.wrong)
@@ -56,12 +61,17 @@ def judgement(scene: Scene) -> xr.Dataset:
     # what an impossible experiment on which little rests does to that little, nobody knows
     if not is_held or (scene.basis.wrong and made.attrs["model"] == "differs"):
         made.attrs["model"], is_held = "undecided", False
+    exact = ""
+    if made.attrs["model"] == "differs" and own is not None:
+        exact = undecided_by(names, scene.inputs, own, [row.difference or 0.0 for row in rows], covariance)
+    if exact:
+        made.attrs["model"], is_held = "undecided", False
     doubted = _doubted(judged, {*named, *scene.inputs}) if made.attrs["model"] == "agrees" else ""
     if doubted:
         made.attrs["model"], is_held = "undecided", False
     if made.attrs["model"] == "differs" or not is_held:
         first = f"{scene.basis.reason}: see there first" if scene.basis.reason else ""
-        told = [text for text in (first, doubted, scene.unstated) if text]
+        told = [text for text in (first, exact, doubted, scene.unstated) if text]
         told += explanations(scene, judged, names, rows, own, covariance) if rows else []
     return made.assign_attrs(suspects=json.dumps(told), stiffness=json.dumps(stiffness))
 

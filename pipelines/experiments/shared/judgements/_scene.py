@@ -1,6 +1,6 @@
 """What a verdict is made of: the checks of an experiment, its comparison, and the experiments that it rests on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from labpipe.judging import Cause, Check, stated
@@ -82,7 +82,8 @@ class Scene(NamedTuple):
     nobody states and could have stated wrongly, such as the scatter of another measurement. The checks of ``basis``
     are added to the others. ``unstated`` is what nobody stated and would explain a model that differs; it is told
     first. ``measured_by`` is the experiment or file that knows the modulus of the material, "" where that is known by
-    its name alone.
+    its name alone. ``alternatives`` simulates, for rows and their covariance, other materials and temperatures
+    (:mod:`pipelines.experiments.shared.alternatives`).
     """
 
     checks: Sequence[Check]
@@ -93,6 +94,7 @@ class Scene(NamedTuple):
     basis: Basis = Basis()
     unstated: str = ""
     measured_by: str = ""
+    alternatives: Callable[[Sequence[Row], Any], Sequence[Any]] | None = None
 
     @property
     def another_material(self) -> str:

@@ -7,7 +7,7 @@ from math import floor, log10
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import DIFFERS, LIKELY, Judgement, in_words
+from labpipe.judging import DIFFERS, LIKELY, Finding, Judgement, in_words
 from labpipe.report import (
     Block,
     Column,
@@ -19,13 +19,15 @@ from labpipe.report import (
     shown_source,
     value_with_uncertainty,
 )
+from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements._judgement import MATTERS
-from pipelines.experiments.shared.judgements._stored import believed, suspected
+from pipelines.experiments.shared.judgements._stored import believed, counted_as_exact, suspected
 from pipelines.experiments.shared.judgements._words import TIED, capitalised, chance, of_error, with_minus
 
 VERDICT = "verdict"
 """Anchor of the sentence on a page that tells its verdict."""
+_FAR_WARMER = 100.0  # K, an error of a temperature beyond which a comparison is insensitive to it
 _BESIDE = {
     "agrees": "The {} agrees all the same.",
     "differs": "The {} differs, which may follow from it.",
@@ -61,7 +63,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
         )
     model = result.attrs["model"]
     worst = max(known, key=lambda r: abs(r.deviation or 0.0), default=None)
-    shown = "" if worst is None else f" Largest of {_many(known, 'deviation')}: {_compared(worst, known)}."
+    shown = "" if worst is None else f" {_largest(len(known))}: {_compared(worst, known)}."
     believable = "The record is believable" if made else "Whether the record is believable is not known"
     if model == "agrees":
         return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"
@@ -99,6 +101,10 @@ def _many(found: Sequence[object], noun: str) -> str:
     return f"{len(found)} {noun}{'s' * (len(found) != 1)}"
 
 
+def _largest(count: int) -> str:
+    return f"The largest of {count} deviations" if count > 1 else "The deviation"
+
+
 def _compared(row: Row, among: Sequence[Row]) -> str:
     measured, model = (
         value_with_uncertainty(value or 0.0, u, row.unit) if u else _as_exact(value or 0.0, row)
@@ -107,7 +113,8 @@ def _compared(row: Row, among: Sequence[Row]) -> str:
     where = ", ".join(part for part in (row.material, row.condition) if part)
     is_one_of_many = sum(other.quantity == row.quantity for other in among) > 1
     which = f"{row.quantity} ({where})" if where and is_one_of_many else row.quantity
-    return f"{which}: {measured} measured, {model} expected (difference {abs(row.deviation or 0.0):.1f}{TIED}u)"
+    size = f"{abs(row.deviation or 0.0):.1f}{TIED}standard uncertainties, u"
+    return f"{which}: {measured} measured, {model} expected (difference {size})"
 
 
 def _as_exact(value: float, row: Row) -> str:
@@ -119,8 +126,7 @@ def _as_exact(value: float, row: Row) -> str:
 
 
 def _counted(judged: Judgement) -> str:
-    passed = sum(c.is_made and c.level in (None, "note") for c in judged.checks)
-    return f"{passed} of {judged.n_made} checks passed"
+    return f"{judged.n_passed} of {judged.n_made} checks passed"
 
 
 def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
@@ -130,20 +136,29 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     judged = believed(result)
     level, text = sentence(result, rows)
     blocks: list[Block] = [Notice(level, with_minus(text), VERDICT)]  # type: ignore[arg-type]
-    if len(judged.findings) > 1:
-        blocks.append(Details(f"All {len(judged.findings)} findings", blocks=(_found(judged),)))
-    elif judged.findings and judged.findings[0].level == "note":  # the sentence tells no note
-        blocks.append(Details("What was noted", blocks=(_found(judged),)))
+    if exact := counted_as_exact(result):
+        blocks.append(Paragraph(f"Counted as exact, since stated without ±: {', '.join(exact)}."))
+    if judged.findings:
+        blocks.append(_found(judged))
     if result.sizes["input"]:
         blocks.append(Paragraph(noticed(result)))
         blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
-    blocks.append(Details(f"Checks of the record ({_counted(judged)})", blocks=(_checked(judged),)))
+    blocks.append(_checked(judged))
+    blocks.append(Details(f"Results of the {len(judged.checks)} evaluations", blocks=(_evaluated(judged),)))
     return tuple(blocks)
 
 
 def _found(judged: Judgement) -> Table:
-    rows = [(f.level, f.check, with_minus(f.message), with_minus(f.cause)) for f in judged.findings]
-    return Table(tuple(Column(name) for name in ("level", "check", "what was seen", "probable cause")), rows)
+    rows = [(f.level, f.check, with_minus(f.message), with_minus(f.cause), written_place(f)) for f in judged.findings]
+    columns = ("level", "check", "observation", "probable cause", "file and line")
+    return Table(tuple(Column(name) for name in columns), rows)
+
+
+def written_place(finding: Finding) -> str:
+    """Write where to look as a stored page does, which knows settings but not their lines."""
+    if finding.line is not None or (finding.file and not finding.setting):
+        return finding.place
+    return f"{finding.file or FILE_NAME}, {finding.setting}" if finding.setting or not finding.file else finding.file
 
 
 def noticed(result: xr.Dataset) -> str:
@@ -151,14 +166,18 @@ def noticed(result: xr.Dataset) -> str:
 
     Examples
     --------
-    ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Not even 100 % would have shown in: mass."``
+    ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Insensitive to: mass."``
     """
     errors = _errors(result)
     parts = [f"{name}{TIED}{size.replace(' ', TIED)}" for name, size, _ in errors if size]
     none = [name for name, size, _ in errors if not size]
     between = f"{TIED}· "
     said = f"Errors that would have shown: {between.join(parts) or 'none below 100' + TIED + '%'}."
-    return f"{said} Not even 100{TIED}% would have shown in: {between.join(none)}." if none and parts else said
+    return (
+        f"{said} Insensitive to: {between.join(none)} (even an error of 100{TIED}% would not show)."
+        if none and parts
+        else said
+    )
 
 
 def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
@@ -170,7 +189,8 @@ def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
     found = []
     for name, relative, error, unit in values:
         if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
-            size = quantity(float(error), of_error(unit)) if np.isfinite(error) else ""
+            is_seen = np.isfinite(error) and not (unit == "degC" and error > _FAR_WARMER)
+            size = quantity(float(error), of_error(unit)) if is_seen else ""
         else:
             size = f"{in_words(100 * relative, 2)} %" if np.isfinite(relative) and relative < 1.0 else ""
         found.append((shown_source(str(name)), size, float(relative)))
@@ -178,7 +198,7 @@ def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
 
 
 def _noticed(result: xr.Dataset) -> Table:
-    rows = [(name, size or "cannot tell (below 100 %)") for name, size, _ in _errors(result)]
+    rows = [(name, size or "insensitive (below 100 %)") for name, size, _ in _errors(result)]
     return Table(
         (Column("input"), Column("smallest error that would have shown")),
         rows,
@@ -188,11 +208,22 @@ def _noticed(result: xr.Dataset) -> Table:
 
 
 def _checked(judged: Judgement) -> Table:
+    """List the checks, one row for each."""
     rows = []
-    for check in judged.checks:
-        answer = check.level or ("passed" if check.is_made else "not made")
-        margin = f"{check.margin:+z.1f} u" if np.isfinite(check.margin) else ""
-        seen = check.message or f"needs {check.needs}"
-        rows.append((check.name, answer, with_minus(margin), with_minus(seen), check.law))
-    columns = ("check", "answer", "margin", "what was seen", "law")
-    return Table(tuple(Column(name) for name in columns), rows)
+    for row in judged.rows:
+        seen = row.worst.message or f"requires {row.worst.needs}"
+        rows.append((capitalised(row.title), row.summary, with_minus(seen), row.law))
+    columns = ("check", "result", "largest deviation", "principle")
+    return Table(tuple(Column(name) for name in columns), rows, caption="Checks of the record.")
+
+
+def _evaluated(judged: Judgement) -> Table:
+    """List what every check gave for each recording and each stated value."""
+    rows = []
+    for row in judged.rows:
+        for check in row.evaluations:
+            answer = check.level or ("passed" if check.is_made else "not made")
+            margin = f"{check.margin:+z.1f} u" if np.isfinite(check.margin) else ""
+            seen = check.message or f"requires {check.needs}"
+            rows.append((capitalised(row.title), check.name, answer, with_minus(margin), with_minus(seen)))
+    return Table(tuple(Column(name) for name in ("check", "quantity", "result", "margin", "observation")), rows)

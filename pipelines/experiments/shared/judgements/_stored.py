@@ -21,6 +21,11 @@ def suspected(result: xr.Dataset) -> list[str]:
     return list(json.loads(result.attrs.get("suspects", "[]")))
 
 
+def counted_as_exact(result: xr.Dataset) -> list[str]:
+    """Return the names of the values that were stated without an uncertainty."""
+    return list(json.loads(result.attrs.get("exact", "[]")))
+
+
 def compared(result: xr.Dataset) -> dict[str, Any]:
     """Return what the comparison of one experiment came to, for JSON."""
     units = json.loads(result.attrs["units"])

@@ -6,7 +6,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labpipe.judging import SLIPS, Judgement, Suspect, agreement, best_factor, in_words, slips, suspects
+from labpipe.judging import (
+    DOUBTFUL,
+    IMPOSSIBLE,
+    SLIPS,
+    Judgement,
+    Suspect,
+    agreement,
+    best_factor,
+    in_words,
+    slips,
+    suspects,
+)
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
@@ -44,50 +55,126 @@ def explanations(
 ) -> list[str]:
     """Say what would explain that measurement and model differ, the likeliest first.
 
-    What a check has confirmed is no suspect. ``names`` (m) are inputs that could have been stated wrongly,
-    ``slopes`` (n, m) what the differences of the rows change by each, SI, and ``covariance`` (n, n) that of the
-    differences.
+    Typing errors by a usual factor, other materials and other temperatures come first, by how much of the difference
+    they leave; then inputs within ten of their standard uncertainties; last the others. A value that a check has
+    confirmed is no suspect.
+
+    Parameters
+    ----------
+    scene : Scene
+    judged : Judgement
+    names : sequence of str
+        Inputs (m) that could have been stated wrongly.
+    rows : sequence of Row
+        Compared values (n).
+    slopes : array (n, m)
+        Change of the differences by each input, SI.
+    covariance : array (n, n)
+        Of the differences.
+
+    Returns
+    -------
+    list of str
     """
     known = {**scene.inputs, **scene.shared}
     differences = [row.difference or 0.0 for row in rows]
+    chi2 = agreement(differences, covariance).chi2
     ranked = suspects(differences, slopes, covariance) if names else []
+    refuted = {name for name in names if _is_refuted(name, ranked, names, slopes, known, scene, judged)}
     told: list[str] = []
     if not scene.unstated:
-        told = _slipped(scene, names, rows, slopes, covariance, ranked, _confirmed(judged))
-    told = _common(names, rows, slopes) + told
-    others = _suspected(names, known, slopes, ranked, agreement(differences, covariance).chi2)
-    if not told and ranked and ranked[0].share > _MOSTLY and _MODULUS in names:
-        far = [i for i, error in _errors_of(ranked[0], slopes) if not _is_near(known[names[i]], error)]
-        alike = " or ".join(names[i] for i in far if names[i] != _MODULUS)  # looks the same
-        told = [f"probably {scene.another_material}{f'; or {alike} is stated wrongly' * bool(alike)}"]
-        told = told if names.index(_MODULUS) in far else []
-    return [*told, *others][:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
+        told = _slipped(scene, names, rows, slopes, covariance, ranked, refuted)
+    others = _alternatives(scene, rows, covariance, chi2)
+    told = _common(names, rows, slopes) + ([*told, *others] if told and not others else [*others, *told])
+    plausible, far = _suspected(names, known, slopes, ranked, chi2, refuted)
+    if not told and not plausible and ranked and ranked[0].share > _MOSTLY and _MODULUS in names:
+        by_modulus = [i for i, error in _errors_of(ranked[0], slopes) if not _is_near(known[names[i]], error)]
+        if names.index(_MODULUS) in by_modulus:
+            alike = " or ".join(names[i] for i in by_modulus if names[i] != _MODULUS)  # looks the same
+            told = [f"probably {scene.another_material}{f'; or {alike} is stated wrongly' * bool(alike)}"]
+    return [*told, *plausible, *far][:_SUSPECTS] or ([_UNEXPLAINED] if names else [])
+
+
+def _alternatives(scene: Scene, rows: Sequence[Row], covariance: Any, chi2: float) -> list[str]:
+    """Name the other material or temperature that explains most of a difference."""
+    if scene.alternatives is None:
+        return []
+    found = scene.alternatives(rows, covariance)
+    left = [
+        agreement(each.differences, covariance).chi2 if np.isfinite(each.differences).all() else inf for each in found
+    ]
+    best = sorted((size, each.sentence) for size, each in zip(left, found, strict=True) if size < (1 - _TELLS) * chi2)
+    return [
+        f"{said}; that would explain {100 * (1 - size / chi2):.0f}{TIED}% of it"
+        for size, said in best
+        if size < best[0][0] + max(_CLOSE, best[0][0])
+    ]
+
+
+def _is_refuted(
+    name: str,
+    ranked: Sequence[Suspect],
+    names: Sequence[str],
+    slopes: Any,
+    known: Mapping[str, Quantity],
+    scene: Scene,
+    judged: Judgement,
+) -> bool:
+    """Tell whether an error that explains the difference would have failed a check that passed."""
+    error = next((e for one in ranked for i, e in _errors_of(one, slopes) if names[i] == name), 0.0)
+    value = known[name].value
+    if not value or not abs(error) < abs(value):
+        return name in _confirmed(judged)
+    right = log(value / (value - error))
+    causes = [c for c in scene.causes if name in (c.setting, c.setting.rpartition(".")[2])]
+    passed = [c for c in judged.checks if c.is_made and c.level is None and np.isfinite(c.u_log_ratio)]
+    return any(
+        abs(cause.effects.get(check.name, 0.0) * right) > DOUBTFUL * check.u_log_ratio
+        for cause in causes
+        for check in passed
+    )
 
 
 def _suspected(
-    names: Sequence[str], known: Mapping[str, Quantity], slopes: Any, ranked: Sequence[Suspect], chi2: float
-) -> list[str]:
-    """Say of the likeliest inputs by how much each would have to be stated wrongly, and what that explains."""
-    said: list[str] = []
+    names: Sequence[str],
+    known: Mapping[str, Quantity],
+    slopes: Any,
+    ranked: Sequence[Suspect],
+    chi2: float,
+    refuted: Set[str],
+) -> tuple[list[str], list[str]]:
+    """Say of the likeliest inputs by how much each would have to be stated wrongly, and what that explains.
+
+    Returned are those within ten of their standard uncertainties, and the others, the nearest first.
+    """
+    plausible: list[str] = []
+    far: list[tuple[float, str]] = []
     # what explains as much is the likelier, the less of its own uncertainty it takes
     each = [(suspect.share, _likeliest_first(suspect, names, known, slopes)) for suspect in ranked]
     alike = [one for one in each if (ranked[0].share - one[0]) * chi2 < _CLOSE]
     alike.sort(key=lambda one: _far(known[one[1][0][0]], one[1][0][1]) if one[1] else inf)
     for share, errors in [*alike, *each[len(alike) :]]:
-        if share < _EXPLAINS or len(said) == _SUSPECTS:
-            break
-        near = [(name, error) for name, error in errors if _is_near(known[name], error)]
-        if not near:
+        near = [(name, e) for name, e in errors if _is_near(known[name], e) and name not in refuted]
+        if share < _EXPLAINS or not near:
             continue
         (first, error), *_ = near
-        others, given = [name for name, _ in errors if name != first], known[first]
-        way = "too large" if error > 0.0 else "too small"
-        size = quantity(abs(error), of_error(given.si))
-        if given.si == "1" and given.value:
-            size = f"{in_words(100 * abs(error / given.value), 2)} %"
-        like = f" (or {', '.join(others)})" if others else ""
-        said.append(f"{first}{like} stated {size} {way} would explain {100 * share:.0f} % of it")
-    return said
+        alike_ones = [name for name, _ in near if name != first]
+        like = f" (or {', '.join(alike_ones)})" if alike_ones else ""
+        size, given = _far(known[first], error), known[first]
+        said = f"{first}{like} stated {_error_in_words(given, error)} would explain {100 * share:.0f} % of it"
+        if size > IMPOSSIBLE:
+            of_what = "its stated uncertainty" if given.u else "its usual uncertainty"
+            far.append((size, f"{said}, but that is {in_words(size, 2)} times {of_what}"))
+        else:
+            plausible.append(said)
+    return plausible, [said for _, said in sorted(far)]
+
+
+def _error_in_words(given: Quantity, error: float) -> str:
+    way = "too large" if error > 0.0 else "too small"
+    if given.si == "1" and given.value:
+        return f"{in_words(100 * abs(error / given.value), 2)} % {way}"
+    return f"{quantity(abs(error), of_error(given.si))} {way}"
 
 
 def _likeliest_first(

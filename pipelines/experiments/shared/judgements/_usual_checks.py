@@ -108,6 +108,7 @@ def failed_steps(
             cause=known.get(failure.reason) or known.get(failure.stage, ""),
             file=failure.recording or "",
             setting=(_SETTINGS | dict(settings)).get(failure.reason, ""),
+            is_generic=True,
         )
     return list(found.values())
 

@@ -23,4 +23,4 @@ from pipelines.experiments.shared.mach1_checks._of_file import (
 )
 from pipelines.experiments.shared.mach1_checks._parts import hold_parts as hold_parts
 from pipelines.experiments.shared.mach1_checks._response import falls as falls, late as late, phase as phase
-from pipelines.experiments.shared.mach1_checks._titles import RATIO as RATIO, SWAPPED as SWAPPED
+from pipelines.experiments.shared.mach1_checks._titles import RATIO as RATIO, SWAPPED as SWAPPED, TITLES as TITLES

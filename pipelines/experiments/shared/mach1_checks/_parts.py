@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from pipelines.experiments.shared import mach1_traces
+from pipelines.experiments.shared import mach1_readings, mach1_traces
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
 OSCILLATION, FIND_CONTACT = "Sinusoid", "Find Contact"
@@ -23,7 +23,8 @@ _CLEAR = 5.0  # rise of a force over its noise, if the cell lives
 class Part:
     """One block: its columns, and where its header stands in the file.
 
-    ``line`` is the line of ``<INFO>``, ``header_line`` that of the column names.
+    ``line`` is the line of ``<INFO>``, ``header_line`` that of the column names; ``outliers`` are the runs of
+    readings that were left out and are bridged here.
     """
 
     number: int
@@ -35,6 +36,7 @@ class Part:
     segment: Floats
     line: int
     header_line: int
+    outliers: tuple[dict[str, Any], ...] = ()
 
     def declared(self, name: str) -> tuple[float, float, int | None]:
         """Return a declared value [SI] with the uncertainty of its rounding, and its line."""
@@ -59,14 +61,16 @@ def parts(readings: xr.Dataset) -> list[Part]:
     force = readings.get("force_z")
     position = readings.get("position_z")
     block = readings["block"].values
+    left_out = json.loads(readings.attrs.get("outliers", "[]"))
     for number, header in enumerate(json.loads(readings.attrs["blocks"])):
         where = block == number
         names = line + len(header["info_lines"]) + len(header["parameter_lines"]) + 4
         if header["has_data"] and where.any() and force is not None and position is not None:
             sign = float(header["compression_sign"]) or 1.0
             time, segment = readings["time"].values[where], readings["segment"].values[where]
-            x, f = position.values[where], sign * force.values[where]
-            found.append(Part(number, header["function"], header, time, x, f, segment, line, names))
+            x, f = (mach1_readings.bridged(column.values[where], time) for column in (position, force))
+            runs = tuple(run for run in left_out if run["block"] == number)
+            found.append(Part(number, header["function"], header, time, x, sign * f, segment, line, names, runs))
         line = names - 1 + (header["rows"] + len(header["dividers"]) + 3 if header["has_data"] else 0)
     return found
 
@@ -83,7 +87,18 @@ def trace(name: str, part: Part, after: Part | None) -> mach1_traces.Trace:
     lasts = float(part.time[-1] - part.time[0])
     pause = nan if after is None else between(part, after) - lasts
     return mach1_traces.Trace(
-        name, part.number, part.header_line + 1, part.time, x, f, part.segment, rests, criterion, _fastest(part), pause
+        name,
+        part.number,
+        part.header_line + 1,
+        part.time,
+        x,
+        f,
+        part.segment,
+        rests,
+        criterion,
+        _fastest(part),
+        pause,
+        part.outliers,
     )
 
 

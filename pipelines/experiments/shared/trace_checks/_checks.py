@@ -8,7 +8,7 @@ import xarray as xr
 from labpipe.judging import Check, not_made
 from labpipe.signals import Hum
 from pipelines.experiments.shared.trace_checks._copies import repeated_rows
-from pipelines.experiments.shared.trace_checks._inertia import jumps, timing, wave
+from pipelines.experiments.shared.trace_checks._inertia import jumps, single_rows, steady_noise, timing, wave
 from pipelines.experiments.shared.trace_checks._range import held_readings, resolution, unread
 from pipelines.experiments.shared.trace_checks._rest import beginning, hum, rest_of, smoothed, swing, swing_at_rest
 from pipelines.experiments.shared.trace_checks._trace import FLAT, Trace
@@ -21,10 +21,10 @@ def checks_of(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> lis
     held = held_readings(trace)
     found = [unread(trace), held, repeated_rows(trace), wave(trace)]
     if held.level is None:
-        found.append(jumps(trace))
+        found += [jumps(trace), single_rows(trace)]
     results = [one for one in found_in if one is not None]
     line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
-    found += [hum(trace, line, is_known=bool(results)), resolution(trace), timing(trace)]
+    found += [hum(trace, line, is_known=bool(results)), resolution(trace), timing(trace), steady_noise(trace)]
     rest = rest_of(trace, results)
     found.append(smoothed(trace, rest))
     if line is None:

@@ -1,21 +1,26 @@
 """Checks of what a body with inertia can do: no jumps, no uneven times, no sine in place of a fall."""
 
+from itertools import pairwise
 from math import pi
 
 import numpy as np
 
-from labpipe.judging import Check, not_made, stated
+from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.shared.trace_checks._trace import IN_NOISE, QUIET, WRONG_CHANNEL, Trace
 
+SINGLE_ROWS = "lost or doubled rows"
 _FASTER = 3.0  # times the largest usual step between two readings, beyond which it is a jump
 _LEAST_JUMP = 0.02  # of the travel
-_RETURN = 3  # readings within which a spike is over
 _MANY_SPIKES = 0.01  # of all readings
 _SINE, _LINE = 0.98, 0.7
 """Of the variance; and of the power in three neighbouring lines, of which a sine has more than 0.8 in any phase."""
 _A_PERIOD = 100  # readings of a sine that are enough to know it
 _LOUDER, _LATE = 5.0, 0.3  # times the noise at rest, and parts of an interval, of readings at uneven times
+_WINDOW, _NOISY, _HALF = 24, 1.5, 0.5
+"""Readings in which a jump is looked for, times the noise that a smooth motion leaves, and the part of a step by which
+a jump may differ from one."""
+_PARTS, _NOISIER = 5, 3.0  # of a record, and ratio of their noise that is reported
 _REGULAR = 0.02  # of a period, within which spikes come one each period
 
 
@@ -51,53 +56,92 @@ def jumps(trace: Trace) -> Check:
     usual = float(np.quantile(np.abs(np.maximum(low, np.minimum(high, steps[2:]))), 0.995))
     limit = max(_FASTER * usual, _LEAST_JUMP * trace.travel) + IN_NOISE * trace.noise + 2 * trace.resolution
     large = np.flatnonzero((np.abs(steps) > limit) & (np.diff(known) == 1))
-    spikes, levels = _spikes_and_levels(x, large, limit)
-    if levels:
-        worst = max(levels, key=lambda i: abs(float(steps[i])))
-        text = (
-            f"{trace.name}: the readings jump by {quantity(float(steps[worst]), 'm')} at "
-            f"{trace.at(int(known[worst + 1]))}, {quantity(usual, 'm')} between two readings is usual"
-        )
+    if large.size:
+        worst = max(large.tolist(), key=lambda i: abs(float(steps[i])))
+        at = f"{trace.at(int(known[worst + 1]))}, {quantity(usual, 'm')} between two readings is usual"
+        text = f"{trace.name}: the readings jump by {quantity(float(steps[worst]), 'm')} at {at}"
         cause = (
             "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
             "sensor was moved"
         )
+        for first, after in pairwise(large.tolist()):
+            if abs(float(x[after + 1] - x[first])) < 0.5 * abs(float(steps[first])):
+                begin, end = int(known[first + 1]), int(known[after])
+                text += f"; readings {begin + 1}-{end + 1} leave the record and return to it"
+                cause = f"readings {begin + 1}-{end + 1} are a disturbance of the sensor, too long to be left out"
+                break
         return stated(title, law, text, "impossible", file=trace.name, cause=cause)
-    if spikes:
-        worst = max(spikes, key=lambda i: abs(float(steps[i])))
-        more = f"{len(spikes)} spikes, the largest" if len(spikes) > 1 else "one spike"
-        text = (
-            f"{trace.name}: {more} of {quantity(abs(float(steps[worst])), 'm')} at "
-            f"{trace.at(int(known[worst + 1]))}, left out"
+    if trace.outliers:
+        first, _, size = max(trace.outliers, key=lambda run: run[2])
+        count = sum(end - begin + 1 for begin, end, _ in trace.outliers)
+        numbers = ", ".join(
+            f"{begin + 1}" if begin == end else f"{begin + 1}-{end + 1}" for begin, end, _ in trace.outliers[:5]
         )
-        many = len(spikes) > _MANY_SPIKES * x.size
+        numbers += ", …" if len(trace.outliers) > 5 else ""
+        spikes = "one spike" if len(trace.outliers) == 1 else f"{len(trace.outliers)} spikes"
+        text = (
+            f"{trace.name}: {spikes} left out (readings {numbers}), the largest of {quantity(size, 'm')} at "
+            f"{trace.at(first)}"
+        )
         cause = "a disturbance of the sensor, such as a flash of light or a speck of dust"
-        gaps = np.diff(trace.time[known[spikes]])
+        gaps = np.diff(trace.time[[begin for begin, _, _ in trace.outliers]])
         period = float(np.median(gaps)) if gaps.size > 2 else np.inf
-        if (np.abs(gaps / period - np.round(gaps / period)) < _REGULAR).all() and np.isfinite(period):
+        if np.isfinite(period) and (np.abs(gaps / period - np.round(gaps / period)) < _REGULAR).all():
             text += f"; they come each {quantity(period, 's')}"
             cause = "what is switched so often, such as a dimmer or a converter at the mains, disturbs the sensor"
-        return stated(title, law, text, "doubtful" if many else "note", file=trace.name, cause=cause)
+        level: Level = "doubtful" if count > _MANY_SPIKES * trace.reading.size else "note"
+        return stated(title, law, text, level, file=trace.name, cause=cause)
     return stated(title, law, f"{trace.name}: no jump and no spike", None, file=trace.name)
 
 
-def _spikes_and_levels(x: np.ndarray, large: np.ndarray, limit: float) -> tuple[list[int], list[int]]:
-    """Part large steps into those that are taken back within a few readings, and those that stay."""
-    spikes, levels, place = [], [], 0
-    while place < large.size:
-        i = int(large[place])
-        back = [int(j) for j in large[place + 1 :] if j <= i + _RETURN]
-        end = back[-1] + 1 if back else i + 1
-        if back and abs(float(x[min(end, x.size - 1)] - x[i])) < limit:
-            spikes.append(i)
-            place += len(back) + 1
-        elif i == 0 or i >= x.size - 2:
-            spikes.append(i)
-            place += 1
-        else:
-            levels.append(i)
-            place += 1
-    return spikes, levels
+def single_rows(trace: Trace) -> Check:
+    """Look for single rows that are lost or doubled: the motion goes on as if it were one reading later or earlier.
+
+    In a window of 24 readings a parabola and a jump in its middle are fitted; a lost row makes a jump of one step
+    between two readings, a doubled row one in the other direction.
+    """
+    title, law = SINGLE_ROWS, "flights are smooth: no reading comes one interval early or late"
+    place = np.arange(_WINDOW) - 0.5 * (_WINDOW - 1)
+    design = np.stack([np.ones(_WINDOW), place, place**2, np.sign(place) / 2.0])
+    inverse = np.linalg.pinv(design)
+    if trace.reading.size < 2 * _WINDOW:
+        return not_made(title, law, f"{2 * _WINDOW} readings")
+    windows = np.lib.stride_tricks.sliding_window_view(trace.reading, _WINDOW)
+    fitted = windows @ inverse
+    noise = max(trace.noise, 0.3 * trace.resolution)
+    is_smooth = np.std(windows - fitted @ design, axis=1) < _NOISY * noise
+    step, jump, u = fitted[:, 1], fitted[:, 3], noise * float(np.linalg.norm(inverse[:, 3]))
+    is_seen = is_smooth & (np.abs(jump) > IN_NOISE * u) & (np.abs(np.abs(jump / step) - 1.0) < _HALF)
+    # of neighbouring windows the one with the largest jump
+    found = [max(run, key=lambda i: abs(jump[i])) for run in _runs(np.flatnonzero(is_seen))]
+    lost = sum(bool(jump[i] * step[i] > 0.0) for i in found)
+    if not found:
+        return stated(title, law, f"{trace.name}: no single row is lost or doubled", None, file=trace.name)
+    at = trace.at(int(found[0]) + _WINDOW // 2)
+    text = f"{trace.name}: {lost} single rows lost and {len(found) - lost} doubled, the first at {at}"
+    cause = "rows were lost or doubled when the file was written or copied, and the others numbered anew"
+    return stated(title, law, text, "doubtful", file=trace.name, cause=cause)
+
+
+def _runs(places: np.ndarray) -> list[np.ndarray]:
+    """Part places into runs of neighbours."""
+    return np.split(places, np.flatnonzero(np.diff(places) > _WINDOW) + 1) if places.size else []
+
+
+def steady_noise(trace: Trace) -> Check:
+    """Compare the noise of five parts of a record."""
+    name, law = "change of the noise", "a sensor has the same noise from the beginning to the end of a record"
+    bend = np.abs(np.diff(trace.reading, 4)) / np.sqrt(70.0)
+    parts = [part[np.isfinite(part)] for part in np.array_split(bend, _PARTS)]
+    if min(part.size for part in parts) < QUIET:
+        return not_made(name, law, f"{_PARTS * QUIET} readings")
+    sizes = np.maximum([1.4826 * float(np.median(part)) for part in parts], 0.3 * trace.resolution)
+    low, high = int(np.argmin(sizes)), int(np.argmax(sizes))
+    text = f"{trace.name}: noise of {quantity(sizes[low], 'm')} in part {low + 1} of {_PARTS}, "
+    text += f"{quantity(sizes[high], 'm')} in part {high + 1}"
+    is_larger = sizes[high] > _NOISIER * sizes[low]
+    cause = "light, surface, gain or averaging of the sensor changed while it recorded"
+    return stated(name, law, text, "note" if is_larger else None, cause=cause, file=trace.name)
 
 
 def wave(trace: Trace) -> Check:

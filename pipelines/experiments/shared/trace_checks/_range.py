@@ -30,6 +30,8 @@ def unread(trace: Trace) -> Check:
     """Look for readings that the sensor gave as invalid."""
     title, law = "readings out of range", "a sensor sees the body all the time"
     lost = ~np.isfinite(trace.reading)
+    for first, last, _ in trace.outliers:
+        lost[first : last + 1] = False
     longest, start = longest_run(lost)
     if not longest:
         return stated(title, law, f"{trace.name}: every reading is valid", None, file=trace.name)

@@ -1,5 +1,6 @@
 """The readings of one record as its checks look at them."""
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from math import erf, inf, log, sqrt
@@ -24,13 +25,15 @@ class Trace:
     """The readings of one record.
 
     ``name`` is its file, for messages; ``time`` [s] and ``reading`` [m] (time,) are NaN where there is no valid
-    reading; ``header`` is what the file says above its readings.
+    reading; ``header`` is the text above the readings in the file; ``outliers`` holds first and last index and the
+    largest deviation [m] of each run of readings that was left out.
     """
 
     name: str
     time: np.ndarray
     reading: np.ndarray
     header: str = ""
+    outliers: tuple[tuple[int, int, float], ...] = ()
 
     @classmethod
     def of(cls, name: str, readings: xr.Dataset, output: str) -> "Trace | None":
@@ -41,7 +44,9 @@ class Trace:
         state = output.replace("out", "status")
         if state in readings:
             x[readings[state].values != 0] = np.nan
-        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")))
+        left_out = json.loads(readings.attrs.get("outliers", "{}")).get(output, [])
+        runs = tuple((int(first), int(last), float(by)) for first, last, by in left_out)
+        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")), runs)
 
     @cached_property
     def travel(self) -> float:

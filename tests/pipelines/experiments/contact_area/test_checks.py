@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 import xarray as xr
+from labpipe.judging._causes import in_turn
 
 from labpipe import contact, materials
 from labpipe.judging import explain
-from labpipe.judging._causes import in_turn
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.contact_area import _image_checks, checks

@@ -308,7 +308,7 @@ def test_what_a_step_failed_over_is_told_by_its_reason_not_by_its_words(reason, 
     context = Context("film", "dic_validation", "", "", "", True, failures=failed)
     drawn = msgspec.structs.replace(SETTINGS, tracking=Tracking(covers=[[(0.0, 0.0), (9.0, 0.0), (0.0, 9.0)]]))
     found = believed(checks.judgement(None, None, None, None, None, settings=drawn, context=context))
-    (told,) = (one for one in found.findings if one.check == "step track")
+    (told,) = (one for one in found.findings if one.check == "references and processing steps")
     assert (told.setting, told.cause.startswith(cause)) == (setting, True)
 
 

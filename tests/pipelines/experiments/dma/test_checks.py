@@ -9,6 +9,8 @@ import pytest
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.dma import checks, measured, model
+from pipelines.experiments.dma._checked_sweeps import Export, isothermal_sweeps, trusted_rows
+from pipelines.experiments.dma._specimen_checks import slipped_specimen
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.judgements import believed
 from pipelines.process import process
@@ -205,3 +207,40 @@ def test_a_session_says_its_verdict_and_its_page_opens_with_it(tmp_path):
     page = (tmp_path / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert page.index("Verdict") < page.index("Summary")
     assert "Doubtful: nu = 0.046" in page
+
+
+def sweeps_of(folder, name, modulus):
+    """A table of eight sweeps of a complex modulus at reduced angular frequencies."""
+    frequency, rng = np.logspace(-1, 2, 16), np.random.default_rng(0)
+    lines = ["f,E',E'',T", "Hz,Pa,Pa,C"]
+    for T in np.arange(-20.0, 51.0, 10.0):
+        a = -7 * (T - 25) / (140 + T - 25)
+        found = modulus(2 * np.pi * frequency * 10**a) * (1 + 0.005 * rng.standard_normal(frequency.size))
+        lines += [f"{f:.6g},{E.real:.6g},{E.imag:.6g},{T}" for f, E in zip(frequency, found, strict=True)]
+    (folder / name).write_text("\n".join(lines) + "\n", "utf-8")
+    settings = Dma(kind="dma", rheometer=[name], mode="tension", nu=Quantity(0.45, 0.0, "1"))
+    data = measured.readings(folder / name, settings=settings)
+    export = Export(name, data, trusted_rows(data))
+    return export, list(isothermal_sweeps(export, settings))
+
+
+def fractions(relaxed, *elements):
+    def modulus(omega):
+        return relaxed + sum(E * (1 + (1j * omega * tau) ** -b) ** -1 for E, tau, b in elements)
+
+    return modulus
+
+
+@pytest.mark.parametrize(
+    "modulus",
+    [
+        fractions(0.0, (4e5, 1e-2, 0.95)),
+        fractions(6e6, (1.5e9, 1e-4, 0.5)),
+        fractions(5e6, (1e9, 3e-6, 0.6), (8e6, 1e-1, 0.7)),
+    ],
+    ids=["melt", "one loss peak", "two loss peaks"],
+)
+def test_no_specimen_is_said_to_slip_where_the_loss_factor_turns(tmp_path, modulus):
+    export, sweeps = sweeps_of(tmp_path, "turning.csv", modulus)
+    assert slipped_specimen(export, sweeps).level is None
+    assert sweeps[0].place == "turning.csv, sweep at -20.0 °C, interval 1"

@@ -99,6 +99,34 @@ def test_beyond_the_reach_of_slopes_no_input_is_blamed() -> None:
     assert said.startswith("no input alone explains it")
 
 
+@pytest.mark.parametrize(("height", "model"), [(5e-3, "undecided"), (5.125e-3, "differs")])
+def test_a_value_without_uncertainty_makes_a_model_undecided_where_half_its_last_digit_explains_it(
+    height: float, model: str
+) -> None:
+    """5 mm is known to half a millimetre, 5.125 mm to half a micrometre; the height is 0.3 mm off."""
+    exact = {**INPUTS, "height": Quantity(height, 0.0, "m")}
+    found = judgement(Scene((), rows=_rows(height=-0.3e-3), inputs=exact))
+    assert found.attrs["model"] == model
+    first = json.loads(found.attrs["suspects"])[0]
+    assert first.startswith("state ± of height: counted as exact here") == (model == "undecided")
+    assert ("height (± 500 µm)" in first) == (model == "undecided"), first
+
+
+def test_a_suspect_beyond_ten_of_its_uncertainties_comes_last_and_says_so() -> None:
+    known = {"mass": Quantity(0.5, 1e-4, "kg"), "ruler": Quantity(1.0, 2e-3, "1")}
+    ways = ({"mass": -1.0, "ruler": -0.4}, {"mass": -1.0, "ruler": -0.6})
+    rows = [
+        row(
+            "length", "1", 1, slopes=s, measured=0.99, model=1.0, difference=-1e-2, u_measured=1e-3, u_model=0.0,
+            u_difference=1.5e-3,
+        )
+        for s in ways
+    ]  # fmt: skip
+    first, second = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
+    assert first.startswith("ruler")
+    assert re.search(r"^mass stated 10.* too large .*, but that is 10\d times its stated uncertainty$", second), second
+
+
 def test_nothing_is_suspected_where_the_model_agrees() -> None:
     found = judgement(Scene((), rows=_rows(temperature=0.2), inputs=INPUTS))
     assert found.attrs["model"] == "agrees"

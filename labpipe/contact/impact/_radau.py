@@ -1,0 +1,356 @@
+"""One step of a contact by collocation, compiled: motion against force at Radau's points."""
+
+import math
+
+from labpipe.arrays import Floats
+from labpipe.compilation import inner
+from labpipe.contact.impact._edge import dented_edge, gap_area, inverse_gap, receding_edge
+from labpipe.contact.impact._polynomials import eliminate, moments, value_at
+from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
+
+_NEWTON_LIMIT = 12
+#: Error of a step that was not solved.
+UNSOLVED = 1e9
+
+
+@inner()
+def _prepare(law: Law, scheme: Scheme, fall: Fall, center: Floats, path: Path, n: int, h: float, room: Room) -> None:
+    """Fill in what a step from the end ``n`` knows without its force: motion and weights."""
+    t, S = path.time[n], scheme.c.size
+    now = path.state[n]
+    for i in range(S):
+        time = scheme.c[i] * h
+        dent = 0.0
+        for k in range(center.size):
+            dent += center[k] * math.exp(-law.creep_rate[k] * (t + time))
+        room.base[i] = now[0] + time * (now[1] + 0.5 * fall.gravity * time) - dent
+        for m in range(S):
+            room.answer[i, m] = h * h * scheme.aa[i, m] / fall.mass
+    if fall.plate_mass > 0.0:
+        _let_plate_answer(scheme, fall, now, h, room)
+    _gain(law, scheme, h, room)
+
+
+@inner()
+def _let_plate_answer(scheme: Scheme, fall: Fall, now: Floats, h: float, room: Room) -> None:
+    """Add the motion of the plate: free, and per force."""
+    S = scheme.c.size
+    for i in range(S):
+        pull = fall.plate_damping * now[5] + fall.plate_stiffness * (now[4] + scheme.c[i] * h * now[5])
+        for m in range(S):
+            inertia = fall.plate_damping * h * scheme.a[i, m] + fall.plate_stiffness * h * h * scheme.aa[i, m]
+            room.matrix[i, m] = inertia + (fall.plate_mass if i == m else 0.0)
+            room.plate[i, m] = 1.0 if i == m else 0.0
+        room.plate[i, S] = -pull
+    eliminate(room.matrix[:], room.plate[:])  # of one type, whatever their shapes
+    for i in range(S):
+        room.plate_free[i] = now[4] + scheme.c[i] * h * now[5]
+        for o in range(S):
+            room.plate_free[i] += h * h * scheme.aa[i, o] * room.plate[o, S]
+            for m in range(S):
+                room.answer[i, m] += h * h * scheme.aa[i, o] * room.plate[o, m]
+        room.base[i] -= room.plate_free[i]
+
+
+@inner()
+def _gain(law: Law, scheme: Scheme, h: float, room: Room) -> None:
+    """Weights of the fading integrals, and the force per approach that they amount to."""
+    S = scheme.c.size
+    for j in range(law.maxwells):
+        for i in range(S):
+            power = scheme.c[i]
+            moments(law.rate[j] * h * power, room.short)
+            for p in range(S):
+                room.weight[j, i, p] = (p + 1) * power * room.short[p]
+                power *= scheme.c[i]
+    for i in range(S):
+        for m in range(S):
+            room.gain[i, m] = 0.0
+        for p in range(S):
+            total = 0.0
+            for j in range(law.maxwells):
+                total += law.E[j] * room.weight[j, i, p]
+            for m in range(S):
+                room.gain[i, m] += total * scheme.to_powers[p, m]
+
+
+@inner()
+def _spread(scheme: Scheme, room: Room, i: int) -> None:
+    """Fill in derivative over s and twice the mean of the stage's field."""
+    for n in range(scheme.s.size):
+        slope = area = 0.0
+        for m in range(scheme.s.size):
+            slope += scheme.slope[n, m] * room.field[i, m]
+            area += scheme.means[n, m] * room.field[i, m]
+        room.slope[i, n] = slope
+        room.area[i, n] = area
+
+
+@inner()
+def _advance_force(
+    law: Law, scheme: Scheme, fall: Fall, room: Room, time: float, h: float, bulk: float, outer: float, dented: bool
+) -> None:
+    """Force at the stages of an advancing contact, from the approaches there."""
+    S = scheme.c.size
+    for i in range(S):
+        depth = room.delta[i]
+        if dented:
+            room.edge[i] = dented_edge(scheme, fall, room, i, depth, outer, room.edge[i])
+        else:
+            room.edge[i] = inverse_gap(fall, depth)
+        x = room.edge[i]
+        room.bulk[i] = 2.0 * (x * depth - gap_area(fall, x))
+    for i in range(S):
+        total = law.E_relaxed * room.bulk[i] + room.known[i]
+        for m in range(S):
+            total += room.gain[i, m] * (room.bulk[m] - bulk)
+        room.force[i] = total
+    if dented:
+        _add_dents(law, scheme, room, time, h, outer)
+
+
+@inner()
+def _add_dents(law: Law, scheme: Scheme, room: Room, time: float, h: float, outer: float) -> None:
+    """Add what the springs held when the edge reached them, integrated over time by parts."""
+    S, K = scheme.c.size, law.elements
+    for i in range(S):
+        x = room.edge[i]
+        inside = 1.0 - (x / outer) ** 2
+        s = math.sqrt(inside) if inside > 0.0 else 0.0
+        for k in range(K):
+            edge_value = 0.0
+            if inside < 0.0:
+                edge_value = 2.0 * (x - outer) * room.rim[k]
+            room.moment[i, k] = min(x, outer) * value_at(scheme, room.primitive[k], s) + edge_value
+    for k in range(K):
+        rate = law.creep_rate[k]
+        start = math.exp(-rate * time)
+        for i in range(S):
+            total = math.exp(-rate * (time + scheme.c[i] * h)) * room.moment[i, k] - start * room.last[k]
+            for m in range(S):
+                fresh = math.exp(-rate * (time + scheme.c[m] * h))
+                total += h * scheme.a[i, m] * rate * fresh * room.moment[m, k]
+            room.cross[i, k] = total
+    for i in range(S):
+        for k in range(K):
+            for m in range(S):
+                room.force[i] += room.table[i, k, m] * room.cross[m, k]
+
+
+@inner()
+def _recede_force(law: Law, scheme: Scheme, fall: Fall, room: Room, start: float, outer: float) -> None:
+    """Force at the stages of a receding contact, from the approaches there."""
+    S = scheme.c.size
+    for i in range(S):
+        density = room.known[i]
+        for m in range(S):
+            density += room.gain[i, m] * (room.delta[m] - start)
+        depth = room.delta[i]
+        s = receding_edge(law, scheme, fall, room, i, depth, density, outer, room.edge[i])
+        room.edge[i] = s
+        x = outer * math.sqrt(max(1.0 - s * s, 0.0))
+        room.radius[i] = x
+        room.bulk[i] = law.E_relaxed * depth + room.field[i, scheme.s.size - 1] + density
+        room.force[i] = 0.0
+        if s < 1.0:
+            elastic = 2.0 * law.E_relaxed * (x * depth - gap_area(fall, x))
+            room.force[i] = elastic + x * (value_at(scheme, room.area[i], s) + 2.0 * density)
+
+
+@inner()
+def _differentiate(law: Law, scheme: Scheme, room: Room, phase: Phase) -> None:
+    """Fill in the derivative of the miss of each stage; the load at the edge is 0 and adds none."""
+    S = scheme.c.size
+    for i in range(S):
+        for m in range(S):
+            total = 1.0 if i == m else 0.0
+            x = room.radius[m] if phase.recedes else room.edge[m]
+            for o in range(S):
+                width = room.radius[o] if phase.recedes else x
+                total += room.answer[i, o] * room.gain[o, m] * 2.0 * width
+            room.matrix[i, m] = total + room.answer[i, m] * law.E_relaxed * 2.0 * x
+
+
+@inner()
+def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int, h: float, phase: Phase) -> bool:
+    """Solve for the approaches at the stages: motion against force."""
+    S = scheme.c.size
+    time, start = path.time[n], path.approach[n]
+    for i in range(S):
+        push = 0.0
+        for m in range(S):
+            push += room.answer[i, m]
+        room.delta[i] = room.base[i] - push * path.state[n, 2]
+        room.edge[i] = phase.edge
+    scale = 0.0
+    for _ in range(_NEWTON_LIMIT):
+        if phase.recedes:
+            _recede_force(law, scheme, fall, room, start, phase.outer)
+        else:
+            _advance_force(law, scheme, fall, room, time, h, phase.bulk, phase.outer, phase.dented)
+        for i in range(S):
+            miss = room.delta[i] - room.base[i]
+            for m in range(S):
+                miss += room.answer[i, m] * room.force[m]
+            room.right[i, 0] = miss
+        _differentiate(law, scheme, room, phase)
+        eliminate(room.matrix[:], room.right[:])
+        change = 0.0
+        for i in range(S):
+            room.delta[i] -= room.right[i, 0]
+            change = max(change, abs(room.right[i, 0]))
+            scale = max(scale, abs(room.delta[i]))
+        if not change < 1e300:
+            return False
+        if change <= 1e-14 * scale:
+            return True
+    return change <= 1e-10 * scale
+
+
+@inner()
+def _fields(
+    law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase, dent: Floats, nodes: Nodes
+) -> None:
+    """Fill in the field that the edge meets at each stage, and what is left of the start."""
+    S, N = scheme.c.size, scheme.s.size
+    count = law.maxwells if phase.recedes else law.elements
+    for i in range(S):
+        time = path.time[n] + scheme.c[i] * h
+        for m in range(N):
+            room.field[i, m] = 0.0
+        if phase.recedes or phase.dented:
+            for k in range(count):
+                if phase.recedes:
+                    factor = law.E[k] * math.exp(-law.rate[k] * (time - phase.begin))
+                else:
+                    factor = math.exp(-law.creep_rate[k] * time)
+                for m in range(N):
+                    room.field[i, m] += factor * (nodes.field[k, m] if phase.recedes else dent[k, m])
+            _spread(scheme, room, i)
+        room.known[i] = 0.0
+        for j in range(law.maxwells):
+            left = math.exp(-law.rate[j] * scheme.c[i] * h)
+            held = path.fading[n, j] if phase.recedes else room.held[j]
+            room.known[i] += law.E[j] * left * held
+    if phase.dented and not phase.recedes:
+        _cross(law, scheme, room)
+
+
+@inner()
+def _cross(law: Law, scheme: Scheme, room: Room) -> None:
+    """Force per change of the dents' moments."""
+    S = scheme.c.size
+    for i in range(S):
+        for k in range(law.elements):
+            for m in range(S):
+                room.table[i, k, m] = 0.0
+            for p in range(S):
+                total = 0.0
+                for j in range(law.maxwells):
+                    total += law.E[j] * room.weight[j, i, p] * (law.mixed[j, k] - 1.0)
+                for m in range(S):
+                    room.table[i, k, m] += total * scheme.to_powers[p, m]
+
+
+@inner()
+def accept(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int, h: float, phase: Phase) -> None:
+    """Write the step behind the end ``n`` down."""
+    S = scheme.c.size
+    now, new = path.state[n], path.state[n + 1]
+    path.time[n + 1] = path.time[n] + h
+    path.approach[n + 1] = room.delta[S - 1]
+    work = loss = 0.0
+    for i in range(S):
+        u, values = scheme.c[i], path.stages[n, i]
+        z = now[0] + u * h * (now[1] + 0.5 * fall.gravity * u * h)
+        v = now[1] + fall.gravity * u * h
+        for m in range(S):
+            z -= h * h * scheme.aa[i, m] * room.force[m] / fall.mass
+            v -= h * scheme.a[i, m] * room.force[m] / fall.mass
+        values[0], values[1], values[2] = z, v, room.force[i]
+        values[3] = room.radius[i] if phase.recedes else room.edge[i]
+        values[4] = values[5] = 0.0
+        if fall.plate_mass > 0.0:
+            _move_plate(scheme, room, now, i, h, values)
+        share = h * scheme.a[S - 1, i]
+        work += share * room.force[i] * (v - values[5])
+        loss += share * fall.plate_damping * values[5] ** 2
+    for column in range(6):
+        new[column] = path.stages[n, S - 1, column]
+    new[6], new[7] = now[6] + loss, now[7] + work
+    for p in range(S):
+        path.powers[n, p] = path.edge[n, p] = 0.0
+        for m in range(S):
+            path.powers[n, p] += scheme.to_powers[p, m] * (room.delta[m] - path.approach[n])
+            edge = room.edge[m] if phase.recedes else room.edge[m] ** 2
+            path.edge[n, p] += scheme.to_powers[p, m] * (edge - phase.start_edge)
+    _fade_on(law, scheme, room, path, n, h, phase)
+
+
+@inner()
+def _move_plate(scheme: Scheme, room: Room, now: Floats, i: int, h: float, values: Floats) -> None:
+    """Fill in displacement and velocity of the plate at a stage."""
+    S = scheme.c.size
+    place, pace = room.plate_free[i], now[5]
+    for o in range(S):
+        pushed = 0.0
+        for m in range(S):
+            pushed += room.plate[o, m] * room.force[m]
+        place += h * h * scheme.aa[i, o] * pushed
+        pace += h * scheme.a[i, o] * (room.plate[o, S] + pushed)
+    values[4], values[5] = place, pace
+
+
+@inner()
+def _fade_on(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase) -> None:
+    """Bring the fading integrals to the end of a step."""
+    S, K = scheme.c.size, law.elements
+    for j in range(law.maxwells):
+        left = math.exp(-law.rate[j] * h)
+        path.fading[n + 1, j] = left * path.fading[n, j]
+        for p in range(S):
+            path.fading[n + 1, j] += room.weight[j, S - 1, p] * path.powers[n, p]
+        if phase.recedes:
+            continue
+        room.held[j] *= left
+        for m in range(S):
+            change = room.bulk[m] - phase.bulk
+            if phase.dented:
+                for k in range(K):
+                    change += (law.mixed[j, k] - 1.0) * room.cross[m, k]
+            for p in range(S):
+                room.held[j] += room.weight[j, S - 1, p] * scheme.to_powers[p, m] * change
+    if phase.dented and not phase.recedes:
+        for k in range(K):
+            room.last[k] = room.moment[S - 1, k]
+
+
+@inner()
+def attempt(
+    law: Law,
+    scheme: Scheme,
+    fall: Fall,
+    center: Floats,
+    room: Room,
+    path: Path,
+    n: int,
+    h: float,
+    phase: Phase,
+    dent: Floats,
+    nodes: Nodes,
+) -> float:
+    """Solve for one step; return its error over what is allowed.
+
+    It is what the polynomial through the stages misses of the force at the start.
+    """
+    _prepare(law, scheme, fall, center, path, n, h, room)
+    _fields(law, scheme, room, path, n, h, phase, dent, nodes)
+    if not _newton(law, scheme, fall, room, path, n, h, phase):
+        return UNSOLVED
+    error = scheme.gamma[0] * path.state[n, 2]
+    for i in range(scheme.c.size):
+        error += scheme.gamma[i + 1] * room.force[i]
+    moved = fall.mass  # the reduced mass: a light plate errs more than the sphere, and its swing is in the force
+    if fall.plate_mass > 0.0:
+        moved *= fall.plate_mass / (fall.mass + fall.plate_mass)
+    return abs(error) * h / (moved * fall.tolerance)

@@ -1,0 +1,97 @@
+"""The arguments of a drop, checked before anything is computed."""
+
+import warnings
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from labpipe.arrays import Floats
+from labpipe.contact.impact._plate import Plate
+from labpipe.contact.impact._springs import Profile
+from labpipe.errors import InputError
+from labpipe.units import Measure, Quantity, quantity, si
+
+Solver = Literal["mdr", "rings", "thesis"]
+
+# Where rtol may lie: below, rounding; above, the estimates of the error mean nothing.
+_RTOL_RANGE = (1e-8, 1e-2)
+# A radius like these, in m, is one in mm; a larger one is a wish for a flat.
+_MILLIMETRES = (1.0, 50.0)
+
+_UNITS = {"radius": "m", "mass": "kg", "height": "m", "duration": "s", "gravity": "m/s2"}
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What was asked for; see :func:`labpipe.contact.drop`."""
+
+    radius: float
+    mass: float
+    height: float
+    duration: float
+    solver: str
+    profile: Profile
+    rtol: float
+    gravity: float
+    plate: Plate | None
+
+    def __post_init__(self) -> None:
+        """Refuse what is out of range, with the reason."""
+        for name, unit in _UNITS.items():
+            value, low = getattr(self, name), "0 or positive" if name == "height" else "positive"
+            if not (isfinite(value) and (value > 0.0 or (value == 0.0 and name == "height"))):
+                raise InputError(f"{name} is {value:.6g} {unit}, expected a finite number, {low}")
+        for name, known in (("solver", Solver), ("profile", Profile)):
+            if getattr(self, name) not in get_args(known):
+                raise InputError(f'{name} is "{getattr(self, name)}", expected one of {", ".join(get_args(known))}')
+        low_rtol, high_rtol = _RTOL_RANGE
+        if not low_rtol <= self.rtol <= high_rtol:
+            raise InputError(f"rtol is {self.rtol}, expected {low_rtol} to {high_rtol}")
+        if self.plate is not None and self.solver == "thesis":
+            raise InputError("the thesis's scheme has a rigid substrate; drop the plate or use another solver")
+
+    @property
+    def speed(self) -> float:
+        """Speed in m/s at first touch."""
+        return sqrt(2.0 * self.gravity * self.height)
+
+    @property
+    def fall_time(self) -> float:
+        """Time in s from the release to first touch."""
+        return sqrt(2.0 * self.height / self.gravity)
+
+
+def exact(given: Measure, name: str) -> float:
+    """Return an argument in SI; a stated uncertainty is refused, for a simulation does not propagate it."""
+    found = si(given, _UNITS[name], name)
+    stated = quantity(given) if isinstance(given, str) else given
+    if isinstance(stated, Quantity) and stated.u > 0.0:
+        text = f'"{given}"' if isinstance(given, str) else f"{stated.value:g} ± {stated.u:g} {stated.si}"
+        raise InputError(
+            f"{name}: {text} states an uncertainty, and one simulation does not propagate it; give the value alone. "
+            f"Uncertainties of the inputs are propagated in a session (process, and sensitivity for each input), or by "
+            f"labpipe.contact.impacts with a sequence of values of {name}"
+        )
+    return found
+
+
+def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None:
+    """Warn of a sphere of metres, given as a bare number, and say what to write."""
+    if isinstance(radius, int | float) and _MILLIMETRES[0] < radius <= _MILLIMETRES[1]:
+        texts = [f'radius="{radius:g} mm"']
+        texts += [f'mass="{mass:g} g"'] if isinstance(mass, int | float) and mass > 1 else []
+        texts += [f'height="{height:g} mm"'] if isinstance(height, int | float) else []
+        message = f"radius={radius:g} is a sphere of {radius:g} m; if millimetres were meant, write {', '.join(texts)}"
+        warnings.warn(message, UserWarning, stacklevel=3)
+
+
+def checked_times(name: str, times: ArrayLike, duration: float) -> Floats:
+    """Refuse instants that do not rise within the duration; return them as an array (time,)."""
+    wanted = np.atleast_1d(np.asarray(times, dtype=float))
+    is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
+    if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
+        raise InputError(f"{name} must increase strictly and lie within 0 and {duration} s")
+    return wanted

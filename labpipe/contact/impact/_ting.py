@@ -1,0 +1,258 @@
+"""One contact of a falling sphere by collocation, compiled: touch, advance, recede, lift-off.
+
+The row of springs is never stepped. While springs are loaded their Maxwell elements differ by a
+decaying exponential only, so that force and contact radius follow from functions of time: the
+approach, its fading integral per relaxation term, and the state of the springs where the phase
+began, a polynomial over the radius. This is Ting's solution [1]_, also on a surface with dents.
+
+Motion and force are collocated at Radau's points [2]_; the fading integrals are exact for the
+polynomial through the stages, however stiff the terms.
+
+Lengths are counted from the free motion of the spring at the centre, which touches first: all dents
+are differences to it and vanish there.
+
+References
+----------
+.. [1] T. C. T. Ting, J. Appl. Mech. 33 (1966) 845, doi:10.1115/1.3625192
+.. [2] E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (1996), section IV.5,
+   doi:10.1007/978-3-642-05221-7
+"""
+
+import math
+
+from labpipe.arrays import Floats
+from labpipe.compilation import inner, lean
+from labpipe.contact.impact._polynomials import crossing, power_sum, slope, summit
+from labpipe.contact.impact._radau import UNSOLVED, accept, attempt
+from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
+from labpipe.contact.impact._spring_states import recover, sample_release, sample_touch, store
+
+# How a contact ends.
+LIFTED, TURNED, FAILED, FULL = range(4)
+# Columns of the state, and those to subtract, of which the largest values are reported.
+_LOOKED_AT = ((2, -1), (0, 4), (4, -1), (0, -1))
+# Looks for the largest force within a step.
+_LOOKS = 16
+# The contact is largest where it grows slower than this part of its mean growth; an error of the
+# instant counts with its square.
+_AT_SUMMIT = 1e-5
+# It is over where the load of the central spring has fallen to this part of its largest.
+_AT_LIFT_OFF = 1e-10
+# It may be called over here where no step gets nearer.
+_NEARLY_LIFTED = 1e-6
+# Attempts at one step; where the edge is first looked for.
+_TRIES, _FIRST_PLACE = 60, 0.2
+_GROWTH, _SHRINK, _SAFETY = 4.0, 0.2, 0.85
+
+
+@inner()
+def _edge_powers(scheme: Scheme, room: Room, phase: Phase) -> None:
+    """Fill in ``short``: coefficients over the step of what ends the phase.
+
+    While the contact recedes that is the load of the central spring, before the square of its radius.
+    """
+    found = room.short
+    for p in range(scheme.c.size):
+        found[p] = 0.0
+        for m in range(scheme.c.size):
+            change = room.bulk[m] - phase.bulk if phase.recedes else room.edge[m] ** 2 - phase.start_edge
+            found[p] += scheme.to_powers[p, m] * change
+
+
+@inner()
+def _begin(law: Law, scheme: Scheme, room: Room, path: Path, dent: Floats) -> None:
+    """Set what a contact has gathered to nothing, and prepare its dents."""
+    for k in range(law.elements):
+        room.last[k] = 0.0
+        for m in range(scheme.s.size):
+            total = 0.0
+            for o in range(scheme.s.size):
+                total += scheme.means[m, o] * dent[k, o]
+            room.primitive[k, m] = total
+        room.rim[k] = dent[k, 0]
+    path.time[0] = 0.0
+    for j in range(law.maxwells):
+        path.fading[0, j] = room.held[j] = 0.0
+
+
+@inner()
+def _shorter(scheme: Scheme, room: Room, phase: Phase, error: float) -> float:
+    """Part of a step with too large an error to try next."""
+    S = scheme.c.size
+    shorter = max(_SHRINK, _SAFETY * max(error, 1.0) ** (-1.0 / (S + 1.0)))
+    if phase.recedes and error < UNSOLVED and room.bulk[S - 1] < 0.0:
+        # What lies behind the lift-off says nothing on the step before it.
+        _edge_powers(scheme, room, phase)
+        lifted = crossing(room.short[:], -phase.bulk, 1.0)
+        shorter = min(max(shorter, lifted), _SAFETY)
+    return shorter
+
+
+@inner()
+def _event(
+    scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase, central: float
+) -> tuple[float, bool]:
+    """Part of a step at which the phase ends, 1 when it does not, and whether that is its end.
+
+    Negative when a contact that receded grows again.
+    """
+    S = scheme.c.size
+    if phase.recedes:
+        if room.bulk[S - 1] <= _AT_LIFT_OFF * central:
+            _edge_powers(scheme, room, phase)
+            part = crossing(room.short[:], -phase.bulk, 1.25)
+            return part, abs(part - 1.0) < 1e-9
+        return (-1.0 if room.edge[S - 1] <= phase.start_edge else 1.0), False
+    # Over the square of the radius that a steady growth would add in this step.
+    steady = room.edge[S - 1] ** 2 * h / (path.time[n] + h)
+    _edge_powers(scheme, room, phase)
+    rise = slope(room.short[:], 1.0) / steady
+    if rise > _AT_SUMMIT:
+        return 1.0, False
+    return summit(room.short[:]), abs(rise) <= _AT_SUMMIT
+
+
+@inner()
+def _turn(
+    law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, dent: Floats, outer: float, nodes: Nodes
+) -> float:
+    """Sample the springs where the contact is largest; return the load of the central one."""
+    sample_touch(law, scheme, fall, room, path, peak, dent, outer, nodes)
+    load = law.E_relaxed * path.approach[peak]
+    for j in range(law.maxwells):
+        for m in range(scheme.s.size):
+            left = math.exp(-law.rate[j] * (path.time[peak] - nodes.touch[m]))
+            nodes.field[j, m] = nodes.base[j, m] * left
+        load += law.E[j] * (nodes.field[j, scheme.s.size - 1] + path.fading[peak, j])
+    return load
+
+
+@lean()
+def contact(
+    law: Law,
+    scheme: Scheme,
+    fall: Fall,
+    center: Floats,
+    dent: Floats,
+    outer: float,
+    path: Path,
+    room: Room,
+    nodes: Nodes,
+    has_energy: bool,
+) -> tuple[int, int, int, int]:
+    """Follow one contact from touch to lift-off.
+
+    ``law``, ``scheme``, ``fall``: material, method and body; ``center`` (element,) [m]: displacement of the central
+    spring at touch; ``dent`` (element, node) [m]: those of the others less the central one's, on the nodes out to
+    ``outer`` [m]; 0 there when the surface is fresh; ``path``, ``room``, ``nodes``: filled; ``path.state[0]`` and
+    ``path.approach[0]`` hold the start; ``has_energy``: fill in the stored energy. Returns how it ended, the
+    steps taken, those until the contact was largest, and rejected ones.
+    """
+    dented = outer > 0.0
+    n, peak, rejected, tries = 0, 0, 0, 0
+    _begin(law, scheme, room, path, dent)
+    phase = Phase(False, dented, 0.0, outer, 0.0, 0.0, 0.0)
+    h, central = fall.first, 0.0
+    while True:
+        if n + 1 >= path.time.size:
+            return FULL, n, peak, rejected
+        h = min(h, fall.longest)
+        is_tiny = tries > _TRIES or not h > 1e-16 * (path.time[n] + 1e-3 * fall.first)
+        if phase.recedes and phase.bulk <= (_NEARLY_LIFTED if is_tiny else _AT_LIFT_OFF) * central:
+            break
+        if is_tiny:
+            return FAILED, n, peak, rejected
+        tries += 1
+        error = attempt(law, scheme, fall, center, room, path, n, h, phase, dent, nodes)
+        if not error <= 1.0:
+            rejected += 1
+            h *= _shorter(scheme, room, phase, error)
+            continue
+        part, ends = _event(scheme, room, path, n, h, phase, central)
+        if part < 0.0:
+            return TURNED, n, peak, rejected
+        was_summit = not phase.recedes and part < 1e-4 and n > 0
+        if part != 1.0 and not ends and not was_summit:
+            h *= part
+            continue
+        tries = 0
+        if not was_summit:
+            accept(law, scheme, fall, room, path, n, h, phase)
+            n += 1
+        if phase.recedes and ends:
+            break
+        edge, load = room.edge[scheme.c.size - 1], room.bulk[scheme.c.size - 1]
+        if phase.recedes:
+            phase = Phase(True, False, phase.begin, phase.outer, edge, edge, load)
+        elif ends or was_summit:
+            peak = n
+            central = _turn(law, scheme, fall, room, path, peak, dent, outer, nodes)
+            if not central > 0.0:  # a plate that draws back has unloaded the centre before the rim
+                return TURNED, n, peak, rejected
+            phase = Phase(True, False, path.time[n], path.state[n, 3], _FIRST_PLACE, 0.0, central)
+        else:
+            phase = Phase(False, dented, 0.0, outer, edge, edge**2, load)
+        h *= min(_GROWTH, _SAFETY * max(error, 1e-12) ** (-1.0 / (scheme.c.size + 1.0)))
+    path.state[n, 2] = path.state[n, 3] = 0.0
+    sample_release(law, scheme, fall, room, path, peak, n, nodes)
+    if has_energy:
+        store(law, scheme, fall, center, path, n, path.state[peak, 3], nodes)
+    recover(law, scheme, center, path, n, nodes)
+    return LIFTED, n, peak, rejected
+
+
+@inner()
+def _largest(scheme: Scheme, path: Path, n: int, column: int, less: int, short: Floats) -> float:
+    """Largest value over a contact of a column of the state, or of its difference to another."""
+    S = scheme.c.size
+    best = 0.0
+    for step in range(n):
+        start = path.state[step, column] - (path.state[step, less] if less >= 0 else 0.0)
+        for p in range(S):
+            short[p] = 0.0
+        for m in range(S):
+            value = path.stages[step, m, column] - (path.stages[step, m, less] if less >= 0 else 0.0)
+            for p in range(S):
+                short[p] += scheme.to_powers[p, m] * (value - start)
+        for look in range(_LOOKS):
+            low, high = look / _LOOKS, (look + 1) / _LOOKS
+            best = max(best, start + power_sum(short, high))
+            if slope(short, low) > 0.0 and slope(short, high) < 0.0:
+                for _ in range(50):
+                    middle = 0.5 * (low + high)
+                    if slope(short, middle) > 0.0:
+                        low = middle
+                    else:
+                        high = middle
+                best = max(best, start + power_sum(short, low))
+    return best
+
+
+@inner()
+def _energy_lost(fall: Fall, path: Path, n: int, lost: float) -> tuple[float, float]:
+    """Energy [J] that the motion has mislaid at lift-off, and the most on the way there."""
+    first = path.state[0]
+    most = abs(lost)
+    now = lost
+    for i in range(n + 1):
+        end = path.state[i]
+        now = lost + 0.5 * fall.mass * (end[1] ** 2 - first[1] ** 2) + end[6] - first[6] + end[7] - first[7]
+        now -= fall.mass * fall.gravity * (end[0] - first[0])
+        now += 0.5 * fall.plate_mass * (end[5] ** 2 - first[5] ** 2)
+        now += 0.5 * fall.plate_stiffness * (end[4] ** 2 - first[4] ** 2)
+        most = max(most, abs(now))
+    return now, most
+
+
+@lean()
+def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost: float, row: Floats) -> float:
+    """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
+
+    ``scheme``, ``fall``, ``path``, ``room``: as :func:`contact` left them; ``n``: steps; ``lost`` [J]: energy mislaid
+    before; ``row`` (5,): filled: largest force [N], approach [m], plate's displacement [m] and position [m], energy
+    mislaid [J]. Returns the most energy mislaid on the way [J].
+    """
+    for i in range(4):  # a constant column would be compiled for itself
+        row[i] = _largest(scheme, path, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
+    row[4], most = _energy_lost(fall, path, n, lost)
+    return most

@@ -1,0 +1,79 @@
+r"""The other body of a contact: rigid, or elastic with a compliance of its own.
+
+Two half-spaces in contact deform by the sum of their compliances,
+
+.. math:: J^*(t) = (1 - \nu^2) J(t) + \frac{1 - \nu_s^2}{E_s},
+
+an elastic spring in series with the viscoelastic ones: exact within the theory of small contacts, for
+any history, as the pressure is common to both [1]_.
+
+References
+----------
+.. [1] K. L. Johnson, Contact Mechanics (1985), section 4.2, doi:10.1017/CBO9781139171731
+"""
+
+from typing import NamedTuple
+
+from labpipe.errors import InputError
+from labpipe.units import Measure, si
+
+
+class CounterBody(NamedTuple):
+    """An elastic counter-body: Young's modulus [Pa] with its standard uncertainty, Poisson's ratio, source."""
+
+    E: float
+    nu: float
+    u_E: float
+    source: str
+
+    @property
+    def compliance(self) -> float:
+        """Contact compliance (1 - nu^2)/E in 1/Pa."""
+        return (1.0 - self.nu**2) / self.E
+
+
+COUNTER_BODIES = {
+    "sapphire": CounterBody(
+        403e9,
+        0.235,
+        10e9,
+        "average over all directions (Voigt, Reuss, Hill) of the single crystal's constants: T. Goto, O. L. Anderson, "
+        "I. Ohno, S. Yamamoto, J. Geophys. Res. 94 (1989) 7588, doi:10.1029/JB094iB06p07588; u covers the orientation",
+    )
+}
+
+Substrate = str | tuple[Measure, float] | None
+"""A name of :data:`COUNTER_BODIES`, (Young's modulus [Pa], Poisson's ratio), or None for a rigid one."""
+
+
+def counter_compliance(substrate: Substrate) -> float:
+    """Contact compliance of a counter-body in 1/Pa; 0 of a rigid one.
+
+    Raises
+    ------
+    InputError
+        The name is unknown, or a number is out of range.
+
+    Examples
+    --------
+    >>> counter_compliance(None), round(1e-9 / counter_compliance("sapphire"), 1)
+    (0.0, 426.6)
+    """
+    if substrate is None:
+        return 0.0
+    if isinstance(substrate, str):
+        if substrate not in COUNTER_BODIES:
+            known = ", ".join(f'"{name}"' for name in COUNTER_BODIES)
+            raise InputError(
+                f"substrate \"{substrate}\" is unknown; use {known}, (Young's modulus, Poisson's ratio), or None: rigid"
+            )
+        return COUNTER_BODIES[substrate].compliance
+    if not (isinstance(substrate, tuple | list) and len(substrate) == 2):
+        raise InputError("substrate: expected a name, (Young's modulus, Poisson's ratio), or None for a rigid one")
+    modulus, nu = si(substrate[0], "Pa", "substrate"), float(substrate[1])
+    if not (0.0 < modulus < float("inf") and -1.0 < nu <= 0.5):
+        raise InputError(
+            f"substrate: Young's modulus {modulus:g} Pa and Poisson's ratio {nu:g}; expected a positive "
+            "modulus and a ratio above -1 and at most 0.5"
+        )
+    return CounterBody(modulus, nu, 0.0, "").compliance

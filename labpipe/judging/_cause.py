@@ -1,0 +1,219 @@
+"""Which mistake explains what several checks show at once.
+
+Most mistakes of a laboratory are factors: a wrong unit, interval, gain or angle moves several
+redundant quantities by known powers of one factor. For every candidate that factor is fitted to
+the logarithms of all checks (weighted least squares, one free parameter), and candidates are
+ranked by what they leave unexplained.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import exp, floor, hypot, inf, isfinite, log, log10, sqrt
+
+from labpipe.judging._check import IMPOSSIBLE, Check
+
+_FLOOR = 2e-3
+"""Least relative uncertainty of a check when causes are compared: the laws are that good."""
+_USUAL = 9.0
+"""What a factor that people are known to get wrong (1000, 25.4, 2) gains over any other factor,
+in units of chi square."""
+_SLACK = 0.02
+"""How far from such a factor, relative, a fitted one may lie: other inputs may be off too."""
+_SMALL = 1.1  # factor below which per cent say more
+_GROUPED = 1e4  # from which the digits of a number are grouped
+_RIGHT = 2.0  # standard uncertainties by which a check is off that is right
+_ALIKE = 4.0
+"""Difference in chi square up to which two causes cannot be told from each other."""
+_EXPLAINED = 0.1
+"""Part of chi square that a cause may leave, where that is more, and still be told as the cause."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A mistake that multiplies an input by a factor.
+
+    Attributes
+    ----------
+    effects : mapping of str to float
+        Name of a check to the power of the factor by which it moves (seen over expected); what is
+        left out does not move.
+    say : callable
+        Takes the factor and returns the sentence, such as ``"the sampling cycle is probably
+        100 µs, not 50 µs"``.
+    usual : tuple of float
+        Factors that the mistake usually has; empty when any is as likely.
+    only_usual : bool
+        No other factor is this mistake.
+    u : float
+        Relative standard uncertainty of the input as it is stated. A factor of more than ten of them is
+        possible only as a typing error, and comes after every other cause.
+    slack : float
+        By which, relative, what was made usually differs from a usual factor.
+    file, line, setting
+        Where it stands, see :class:`Finding`.
+    """
+
+    effects: Mapping[str, float]
+    say: Callable[[float], str]
+    usual: tuple[float, ...] = ()
+    only_usual: bool = False
+    slack: float = _SLACK
+    u: float = field(default=inf, kw_only=True)
+    file: str = field(default="", kw_only=True)
+    line: int | None = field(default=None, kw_only=True)
+    setting: str = field(default="", kw_only=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """A cause with the factor that fits best.
+
+    Attributes
+    ----------
+    cause : Cause
+    factor : float
+        By which the input is too large.
+    checks : tuple of str
+        Checks that it moves.
+    score : float
+        Chi square that it leaves, less for a usual factor: the least is the likeliest.
+    n_u : float
+        Size of the error in stated standard uncertainties; 0 for a usual factor.
+    """
+
+    cause: Cause
+    factor: float
+    checks: tuple[str, ...]
+    score: float
+    n_u: float = 0.0
+
+    @property
+    def is_last_resort(self) -> bool:
+        """Whether it needs an error that the stated uncertainty excludes."""
+        return self.n_u > IMPOSSIBLE
+
+    @property
+    def sentence(self) -> str:
+        """The probable mistake."""
+        said = self.cause.say(self.factor)
+        return f"{said} ({in_words(self.n_u, 2)} times its stated uncertainty)" if self.is_last_resort else said
+
+
+def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
+    """Rank the causes that explain what the checks show, the likeliest first.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+        Those with a logarithm count, also the ones that are right: a cause that would move them is
+        the less likely for it.
+    causes : sequence of Cause
+
+    Returns
+    -------
+    tuple of Explanation
+        Empty when no cause explains nine tenths of what is seen.
+    """
+    rows = [
+        (c.name, c.log_ratio, hypot(c.u_log_ratio, _FLOOR))
+        for c in checks
+        if isfinite(c.log_ratio) and isfinite(c.u_log_ratio)
+    ]
+    wrong, found = {c.name for c in checks if c.level}, []
+    for cause in causes:
+        if not any(cause.effects.get(name) for name in wrong):
+            continue
+        moved = [(cause.effects.get(name, 0.0), r, u) for name, r, u in rows]
+        weight = sum((d / u) ** 2 for d, _, u in moved)
+        if weight == 0.0:
+            continue
+        best = sum(d * r / u**2 for d, r, u in moved) / weight
+        # what can be no other factor is that one, as far as the checks tell
+        slack = hypot(cause.slack, cause.only_usual / sqrt(weight))
+        usual, is_usual = _nearest_usual(best, cause.usual, slack)
+        if cause.only_usual and not is_usual:
+            continue
+        place = usual if is_usual else best
+        # Held against the same uncertainties, or a usual factor would explain by its slack alone.
+        widened = [(d, r, hypot(u, d * cause.slack * is_usual)) for d, r, u in moved]
+        before = sum((r / u) ** 2 for _, r, u in widened)
+        left = sum(((r - d * place) / u) ** 2 for d, r, u in widened)
+        names = tuple(name for name, _, _ in rows if cause.effects.get(name))
+        score = left - (_USUAL if is_usual else 0.0)
+        # a check that it does not move, and that is right, speaks neither for it nor against it
+        against = sum(z**2 for d, z in ((d, (r - d * place) / u) for d, r, u in widened) if d or abs(z) > _RIGHT)
+        if against <= max(_EXPLAINED * before, _ALIKE):
+            found.append(Explanation(cause, exp(place), names, score, 0.0 if is_usual else abs(place) / cause.u))
+    return tuple(sorted(found, key=lambda one: (one.is_last_resort, one.score)))
+
+
+def in_turn(ranked: Sequence[Explanation], check: str) -> str:
+    """Say what explains a check: the likeliest cause, and those that cannot be told from it; empty where none does."""
+    found = [one for one in ranked if check in one.checks]
+    alike = (o for o in found if o.score <= found[0].score + _ALIKE and o.is_last_resort == found[0].is_last_resort)
+    return "; or ".join(dict.fromkeys(one.sentence for one in alike))
+
+
+def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[Check]:
+    """Return checks, those that fail and have no cause of their own with the likeliest that explains them.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+    ranked : sequence of Explanation
+        The likeliest first, from :func:`explain`.
+
+    Returns
+    -------
+    list of Check
+        With the file, line and setting of the cause, where it has any.
+    """
+    told = []
+    for check in checks:
+        best = next((one.cause for one in ranked if check.name in one.checks), None)
+        if check.level is None or check.cause or best is None:
+            told.append(check)
+            continue
+        place = best if best.file or best.setting else check
+        told.append(
+            replace(check, cause=in_turn(ranked, check.name), file=place.file, line=place.line, setting=place.setting)
+        )
+    return told
+
+
+def too_large(factor: float) -> str:
+    """Say by how much something is too large or too small.
+
+    Examples
+    --------
+    >>> too_large(1000.0), too_large(0.5), too_large(0.9996)
+    ('1000 times too large', 'too small by a factor of 2', '0.04 % too small')
+    """
+    if 1 / _SMALL < factor < _SMALL:
+        return f"{in_words(100.0 * abs(factor - 1.0), 2)} % too {'large' if factor >= 1.0 else 'small'}"
+    times = in_words(max(factor, 1.0 / factor), 4)
+    return f"{times} times too large" if factor >= 1.0 else f"too small by a factor of {times}"
+
+
+def in_words(factor: float, digits: int = 3) -> str:
+    """Write a factor with so many digits and without an exponent.
+
+    Examples
+    --------
+    >>> in_words(210.3, 2), in_words(1e6), in_words(0.00012345), in_words(2.0)
+    ('210', '1,000,000', '0.000123', '2')
+    """
+    if not isfinite(factor) or factor == 0.0:
+        return f"{factor:g}"
+    rounded = float(f"{factor:.{digits}g}")
+    decimals = max(digits - 1 - floor(log10(abs(rounded))), 0)
+    text = f"{rounded:,.{decimals}f}" if abs(rounded) >= _GROUPED else f"{rounded:.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if decimals else text
+
+
+def _nearest_usual(best: float, usual: Sequence[float], slack: float) -> tuple[float, bool]:
+    """Return the logarithm of the usual factor next to a fitted one, and whether it is that."""
+    if not usual:
+        return best, False
+    nearest = min((log(k) for k in usual), key=lambda place: abs(place - best))
+    return nearest, abs(nearest - best) <= 2 * slack

@@ -1,0 +1,334 @@
+"""Checks of a record: two ways to the same quantity, or a quantity against a law.
+
+A check is one physical redundancy or one property of a record. It is evaluated once for every recording,
+or once for every value that an experiment states, and is one row of a page: the check with its evaluations.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from math import hypot, inf, isfinite, log, nan
+from typing import Literal, TypedDict, Unpack
+
+Level = Literal["impossible", "doubtful", "note"]
+"""Severity of a finding."""
+WEIGHT: dict[Level | None, int] = {None: 0, "note": 1, "doubtful": 2, "impossible": 3}
+
+FLAGS = {"yes": 1, "unknown": 2, "doubtful": 3, "impossible": 4}
+"""Verdicts as the primary flags of QARTOD, for exported netCDF (``flag_values``)."""
+
+IMPOSSIBLE = 10.0
+"""Standard uncertainties beyond which two ways to one quantity contradict each other."""
+DOUBTFUL = 4.0
+"""Standard uncertainties beyond which they are doubtful: once in 16,000 by chance, so that the
+twenty checks of a record raise a false alarm in 0.1 % of cases where uncertainties are right."""
+BROKEN = 5.0
+"""Standard uncertainties by which a law without exceptions must be broken to be broken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What is wrong with a record, its most likely cause, and where to look.
+
+    Attributes
+    ----------
+    check : str
+        Name of the check.
+    level : "impossible", "doubtful" or "note"
+    message : str
+        What was seen and what was expected, with numbers.
+    cause : str
+        The most likely mistake; empty when nothing singles one out.
+    file : str
+        File of the session to look at, relative to it; empty for session.toml.
+    line : int or None
+        Line of that file, where it is known from its content.
+    setting : str
+        Dotted name in that file (``"sphere.radius"``; of session.toml below the experiment), from
+        which the line is found when the finding is shown: lines move, names do not.
+    value : str
+        Text of that line, found then too.
+    """
+
+    check: str
+    level: Level
+    message: str
+    cause: str = ""
+    file: str = ""
+    line: int | None = None
+    setting: str = ""
+    value: str = ""
+
+    @property
+    def place(self) -> str:
+        """File, line and text of the line, ``session.toml:17: height = "1.6 mm"``; empty if unknown."""
+        where = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{where}: {self.value}" if self.value else where
+
+
+class Place(TypedDict, total=False):
+    """Where to look and what for, as in :class:`Finding`."""
+
+    cause: str
+    file: str
+    line: int | None
+    setting: str
+    is_generic: bool
+    recording: str
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A check of one recording or of one stated value, with its result.
+
+    Attributes
+    ----------
+    name : str
+        The compared quantity, such as ``"free-fall acceleration"``; causes refer to it.
+    law : str
+        The physical law or redundancy that it uses, in one sentence.
+    message : str
+        The observed and the expected value.
+    level : "impossible", "doubtful", "note" or None
+        None where nothing is wrong.
+    margin : float
+        Difference in units of its standard uncertainty; NaN where that has no meaning, as within a limit.
+    log_ratio, u_log_ratio : float
+        Natural logarithm of observed over expected and its standard uncertainty; NaN where a factor
+        would explain nothing. They distinguish causes.
+    needs : str
+        Missing statement or recording; empty when the evaluation was made.
+    cause, file, line, setting
+        As in :class:`Finding`, where the check itself knows them; a passed evaluation has no cause.
+    title : str
+        Check that it belongs to; empty for one that is named as the quantity.
+    recording : str
+        Recording that was evaluated; empty for a value of the settings.
+    is_generic : bool
+        A processing step failed; a finding about the record itself explains it better.
+    """
+
+    name: str
+    law: str
+    message: str
+    level: Level | None = None
+    margin: float = nan
+    log_ratio: float = nan
+    u_log_ratio: float = nan
+    needs: str = ""
+    cause: str = ""
+    file: str = field(default="", kw_only=True)
+    line: int | None = field(default=None, kw_only=True)
+    setting: str = field(default="", kw_only=True)
+    title: str = field(default="", kw_only=True)
+    recording: str = field(default="", kw_only=True)
+    is_generic: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.level is None:
+            object.__setattr__(self, "cause", "")
+
+    @property
+    def is_made(self) -> bool:
+        """Whether everything that it needs was there."""
+        return not self.needs
+
+
+@dataclass(frozen=True, slots=True)
+class CheckSummary:
+    """A check over all recordings of an experiment: one row of its page.
+
+    Attributes
+    ----------
+    title, law : str
+        Name of the check, and the redundancy that it uses in one sentence.
+    evaluations : tuple of Check
+    """
+
+    title: str
+    law: str
+    evaluations: tuple[Check, ...]
+
+    @property
+    def is_made(self) -> bool:
+        """Whether any evaluation was made, or one reports that it could not be."""
+        return any(e.is_made for e in self.evaluations)
+
+    @property
+    def worst(self) -> Check:
+        """The gravest evaluation; of those that are equally grave the one with the largest margin."""
+        return max(
+            self.evaluations, key=lambda e: (WEIGHT[e.level], e.is_made, abs(e.margin) if isfinite(e.margin) else 0)
+        )
+
+    @property
+    def level(self) -> Level | None:
+        """Level of the worst evaluation."""
+        return self.worst.level
+
+    @property
+    def summary(self) -> str:
+        """Result over all recordings.
+
+        Examples
+        --------
+        >>> found = [Check("g", "", "", margin=m, recording=str(m)) for m in (0.3, -1.2)]
+        >>> CheckSummary("free fall", "", tuple(found)).summary
+        'passed in 2 of 2 recordings, worst margin 1.2 u'
+        """
+        made = [e for e in self.evaluations if e.is_made]
+        if not made:
+            return self.level or "not made"
+        places = dict.fromkeys(e.recording for e in made if e.recording)
+        noun, count = ("recording", len(places)) if places else ("evaluation", len(made))
+        failed = [e for e in made if WEIGHT[e.level] > 1]
+        wrong = len({e.recording for e in failed} if places else failed)
+        word, share = (self.level, wrong) if failed else ("passed", count)
+        text = f"{word}" if count == 1 else f"{word} in {share} of {count} {noun}s"
+        margins = [abs(e.margin) for e in made if isfinite(e.margin)]
+        return f"{text}, worst margin {max(margins):.1f} u" if margins else text
+
+
+def grouped(evaluations: Iterable[Check], laws: Mapping[str, str]) -> tuple[CheckSummary, ...]:
+    """Group evaluations into checks.
+
+    Parameters
+    ----------
+    evaluations : iterable of Check
+    laws : mapping of str to str
+        Sentence by the title of a check; a check without one has that of its first evaluation.
+
+    Returns
+    -------
+    tuple of CheckSummary
+        In the order of `laws`, the others after them.
+    """
+    by_title: dict[str, list[Check]] = {title: [] for title in laws}
+    for one in evaluations:
+        by_title.setdefault(one.title or one.name, []).append(one)
+    return tuple(
+        CheckSummary(title, laws.get(title, found[0].law), tuple(found)) for title, found in by_title.items() if found
+    )
+
+
+def compared(
+    name: str,
+    law: str,
+    message: str,
+    seen: float,
+    u_seen: float,
+    expected: float,
+    u_expected: float,
+    *,
+    allowance: float = 0.0,
+    factor: bool = True,
+    **place: Unpack[Place],
+) -> Check:
+    """Hold two ways to the same quantity against each other.
+
+    Parameters
+    ----------
+    name, law, message : str
+        See :class:`Check`.
+    seen, expected : float
+        In the same unit.
+    u_seen, u_expected : float
+        Standard uncertainties; what both share is taken out by the caller.
+    allowance : float
+        Largest systematic effect that the kind of experiment knows (such as drag), in the same
+        unit: a smaller difference is never called impossible.
+    factor : bool
+        Whether a wrong factor could explain a difference.
+    **place
+        ``cause``, ``file``, ``line`` and ``setting``; see :class:`Finding`.
+
+    Returns
+    -------
+    Check
+        Impossible beyond 10 u and the allowance, doubtful beyond 4 u.
+
+    Examples
+    --------
+    >>> compared("acceleration", "g", "39.2 for 9.81", 39.2, 0.1, 9.81, 0.01).level
+    'impossible'
+    """
+    u = hypot(u_seen, u_expected)
+    if not (isfinite(seen) and isfinite(expected) and isfinite(u) and u > 0.0):
+        return not_made(name, law, "finite values with uncertainties")
+    difference = seen - expected
+    margin = difference / u
+    level: Level | None = None
+    if abs(margin) > IMPOSSIBLE and abs(difference) > allowance:
+        level = "impossible"
+    elif abs(margin) > DOUBTFUL and abs(difference) > allowance:
+        level = "doubtful"
+    is_ratio = factor and seen * expected > 0.0
+    return Check(
+        name,
+        law,
+        message,
+        level,
+        margin,
+        log(seen / expected) if is_ratio else nan,
+        hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected) if is_ratio else nan,
+        **place,
+    )
+
+
+def bounded(
+    name: str,
+    law: str,
+    message: str,
+    value: float,
+    u: float,
+    *,
+    at_least: float = -inf,
+    at_most: float = inf,
+    is_law: bool = True,
+    **place: Unpack[Place],
+) -> Check:
+    """Hold a quantity against a law that knows no exception, such as 0 < e < 1.
+
+    Parameters
+    ----------
+    name, law, message : str
+        See :class:`Check`.
+    value, u : float
+        With standard uncertainty, at least that of the noise.
+    at_least, at_most : float
+        The law.
+    is_law : bool
+        False for a plausible range: beyond it a value is doubtful, never impossible.
+    **place
+        ``cause``, ``file``, ``line`` and ``setting``; see :class:`Finding`.
+
+    Examples
+    --------
+    >>> bounded("restitution", "0 < e < 1", "1.195", 1.195, 2e-4, at_least=0.0, at_most=1.0).level
+    'impossible'
+    """
+    if not (isfinite(value) and isfinite(u)):
+        return not_made(name, law, "a finite value with its uncertainty")
+    beyond = max(at_least - value, value - at_most)
+    margin = nan if beyond <= 0.0 else beyond / u if u else inf
+    level: Level | None = None
+    if margin > BROKEN:
+        level = "impossible" if is_law else "doubtful"
+    elif margin > DOUBTFUL:
+        level = "doubtful"
+    return Check(name, law, message, level, margin, **place)
+
+
+def stated(name: str, law: str, message: str, level: Level | None, **place: Unpack[Place]) -> Check:
+    """Return a check whose answer is plain, such as that two files hold the same bytes."""
+    return Check(name, law, message, level, **place)
+
+
+def not_made(name: str, law: str, needs: str) -> Check:
+    """Return a check that could not be made, with what it would need."""
+    return Check(name, law, "", needs=needs)
+
+
+def unfinished(name: str, law: str, message: str, cause: str) -> Check:
+    """Return a check that could not be made because the run did not get through a step; it is told as a note."""
+    needs = "a run that gets through this step"
+    return Check(name, law, message, "note", needs=needs, cause=cause, is_generic=True)

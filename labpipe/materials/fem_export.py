@@ -1,0 +1,458 @@
+r"""A material as input of simulation codes: Abaqus, ANSYS, COMSOL, LS-DYNA, and JSON for any other.
+
+Codes part a solid into shear and volume. From the tension modulus E(t) and the behaviour of the bulk modulus
+follows the shear modulus, exactly and with as many terms:
+
+- ``relaxing``: Poisson's ratio is constant, so that G(t) = E(t)/2(1 + ν) and K(t) = E(t)/3(1 − 2ν);
+- ``constant``: K = E(0)/3(1 − 2ν) does not relax. Compliances add, 1/G = 3/E − 1/(3K) of the
+  transforms, so that the retardation times of G are those of E;
+- ``incompressible``: G(t) = E(t)/3.
+
+Where the shear modulus was measured, it is G(t) that is kept, and E(t) that follows.
+
+The texts follow the published rules of the codes. Abaqus: *ELASTIC or *HYPERELASTIC with instantaneous moduli,
+*VISCOELASTIC, TIME=PRONY, *TRS. ANSYS: MP or TB,HYPER with instantaneous moduli, TB,PRONY for shear and bulk,
+TB,SHIFT. COMSOL: long-time moduli, and a table of branches (number, shear modulus, relaxation time). LS-DYNA:
+*MAT_GENERAL_VISCOELASTIC with terms in Pa and 1/s.
+
+References
+----------
+N. W. Tschoegl, The Phenomenological Theory of Linear Viscoelastic Behavior, Springer, 1989, ch. 11.
+"""
+
+import json
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Literal, get_args
+
+import numpy as np
+
+from labpipe.arrays import Floats
+from labpipe.errors import InputError
+from labpipe.materials.prony import Prony, Retardation, relaxation_from_creep
+from labpipe.materials.shift_law import ShiftLaw
+from labpipe.materials.spectrum import fewest_terms
+from labpipe.units import ZERO_CELSIUS
+
+Bulk = Literal["constant", "relaxing", "incompressible"]
+Code = Literal["abaqus", "ansys", "comsol", "lsdyna", "json"]
+CODES: dict[str, str] = {"abaqus": ".inp", "ansys": ".mac", "comsol": ".txt", "lsdyna": ".k", "json": ".json"}
+"""The codes, and the suffixes of their files."""
+
+_SMALLEST = 1e-12  # long-time over instantaneous modulus that is left of 1 - sum in double precision
+_ENOUGH = 1e-9  # the same, of which no more is asked
+_OF_TOLERANCE = 1e-3  # of the storage modulus at the end of the window, which a liquid may be wrong by
+_WIDTH = 74  # of a line of remarks; LS-DYNA reads 80 characters
+_MOST_TERMS = 17  # LS-DYNA reads 18, of which one is the long-time modulus
+_NEARLY = 1000.0  # bulk over shear modulus where a code has no incompressible material
+
+
+@dataclass(frozen=True, slots=True)
+class Deck:
+    """A material as simulation codes need it.
+
+    Attributes
+    ----------
+    name : str
+    tension : Prony
+        The reduced series of the tension modulus.
+    shear : Prony
+        Relaxation terms of the shear modulus, as E_relaxed, E and rho.
+    shares : array (term,)
+        G_i over the instantaneous shear modulus, as they are printed; their sum is below one.
+    bulk : {"constant", "relaxing", "incompressible"}
+    K : float [Pa]
+        Instantaneous bulk modulus; infinite for an incompressible material.
+    nu : float
+        Instantaneous Poisson's ratio.
+    window : (float, float) [Hz]
+    T_ref : float [degC]
+    wlf : (float, float), optional
+        C1 and C2 [K] about T_ref; None where no law holds.
+    shifts : (array, array)
+        Temperatures [degC] and log10 a_T.
+    error : float
+        Root-mean-square relative error of the worse modulus over the window.
+    notes, warnings : tuple of str
+    """
+
+    name: str
+    tension: Prony
+    shear: Prony
+    shares: Floats
+    bulk: Bulk
+    K: float
+    nu: float
+    window: tuple[float, float]
+    T_ref: float
+    wlf: tuple[float, float] | None
+    shifts: tuple[Floats, Floats]
+    error: float
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def E_unrelaxed(self) -> float:
+        """Instantaneous tension modulus, Pa."""
+        return 2.0 * (1.0 + self.nu) * self.shear.E_unrelaxed
+
+    def remarks(self, mark: str, *more: str) -> list[str]:
+        """Return notes and warnings as lines of remarks of a code."""
+        texts = [*self.notes, *more, *(f"WARNING: {text}" for text in self.warnings)]
+        lines = (textwrap.wrap(text, _WIDTH, subsequent_indent="  ") for text in texts)
+        return [f"{mark} {line}" for part in lines for line in part]
+
+
+def make_deck(
+    material: Prony,
+    window: tuple[float, float],
+    T_ref: float,
+    *,
+    name: str = "material",
+    law: ShiftLaw | None = None,
+    shifts: tuple[Sequence[float] | Floats, Sequence[float] | Floats] = ((), ()),
+    b_T: Sequence[float] | Floats = (),
+    bulk: Bulk | None = None,
+    measured: Literal["tension", "shear"] = "tension",
+    tolerance: float = 0.01,
+) -> Deck:
+    """Reduce a material to the input of simulation codes.
+
+    Parameters
+    ----------
+    material : Prony
+        At T_ref.
+    window : (float, float) [Hz]
+        Lowest and highest frequency that was covered.
+    T_ref : float [degC]
+        Reference temperature.
+    name : str
+        Of the material.
+    law : ShiftLaw, optional
+        The shift law about T_ref.
+    shifts : (array, array)
+        Temperatures [degC] and log10 a_T as measured.
+    b_T : array
+        Vertical factors, which no code takes.
+    bulk : {"constant", "relaxing", "incompressible"}, optional
+        Behaviour of the bulk modulus; by default Poisson's ratio is constant, and at ν = 0.5 the
+        material incompressible.
+    measured : {"tension", "shear"}
+        The modulus that was measured; it is the one that stays as it is.
+    tolerance : float
+        Root-mean-square relative error that the reduction of terms may cost.
+
+    Raises
+    ------
+    InputError
+        The bulk modulus cannot be as asked for; the material has no finite instantaneous modulus.
+    """
+    if bulk is not None and bulk not in get_args(Bulk):
+        raise InputError(f'bulk = "{bulk}" is unknown; expected one of {", ".join(get_args(Bulk))}')
+    if material.nu == 0.5 and bulk not in (None, "incompressible"):
+        raise InputError(
+            f'bulk = "{bulk}": at nu = 0.5 the bulk modulus is infinite; give nu below 0.5 or bulk = "incompressible"'
+        )
+    if not np.isfinite(material.E_unrelaxed):
+        raise InputError("the material has no finite instantaneous modulus (a dashpot in parallel); codes need one")
+    chosen: Bulk = bulk or ("incompressible" if material.nu == 0.5 else "relaxing")
+    few, error = fewest_terms(material, *window, tolerance)
+    looser = tolerance
+    while few.E.size > _MOST_TERMS and looser < 1.0:
+        looser *= 1.5
+        few, error = fewest_terms(material, *window, looser)
+    few, liquid = _with_rest(few, window, tolerance, flows=material.is_liquid)
+    K = np.inf if chosen == "incompressible" else few.E_unrelaxed / (3.0 * (1.0 - 2.0 * few.nu))
+    nu = 0.5 if chosen == "incompressible" else few.nu
+    if chosen != "constant" or measured == "shear":
+        shear = few.scaled(0.5 / (1.0 + (few.nu if measured == "shear" else nu)))
+    else:
+        C, tau = few.creep_terms()
+        unrelaxed = 3.0 / few.E_unrelaxed - 1.0 / (3.0 * K)
+        family = relaxation_from_creep(Retardation(unrelaxed, 3.0 * C, tau, 3.0 * few.fluidity))
+        shear = Prony(family.relaxed, family.weight, family.time, few.nu)
+    temperatures, log10_aT = np.asarray(shifts[0], float), np.asarray(shifts[1], float)
+    wlf = None
+    if law is not None and np.unique(temperatures).size != 1 and law.holds:
+        C1, C2 = law.as_wlf
+        wlf = (C1, C2) if np.isfinite([C1, C2]).all() and C2 > 0 else None
+    times = [0.5 / np.pi / f for f in reversed(window)]
+    kept = "The shear modulus was measured and stays as it is." if measured == "shear" else ""
+    behaviour = {
+        "incompressible": "Incompressible: the bulk modulus is infinite.",
+        "relaxing": f"Poisson's ratio is constant, nu = {nu:.6g}: the bulk modulus relaxes as the shear modulus does.",
+        "constant": f"The bulk modulus is constant, K = {K:.6g} Pa, from nu = {nu:.6g} of the instantaneous modulus.",
+    }[chosen]
+    notes = [
+        f"{name}: linear viscoelastic material at {T_ref:.6g} degC; SI units (Pa, s)",
+        f"Valid from {window[0]:.4g} to {window[1]:.4g} Hz, times from {times[0]:.4g} to {times[1]:.4g} s; "
+        "outside, it is extrapolated.",
+        f"{few.E.size} terms; root-mean-square error against the full series within the window: "
+        f"{max(100 * error, 1e-4):.2g} % of the worse modulus in tension.",
+        f"{behaviour} {kept}".strip(),
+        *_law_notes(law, wlf, T_ref, temperatures, log10_aT, np.asarray(b_T, float)),
+    ]
+    return Deck(
+        name=name,
+        tension=few,
+        shear=shear,
+        shares=_shares(shear),
+        bulk=chosen,
+        K=float(K),
+        nu=float(nu),
+        window=window,
+        T_ref=T_ref,
+        wlf=wlf,
+        shifts=(temperatures, log10_aT),
+        error=error,
+        notes=(*notes, *([liquid] if liquid else [])),
+        warnings=tuple(_extrapolated(few, window, tolerance)),
+    )
+
+
+def _with_rest(few: Prony, window: tuple[float, float], tolerance: float, *, flows: bool) -> tuple[Prony, str]:
+    """Leave a liquid a long-time modulus so small that it is not seen; codes need shares below one."""
+    storage = float(few.complex_modulus(2.0 * np.pi * window[0]).real)
+    rest = max(_OF_TOLERANCE * tolerance * storage, _SMALLEST * few.E_unrelaxed)
+    is_enough = few.E_relaxed >= min(rest, _ENOUGH * few.E_unrelaxed)
+    if is_enough and not flows:
+        return few, ""
+    modulus = few.E_relaxed if is_enough else rest
+    text = (
+        f"{'The material flows: its long-time modulus is zero. ' if flows else ''}{modulus:.3g} Pa is written as its "
+        "long-time modulus, because the shares of the terms must add up to less than one; that is "
+        f"{modulus / storage:.1e} of the storage modulus at the lower end of the window."
+    )
+    return Prony(modulus, few.E, few.rho, few.nu), text
+
+
+def _shares(shear: Prony) -> Floats:
+    """Return the terms over the instantaneous modulus, rounded as printed, with a sum below one."""
+    shares = [Decimal(f"{share:.14g}") for share in shear.E / shear.E_unrelaxed]
+    if shares:
+        most = Decimal(1) - Decimal(f"{shear.E_relaxed / shear.E_unrelaxed:.6g}")
+        excess = sum(shares) - most
+        if sum(shares) >= 1 or (excess > 0 and most < 1):
+            shares[shares.index(max(shares))] -= max(excess, Decimal(0))
+    return np.array([float(share) for share in shares])
+
+
+def _law_notes(
+    law: ShiftLaw | None, wlf: tuple[float, float] | None, T_ref: float, T: Floats, log10_aT: Floats, b_T: Floats
+) -> list[str]:
+    span = f" Measured from {np.nanmin(T):.6g} to {np.nanmax(T):.6g} degC." if T.size else ""
+    notes = []
+    if wlf is None:
+        reason = "The shifts follow a straight line over temperature, a WLF law without finite constants"
+        if law is None or np.unique(T).size == 1:
+            reason = "No shift law is known"
+        elif not law.holds:
+            reason = "Neither WLF nor Arrhenius describes the shifts within their uncertainty"
+        notes.append(f"{reason}; the material holds at {T_ref:.6g} degC only.{span}")
+        if T.size:
+            table = ", ".join(f"({t:.6g}, {a:.6g})" for t, a in zip(T, log10_aT, strict=True))
+            notes.append(f"Shifts as measured, not expressed below: (temperature in degC, log10 a_T) = {table}.")
+    elif law is not None and law.name != "wlf":
+        notes.append(
+            f"Shifts by Arrhenius' law, {law.activation_energy:.6g} J/mol, written as the WLF law with C2 = T_ref in "
+            f"kelvin, which is the same function.{span}"
+        )
+    else:
+        notes.append(f"Shifts by the WLF law.{span}")
+    factors = b_T[np.isfinite(b_T)]
+    if factors.size and np.ptp(factors) > 1e-6:
+        notes.append(
+            f"The moduli change with temperature too, by factors b_T from {factors.min():.4g} to {factors.max():.4g}; "
+            "this is not expressed below."
+        )
+    return notes
+
+
+def _extrapolated(few: Prony, window: tuple[float, float], tolerance: float) -> list[str]:
+    """Name the moduli after no time and after an infinite one that lie beyond the measured ones."""
+    storage = few.complex_modulus(2.0 * np.pi * np.asarray(window)).real
+    found = []
+    if few.E_unrelaxed > (1.0 + tolerance) * storage[1]:
+        found.append(
+            f"the instantaneous modulus, {few.E_unrelaxed:.4g} Pa in tension, is extrapolated: at {window[1]:.4g} Hz, "
+            f"the upper end of the window, the storage modulus is {storage[1]:.4g} Pa"
+        )
+    if few.E_relaxed < (1.0 - tolerance) * storage[0]:
+        found.append(
+            f"the long-time modulus, {few.E_relaxed:.4g} Pa in tension, is extrapolated: at {window[0]:.4g} Hz, the "
+            f"lower end of the window, the storage modulus is {storage[0]:.4g} Pa"
+        )
+    return found
+
+
+def _abaqus(deck: Deck) -> str:
+    lines = deck.remarks("**")
+    label = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in deck.name).upper()
+    label = label if label[:1].isalpha() else f"M{label}"
+    lines.append(f"*MATERIAL, NAME={label[:80]}")
+    if deck.bulk == "incompressible":
+        lines += [
+            "** incompressible: take hybrid elements",
+            "*HYPERELASTIC, NEO HOOKE, MODULI=INSTANTANEOUS",
+            f"{0.5 * deck.shear.E_unrelaxed:.14g}, 0.",
+        ]
+    else:
+        lines += ["*ELASTIC, MODULI=INSTANTANEOUS", f"{deck.E_unrelaxed:.14g}, {deck.nu:.14g}"]
+    if deck.shares.size:
+        lines.append("*VISCOELASTIC, TIME=PRONY")
+    for share, time in zip(deck.shares, deck.shear.rho, strict=True):
+        lines.append(f"{share:.14g}, {share if deck.bulk == 'relaxing' else 0.0:.14g}, {time:.14g}")
+    if deck.wlf is not None:
+        lines += [
+            "** log10 a_T = -C1 (T - T_ref)/(C2 + T - T_ref), temperatures in degC",
+            "*TRS, DEFINITION=WLF",
+            f"{deck.T_ref:.14g}, {deck.wlf[0]:.14g}, {deck.wlf[1]:.14g}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _ansys(deck: Deck) -> str:
+    lines = deck.remarks("!")
+    if deck.bulk == "incompressible":
+        lines += [
+            "! incompressible: take elements with mixed u-P formulation",
+            "TB,HYPER,1,1,2,NEO",
+            f"TBDATA,1,{deck.shear.E_unrelaxed:.14g},0  ! instantaneous shear modulus",
+        ]
+    else:
+        lines += [f"MP,EX,1,{deck.E_unrelaxed:.14g}  ! instantaneous modulus", f"MP,PRXY,1,{deck.nu:.14g}"]
+    if deck.shares.size:
+        for name in ("SHEAR", "BULK") if deck.bulk == "relaxing" else ("SHEAR",):
+            lines.append(f"TB,PRONY,1,,{deck.shares.size},{name}")
+            lines += [
+                f"TBDATA,{2 * i + 1},{share:.14g},{time:.14g}"
+                for i, (share, time) in enumerate(zip(deck.shares, deck.shear.rho, strict=True))
+            ]
+    if deck.wlf is not None:
+        lines += [
+            "TB,SHIFT,1,,3,WLF",
+            f"TBDATA,1,{deck.T_ref:.14g},{deck.wlf[0]:.14g},{deck.wlf[1]:.14g}  ! temperatures in degC",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _comsol(deck: Deck) -> str:
+    relaxed = deck.shear.E_relaxed
+    solid = (
+        [f"G = {relaxed:.14g} [Pa], nearly incompressible material with mixed formulation"]
+        if deck.bulk == "incompressible"
+        else [f"G = {relaxed:.14g} [Pa]", f"K = {deck.K:.14g} [Pa]"]
+        if deck.bulk == "constant"
+        else [f"E = {2.0 * (1.0 + deck.nu) * relaxed:.14g} [Pa]", f"nu = {deck.nu:.14g}"]
+    )
+    lines = deck.remarks("%")
+    lines.append("% Linear elastic material, long-term moduli:")
+    lines += [f"%   {line}" for line in solid]
+    if deck.bulk == "relaxing":
+        lines.append("% Viscoelasticity: deviatoric and volumetric, with the same relative moduli in both;")
+        lines.append("%   a version that has the deviatoric one only keeps the bulk modulus constant.")
+    else:
+        lines.append("% Viscoelasticity: deviatoric; generalized Maxwell.")
+    if deck.wlf is not None:
+        lines.append("% Thermal effects, Williams-Landel-Ferry:")
+        lines.append(f"%   T0 = {deck.T_ref + ZERO_CELSIUS:.14g} [K]")
+        lines.append(f"%   C1 = {deck.wlf[0]:.14g}")
+        lines.append(f"%   C2 = {deck.wlf[1]:.14g} [K]")
+    lines.append("% Branches, to load into the table: number, shear modulus in Pa, relaxation time in s")
+    lines += [
+        f"{i} {weight:.14g} {time:.14g}"
+        for i, (weight, time) in enumerate(zip(deck.shear.E, deck.shear.rho, strict=True), 1)
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _field(value: float) -> str:
+    """Return the most digits of a number that ten characters hold."""
+    if value == 0.0:
+        return "       0.0"
+    for digits in range(6, 1, -1):
+        mantissa, power = f"{value:.{digits}E}".split("E")
+        text = f"{mantissa}E{int(power)}"
+        if len(text) <= 10:
+            return text.rjust(10)
+    return f"{value:.1E}".rjust(10)
+
+
+def _lsdyna(deck: Deck) -> str:
+    more = ["Fields of ten characters round each number to 5 digits or so."]
+    K = deck.K
+    if deck.bulk == "incompressible":
+        K = _NEARLY * deck.shear.E_unrelaxed
+        more.append(
+            f"This card cannot be incompressible: BULK is {_NEARLY:g} times the instantaneous shear modulus, "
+            f"nu = {(3 * _NEARLY - 2) / (6 * _NEARLY + 2):.6f}."
+        )
+    A, B, T_ref = 0.0, 0.0, 0.0
+    if deck.wlf is not None:
+        A, B, T_ref = -deck.wlf[0] * float(np.log(10.0)), deck.wlf[1], deck.T_ref + ZERO_CELSIUS
+        more.append(
+            "Temperatures in K. The reduced time is the integral of Phi dt, with "
+            "Phi = exp(-A (T - TREF)/(B + T - TREF)): A is negative, so that the material is faster when it is hot."
+        )
+    more.append("RO is not known here: set the density.")
+    lines = ["*KEYWORD", *deck.remarks("$", *more), "*MAT_GENERAL_VISCOELASTIC"]
+    lines.append("$      MID        RO      BULK       PCF        EF      TREF         A         B")
+    lines.append("         1" + "".join(map(_field, (0.0, K, 0.0, 0.0, T_ref, A, B))))
+    lines.append("$     LCID        NT    BSTART     TRAMP     LCIDK       NTK   BSTARTK    TRAMPK")
+    lines.append("         0         0" + "       0.0" * 2 + "         0         0" + "       0.0" * 2)
+    lines.append("$       GI     BETAI        KI    BETAKI")
+    relaxes = deck.bulk == "relaxing"
+    ratio = deck.K / deck.shear.E_unrelaxed if relaxes else 0.0
+    for weight, time in zip(deck.shear.E, deck.shear.rho, strict=True):
+        lines.append("".join(map(_field, (weight, 1.0 / time, ratio * weight, 1.0 / time if relaxes else 0.0))))
+    lines.append("".join(map(_field, (deck.shear.E_relaxed, 0.0, ratio * deck.shear.E_relaxed, 0.0))))
+    return "\n".join([*lines, "*END"]) + "\n"
+
+
+def _json(deck: Deck) -> str:
+    document = {
+        "name": deck.name,
+        "units": {"modulus": "Pa", "time": "s", "temperature": "degC", "frequency": "Hz"},
+        "window": list(deck.window),
+        "T_ref": deck.T_ref,
+        "bulk": deck.bulk,
+        "K_unrelaxed": deck.K if np.isfinite(deck.K) else None,
+        "nu_unrelaxed": deck.nu,
+        "shear": {
+            "G_relaxed": deck.shear.E_relaxed,
+            "G_unrelaxed": deck.shear.E_unrelaxed,
+            "G": deck.shear.E.tolist(),
+            "rho": deck.shear.rho.tolist(),
+            "shares": deck.shares.tolist(),
+        },
+        "tension": {
+            "E_relaxed": deck.tension.E_relaxed,
+            "E": deck.tension.E.tolist(),
+            "rho": deck.tension.rho.tolist(),
+        },
+        "rms_relative_error": deck.error,
+        "wlf": None if deck.wlf is None else {"C1": deck.wlf[0], "C2": deck.wlf[1]},
+        "shifts": {
+            "temperature": deck.shifts[0].tolist(),
+            "log10_aT": [None if np.isnan(value) else value for value in deck.shifts[1].tolist()],
+        },
+        "notes": list(deck.notes),
+        "warnings": list(deck.warnings),
+    }
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+_WRITERS: dict[str, Callable[[Deck], str]] = {
+    "abaqus": _abaqus,
+    "ansys": _ansys,
+    "comsol": _comsol,
+    "lsdyna": _lsdyna,
+    "json": _json,
+}
+
+
+def deck_text(deck: Deck, code: Code | str) -> str:
+    """Return a material in the input language of a simulation code."""
+    return _WRITERS[code](deck)

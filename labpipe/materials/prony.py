@@ -1,0 +1,486 @@
+"""The linear viscoelastic solid as a Prony series: one object that every other part takes.
+
+Names. Contact mechanics writes E₀ for the long-time modulus, finite-element codes for the
+instantaneous one. Neither is used here: ``E_relaxed`` is the long-time (zero-frequency, rubbery)
+modulus, ``E_unrelaxed`` the instantaneous (glassy) one. Relaxation times are ``rho``,
+retardation times ``tau``.
+
+The thermodynamic conditions of the thesis, (1.8), (1.9), (1.20) and (1.24), reduce for a Prony
+series to this: no negative weight, no negative long-time modulus, no negative instantaneous
+compliance, positive times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from labpipe.arrays import Complexes, Floats
+from labpipe.errors import InputError
+from labpipe.materials.interconversion import (
+    Relaxation,
+    Retardation,
+    creep_from_relaxation,
+    merged,
+    relaxation_from_creep,
+)
+from labpipe.notebook import html_table, shown
+from labpipe.units import require_positive
+
+__all__ = [
+    "Mode",
+    "Prony",
+    "Relaxation",
+    "Retardation",
+    "creep_from_relaxation",
+    "maxwell",
+    "relaxation_from_creep",
+    "standard_linear_solid",
+]
+
+Mode = Literal["tension", "shear", "contact"]
+
+
+# Rounding of ΣC against 1/E_relaxed: a smaller remainder counts as none.
+_ROUNDING = 4.0 * float(np.finfo(float).eps)
+# A weight this small against the whole has no effect in double precision at any time, and the
+# squares of its offsets would leave the range of the numbers.
+_NEGLIGIBLE = 1e-100
+
+
+@dataclass(frozen=True, eq=False)
+class Prony:
+    r"""A linear viscoelastic material in tension, with a constant Poisson's ratio.
+
+    .. math::
+        E(t) = E_{relaxed} + \sum_j E_j e^{-t/\rho_j}, \qquad
+        J(t) = 1/E_{relaxed} - \sum_k C_k e^{-t/\tau_k}.
+
+    Terms are kept in ascending time; zero weights are dropped, equal times added up.
+
+    Parameters
+    ----------
+    E_relaxed : float [Pa]
+        Long-time modulus, not negative; 0 is a viscoelastic liquid.
+    E : array (term,) [Pa]
+        Weights, none negative. Empty lists give an elastic solid.
+    rho : array (term,) [s]
+        Relaxation times, positive.
+    nu : float
+        Poisson's ratio, −1 < ν ≤ 0.5.
+    viscosity : float [Pa s]
+        Dashpot in parallel; needed only by materials without instantaneous compliance.
+
+    Raises
+    ------
+    InputError
+        The terms are not thermodynamically admissible: E(t) would not be positive, decreasing
+        and convex, or work could be gained from a closed cycle.
+
+    Examples
+    --------
+    >>> solid = Prony(2e9, [2e9], [0.5], nu=0.35)
+    >>> solid.E_unrelaxed
+    4000000000.0
+    >>> C, tau = solid.creep_terms()
+    >>> float(tau[0])
+    1.0
+
+    Notes
+    -----
+    Thesis equations (1.41), (1.42), (2.5); admissibility (1.8), (1.9), (1.20), (1.24). Both
+    families are exact images of each other, see :mod:`.interconversion`.
+    Instances are immutable, compare by value, and travel between processes.
+    """
+
+    E_relaxed: float
+    E: Floats
+    rho: Floats
+    nu: float = 0.5
+    viscosity: float = 0.0
+    _given_creep: Retardation | None = field(default=None, repr=False)
+
+    def __init__(
+        self,
+        E_relaxed: float,
+        E: ArrayLike,
+        rho: ArrayLike,
+        nu: float = 0.5,
+        viscosity: float = 0.0,
+        *,
+        _given_creep: Retardation | None = None,
+    ) -> None:
+        _not_negative("E_relaxed", E_relaxed, "Pa")
+        _not_negative("viscosity", viscosity, "Pa s")
+        weight, time = _checked_terms("E", "rho", E, rho, E_relaxed)
+        if not -1.0 < nu <= 0.5:
+            raise InputError(f"nu = {nu}: Poisson's ratio of an isotropic solid lies in (−1, 0.5]")
+        if E_relaxed == 0 and weight.size == 0:
+            raise InputError("E_relaxed = 0 and no terms: the material has no stiffness; give a modulus")
+        for name, value in (
+            ("E_relaxed", float(E_relaxed)),
+            ("E", _frozen(weight)),
+            ("rho", _frozen(time)),
+            ("nu", float(nu)),
+            ("viscosity", float(viscosity)),
+            ("_given_creep", _given_creep),
+        ):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_creep(cls, E_relaxed: float, C: ArrayLike, tau: ArrayLike, nu: float = 0.5) -> Prony:
+        """Build from creep terms; they are kept as given, the relaxation terms are exact.
+
+        Parameters
+        ----------
+        E_relaxed : float [Pa]
+            Long-time modulus, positive.
+        C : array (term,) [1/Pa]
+            Weights of J(t) = 1/E_relaxed − Σ C exp(−t/τ), none negative, ΣC ≤ 1/E_relaxed.
+        tau : array (term,) [s]
+            Retardation times, positive.
+        nu : float
+            Poisson's ratio.
+
+        Raises
+        ------
+        InputError
+            The terms are not admissible.
+
+        Examples
+        --------
+        >>> solid = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
+        >>> solid.E_unrelaxed, solid.rho
+        (4000000000.0, array([0.0005]))
+        """
+        if not (np.isfinite(E_relaxed) and E_relaxed > 0):
+            raise InputError(f"E_relaxed = {E_relaxed} Pa: creep terms need a positive long-time modulus")
+        weight, time = _checked_terms("C", "tau", C, tau, 1.0 / E_relaxed)
+        unrelaxed = _instantaneous_compliance(float(E_relaxed), weight)
+        creep = Retardation(unrelaxed, _frozen(weight), _frozen(time))
+        family = relaxation_from_creep(creep)
+        return cls(E_relaxed, family.weight, family.time, nu, family.viscosity, _given_creep=creep)
+
+    @cached_property
+    def _creep(self) -> Retardation:
+        if self._given_creep is not None:
+            return self._given_creep
+        family = creep_from_relaxation(Relaxation(self.E_relaxed, self.E, self.rho, self.viscosity))
+        return Retardation(family.unrelaxed, _frozen(family.weight), _frozen(family.time), family.fluidity)
+
+    @property
+    def E_unrelaxed(self) -> float:
+        """Instantaneous modulus in Pa; infinite when the instantaneous compliance is zero."""
+        if self._given_creep is not None:
+            unrelaxed = self._given_creep.unrelaxed
+            return 1.0 / unrelaxed if unrelaxed > 0 else float("inf")
+        return float("inf") if self.viscosity > 0 else self.E_relaxed + float(np.sum(self.E))
+
+    @property
+    def is_liquid(self) -> bool:
+        """True when the material flows: E_relaxed is zero."""
+        return self.E_relaxed == 0
+
+    @property
+    def fluidity(self) -> float:
+        """Inverse of the zero-rate (elongational) viscosity in 1/(Pa s); 0 for a solid."""
+        return self._creep.fluidity
+
+    def creep_terms(self) -> tuple[Floats, Floats]:
+        """Return the weights C (1/Pa) and retardation times τ (s), ascending.
+
+        A solid creeps as J(t) = 1/E_relaxed − Σ C exp(−t/τ). A liquid (E_relaxed = 0) creeps as
+        J(t) = 1/E_unrelaxed + Σ C (1 − exp(−t/τ)) + fluidity · t.
+        """
+        return self._creep.weight, self._creep.time
+
+    def factor(self, mode: Mode) -> float:
+        """Return what the tensile modulus is multiplied by: shear 1/2(1+ν), contact 1/(1−ν²)."""
+        factors = {"tension": 1.0, "shear": 0.5 / (1.0 + self.nu), "contact": 1.0 / (1.0 - self.nu**2)}
+        if mode not in factors:
+            raise InputError(f'mode "{mode}" is unknown; use one of {", ".join(factors)}')
+        return factors[mode]
+
+    def relaxation(self, t: ArrayLike, mode: Mode = "tension") -> Floats:
+        """Return the relaxation modulus E(t) in Pa at the times t ≥ 0 (s), same shape.
+
+        A dashpot in parallel adds an impulse at t = 0 only: infinite there, nothing later.
+        """
+        time = _positive("t", t, "s")
+        terms = _sum_over_terms(self.E, self.rho, time, lambda x: np.exp(-x))
+        value = self.E_relaxed + terms
+        if self.viscosity > 0:
+            value = np.where(time == 0, np.inf, value)
+        return self.factor(mode) * value
+
+    def creep(self, t: ArrayLike, mode: Mode = "tension") -> Floats:
+        """Return the creep compliance J(t) in 1/Pa at the times t ≥ 0 (s), same shape."""
+        time = _positive("t", t, "s")
+        family = self._creep
+        terms = _sum_over_terms(family.weight, family.time, time, lambda x: -np.expm1(-x))
+        # A solid does not flow in an endless time either: no zero times infinity.
+        flow = family.fluidity * time if family.fluidity > 0 else 0.0
+        return (family.unrelaxed + terms + flow) / self.factor(mode)
+
+    def complex_modulus(self, omega: ArrayLike, mode: Mode = "tension") -> Complexes:
+        """Return E*(ω) = E′ + iE″ in Pa at the angular frequencies ω ≥ 0 (rad/s), same shape.
+
+        Notes
+        -----
+        Thesis equation (1.42). Instruments report f in Hz: ω = 2πf.
+        """
+        frequency = _positive("omega", omega, "rad/s")
+        storage = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _storage_shape)
+        loss = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _loss_shape)
+        factor = self.factor(mode)
+        dashpot = self.viscosity * frequency if self.viscosity > 0 else 0.0
+        return _complex(factor * (self.E_relaxed + storage), factor * (loss + dashpot))
+
+    def complex_compliance(self, omega: ArrayLike, mode: Mode = "tension") -> Complexes:
+        """Return J*(ω) = J′ − iJ″ in 1/Pa, from the retardation terms; E*(ω) J*(ω) = 1."""
+        frequency = _positive("omega", omega, "rad/s")
+        family = self._creep
+        rate = 1.0 / family.time
+        soft = _sum_over_terms(family.weight, rate, frequency, _compliance_shape)
+        loss = _sum_over_terms(family.weight, rate, frequency, _loss_shape)
+        with np.errstate(divide="ignore"):
+            flow = family.fluidity / frequency if family.fluidity > 0 else 0.0
+        factor = self.factor(mode)
+        return _complex((family.unrelaxed + soft) / factor, -(loss + flow) / factor)
+
+    def loss_factor(self, omega: ArrayLike) -> Floats:
+        """Return tan δ = E″/E′ at the angular frequencies ω (rad/s)."""
+        value = self.complex_modulus(omega)
+        return np.asarray(value.imag / value.real)
+
+    def shifted(self, a_T: float, b_T: float = 1.0) -> Prony:
+        """Return the material at another temperature: E(ω, T) = b_T E(a_T ω, T_ref).
+
+        Parameters
+        ----------
+        a_T : float
+            Horizontal shift factor, positive; larger than 1 below the reference temperature.
+            All times are multiplied by it.
+        b_T : float
+            Vertical shift factor, positive.
+
+        Notes
+        -----
+        The thesis writes both ω/a (section 1.2, a rising with temperature) and a_T ω (2.35,
+        3.15). The second is used everywhere here.
+        """
+        if not (np.isfinite(a_T) and a_T > 0):
+            raise InputError(f"a_T = {a_T}: a shift factor is positive and finite")
+        creep = self._given_creep
+        if creep is not None:
+            creep = Retardation(creep.unrelaxed, creep.weight, _frozen(creep.time * a_T), creep.fluidity / a_T)
+        moved = Prony(self.E_relaxed, self.E, self.rho * a_T, self.nu, self.viscosity * a_T, _given_creep=creep)
+        return moved if b_T == 1.0 else moved.scaled(b_T)
+
+    def scaled(self, factor: float) -> Prony:
+        """Return the material with every modulus multiplied by ``factor`` > 0."""
+        if not (np.isfinite(factor) and factor > 0):
+            raise InputError(f"factor = {factor}: a modulus can be scaled by a positive number only")
+        creep = self._given_creep
+        if creep is not None:
+            creep = Retardation(
+                creep.unrelaxed / factor, _frozen(creep.weight / factor), creep.time, creep.fluidity / factor
+            )
+        return Prony(
+            self.E_relaxed * factor, self.E * factor, self.rho, self.nu, self.viscosity * factor, _given_creep=creep
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Compare by value, term by term."""
+        return isinstance(other, Prony) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        """Hash the values, so that equal materials share one cache entry."""
+        return hash(self._key())
+
+    def _key(self) -> tuple[object, ...]:
+        creep = self._given_creep
+        terms = () if creep is None else (creep.weight.tobytes(), creep.time.tobytes())
+        scalars = (self.E_relaxed, self.nu, self.viscosity)
+        return (*scalars, self.E.tobytes(), self.rho.tobytes(), *terms)
+
+    def __repr__(self) -> str:
+        return f"Prony({self._caption})"
+
+    def _repr_html_(self) -> str:
+        rows = [(shown(E, "Pa"), shown(rho, "s")) for E, rho in zip(self.E, self.rho, strict=True)]
+        return html_table(f"Prony series: {self._caption}", ("E", "rho"), rows)
+
+    @property
+    def _caption(self) -> str:
+        n = self.rho.size
+        span = f" from {shown(self.rho[0], 's')} to {shown(self.rho[-1], 's')}" if n else ""
+        return (
+            f"E relaxed {shown(self.E_relaxed, 'Pa')}, unrelaxed {shown(self.E_unrelaxed, 'Pa')}, "
+            f"{n} term{'s' * (n != 1)}{span}, nu {self.nu:g}"
+        )
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Rebuild from the terms of both families, so that a copy is bit-identical."""
+        terms = (self.E_relaxed, self.E, self.rho, self.nu, self.viscosity)
+        return _rebuilt, (*terms, self._given_creep)
+
+
+def _rebuilt(E_relaxed: float, E: Floats, rho: Floats, nu: float, viscosity: float, creep: Retardation | None) -> Prony:
+    if creep is not None:
+        creep = Retardation(creep.unrelaxed, _frozen(creep.weight), _frozen(creep.time), creep.fluidity)
+    return Prony(E_relaxed, E, rho, nu, viscosity, _given_creep=creep)
+
+
+def _sum_over_terms(weight: Floats, scale: Floats, argument: Floats, shape: Callable[[Floats], Floats]) -> Floats:
+    """Return Σ weight · shape(argument/scale), one array of the argument's shape."""
+    if weight.size == 0:
+        return np.zeros(argument.shape)
+    # A ratio beyond the range of the numbers has reached the limit of every shape.
+    with np.errstate(over="ignore"):
+        return np.asarray(shape(argument[..., None] / scale) @ weight)
+
+
+def _complex(real: Floats, imaginary: Floats) -> Complexes:
+    """Join two real parts; complex arithmetic would turn an infinite part into NaN."""
+    value = np.empty(np.shape(real), dtype=complex)
+    value.real, value.imag = real, imaginary
+    return value[()]
+
+
+def _loss_shape(x: Floats) -> Floats:
+    """x/(1 + x²), without overflow."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / (x + 1.0 / x))
+
+
+def _storage_shape(x: Floats) -> Floats:
+    """x²/(1 + x²), without overflow, one at infinity."""
+    with np.errstate(divide="ignore"):
+        smaller = np.minimum(x, 1.0 / x)
+    share = 1.0 / (1.0 + smaller * smaller)
+    return np.where(x > 1.0, share, x * x * share)
+
+
+def _compliance_shape(x: Floats) -> Floats:
+    """1/(1 + x²), without overflow."""
+    with np.errstate(over="ignore"):
+        return np.asarray(1.0 / (1.0 + x * x))
+
+
+def _frozen(values: Floats) -> Floats:
+    """Return a read-only copy."""
+    copy = np.array(values, dtype=float)
+    copy.setflags(write=False)
+    return copy
+
+
+def _not_negative(name: str, value: float, units: str) -> None:
+    """Refuse a negative or non-finite number."""
+    if not (np.isfinite(value) and value >= 0):
+        raise InputError(f"{name} = {value} {units}: expected a finite number, not negative")
+
+
+def _checked_terms(
+    weight_name: str, time_name: str, weight: ArrayLike, time: ArrayLike, constant: float
+) -> tuple[Floats, Floats]:
+    """Return merged ascending terms, or say which term is not admissible."""
+    weights, times = np.asarray(weight, dtype=float), np.asarray(time, dtype=float)
+    if weights.ndim != 1 or weights.shape != times.shape:
+        raise InputError(
+            f"{weight_name} has shape {weights.shape} and {time_name} {times.shape}: "
+            "expected two lists of equal length, one weight and one time per term"
+        )
+    bad_weight = ~(np.isfinite(weights) & (weights >= 0))
+    if bad_weight.any():
+        k = int(np.argmax(bad_weight))
+        raise InputError(
+            f"{weight_name}[{k}] = {weights[k]}: with a negative weight the material would "
+            f"return more work than was put in (not admissible); fit the terms with weights ≥ 0"
+        )
+    bad_time = ~(np.isfinite(times) & (times > 0))
+    if bad_time.any():
+        k = int(np.argmax(bad_time))
+        raise InputError(f"{time_name}[{k}] = {times[k]} s: expected a positive, finite time")
+    floor = _NEGLIGIBLE * (constant + float(np.sum(weights)))
+    return merged(np.where(weights > floor, weights, 0.0), times)
+
+
+def _instantaneous_compliance(E_relaxed: float, C: Floats) -> float:
+    """Return 1/E_relaxed − ΣC without cancellation, exactly zero when it is rounding."""
+    exact = 1 / Fraction(E_relaxed) - sum((Fraction(c) for c in C), Fraction(0))
+    remainder = float(exact)
+    if abs(remainder) * E_relaxed <= _ROUNDING:
+        return 0.0
+    if remainder < 0:
+        raise InputError(
+            f"ΣC = {float(np.sum(C)):.6g} 1/Pa exceeds 1/E_relaxed = {1 / E_relaxed:.6g} 1/Pa: "
+            "the instantaneous compliance would be negative (not admissible)"
+        )
+    return remainder
+
+
+def _positive(name: str, values: ArrayLike, units: str) -> Floats:
+    """Return times or frequencies as an array, refusing negative ones."""
+    found = np.asarray(values, dtype=float)
+    if (found < 0).any():
+        raise InputError(f"{name} = {found.min()} {units}: the response is defined for {name} ≥ 0")
+    return found
+
+
+def maxwell(modulus: float, viscosity: float, nu: float = 0.5) -> Prony:
+    """Return a spring and a dashpot in series: a liquid with one relaxation time.
+
+    Parameters
+    ----------
+    modulus : float [Pa]
+        ℰ of the spring.
+    viscosity : float [Pa s]
+        μ of the dashpot; the relaxation time is μ/ℰ (1.30).
+    nu : float
+        Poisson's ratio.
+
+    Examples
+    --------
+    Creep is J(t) = 1/ℰ + t/μ (1.34):
+
+    >>> maxwell(2.0, 8.0).creep([0.0, 4.0])
+    array([0.5, 1. ])
+    """
+    require_positive("Pa", modulus=modulus)
+    require_positive("Pa s", viscosity=viscosity)
+    return Prony(0.0, [modulus], [viscosity / modulus], nu)
+
+
+def standard_linear_solid(E_relaxed: float, E_unrelaxed: float, relaxation_time: float, nu: float = 0.5) -> Prony:
+    """Return a spring beside a Maxwell element (Zener): the simplest solid that relaxes.
+
+    Parameters
+    ----------
+    E_relaxed, E_unrelaxed : float [Pa]
+        ℰ₀ and ℰ_∞ = ℰ₀ + ℰ₁ of the thesis, E_relaxed < E_unrelaxed.
+    relaxation_time : float [s]
+        τ of (1.37). The retardation time is β τ with β = E_unrelaxed/E_relaxed (1.38).
+    nu : float
+        Poisson's ratio.
+
+    Examples
+    --------
+    >>> solid = standard_linear_solid(1.0, 2.0, 3.0)
+    >>> C, tau = solid.creep_terms()
+    >>> float(tau[0])
+    6.0
+    """
+    require_positive("Pa", E_relaxed=E_relaxed)
+    if not E_unrelaxed > E_relaxed:
+        raise InputError(
+            f"E_unrelaxed = {E_unrelaxed} Pa is not above E_relaxed = {E_relaxed} Pa: a material "
+            "relaxes from the larger modulus to the smaller one"
+        )
+    return Prony(E_relaxed, [E_unrelaxed - E_relaxed], [relaxation_time], nu)

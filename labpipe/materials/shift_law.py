@@ -1,0 +1,323 @@
+r"""How the shift factors depend on temperature: WLF and Arrhenius, and their fit to a table.
+
+Both laws give log10 a_T relative to a reference temperature, so that they are zero there:
+
+- WLF: −C₁ (T − T_ref)/(C₂ + T − T_ref), kept here as −m ΔT/(1 + q ΔT) with the slope
+  m = C₁/C₂ and the curvature q = 1/C₂, which stays regular where C₁ and C₂ run to infinity
+  together;
+- Arrhenius: E_a/(R ln 10) (1/T − 1/T_ref), T in kelvin.
+
+References
+----------
+Williams, Landel & Ferry, J. Am. Chem. Soc. 77 (1955) 3701, doi:10.1021/ja01619a008.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from labpipe.arrays import Floats
+from labpipe.errors import InputError
+from labpipe.uncertainty import propagated_u
+from labpipe.units import ZERO_CELSIUS
+
+LawName = Literal["wlf", "arrhenius"]
+
+#: Gas constant times ln 10, J/(mol K).
+_GAS_LN10 = 8.31446261815324 * float(np.log(10.0))
+# Gauss-Newton on two parameters settles in a few steps; the bound guards against a bad table.
+_MAX_STEPS = 60
+_HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftLaw:
+    """One law with its parameters, their covariance, and how well it holds.
+
+    Attributes
+    ----------
+    name : {"wlf", "arrhenius"}
+    T_ref : float [degC]
+    parameters : tuple of float
+        WLF: slope m (1/K) and curvature q (1/K). Arrhenius: activation energy (J/mol).
+    covariance : array (parameter, parameter)
+    chi_square, freedom : float, int
+        Squared deviations of the free shifts from the law over their covariance, and how many
+        degrees of freedom they have; a ratio far above one says that the law does not hold.
+    """
+
+    name: LawName
+    T_ref: float
+    parameters: tuple[float, ...]
+    covariance: Floats
+    chi_square: float = float("nan")
+    freedom: int = 0
+
+    @classmethod
+    def of(cls, stored: Mapping[str, Any]) -> "ShiftLaw":
+        """Read a law from a stored result, which keeps no covariance and None for a chi-square that it lacks."""
+        parameters = tuple(stored["parameters"])
+        chi_square = stored.get("chi_square")
+        return cls(
+            stored["name"],
+            stored["T_ref"],
+            parameters,
+            np.zeros((len(parameters), len(parameters))),
+            float("nan") if chi_square is None else chi_square,
+            stored.get("freedom", 0),
+        )
+
+    @property
+    def holds(self) -> bool:
+        """Whether it describes the free shifts within their uncertainty; without such shifts nothing contradicts it."""
+        return not (self.freedom and self.chi_square / self.freedom > _HOLDS)
+
+    def about(self, T_ref: float) -> "ShiftLaw | None":
+        """Return the same law about another reference temperature [degC]; None beyond the pole of a WLF law.
+
+        Examples
+        --------
+        >>> moved = wlf(15.0, 250.0, 40.0).about(60.0)
+        >>> round(moved.C1, 3), round(moved.C2, 3)
+        (13.889, 270.0)
+        """
+        if self.name == "arrhenius":
+            return replace(self, T_ref=T_ref)
+        (m, q), step = self.parameters, T_ref - self.T_ref
+        stretch = 1.0 + q * step
+        if stretch <= 0.0:
+            return None
+        change = np.array([[stretch**-2, -2.0 * m * step * stretch**-3], [0.0, stretch**-2]])
+        covariance = change @ self.covariance @ change.T
+        return replace(self, T_ref=T_ref, parameters=(m / stretch**2, q / stretch), covariance=covariance)
+
+    def log10_aT(self, temperature: ArrayLike) -> Floats:
+        """Return log10 a_T at temperatures in °C.
+
+        Raises
+        ------
+        InputError
+            A temperature lies beyond the pole of the WLF law (at or below T_ref − C₂), or below
+            absolute zero.
+        """
+        degrees = np.asarray(temperature, float)
+        if np.any(degrees <= -ZERO_CELSIUS):
+            raise InputError(f"{degrees.min()} °C lies below absolute zero")
+        value = law_values(self.name, self.parameters, degrees, self.T_ref)
+        if value is None:
+            raise InputError(
+                f"the {self.name} law about {self.T_ref:g} °C has no value at "
+                f"{degrees} °C: its pole lies at {self.T_ref - self.C2:.1f} °C"
+            )
+        return value
+
+    def u_log10_aT(self, temperature: ArrayLike) -> Floats:
+        """Return the standard uncertainty of log10 a_T from the parameters' covariance."""
+        slope = law_slopes(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
+        return propagated_u(slope, self.covariance)
+
+    @property
+    def C1(self) -> float:
+        """WLF constant C₁ (1); NaN for another law."""
+        if self.name != "wlf":
+            return float("nan")
+        m, q = self.parameters
+        return m / q if q != 0 else float("inf")
+
+    @property
+    def C2(self) -> float:
+        """WLF constant C₂ in K; NaN for another law."""
+        if self.name != "wlf":
+            return float("nan")
+        q = self.parameters[1]
+        return 1.0 / q if q != 0 else float("inf")
+
+    @property
+    def as_wlf(self) -> tuple[float, float]:
+        """WLF constants C₁ (1) and C₂ (K); Arrhenius' law is the WLF law with C₂ = T_ref in kelvin."""
+        if self.name == "wlf":
+            return self.C1, self.C2
+        absolute = self.T_ref + ZERO_CELSIUS
+        return self.parameters[0] / (_GAS_LN10 * absolute), absolute
+
+    @property
+    def u_C1(self) -> float:
+        """Standard uncertainty of C₁."""
+        m, q = self.parameters if self.name == "wlf" else (np.nan, np.nan)
+        slope = np.array([1.0 / q, -m / q**2])
+        return float(propagated_u(slope, self.covariance)) if self.name == "wlf" else np.nan
+
+    @property
+    def u_C2(self) -> float:
+        """Standard uncertainty of C₂ in K."""
+        if self.name != "wlf":
+            return float("nan")
+        return float(np.sqrt(self.covariance[1, 1])) * self.C2**2
+
+    @property
+    def activation_energy(self) -> float:
+        """Activation energy in J/mol: of the Arrhenius law, or of the WLF law at T_ref."""
+        if self.name == "arrhenius":
+            return self.parameters[0]
+        return self.parameters[0] * _GAS_LN10 * (self.T_ref + ZERO_CELSIUS) ** 2
+
+
+def wlf(C1: float, C2: float, T_ref: float) -> ShiftLaw:
+    """Return the WLF law with known constants about T_ref (°C).
+
+    Examples
+    --------
+    >>> float(wlf(15.0, 250.0, 40.0).log10_aT(-40.0).round(4))
+    7.0588
+    """
+    return ShiftLaw("wlf", T_ref, (C1 / C2, 1.0 / C2), np.zeros((2, 2)))
+
+
+def arrhenius(activation_energy: float, T_ref: float) -> ShiftLaw:
+    """Return the Arrhenius law with a known activation energy (J/mol) about T_ref (°C)."""
+    return ShiftLaw("arrhenius", T_ref, (activation_energy,), np.zeros((1, 1)))
+
+
+def law_values(
+    name: LawName, parameters: tuple[float, ...] | Floats, temperature: Floats, T_ref: float
+) -> Floats | None:
+    """Return log10 a_T, or None where the WLF law has passed its pole."""
+    difference = temperature - T_ref
+    if name == "wlf":
+        m, q = parameters
+        stretch = 1.0 + q * difference
+        return None if np.any(stretch <= 0) else np.asarray(-m * difference / stretch)
+    return np.asarray(parameters[0] * _inverse_temperature(temperature, T_ref))
+
+
+def law_slopes(name: LawName, parameters: tuple[float, ...] | Floats, temperature: Floats, T_ref: float) -> Floats:
+    """Return the derivatives of log10 a_T, last axis over the parameters."""
+    difference = temperature - T_ref
+    if name == "wlf":
+        m, q = parameters
+        stretch = 1.0 + q * difference
+        return np.stack([-difference / stretch, m * (difference / stretch) ** 2], axis=-1)
+    return _inverse_temperature(temperature, T_ref)[..., None]
+
+
+def shift_at(law: ShiftLaw, temperature: Floats, log10_aT: Floats, where: float) -> float:
+    """Return log10 a_T at any temperature: the law, and what the shifts deviate from it there.
+
+    Parameters
+    ----------
+    law : ShiftLaw
+        Through the shifts.
+    temperature : array (isotherm,) [degC]
+        In any order; NaN shifts are left out.
+    log10_aT : array (isotherm,)
+        Relative to the law's reference temperature.
+    where : float [degC]
+        Between isotherms the deviation is interpolated, beyond them it stays that of the last.
+
+    Raises
+    ------
+    InputError
+        There is one isotherm only, or the law has no value there.
+
+    Examples
+    --------
+    >>> law = ShiftLaw("arrhenius", 20.0, (0.0,), np.zeros((1, 1)))
+    >>> shift_at(law, np.array([0.0, 20.0]), np.array([2.0, 0.0]), 10.0)
+    1.0
+    """
+    known = np.isfinite(log10_aT)
+    if where != law.T_ref and np.unique(temperature[known]).size < 2:
+        raise InputError(
+            f"one isotherm cannot be shifted to {where:g} °C; take the material at "
+            f"{law.T_ref:g} °C, where it was measured, or measure more temperatures"
+        )
+    deviation = log10_aT[known] - law.log10_aT(temperature[known])
+    # The law and the shifts are both zero at the reference, wherever it lies.
+    at, first = np.unique(np.append(law.T_ref, temperature[known]), return_index=True)
+    knots = np.append(0.0, deviation)[first]
+    return float(law.log10_aT(where)) + float(np.interp(where, at, knots))
+
+
+def _inverse_temperature(temperature: Floats, T_ref: float) -> Floats:
+    """(1/T − 1/T_ref)/(R ln 10) in mol/J."""
+    kelvin, reference = temperature + ZERO_CELSIUS, T_ref + ZERO_CELSIUS
+    return np.asarray((1.0 / kelvin - 1.0 / reference) / _GAS_LN10)
+
+
+def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Floats, T_ref: float) -> ShiftLaw:
+    """Fit a law to free shifts by generalised least squares.
+
+    ``covariance`` (isotherm, isotherm) is that of ``log10_aT`` (isotherm,), relative to ``T_ref``, and may be singular,
+    for the reference shift is exact. The parameters never put the WLF pole among the temperatures.
+    """
+    # pseudo-inverse: an exact reference shift carries no information here
+    information = np.linalg.pinv(covariance, rcond=1e-12, hermitian=True)
+    parameters = _first_parameters(name, temperature, log10_aT, T_ref)
+    cost = np.inf
+    damping = 1e-6
+    for _ in range(_MAX_STEPS):
+        value = law_values(name, parameters, temperature, T_ref)
+        residual = None if value is None else log10_aT - value
+        trial = np.inf if residual is None else float(residual @ information @ residual)
+        if trial <= cost and residual is not None:
+            settled = cost - trial <= 1e-12 * max(trial, 1e-12)
+            cost, best, damping = trial, parameters, damping * 0.3
+            if settled:
+                break
+            slope = law_slopes(name, best, temperature, T_ref)
+            normal, gradient = slope.T @ information @ slope, slope.T @ information @ residual
+        else:
+            damping = max(damping, 1e-6) * 10.0
+        raised = normal + damping * np.diag(np.diag(normal))
+        parameters = best + np.linalg.lstsq(raised, gradient, rcond=None)[0]
+    freedom = int(np.linalg.matrix_rank(covariance)) - best.size
+    spread = np.asarray(np.linalg.pinv(normal, hermitian=True))
+    return ShiftLaw(name, T_ref, tuple(float(p) for p in best), spread, cost, max(freedom, 0))
+
+
+def _first_parameters(name: LawName, temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:
+    """Start inside the domain: a straight line for Arrhenius, a gentle curve for WLF."""
+    if name == "arrhenius":
+        column = _inverse_temperature(temperature, T_ref)
+        return np.array([column @ log10_aT / (column @ column)])
+    difference = temperature - T_ref
+    # a + a q ΔT + m ΔT = 0 is linear in (q, m): a first estimate that needs no start.
+    design = np.column_stack([difference * log10_aT, difference])
+    q, m = np.linalg.lstsq(design, -log10_aT, rcond=None)[0]
+    if np.any(1.0 + q * difference <= 0.05):
+        q = 0.0
+        m = -float(difference @ log10_aT / (difference @ difference))
+    return np.array([m, q])
+
+
+def isofrictional_temperature(temperature: float, molar_mass: float, fox_flory: float) -> float:
+    """Return the temperature [degC] where a melt has the friction that long chains have at another one.
+
+    Chain ends carry free volume, so that the glass transition of short chains is lower, by
+    T_g(M) = T_g(∞) − K/M (Fox & Flory, J. Appl. Phys. 21 (1950) 581, doi:10.1063/1.1699711). Melts of one polymer
+    have the same friction at the same distance to it.
+
+    Parameters
+    ----------
+    temperature : float [degC]
+        Of the long chains.
+    molar_mass : float [kg/mol]
+    fox_flory : float [K kg/mol]
+        K of T_g(M) = T_g(∞) − K/M.
+
+    Raises
+    ------
+    InputError
+        The molar mass is not positive or K is negative.
+
+    Examples
+    --------
+    >>> isofrictional_temperature(25.0, 5.0, 14.65)
+    22.07
+    """
+    if not (molar_mass > 0 and np.isfinite(fox_flory) and fox_flory >= 0):
+        raise InputError(f"molar mass {molar_mass} kg/mol, K = {fox_flory} K kg/mol: expected positive numbers")
+    return temperature - fox_flory / molar_mass

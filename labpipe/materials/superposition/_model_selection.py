@@ -1,0 +1,561 @@
+"""The whole fit of a master curve: starts, noise levels, smoothing, and the laws that the data need.
+
+The joint fit of :mod:`._joint_fit` is run from two or three starts, then repeated with the noise levels and
+the smoothing that its residuals ask for. A vertical factor, a delay of the instrument's phase and levels of
+the sweeps are added one at a time, as long as Schwarz's criterion is strongly in favour of them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from labpipe.arrays import Floats
+from labpipe.materials.shift_law import fit_law
+from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
+from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
+from labpipe.materials.superposition._joint_fit import (
+    Fit,
+    Points,
+    evaluate,
+    grid_for,
+    minimise,
+    outer_problem,
+    predictive_cost,
+    sensitivity,
+    total_cost,
+)
+from labpipe.materials.superposition._noise import (
+    Noise,
+    Scatter,
+    design_effect,
+    first_noise,
+    next_noise,
+    scatter_of_sweeps,
+)
+from labpipe.materials.superposition._parameters import (
+    SLOPE_SPREAD,
+    VERTICAL_SIZE,
+    OuterModel,
+    State,
+    Vertical,
+    expected_shifts,
+    is_physical,
+)
+from labpipe.uncertainty import propagated_variance
+from labpipe.units import ZERO_CELSIUS
+
+# Vertical law, delay and levels are added one at a time, and may each be revised once.
+_MAX_EXTENSIONS = 5
+# Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
+# Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
+_STRONG_EVIDENCE = 6.0
+# Smoothing for comparing starts, in units of the noise, and one that biases no shift.
+_STIFF, _UNBIASED = 100.0, 1.0
+# Starts and candidates are compared before they have settled to the last digit: tolerance and iterations.
+_STARTING, _SCREENING = (1e-4, 12), (1e-3, 8)
+# A law through the best start is a third start; it needs more isotherms than it has constants.
+_LAW_NEEDS, _LAW_ROUGHNESS = 3, 0.1
+# Starts that differ by less (decades) end in the same minimum.
+_SAME_BASIN = 0.3
+# Mean squared residual, in units of the noise, of a start that cannot be called a fit.
+_FAR_FROM_NOISE = 4.0
+# Passes of noise, outliers and smoothing around the joint fit, and the change of noise at which they have settled.
+_MAX_PASSES, _NOISE_SETTLED = 6, 0.02
+# Residuals beyond this many standard deviations count with their root only (Huber); normal
+# noise exceeds it once in 370 points, so clean data lose nothing.
+_HUBER = 3.0
+# First and extreme standard deviations of the levels (relative): clamping a sample anew moves its
+# modulus by some percent.
+_FIRST_LEVELS, _LEAST_LEVELS, _MOST_LEVELS = 0.02, 0.002, 0.1
+# Strengths of the smoothing that may be the right one, in units of the chosen one.
+_STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+# Odds of a slope before the data; even odds would make the limits of materials without one too wide.
+_ODDS = 1.0 / 3.0
+# Delay (s) of the phase of an instrument, in order of size: public exports show 20 to 120 microseconds.
+_DELAY = 5e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Choices of the user; of several ``verticals``, and of ``delay`` and ``levels`` None, the criterion chooses."""
+
+    verticals: tuple[Vertical, ...] = ("none",)
+    delay: bool | None = False
+    levels: bool | None = False
+    robust: bool = True
+    noise_ratio: float | None = None
+    scatter: Scatter | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Superposition:
+    """A settled joint fit with the covariance of its outer parameters.
+
+    ``covariance`` (parameter, parameter): Of the outer parameters, the spectrum having followed. ``standardised`` (2
+    point,): Residuals in units of the noise, storage first, outliers not weakened. ``starts``: Name of every start,
+    its final cost in units of the noise, and the largest difference of its shifts from the best ones (decades).
+    ``violation``: Noise of the fit over scatter of the sweeps, of the worse modulus; one where sweeps are too short.
+    ``lack_of_fit``: Factor on variances by the lack of fit. ``refused``: Vertical laws that fit only with factors of
+    no material.
+    """
+
+    model: OuterModel
+    fit: Fit
+    noise: Noise
+    covariance: Floats
+    standardised: Floats
+    starts: tuple[tuple[str, float, float], ...]
+    violation: float = 1.0
+    lack_of_fit: float = 1.0
+    refused: tuple[Vertical, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A model with a first fit, and the ends of all starts."""
+
+    model: OuterModel
+    fit: Fit
+    starts: tuple[tuple[str, float, float], ...]
+
+
+def superpose(
+    points: Points, model: OuterModel, options: Options, starts: Sequence[tuple[str, Floats]] | None = None
+) -> Superposition:
+    """Fit shifts, spectrum and the laws that the data need.
+
+    ``model`` holds the horizontal law and the slope of a glass; ``starts`` are named first estimates of log10 a_T, by
+    default the pairwise scan and the overlap.
+    """
+    scatter = scatter_of_sweeps(points)
+    noise = first_noise(scatter, options.noise_ratio)
+    options = replace(options, scatter=scatter)
+    spread = _FIRST_LEVELS if options.levels is True else 0.0
+    base = replace(model, vertical=options.verticals[0], has_delay=options.delay is True, level_spread=spread)
+    current = _settled_finely(points, _best_start(points, base, noise, starts, options.delay is None), noise, options)
+    refused: tuple[Vertical, ...] = ()
+    for _ in range(_MAX_EXTENSIONS):
+        extended = _extended(points, current, options, starts)
+        if extended is None:
+            break
+        law = extended.model.vertical
+        further = _settled_finely(points, extended, current.noise, options)
+        if is_physical(further.fit.state.ln_bT, base.temperature, base.T0, float(points.storage.min())):
+            current = further
+        elif law == current.model.vertical:
+            options = replace(options, levels=False)
+        else:
+            # It made up for sweeps that do not superpose: better a misfit that shows.
+            options = replace(options, verticals=tuple(v for v in options.verticals if v != law))
+            refused = (*refused, law)
+    found = current
+    noise, widened = found.noise, design_effect(found.noise, scatter, points)
+    violation = 1.0 if scatter is None else max(noise.storage / scatter.storage, noise.loss / scatter.loss)
+    found = replace(
+        found, covariance=widened * found.covariance, lack_of_fit=widened, violation=violation, refused=refused
+    )
+    # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
+    return _with_possible_laws(points, _with_model_uncertainty(points, found, options), options)
+
+
+def _best_start(
+    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None, may_be_late: bool
+) -> _Candidate:
+    """Run the joint fit from every start and keep the best.
+
+    Where it stays far from the noise, the phase may have a delay, without which shifts run away: a
+    glass loses less than a delay of a ten-thousandth of a second makes it seem to lose.
+    """
+    ln_bT, is_searched = model.start().ln_bT, starts is None
+    if starts is None:
+        found = (
+            ("overlap", overlapped_shifts(points, model.temperature, ln_bT)),
+            ("scan", scanned_shifts(points, model.temperature, ln_bT)),
+        )
+        starts = found[: 1 if _are_alike(*(shifts - shifts[model.reference] for _, shifts in found)) else 2]
+    weight = _weights(points, noise)
+    runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
+    nearest = min(fit.solution.misfit for _, _, fit, _ in runs)
+    if may_be_late and model.horizontal == "free" and nearest > _FAR_FROM_NOISE * weight.size:
+        late = replace(model, has_delay=True)
+        others = [_run(points, weight, late, name, shifts) for name, shifts in starts]
+        if min(fit.solution.misfit for _, _, fit, _ in others) < 0.5 * nearest:
+            model, runs = late, others
+    if is_searched and model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
+        # A sweep without loss in common with its neighbours fits anywhere: start from the law of all others too.
+        runs.append(_run(points, weight, model, "law", _on_a_law(points, *min(runs, key=lambda run: run[1])[2:])))
+    runs.sort(key=lambda run: run[1])
+    best = runs[0][2].state.log10_aT
+    report = tuple((name, cost, float(np.max(np.abs(fit.state.log10_aT - best)))) for name, cost, fit, _ in runs)
+    return _Candidate(runs[0][3], runs[0][2], report)
+
+
+def _run(
+    points: Points, weight: Floats, model: OuterModel, name: str, shifts: Floats
+) -> tuple[str, float, Fit, OuterModel]:
+    """Run the joint fit from one start, the spectrum stiff unless the data forbid it."""
+    expectation = expected_shifts(model.temperature, shifts)
+    started = replace(model, given=shifts - shifts[model.reference], expectation=expectation)
+    state = started.start()
+    grid = grid_for(points, state, TERMS_PER_DECADE)
+    fit = minimise(points, weight, evaluate(points, weight, grid, state, _STIFF), started, *_STARTING)
+    if fit.solution.misfit > _FAR_FROM_NOISE * weight.size:
+        # Few single times are no smooth spectrum: smoothing would have moved the shifts instead.
+        # A fit that stays far from the noise even so has another cause, which laws may explain later.
+        loose = minimise(points, weight, evaluate(points, weight, grid, state, None), started, *_STARTING)
+        fit = loose if loose.solution.misfit <= _FAR_FROM_NOISE * weight.size else fit
+    return name, predictive_cost(fit, started), fit, started
+
+
+def _on_a_law(points: Points, fit: Fit, model: OuterModel) -> Floats:
+    """Put shifts on the WLF law through those that the data determine."""
+    covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
+    keep = np.arange(model.temperature.size) != model.reference
+    # A law is never exact: its own roughness keeps the best shifts from ruling alone.
+    full = _LAW_ROUGHNESS**2 * np.eye(keep.size)
+    full[np.ix_(keep, keep)] += covariance[: model.horizontal_size, : model.horizontal_size]
+    law = fit_law("wlf", model.temperature, fit.state.log10_aT, full, model.T0)
+    return law.log10_aT(model.temperature)
+
+
+def _settled_finely(points: Points, candidate: _Candidate, noise: Noise, options: Options) -> Superposition:
+    """Settle a fit, on a finer grid of times as long as that predicts much better.
+
+    A single relaxation time between two of the grid leaves a misfit that delays and levels would
+    be called for; so this comes before them. After a law has come, the grid starts coarse again.
+    """
+    current = _settled(points, candidate, noise, options, TERMS_PER_DECADE)
+    while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE:
+        fit, model = current.fit, current.model
+        weight = _robust_weights(points, current, options)
+        density, strength = fit.grid.terms_per_decade, fit.solution.strength
+        present, finer = (
+            evaluate(points, weight, grid_for(points, fit.state, count), fit.state, None, strength)
+            for count in (density, 2 * density)
+        )
+        gain = predictive_cost(present, model) - predictive_cost(finer, model)
+        if gain < _STRONG_EVIDENCE * design_effect(current.noise, options.scatter, points):
+            break
+        candidate = _Candidate(model, finer, current.starts)
+        current = _settled(points, candidate, current.noise, options, 2 * density)
+    return current
+
+
+def _settled(points: Points, candidate: _Candidate, noise: Noise, options: Options, density: float) -> Superposition:
+    """Repeat fit, noise and smoothing until the noise levels stand still."""
+    fit, model = candidate.fit, candidate.model
+    expected = fit.predicted
+    near: float | None = None
+    measured = np.concatenate([points.storage, points.loss])
+    standardised = (measured - expected) * _weights(points, noise, expected)
+    half = points.omega.size
+    for _ in range(_MAX_PASSES):
+        plain = _weights(points, noise, expected)
+        weight = plain * _root_of_influence(standardised, options)
+        model = replace(model, expectation=expected_shifts(model.temperature, fit.state.log10_aT))
+        grid = grid_for(points, fit.state, density)
+        fit = minimise(points, weight, evaluate(points, weight, grid, fit.state, None, near), model)
+        near, expected = fit.solution.strength, fit.predicted
+        residual = (measured - expected) * plain
+        if options.robust:
+            residual = np.clip(residual, -_HUBER, _HUBER)
+        covariance, leverage = _covariance(points, fit, model)
+        model = _with_level_spread(model, fit, covariance)
+        # Each modulus has as many free residuals as points, less its share of the fitted freedom (leverage),
+        # so that a noise ratio comes out right even when one modulus dominates.
+        squares = [
+            (float(np.sum(residual[p] ** 2)), float(np.sum(leverage[p]))) for p in (slice(half), slice(half, None))
+        ]
+        factors = [float(np.sqrt(square / max(half - used, 1.0))) for square, used in squares]
+        last, noise = noise, next_noise(noise, (factors[0], factors[1]), options.scatter, options.noise_ratio)
+        standardised = (measured - expected) * _weights(points, noise, expected)
+        if max(abs(np.log(noise.storage / last.storage)), abs(np.log(noise.loss / last.loss))) < _NOISE_SETTLED:
+            break
+    return Superposition(model, fit, noise, covariance, standardised, candidate.starts)
+
+
+def _covariance(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
+    """Return the covariance of the outer parameters, and the leverage (2 point,) of every reading."""
+    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
+    leverage = propagated_variance(fit.rows, inverse)
+    if not model.size:
+        return np.empty((0, 0)), leverage
+    change = sensitivity(points, fit, model)
+    rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
+    covariance = np.asarray(np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True))
+    return covariance, leverage + propagated_variance(rest, covariance)
+
+
+def _with_level_spread(model: OuterModel, fit: Fit, covariance: Floats) -> OuterModel:
+    """Estimate the spread of the levels from the levels, as noise from residuals."""
+    if model.level_spread <= 0:
+        return model
+    levels = model.levels(fit.state.parameters)
+    variance = np.diag(covariance)[model.level_slice]
+    determined = max(float(np.sum(1.0 - variance / model.level_spread**2)), 1.0)
+    spread = float(np.sqrt(np.sum(levels**2) / determined))
+    return replace(model, level_spread=float(np.clip(spread, _LEAST_LEVELS, _MOST_LEVELS)))
+
+
+def _weights(points: Points, noise: Noise, expected: Floats | None = None) -> Floats:
+    """One over the standard deviation of every modulus; relative to the model once there is one.
+
+    Weights from the measured values themselves would favour low readings.
+    """
+    size = np.concatenate([points.storage, points.loss]) if expected is None else expected
+    sigma = np.repeat([noise.storage, noise.loss], points.omega.size)
+    return np.asarray(points.certainty / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
+
+
+def _robust_weights(points: Points, current: Superposition, options: Options) -> Floats:
+    """Weights of a settled fit: of its noise, and such that few outliers do not decide."""
+    plain = _weights(points, current.noise, current.fit.predicted)
+    return np.asarray(plain * _root_of_influence(current.standardised, options))
+
+
+def _root_of_influence(standardised: Floats, options: Options) -> Floats:
+    """One within the limit, beyond it such that the squared residual counts linearly."""
+    if not options.robust:
+        return np.ones(standardised.size)
+    return np.asarray(np.sqrt(_HUBER / np.maximum(np.abs(standardised), _HUBER)))
+
+
+def _extended(
+    points: Points, current: Superposition, options: Options, starts: Sequence[tuple[str, Floats]] | None
+) -> _Candidate | None:
+    """Return the single change of laws that the criterion favours most, None if there is none."""
+    moves = _moves(current.model, options)
+    if not _may_gain(points, current, moves):
+        return None
+    weight = _robust_weights(points, current, options)
+    # The present model is fitted anew as well: only costs of equal weights can be compared.
+    present = _screened(points, weight, current, current.model, current.fit.state)
+    best, least = None, _criterion(points, present, current.model)
+    for model in [move for move in moves if move.has_delay > current.model.has_delay]:
+        fit = _screened(points, weight, current, model, current.fit.state)
+        if _criterion(points, fit, model) < least:
+            # A delay bends the loss of every sweep; the other laws are judged without it.
+            return _Candidate(model, fit, current.starts)
+    # Without a vertical law the shifts may have gone far to make up for it: start anew as well.
+    is_plain = current.model.vertical == "none" and not current.model.level_spread
+    restarts = _restarts(points, current) if is_plain and starts is None else []
+    for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
+        is_removal = (model.vertical, model.level_spread) == (current.model.vertical, current.model.level_spread)
+        for first in [current.fit.state, *([] if is_removal else restarts)]:
+            fit = _screened(points, weight, current, model, first)
+            score = _criterion(points, fit, model)
+            if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T0, float(points.storage.min())):
+                best, least = _Candidate(model, fit, current.starts), score
+    return best
+
+
+def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
+    """List the models one change away from the present one.
+
+    Of a liquid that flows, a delay changes the storage modulus as a vertical factor would, and may have come in its
+    place. So a law may come and the delay go at once.
+    """
+    moves = []
+    for vertical in [v for v in options.verticals if v != model.vertical]:
+        # Where a modulus grows as T does, the density falls as well, and a glass softens: by slopes of known size.
+        is_sloped = vertical == "rho_T" or "rho_T" not in options.verticals
+        moves.append(replace(model, vertical=vertical, slope_spread=SLOPE_SPREAD if is_sloped else 0.0))
+    if options.delay is None:
+        others = [*moves, model] if model.has_delay else [model]
+        moves += [replace(move, has_delay=not model.has_delay) for move in others]
+    if options.levels is None:
+        moves.append(replace(model, level_spread=0.0 if model.level_spread else _FIRST_LEVELS))
+    return moves
+
+
+def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -> bool:
+    """Ask the gradient first if any further parameter could be worth its price.
+
+    One look at the residuals instead of a fit per candidate; data that need nothing pay nothing.
+    """
+    price = float(np.log(2 * points.omega.size))
+    for model in moves:
+        extra = model.law_size - current.model.law_size
+        if extra <= 0 and not model.level_spread > current.model.level_spread:
+            # Nothing to ask: a law that was needed before another came may be idle now.
+            if current.model.has_delay or current.model.level_spread:
+                return True
+            continue
+        probe = replace(current.fit, state=model.start(current.fit.state))
+        normal, gradient = outer_problem(points, probe, model)
+        gain = float(gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient)
+        if gain > price * max(extra, 1) + _STRONG_EVIDENCE:
+            return True
+    return False
+
+
+def _restarts(points: Points, current: Superposition) -> list[State]:
+    """Return first estimates under the law b ∝ T, the phase's present delay taken out of the data."""
+    model, delay = current.model, current.fit.state.delay
+    turned = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * delay)
+    if not (turned.imag > 0).all():
+        turned = points.storage + 1j * points.loss
+    clean = replace(points, storage=turned.real, loss=turned.imag)
+    ln_bT = np.log((model.temperature + ZERO_CELSIUS) / (model.T0 + ZERO_CELSIUS))
+    known = [current.fit.state.log10_aT]
+    for start in (overlapped_shifts, scanned_shifts):
+        shifts = start(clean, model.temperature, ln_bT)
+        shifts = shifts - shifts[model.reference]
+        if not any(_are_alike(shifts, other) for other in known):
+            known.append(shifts)
+    return [State(np.empty(0), shifts, ln_bT, delay) for shifts in known[1:]]
+
+
+def _are_alike(one: Floats, other: Floats) -> bool:
+    """Tell if two starts will end in the same minimum."""
+    return float(np.max(np.abs(one - other))) < _SAME_BASIN
+
+
+def _screened(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
+    """Fit another model from a state, well enough to compare it: first with a stiff spectrum, then as at present."""
+    state, strength = model.start(first), current.fit.solution.strength
+    for smoothing in (max(strength, _STIFF), strength):
+        grid = grid_for(points, state, current.fit.grid.terms_per_decade)
+        fit = minimise(points, weight, evaluate(points, weight, grid, state, smoothing), model, *_SCREENING)
+        state = fit.state
+    return fit
+
+
+def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
+    """Schwarz's criterion; every law beyond horizontal shifts has to have strong evidence.
+
+    The law b ∝ T has no number, but choosing it is half a parameter.
+    Levels are random, not chosen: their price is the evidence lost by having to determine them
+    (how much narrower the data make them than their spread), and one parameter, the spread.
+    """
+    price = float(np.log(2 * points.omega.size))
+    count = model.law_size + (0.5 if model.vertical == "rho_T" else 0.0)
+    laws = (model.vertical != "none") + model.has_delay + (model.level_spread > 0)
+    score = total_cost(fit, model) + count * price + laws * _STRONG_EVIDENCE
+    if model.level_spread > 0 or model.has_slope:
+        covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
+    if model.level_spread > 0:
+        at = model.level_slice
+        score += price - float(np.linalg.slogdet(covariance[at, at] / model.level_spread**2)[1])
+    if model.has_slope:
+        score -= float(np.log(covariance[model.horizontal_size, model.horizontal_size]))
+    return score
+
+
+def _with_possible_laws(points: Points, found: Superposition, options: Options) -> Superposition:
+    """Widen a fit by the slope of its vertical factor and the delay that it may have although evidence is weak.
+
+    Sweeps of a broad spectrum hardly distinguish a vertical slope from shifts that all differ by a share, and
+    a delay of some ten microseconds bends the loss of a rubber by less than its noise; the criterion then leaves
+    both out. But no modulus is the same at all temperatures, and every instrument has some delay. Before the data
+    there is a slope of :data:`SLOPE_SPREAD` with odds of one to three, that of entropy and density with even odds,
+    and a delay with even odds; with the odds after them the variance of each, and its best value squared, are
+    part of the covariance. The fit stays. (A glass always has a slope.)
+    """
+    model = found.model
+    if not model.horizontal_size:
+        return found
+    if len(options.verticals) + len(found.refused) > 1 and not (model.has_slope or VERTICAL_SIZE[model.vertical]):
+        sloped = replace(model, slope_spread=SLOPE_SPREAD)
+        entropic = 1.0 / (model.T0 + ZERO_CELSIUS) / SLOPE_SPREAD
+        found = _widened(points, found, options, sloped, model.horizontal_size, 1.0, ((_ODDS, 0.0), (1.0, entropic)))
+    if options.delay is None and not model.has_delay:
+        late = replace(found.model, has_delay=True)
+        found = _widened(points, found, options, late, late.size - 1, _DELAY / late.delay_unit, ((1.0, 0.0),))
+    return found
+
+
+def _widened(
+    points: Points,
+    found: Superposition,
+    options: Options,
+    model: OuterModel,
+    at: int,
+    spread: float,
+    priors: Sequence[tuple[float, float]],
+) -> Superposition:
+    """Widen a fit by one more parameter, at a place, of a prior standard deviation.
+
+    ``priors`` are odds and mean, in standard deviations. Cross-validation smooths until the moduli are predicted
+    best, and trades bias for variance; the parameter is judged with a spectrum that is free to bend (Hall, Ann.
+    Stat. 20 (1992) 675, doi:10.1214/aos/1176348651).
+    """
+    state, loose = found.fit.state, found.fit
+    if loose.solution.strength > _UNBIASED:
+        loose = evaluate(points, _robust_weights(points, found, options), loose.grid, state, _UNBIASED)
+    extended = replace(state, parameters=np.insert(state.parameters, at, 0.0))
+    normal, gradient = outer_problem(points, replace(loose, state=extended), model)
+    if model.has_delay and not found.model.has_delay:
+        normal[at, at] += 1.0 / spread**2
+    joint = np.linalg.pinv(normal, hermitian=True)
+    variance, value = float(joint[at, at]) / spread**2, float(joint[at] @ gradient) / spread
+    if variance <= 0.0:
+        return found
+    total = second = 0.0
+    for before, prior in priors:
+        mean = value + prior * variance
+        odds = before * np.sqrt(variance) * np.exp(min(0.5 * (mean**2 / variance - prior**2), 50.0))
+        total, second = total + odds, second + odds * (variance + mean**2)
+    along = joint[at] / joint[at, at] * spread
+    covariance = np.insert(np.insert(found.covariance, at, 0.0, axis=0), at, 0.0, axis=1)
+    covariance = covariance + second / (1.0 + total) * np.outer(along, along)
+    # The parameters have one more, of value zero; the spectrum stays the one that predicts best.
+    return replace(found, model=model, fit=replace(found.fit, state=extended), covariance=covariance)
+
+
+def _with_model_uncertainty(points: Points, found: Superposition, options: Options) -> Superposition:
+    """Widen a covariance by the changes of the shifts with the smoothing of the spectrum and with the vertical law.
+
+    Both are known from the data only, and shifts depend on them. The covariance is the mean over strengths of the
+    smoothing, the change of the parameters with them included, each weighed with exp(-C_p / 2); other vertical
+    laws, where several were possible, add the squares of the changes of free shifts, weighed with Schwarz's criterion.
+
+    References
+    ----------
+    Burnham & Anderson, Model Selection and Multimodel Inference, Springer, 2002, ch. 4.
+    """
+    model, fit = found.model, found.fit
+    if not model.size:
+        return found
+    weight = _robust_weights(points, found, options) / np.sqrt(found.lack_of_fit)
+    chosen = fit.solution.strength / found.lack_of_fit
+    price, second = [], []
+    for factor in _STRENGTHS:
+        loose = evaluate(points, weight, fit.grid, fit.state, chosen * factor)
+        other = minimise(points, weight, loose, model, *_SCREENING)
+        change = other.state.parameters - fit.state.parameters
+        spread = np.linalg.pinv(outer_problem(points, other, model)[0], hermitian=True)
+        price.append(predictive_cost(other, model))
+        second.append(spread + np.outer(change, change))
+    share = np.exp(-0.5 * (np.array(price) - min(price)))
+    covariance = np.tensordot(share / share.sum(), np.array(second), axes=1)
+    if model.horizontal == "free":
+        present = evaluate(points, weight, fit.grid, fit.state, chosen)
+        least, total, changes = _criterion(points, present, model), 1.0, np.zeros((model.horizontal_size,) * 2)
+        for law in [one for one in _moves(model, options) if one.vertical != model.vertical]:
+            other = _screened(points, weight, found, law, fit.state)
+            head = slice(model.horizontal_size)
+            change = other.state.parameters[head] - fit.state.parameters[head]
+            odds = float(np.exp(np.clip(0.5 * (least - _criterion(points, other, law)), -50.0, 50.0)))
+            total, changes = total + odds, changes + odds * np.outer(change, change)
+        covariance[: model.horizontal_size, : model.horizontal_size] += changes / total
+    return replace(found, covariance=covariance)
+
+
+def free_shifts_gain(points: Points, found: Superposition) -> float:
+    """Return the F statistic of replacing the shift law by free shifts.
+
+    About one when the law holds; large when it does not.
+    """
+    law = found.model
+    shifts = found.fit.state.log10_aT
+    given, expected = shifts - shifts[law.reference], expected_shifts(law.temperature, shifts)
+    free = replace(law, horizontal="free", given=given, expectation=expected)
+    weight = _weights(points, found.noise, found.fit.predicted)
+    strength, grid = found.fit.solution.strength, found.fit.grid
+    tied = evaluate(points, weight, grid, found.fit.state, strength)
+    loose = minimise(points, weight, evaluate(points, weight, grid, free.start(found.fit.state), strength), free)
+    extra = free.size - law.size
+    rest = max(2 * points.omega.size - loose.solution.freedom - free.size, 1.0)
+    return float(((tied.cost - loose.cost) / extra) / (loose.solution.misfit / rest))

@@ -1,0 +1,297 @@
+"""The outer parameters of a joint fit: shifts, vertical law, delay, and the state that they make.
+
+Horizontal: one free number per isotherm but the reference, a WLF or Arrhenius law, or fixed.
+Vertical: a law with at most two numbers, since one number per isotherm could imitate half of the
+horizontal shifts. Delay: one number, a pure time in the instrument's phase.
+
+Laws are zero at the temperature of the reference isotherm, the middle one of the sweeps. The reference
+temperature that a user asks for plays no part in a fit (:mod:`._reference`), so that neither shifts
+nor uncertainties nor the choice of laws depend on it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from labpipe.arrays import Floats
+from labpipe.materials.shift_law import fit_law, law_slopes, law_values
+from labpipe.units import ZERO_CELSIUS
+
+Horizontal = Literal["free", "wlf", "arrhenius", "fixed"]
+Vertical = Literal["none", "rho_T", "linear", "quadratic"]
+
+#: Every vertical law and its number of parameters, simplest first: b = 1; b = T/T0 in kelvin, the
+#: entropic elasticity of a rubber; b = 1 + β ΔT; b = 1 + β ΔT + γ ΔT², ΔT per 100 K.
+VERTICAL_SIZE: dict[Vertical, int] = {"none": 0, "rho_T": 0, "linear": 1, "quadratic": 2}
+_UNIT, _LEAST_FACTOR = 100.0, 0.02
+#: Storage modulus [Pa] above which no reading is of a rubber or a melt: there nothing stiffens as T does.
+GLASS = 3e8
+# Fastest fall of ln b per kelvin of a material (a glass softens by at most 0.6 % per kelvin), and what is
+# left to a sweep's own error.
+_STEEPEST_FALL, _SLACK = 0.006, 0.1
+#: Standard deviation of the slope of ln b (per kelvin) about a law without numbers: stiff plastics soften by
+#: 0.02 to 0.1 % per kelvin in addition to their relaxations; densities fall by 0.03 to 0.1 %.
+SLOPE_SPREAD = 5e-4
+_DENSITY_SLOPE = -3e-4  # expected in addition to b ∝ T
+#: Steps of polymers: 0.03 to 0.3 decades per kelvin, hardly known beforehand.
+STEP_PER_KELVIN, STEP_SPREAD, STEP_SPREAD_PER_KELVIN = 0.08, 0.5, 0.12
+#: The step per isotherm changes from one to the next by this much (decades), plus this share.
+CHANGE, CHANGE_SHARE = 0.4, 0.5
+#: Closer isotherms than this (K) are repeats; their spacing is not resolved.
+LEAST_SPACING = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Parameters (horizontal, vertical, levels, delay), and what they make.
+
+    ``log10_aT``, ``ln_bT`` (isotherm,); ``delay`` [s].
+    """
+
+    parameters: Floats
+    log10_aT: Floats
+    ln_bT: Floats
+    delay: float
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """Prior knowledge of shifts: a weak quadratic pull, rows @ log10_aT − target.
+
+    Steps are those of polymers (within a factor of several), and they change gradually with
+    temperature (within about half). Where the data determine a shift to 0.03 decades the pull is
+    below a thousandth of that; where they say nothing, as in a stiff glass, it leaves the shift
+    on the continuation of its neighbours with an uncertainty of about a decade.
+    """
+
+    rows: Floats
+    target: Floats
+
+    def cost(self, log10_aT: Floats) -> float:
+        """Return the squared deviation in units of the expectation's own spread."""
+        return float(np.sum((self.rows @ log10_aT - self.target) ** 2))
+
+
+def expected_shifts(temperature: Floats, log10_aT: Floats) -> Expectation:
+    """Return the weak expectation around the present shifts."""
+    order = np.argsort(temperature, kind="stable")
+    count = temperature.size
+    spacing = np.maximum(np.diff(temperature[order]), LEAST_SPACING)
+    first = np.zeros((count - 1, count))
+    at = np.arange(count - 1)
+    first[at, order[:-1]], first[at, order[1:]] = 1.0, -1.0
+    spread = STEP_SPREAD + STEP_SPREAD_PER_KELVIN * spacing
+    # Second differences of the slope, times the mean spacing: decades per step again.
+    slope = first / spacing[:, None]
+    mean = 0.5 * (spacing[1:] + spacing[:-1])
+    second = (slope[:-1] - slope[1:]) * mean[:, None]
+    size = np.abs(slope @ log10_aT)
+    change = CHANGE + CHANGE_SHARE * np.minimum(size[:-1], size[1:]) * mean
+    return Expectation(
+        rows=np.vstack([first / spread[:, None], second / change[:, None]]),
+        target=np.concatenate([STEP_PER_KELVIN * spacing / spread, np.zeros(mean.size)]),
+    )
+
+
+@dataclass(frozen=True)
+class OuterModel:
+    """The laws of a fit over its isotherms.
+
+    ``temperature`` (isotherm,) [degC]; ``reference``: the isotherm where all laws are zero; ``given`` (isotherm,):
+    the shifts of a fixed model, the start of the others; ``delay_unit`` [s]: one radian at the highest frequency;
+    ``level_spread``: standard deviation (relative) of a level of its own per isotherm about the vertical law, as a
+    sample that is clamped or tempered anew shows; 0 allows none; ``slope_spread`` [1/K]: standard deviation of a
+    slope of ln b about a vertical law that has no numbers; 0 allows none; ``expectation``: weak pull on free shifts.
+    """
+
+    temperature: Floats
+    reference: int
+    given: Floats
+    delay_unit: float
+    horizontal: Horizontal = "free"
+    vertical: Vertical = "none"
+    has_delay: bool = False
+    level_spread: float = 0.0
+    slope_spread: float = 0.0
+    expectation: Expectation | None = None
+
+    @property
+    def T0(self) -> float:
+        """Temperature of the reference isotherm [degC]."""
+        return float(self.temperature[self.reference])
+
+    @cached_property
+    def horizontal_size(self) -> int:
+        """Number of horizontal parameters."""
+        return {"free": self.temperature.size - 1, "wlf": 2, "arrhenius": 1, "fixed": 0}[self.horizontal]
+
+    @property
+    def has_slope(self) -> bool:
+        """True where the vertical law has a slope about it."""
+        return self.slope_spread > 0 and not VERTICAL_SIZE[self.vertical]
+
+    @cached_property
+    def law_size(self) -> int:
+        """Number of parameters that are not held back by an expectation of zero."""
+        return self.horizontal_size + VERTICAL_SIZE[self.vertical] + int(self.has_delay)
+
+    @cached_property
+    def level_slice(self) -> slice:
+        """Place of the levels among the parameters."""
+        first = self.horizontal_size + VERTICAL_SIZE[self.vertical] + int(self.has_slope)
+        return slice(first, first + (self.temperature.size if self.level_spread > 0 else 0))
+
+    @cached_property
+    def size(self) -> int:
+        """Number of outer parameters."""
+        return self.level_slice.stop + int(self.has_delay)
+
+    def levels(self, parameters: Floats) -> Floats:
+        """Return ln of the level of every isotherm about the vertical law; zero without."""
+        found = parameters[self.level_slice]
+        return found if found.size else np.zeros(self.temperature.size)
+
+    def law_of_b(self, parameters: Floats, at: Floats) -> tuple[Floats, Floats] | None:
+        """Return ln b of the vertical law at temperatures, with its derivatives (temperature, parameter).
+
+        None where the law would turn negative.
+        """
+        n, step = self.horizontal_size, at - self.T0
+        rows, count = np.zeros((at.size, self.size)), VERTICAL_SIZE[self.vertical]
+        value = np.zeros(at.size)
+        if self.vertical == "rho_T":
+            value = np.log((at + ZERO_CELSIUS) / (self.T0 + ZERO_CELSIUS))
+        if self.has_slope:
+            rows[:, n] = self.slope_spread * step
+            value = value + rows[:, n] * parameters[n]
+        elif count:
+            powers = _powers(step, count)
+            factor = 1.0 + powers @ parameters[n : n + count]
+            if np.any(factor < _LEAST_FACTOR):
+                return None
+            value, rows[:, n : n + count] = np.log(factor), powers / factor[:, None]
+        return np.asarray(value), rows
+
+    def start(self, state: State | None = None) -> State:
+        """Return the state of this model nearest to another model's state (default: given)."""
+        shifts = self.given if state is None else state.log10_aT
+        ln_bT = np.zeros(shifts.size) if state is None else state.ln_bT
+        found = np.zeros(self.size)
+        if self.horizontal == "free":
+            found[: self.horizontal_size] = np.delete(shifts - shifts[self.reference], self.reference)
+        elif self.horizontal != "fixed":
+            from_reference = shifts - shifts[self.reference]
+            law = fit_law(self.horizontal, self.temperature, from_reference, np.eye(shifts.size), self.T0)
+            found[: self.horizontal_size] = law.parameters
+        n, count, warmer = self.horizontal_size, VERTICAL_SIZE[self.vertical], self.temperature - self.T0
+        if count:
+            found[n : n + count] = np.linalg.lstsq(_powers(warmer, count), np.expm1(ln_bT), rcond=None)[0]
+        law_of_b = self.law_of_b(found, self.temperature)
+        if law_of_b is None:
+            found[n : n + count] = 0.0
+        value = np.zeros(shifts.size) if law_of_b is None else law_of_b[0]
+        if self.has_slope:
+            slope = float((ln_bT - value) @ warmer / max(float(warmer @ warmer), 1.0)) / self.slope_spread
+            found[n] = np.clip(slope, -2.0, 2.0)
+            value = value + found[n] * self.slope_spread * warmer
+        if self.level_spread > 0:
+            # The remainder, shrunk into the spread that levels may have.
+            found[self.level_slice] = np.clip(ln_bT - value, -2.0 * self.level_spread, 2.0 * self.level_spread)
+        if self.has_delay and state is not None:
+            found[-1] = state.delay / self.delay_unit
+        started = self.state(found)
+        if started is None:
+            raise ValueError("the first estimate of a shift law lies outside its domain")
+        return started
+
+    def state(self, parameters: Floats) -> State | None:
+        """Return the state of a set of parameters, None outside the domain of a law."""
+        head = parameters[: self.horizontal_size]
+        shifts: Floats | None = self.given
+        if self.horizontal == "free":
+            shifts = np.insert(head, self.reference, 0.0)
+        elif self.horizontal != "fixed":
+            shifts = law_values(self.horizontal, head, self.temperature, self.T0)
+        law = self.law_of_b(parameters, self.temperature)
+        if shifts is None or law is None:
+            return None
+        delay = float(parameters[-1]) * self.delay_unit if self.has_delay else 0.0
+        return State(parameters, shifts, law[0] + self.levels(parameters), delay)
+
+    def directions(self, state: State) -> tuple[Floats, Floats, Floats]:
+        """Return the changes of log10 a (isotherm, p), ln b (isotherm, p) and delay (p,)."""
+        count, n = self.temperature.size, self.horizontal_size
+        shift, delay = np.zeros((count, self.size)), np.zeros(self.size)
+        if self.horizontal == "free":
+            shift[:, :n] = np.delete(np.eye(count), self.reference, axis=1)
+        elif self.horizontal != "fixed":
+            shift[:, :n] = law_slopes(self.horizontal, state.parameters[:n], self.temperature, self.T0)
+        law = self.law_of_b(state.parameters, self.temperature)
+        vertical = np.zeros((count, self.size)) if law is None else law[1]
+        if self.level_spread > 0:
+            vertical[:, self.level_slice] = np.eye(count)
+        if self.has_delay:
+            delay[-1] = self.delay_unit
+        return shift, vertical, delay
+
+    def pull(self, state: State) -> tuple[Floats, Floats]:
+        """Return the contribution of the expectations to the normal matrix and the gradient."""
+        normal, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
+        if self.expectation is not None and self.horizontal == "free":
+            known = self.expectation
+            rows = np.delete(known.rows, self.reference, axis=1)
+            n = self.horizontal_size
+            normal[:n, :n] += rows.T @ rows
+            gradient[:n] -= rows.T @ (known.rows @ state.log10_aT - known.target)
+        at, variance, mean = self._expected(state)
+        normal[at, at] += 1.0 / variance
+        gradient[at] -= (state.parameters[at] - mean) / variance
+        return normal, gradient
+
+    def pull_cost(self, state: State) -> float:
+        """Return the cost of :meth:`pull` alone, which every trial step asks for."""
+        cost = 0.0
+        if self.expectation is not None and self.horizontal == "free":
+            cost += self.expectation.cost(state.log10_aT)
+        at, variance, mean = self._expected(state)
+        return cost + float(np.sum((state.parameters[at] - mean) ** 2 / variance))
+
+    def _expected(self, state: State) -> tuple[Floats, Floats, Floats]:
+        """Return the places of slope and levels among the parameters, with their expected variances and means."""
+        at = np.arange(state.parameters.size)[self.level_slice]
+        variance, mean = np.full(at.size, self.level_spread**2), np.zeros(at.size)
+        if self.has_slope:
+            expected = _DENSITY_SLOPE / self.slope_spread if self.vertical == "rho_T" else 0.0
+            at, variance, mean = (
+                np.append(at, self.horizontal_size),
+                np.append(variance, 1.0),
+                np.append(mean, expected),
+            )
+        return at, variance, mean
+
+
+def _powers(step: Floats, count: int) -> Floats:
+    return np.stack([step / _UNIT, (step / _UNIT) ** 2], axis=1)[:, :count]
+
+
+def is_physical(ln_bT: Floats, temperature: Floats, T0: float, stiffness: float = 0.0) -> bool:
+    """Tell if vertical factors stay within the range of the modulus of a material.
+
+    ``stiffness`` is the least storage modulus (Pa) of its sweeps. A factor beyond is no vertical shift: it makes
+    up for sweeps that do not superpose.
+
+    Examples
+    --------
+    >>> celsius = np.array([-40.0, 20.0, 80.0])
+    >>> is_physical(np.log([1.8, 1.0, 1.3]), celsius, 20.0)
+    False
+    >>> is_physical(np.log([0.95, 1.0, 1.2]), celsius, 20.0, stiffness=2e9)
+    False
+    """
+    step = temperature - T0
+    rise = 0.0 if stiffness > GLASS else np.log((temperature + ZERO_CELSIUS) / (T0 + ZERO_CELSIUS))
+    highest = np.where(step > 0, rise, -_STEEPEST_FALL * step) + _SLACK
+    lowest = np.where(step > 0, -_STEEPEST_FALL * step, rise) - _SLACK
+    return bool(np.all((ln_bT <= highest) & (ln_bT >= lowest)))

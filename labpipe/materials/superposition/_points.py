@@ -1,0 +1,207 @@
+"""Checks of isothermal frequency sweeps before shifting.
+
+Everything that would spoil a master curve is refused or named here, with the temperature and the
+frequency where it was found.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.arrays import Flags, Floats
+from labpipe.errors import InputError
+from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._outliers import outliers
+from labpipe.units import ZERO_CELSIUS
+
+_UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC"}
+# A loss modulus at or below zero is noise about a small value; more than this share of them is
+# a sign convention or a material without loss.
+_MAX_SHARE_OF_LOST_POINTS = 0.25
+# Fewer points than this over the whole set say nothing about a spectrum.
+_LEAST_POINTS = 4
+# A storage modulus that falls with frequency by more than this many times its scatter
+# (and by this share at least) is not that of a linear viscoelastic material.
+_FALL_SCATTERS, _LEAST_FALL = 5.0, 0.02
+# Moduli beyond this (Pa) and below its inverse are of no material, in whatever unit.
+_MOST = 1e30
+# Isotherms closer than this (K) are the same temperature measured twice.
+_REPEAT = 0.5
+# Readings from which means of neighbours save work, and means that a decade keeps.
+_MANY, _PER_DECADE = 1500, 20
+
+
+@dataclass(frozen=True, slots=True)
+class SweepData:
+    """Valid points of all sweeps and their places in the Dataset.
+
+    ``points``: of the isotherms that hold any, numbered in the order of ``kept``; means of neighbouring readings where
+    there are very many; ``readings``: all readings; ``temperature`` (isotherm,) [degC]: of the isotherms in use;
+    ``kept`` (isotherm,): index of every isotherm in use along the Dataset's ``temperature``; ``row``, ``column``
+    (reading,): index of every reading along ``temperature`` and ``frequency``; ``warnings``: sentences for the report.
+    """
+
+    points: Points
+    readings: Points
+    temperature: Floats
+    kept: NDArray[np.intp]
+    row: NDArray[np.intp]
+    column: NDArray[np.intp]
+    warnings: tuple[str, ...]
+
+
+def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
+    """Check a Dataset of sweeps and flatten it into points.
+
+    Parameters
+    ----------
+    sweeps : Dataset
+        Variables ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency``
+        [Hz]; NaN where a sweep has no point. Any order, repeated temperatures allowed.
+    is_robust : bool
+        Leave out readings far off their own sweep.
+
+    Raises
+    ------
+    InputError
+        Variables or coordinates are missing or in another unit; a modulus is infinite or the
+        storage modulus not positive; hardly any loss modulus is positive; too few points.
+    """
+    storage, loss, temperature, frequency = _arrays(sweeps)
+
+    def where(mask: Flags) -> str:
+        row, column = (int(i[0]) for i in np.nonzero(mask))
+        return f"first at {temperature[row]:g} °C, {frequency[column]:.4g} Hz"
+
+    bad = np.isinf(storage) | (storage <= 0)
+    if bad.any():
+        raise InputError(
+            f"storage modulus zero, negative or infinite at {bad.sum()} points, {where(bad)}; "
+            "expected positive values: mark failed readings as NaN"
+        )
+    for name, values in (("storage", storage), ("loss", loss)):
+        far = (np.abs(values) > _MOST) | ((values != 0) & (np.abs(values) < 1.0 / _MOST))
+        if far.any():
+            raise InputError(
+                f"{name} modulus of {values[far][0]:.3g} Pa, {where(far)}; no "
+                "material has it: check the unit of its column, or mark failed readings as NaN"
+            )
+    notes: list[str] = []
+    present, half = np.isfinite(storage) & np.isfinite(loss), np.isfinite(storage) ^ np.isfinite(loss)
+    if half.any():
+        notes.append(f"{half.sum()} points have only one of the two moduli and are left out, {where(half)}")
+    lost = present & ~(loss > 0)
+    if lost.sum() > _MAX_SHARE_OF_LOST_POINTS * present.sum():
+        raise InputError(
+            f"loss modulus zero or negative at {lost.sum()} of {present.sum()} points, "
+            f"{where(lost)}; expected positive values: check the sign "
+            "convention of the phase, or treat the material as elastic"
+        )
+    if lost.any():
+        notes.append(
+            f"loss modulus zero or negative at {lost.sum()} points, {where(lost)}; left out (noise around a small loss)"
+        )
+    present &= ~lost
+    if present.sum() < _LEAST_POINTS:
+        raise InputError(f"only {present.sum()} points with both moduli; a spectrum needs {_LEAST_POINTS} at least")
+    far = np.zeros_like(present)
+    far[present] = outliers(_flat(present, storage, loss, frequency)) if is_robust else False
+    if far.any():
+        present &= ~far
+        notes.append(f"{far.sum()} readings lie far off the other readings of their sweep, {where(far)}; left out")
+    used = present.any(axis=1)
+    notes += [f"no valid point at {temperature[k]:g} °C; its shift is NaN" for k in np.flatnonzero(~used)]
+    kept = np.flatnonzero(used)
+    ordered = np.sort(temperature[kept])
+    notes += [
+        f"temperature {ordered[k]:g} °C was measured more than once; every sweep keeps a shift of "
+        "its own, their difference shows the repeatability"
+        for k in np.flatnonzero(np.diff(ordered) < _REPEAT)
+    ]
+    readings = _flat(present, storage, loss, frequency)
+    notes += _falling(readings, temperature[kept])
+    for note in notes:
+        warnings.warn(note, UserWarning, stacklevel=3)
+    row, column = np.nonzero(present)
+    return SweepData(_means(readings), readings, temperature[kept], kept, row, column, tuple(notes))
+
+
+def _flat(present: Flags, storage: Floats, loss: Floats, frequency: Floats) -> Points:
+    """Flatten the readings in use."""
+    kept = np.flatnonzero(present.any(axis=1))
+    row, column = np.nonzero(present)
+    omega, isotherm = 2.0 * np.pi * frequency[column], np.searchsorted(kept, row)
+    return Points(omega, isotherm, storage[row, column], loss[row, column], kept.size)
+
+
+def _means(points: Points) -> Points:
+    """Return means of neighbouring readings where there are very many, else the readings themselves.
+
+    Every term of a relaxation is wider than a decade. The geometric mean over a twentieth of it is the modulus
+    in its middle to 0.0005 of it (a power law keeps it exactly).
+    """
+    if points.omega.size <= _MANY:
+        return points
+    groups = np.empty(points.omega.size, dtype=int)
+    count = 0
+    for k in range(points.count):
+        mask = np.flatnonzero(points.isotherm == k)
+        mask = mask[np.argsort(points.omega[mask], kind="stable")]
+        decades = float(np.log10(points.omega[mask[-1]] / points.omega[mask[0]]))
+        parts = min(max(int(np.ceil(decades * _PER_DECADE)), 1), mask.size)
+        groups[mask] = count + np.arange(mask.size) * parts // mask.size
+        count += parts
+    readings = np.bincount(groups).astype(float)
+    columns = (points.omega, points.storage, points.loss)
+    omega, storage, loss = (np.exp(np.bincount(groups, np.log(values)) / readings) for values in columns)
+    isotherm = np.empty(count, dtype=np.intp)
+    isotherm[groups] = points.isotherm
+    return Points(omega, isotherm, storage, loss, points.count, readings)
+
+
+def _arrays(sweeps: xr.Dataset) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return moduli as (temperature, frequency) arrays with both coordinates, units checked."""
+    missing = [name for name in _UNITS if name not in sweeps.variables]
+    if missing:
+        raise InputError(
+            f"sweeps lack {', '.join(missing)}; expected variables storage and loss (Pa) over the "
+            "coordinates temperature (°C) and frequency (Hz)"
+        )
+    for name, unit in _UNITS.items():
+        found = sweeps[name].attrs.get("units", unit)
+        if found != unit:
+            raise InputError(f'"{name}" is in "{found}", expected "{unit}"; convert it first')
+    for name in ("storage", "loss"):
+        if set(sweeps[name].dims) != {"temperature", "frequency"}:
+            raise InputError(f'"{name}" has dimensions {tuple(sweeps[name].dims)}, expected (temperature, frequency)')
+    order = ("temperature", "frequency")
+    storage, loss = (np.asarray(sweeps[name].transpose(*order).values, dtype=float) for name in ("storage", "loss"))
+    temperature, frequency = (np.asarray(sweeps[name].values, dtype=float) for name in order)
+    if not (np.isfinite(temperature) & (temperature > -ZERO_CELSIUS)).all():
+        raise InputError(f"temperature {temperature} °C: expected finite values above {-ZERO_CELSIUS} °C")
+    if not (np.isfinite(frequency) & (frequency > 0)).all():
+        raise InputError(f"frequency {frequency} Hz: expected positive, finite values")
+    return storage, loss, temperature, frequency
+
+
+def _falling(points: Points, temperature: Floats) -> list[str]:
+    """Name the isotherms whose storage modulus falls with frequency beyond the scatter."""
+    masks = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
+    curves = [np.log(points.storage[mask][np.argsort(points.omega[mask])]) for mask in masks]
+    scatters = [float(np.sqrt(np.mean(np.diff(y, 2) ** 2) / 6.0)) for y in curves if y.size > 2]
+    scatter = float(np.median(scatters)) if scatters else 0.0
+    notes = []
+    for y, T in zip(curves, temperature, strict=True):
+        # the largest drop between means of neighbouring points
+        window = max(y.size // 4, 1)
+        means = np.convolve(y, np.full(window, 1.0 / window), mode="valid")
+        fall = float(np.max(np.maximum.accumulate(means) - means))
+        if fall > max(_FALL_SCATTERS * scatter * np.sqrt(2.0 / window), _LEAST_FALL):
+            notes.append(
+                f"storage modulus falls with frequency by {100 * (1 - np.exp(-fall)):.1f} % at {T:g} °C; no linear "
+                "viscoelastic material does that (resonance, slip, or a sample that was still changing)"
+            )
+    return notes

@@ -1,0 +1,320 @@
+"""Isothermal frequency sweeps, gathered from the readings of a rheometer's export."""
+
+import json
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.arrays import Flags, Floats
+from labpipe.errors import InputError
+from labpipe.variables import variable
+
+Mode = Literal["tension", "bending", "shear", "torsion"]
+
+_NEEDED = ("frequency", "temperature", "storage_modulus", "loss_modulus")
+_SAME_FREQUENCY = 1e-3  # relative; exports round to four or five digits
+_UNTRUSTED = ("ME-",)  # the torque was too small for a reading
+
+
+_LETTER = r"(?<![A-Za-z]){}(?:pp?|['′″’\"]+)?(?![A-Za-z])"
+_LOADINGS = {
+    "shear": re.compile("(?i:shear|scher|cisail|cisalh|cizall|torsion)|" + _LETTER.format("G")),
+    "extensional": re.compile("(?i:extension|tensile|dehnung)|" + _LETTER.format("E")),
+}
+_HEADED = ("strain", "storage_modulus", "loss_modulus", "complex_modulus", "relaxation_modulus")
+
+
+@dataclass(frozen=True, slots=True)
+class TableRun:
+    """Consecutive points of one table: rows of its Dataset, all at one temperature or frequency."""
+
+    dataset: xr.Dataset
+    rows: NDArray[np.intp]
+
+    def values(self, name: str) -> Floats:
+        """Return one variable of the run."""
+        return np.asarray(self.dataset[name].values[self.rows], dtype=float)
+
+
+def modulus_factor(mode: Mode, nu: float) -> float:
+    """Return tension modulus over measured modulus.
+
+    Examples
+    --------
+    >>> modulus_factor("shear", 0.5)
+    3.0
+    """
+    return 2.0 * (1.0 + nu) if mode in ("shear", "torsion") else 1.0
+
+
+def loading_of(readings: xr.Dataset) -> tuple[str, str]:
+    """Return the loading of a specimen by the headings of its export, and the heading that shows it.
+
+    Returns
+    -------
+    loading : {"shear", "extensional", ""}
+        Empty where no heading shows it, or two contradict each other.
+    heading : str
+        Of a strain ("Shear Strain") or of a modulus (the letter of G' or E').
+
+    Examples
+    --------
+    >>> loading_of(xr.Dataset({"storage_modulus": ("sample", [1e6], {"long_name": "G' (Pa)"})}))
+    ('shear', "G' (Pa)")
+    """
+    headings = [str(readings[name].attrs.get("long_name", "")) for name in _HEADED if name in readings]
+    found = {
+        loading: heading
+        for loading, pattern in _LOADINGS.items()
+        for heading in reversed(headings)
+        if pattern.search(heading)
+    }
+    return next(iter(found.items())) if len(found) == 1 else ("", "")
+
+
+def loading_asked_for(readings: Sequence[xr.Dataset], mode: Mode | None, nu: float | None) -> tuple[Mode, float]:
+    """Return mode and Poisson's ratio of readings, which no reading holds; neither is guessed.
+
+    Raises
+    ------
+    InputError
+        The mode is not given and no heading shows it; Poisson's ratio is not given.
+
+    Warns
+    -----
+    UserWarning
+        The mode contradicts a heading.
+    """
+    seen, heading = loading_of(readings[0])
+    is_shear = seen == "shear"
+    if mode is None and not seen:
+        raise InputError(
+            "the readings do not show what was loaded: give mode= (one of "
+            f"{', '.join(get_args(Mode))}) and nu= (Poisson's ratio); E = 2 (1 + nu) G in shear and torsion"
+        )
+    if nu is None:
+        kind = "shear moduli, which become E = 2 (1 + nu) G" if (mode or "").startswith(("sh", "to")) else "moduli"
+        if mode is None:
+            kind = f'{"shear" if is_shear else "tension"} moduli (column "{heading}")'
+        example = mode or ("torsion" if is_shear else "tension")
+        raise InputError(
+            f'the readings are {kind}: give nu=, Poisson\'s ratio of the material, as in mode="{example}", nu=0.35'
+        )
+    if mode is not None and seen and is_shear != (mode in ("shear", "torsion")):
+        warnings.warn(
+            f'mode = "{mode}", but the readings have a column "{heading}": they seem to be '
+            f"{'shear' if is_shear else 'tension'} moduli, a factor 2 (1 + nu) from those of the other mode",
+            stacklevel=3,
+        )
+    return mode or ("shear" if is_shear else "tension"), nu
+
+
+def gather_sweeps(
+    datasets: xr.Dataset | Sequence[xr.Dataset],
+    mode: Mode,
+    nu: float,
+    *,
+    tolerance: float = 1.5,
+    fewest: int = 3,
+    skip_first: bool = False,
+) -> xr.Dataset:
+    """Gather the isothermal frequency sweeps of rheometer readings, in tension.
+
+    Parameters
+    ----------
+    datasets : Dataset or sequence of Dataset
+        Over ``sample``: ``frequency`` [Hz], ``temperature`` [degC], ``storage_modulus`` and
+        ``loss_modulus`` [Pa], ``is_valid``; the attribute ``tests`` (JSON) counts the rows of every
+        table.
+    mode : {"tension", "bending", "shear", "torsion"}
+        What was loaded; shear moduli become E = 2 (1 + ν) G.
+    nu : float
+        Poisson's ratio.
+    tolerance : float [K]
+        Largest distance of a point's temperature from the mean of its sweep.
+    fewest : int
+        Frequencies that make a sweep.
+    skip_first : bool
+        Leave the first point of every sweep out.
+
+    Returns
+    -------
+    Dataset
+        ``storage`` and ``loss`` [Pa] over ``temperature`` [degC, measured mean, ascending] and
+        ``frequency`` [Hz]; NaN where a sweep has no point. ``temperature_spread`` [K].
+
+    Raises
+    ------
+    InputError
+        A column is missing, or there is no sweep.
+    """
+    if mode not in ("tension", "bending", "shear", "torsion"):
+        raise InputError(f'mode "{mode}" is unknown; expected tension, bending, shear or torsion')
+    if not 0.0 <= nu <= 0.5:
+        raise InputError(f"nu = {nu}: expected Poisson's ratio of a solid, from 0 to 0.5")
+    parts = [datasets] if isinstance(datasets, xr.Dataset) else list(datasets)
+    for part in parts:
+        _check_columns(part)
+    runs = [r for part in parts for r in isothermal_runs(part, tolerance, fewest)]
+    if not runs:
+        raise InputError(
+            f"found no isothermal frequency sweep of {fewest} frequencies within ±{tolerance:g} K; "
+            "this experiment needs frequency sweeps at several temperatures"
+        )
+    runs.sort(key=lambda r: float(r.values("temperature").mean()))
+    trusted = [_trusted(run, skip_first) for run in runs]
+    return _tabulated(runs, trusted, modulus_factor(mode, nu), mode, nu)
+
+
+def _check_columns(dataset: xr.Dataset) -> None:
+    missing = [name for name in _NEEDED if name not in dataset]
+    if missing:
+        names = ", ".join(name.replace("_", " ") for name in missing)
+        remedy = "export the table again with frequency, temperature, storage and loss modulus"
+        if missing == ["temperature"]:
+            remedy = 'state it in session.toml, temperature = "25 degC", or assign it to the readings in Python'
+        raise InputError(f"{dataset.attrs.get('source', 'the export')} has no column for: {names}; {remedy}")
+
+
+def _tables(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
+    """Return the rows of every table that holds moduli at known frequency and temperature."""
+    stops = np.cumsum([entry["rows"] for entry in json.loads(dataset.attrs["tests"])])
+    known = np.isfinite(dataset["frequency"].values) & np.isfinite(dataset["temperature"].values)
+    rows = np.arange(dataset.sizes["sample"])
+    return [part[known[part]] for part in np.split(rows, stops[:-1])]
+
+
+def trusted_tables(dataset: xr.Dataset) -> list[TableRun]:
+    """Return the valid points of every table of rheometer readings.
+
+    Raises
+    ------
+    InputError
+        A column is missing.
+    """
+    _check_columns(dataset)
+    tables = (TableRun(dataset, rows) for rows in _tables(dataset))
+    return [TableRun(dataset, table.rows[_trusted(table, False)]) for table in tables]
+
+
+def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[TableRun]:
+    """Return the points of every table at one temperature [within `tolerance`, K], of `fewest` frequencies."""
+    temperature = dataset["temperature"].values
+    found = []
+    for rows in _tables(dataset):
+        for run in _split_by_temperature(rows, temperature, tolerance):
+            usable = run[dataset["frequency"].values[run] > 0]
+            frequency = dataset["frequency"].values[usable]
+            if usable.size and np.unique(np.round(np.log10(frequency), 3)).size >= fewest:
+                found.append(TableRun(dataset, usable))
+    return found
+
+
+def _split_by_temperature(rows: NDArray[np.intp], temperature: Floats, tolerance: float) -> list[NDArray[np.intp]]:
+    """Cut a table where the temperature leaves the mean of the points before."""
+    runs: list[list[int]] = []
+    total = 0.0
+    for row in rows.tolist():
+        value = float(temperature[row])
+        if runs and abs(value - total / len(runs[-1])) <= tolerance:
+            runs[-1].append(row)
+            total += value
+        else:
+            runs.append([row])
+            total = value
+    return [np.asarray(run, dtype=np.intp) for run in runs]
+
+
+_TOLD_BY = ("is_valid", "is_clipped", "status", "storage_modulus", "loss_modulus")
+"""Columns that tell which points count."""
+
+
+def _trusted(run: TableRun, skip_first: bool) -> Flags:
+    """Tell which points count: valid, not clipped, torque large enough."""
+    columns = run.dataset.variables
+    part = {name: columns[name].values[run.rows] for name in _TOLD_BY if name in columns}
+    good = part["is_valid"].astype(bool)
+    if "is_clipped" in part:
+        good &= part["is_clipped"] == 0
+    if "status" in part:
+        tokens = [str(text).replace(" ", "").split(",") for text in part["status"]]
+        good &= np.array([not any(t in _UNTRUSTED for t in row) for row in tokens], dtype=bool)
+    good &= np.isfinite(part["storage_modulus"]) & np.isfinite(part["loss_modulus"])
+    if skip_first and good.size:
+        good[0] = False
+    return good
+
+
+def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float, mode: str, nu: float) -> xr.Dataset:
+    """Put ragged sweeps on the union of their frequencies."""
+    levels, columns = _columns([run.values("frequency") for run in runs])
+    shape = (len(runs), levels.size)
+    storage, loss = np.full(shape, np.nan), np.full(shape, np.nan)
+    for i, (run, good, column) in enumerate(zip(runs, trusted, columns, strict=True)):
+        storage[i, column[good]] = factor * run.values("storage_modulus")[good]
+        loss[i, column[good]] = factor * run.values("loss_modulus")[good]
+    excluded = sum(int((~good).sum()) for good in trusted)
+    total = sum(good.size for good in trusted)
+    if excluded:
+        warnings.warn(
+            f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or excluded by skip_first",
+            stacklevel=3,
+        )
+    temperature = [run.values("temperature") for run in runs]
+    dims = ("temperature", "frequency")
+    return xr.Dataset(
+        {
+            "storage": variable(dims, storage, "Pa", "storage modulus, tension"),
+            "loss": variable(dims, loss, "Pa", "loss modulus, tension"),
+            "temperature_spread": variable(
+                "temperature", [float(np.ptp(t)) for t in temperature], "K", "range of the temperature within a sweep"
+            ),
+        },
+        coords={
+            "temperature": variable(
+                "temperature", [float(t.mean()) for t in temperature], "degC", "measured mean temperature"
+            ),
+            "frequency": variable("frequency", levels, "Hz", "frequency"),
+        },
+        attrs={
+            "mode": mode,
+            "nu": nu,
+            "modulus_factor": factor,
+            "excluded_points": excluded,
+            "work": json.dumps({"isotherms": len(runs), "points": total - excluded}),
+        },
+    )
+
+
+def _columns(frequencies: Sequence[Floats]) -> tuple[Floats, list[NDArray[np.intp]]]:
+    """Return the union of frequencies, and the column of every point.
+
+    Frequencies that agree within rounding share a column; a frequency that one sweep holds twice
+    has a second column.
+    """
+    merged = np.sort(np.concatenate(frequencies))
+    first = np.concatenate([[True], np.diff(np.log(merged)) > _SAME_FREQUENCY])
+    group = np.cumsum(first) - 1
+    centres = np.array([np.median(merged[group == g]) for g in range(group[-1] + 1)])
+    bounds = np.sqrt(centres[1:] * centres[:-1])
+    keys = [_counted(np.searchsorted(bounds, f).tolist()) for f in frequencies]
+    union = sorted({key for one in keys for key in one})
+    place = {key: i for i, key in enumerate(union)}
+    levels = np.array([centres[key[0]] for key in union])
+    return levels, [np.array([place[key] for key in one], dtype=np.intp) for one in keys]
+
+
+def _counted(groups: Sequence[int]) -> list[tuple[int, int]]:
+    """Count every occurrence of a group."""
+    seen: dict[int, int] = {}
+    keys = []
+    for group in groups:
+        keys.append((group, seen.get(group, 0)))
+        seen[group] = seen.get(group, 0) + 1
+    return keys

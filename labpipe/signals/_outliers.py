@@ -1,0 +1,205 @@
+"""Outliers: short runs of readings that leave a record and return to it.
+
+A Hampel identifier on residuals. Each candidate run is compared with a cubic through the readings on both sides of it,
+in units of the scatter of those readings about the cubic. An impact bends a record but does not interrupt it: the
+scatter about the cubic grows with the kink, and the first and the last reading of a contact continue the readings
+outside. Both must deviate before a run counts as outliers.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from labpipe.arrays import Flags, Floats
+from labpipe.signals._noise import estimate_noise
+
+LONGEST_RUN = 10
+"""Readings of one run that are left out; a longer interruption hides motion and is reported instead."""
+
+
+class Outliers(NamedTuple):
+    """Readings that leave a record and return to it.
+
+    ``flags`` (n,) marks what to leave out. ``runs`` holds the first and the last index of each run of them, ``jumps``
+    the indices at which the remaining readings leave the level of those before them: the begin or the end of a longer
+    run, or a record that continues at another level.
+    """
+
+    flags: Flags
+    runs: list[tuple[int, int]]
+    jumps: list[int]
+
+    def message(self, time: Floats) -> str:
+        """Return the runs as a sentence: their readings, counted from 1, and their times [s]."""
+        named = [f"{_numbered(first, last)} (at {time[first]:.6g} s)" for first, last in self.runs[:5]]
+        more = f" and {len(self.runs) - 5} runs more" if len(self.runs) > 5 else ""
+        noun, verb = ("reading", "deviates") if self.flags.sum() == 1 else ("readings", "deviate")
+        return f"{noun} {', '.join(named)}{more} {verb} from the readings around, left out"
+
+    def interruption(self, time: Floats, values: Floats) -> str:
+        """Return the longest run that is too long to be left out as a sentence; empty without one."""
+        read = np.flatnonzero(np.isfinite(values) & ~self.flags)
+        found: list[tuple[int, int]] = []
+        for first, after in pairwise(self.jumps):
+            place = int(np.searchsorted(read, first))
+            before = float(values[read[place - 1]])
+            if place and abs(float(values[after]) - before) < 0.5 * abs(float(values[first]) - before):
+                found.append((first, after - 1))
+        if not found:
+            return ""
+        first, last = max(found, key=lambda run: run[1] - run[0])
+        return (
+            f"readings {_numbered(first, last)} (from {time[first]:.6g} to {time[last]:.6g} s) leave the record and "
+            "return to it: a disturbance of the sensor, too long to be left out"
+        )
+
+
+def _numbered(first: int, last: int) -> str:
+    return str(first + 1) if first == last else f"{first + 1}-{last + 1}"
+
+
+def outliers(
+    values: Floats,
+    time: Floats | None = None,
+    *,
+    noise: float | None = None,
+    longest: int = LONGEST_RUN,
+    threshold: float = 8.0,
+    neighbours: int = 8,
+) -> Outliers:
+    """Find short runs of readings that leave a record and return to it.
+
+    Parameters
+    ----------
+    values : array (n,)
+        Readings in any unit; NaN where there is none.
+    time : array (n,), optional [s]
+        Increasing; default evenly spaced.
+    noise : float, optional
+        Standard deviation of the readings; default estimated from the record.
+    longest : int
+        Largest number of readings of a run.
+    threshold : float
+        Deviation of the first and the last reading of a run, in units of the noise and of the scatter of the readings
+        around it. At 8 neither noise nor a kink sampled by any number of readings reaches it.
+    neighbours : int
+        Readings on either side that a run is compared with.
+
+    Returns
+    -------
+    Outliers
+        Flags, runs, and jumps that are too long for a run.
+
+    Notes
+    -----
+    A run at either end of the record, which no reading follows, must leave it by more than ``threshold`` of its
+    largest steps. A pulse of four readings or more that rises and falls smoothly is kept: its first and last readings
+    deviate by less than half of its height, and its second differences are below 1.5 times that height.
+
+    References
+    ----------
+    R. K. Pearson et al., Generalized Hampel filters, EURASIP J. Adv. Signal Process. 2016, 87,
+    doi:10.1186/s13634-016-0383-6.
+
+    Examples
+    --------
+    >>> wave = np.sin(np.linspace(0.0, 9.0, 500)) + 1e-3 * np.random.default_rng(1).standard_normal(500)
+    >>> wave[[100, 101]] = 2.0
+    >>> outliers(wave).runs
+    [(100, 101)]
+    """
+    values = np.asarray(values, float)
+    flags = np.zeros(values.size, bool)
+    read = np.flatnonzero(np.isfinite(values))
+    if read.size < 2 * neighbours:
+        return Outliers(flags, [], [])
+    times = np.arange(values.size, dtype=float) if time is None else np.asarray(time, float)
+    y, t = values[read], times[read]
+    sigma = estimate_noise(y - y[0], t).sigma if noise is None else noise
+    jumps: list[int] = []
+    if sigma > 0.0:
+        found = np.zeros(y.size, bool)
+        while True:  # every round flags a reading or is the last
+            kept = np.flatnonzero(~found)
+            more, jumps = _round(t[kept], y[kept], sigma, longest, threshold, neighbours)
+            jumps = [int(read[kept[i]]) for i in jumps]
+            if not more:
+                break
+            found[kept[more]] = True
+        flags[read[found]] = True
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return Outliers(flags, runs, jumps)
+
+
+def _round(
+    t: Floats, y: Floats, sigma: float, longest: int, threshold: float, neighbours: int
+) -> tuple[list[int], list[int]]:
+    """Return the readings of all runs that do not overlap, and the jumps that no run explains."""
+    n = y.size
+    if n < 2 * neighbours:
+        return [], []
+    slope = np.diff(y) / np.diff(t)
+    ahead, behind = np.zeros(n), np.zeros(n)
+    ahead[2:] = np.abs(y[2:] - y[1:-1] - slope[:-1] * np.diff(t)[1:])
+    behind[:-2] = np.abs(y[:-2] - y[1:-1] + slope[1:] * np.diff(t)[:-1])
+    ahead[1], behind[-2] = abs(y[1] - y[0]), abs(y[-2] - y[-1])
+    width = 4 * neighbours + 1
+    enters = ahead > threshold * np.maximum(sigma, median_filter(ahead, width, mode="mirror"))
+    leaves = behind > threshold * np.maximum(sigma, median_filter(behind, width, mode="mirror"))
+    taken: list[int] = []
+    used = np.zeros(n, bool)
+    for length in range(1, longest + 1):
+        firsts = set(np.flatnonzero(enters[: n - length + 1] & leaves[length - 1 :]).tolist())
+        if enters[n - length]:
+            firsts.add(n - length)
+        if leaves[length - 1]:
+            firsts.add(0)
+        for first in sorted(firsts):
+            around = slice(max(first - neighbours, 0), first + length + neighbours)
+            if used[around].any():
+                continue
+            wild = _deviating(t[around], y[around], first - around.start, length, sigma, threshold)
+            if wild.any():
+                taken += (first + np.flatnonzero(wild)).tolist()
+                used[first : first + length] = True
+    if taken:
+        return taken, []
+    steps = np.abs(np.diff(y))
+    jumps = []
+    for i in np.flatnonzero(enters).tolist():
+        nearby = np.delete(steps[max(i - 1 - neighbours, 0) : i + neighbours], min(i - 1, neighbours))
+        if steps[i - 1] > threshold * max(sigma, float(nearby.max(initial=0.0))):
+            jumps.append(i)
+    return [], jumps
+
+
+def _deviating(t: Floats, y: Floats, first: int, length: int, sigma: float, threshold: float) -> Flags:
+    """Return which readings of a run deviate from the curve through the readings around it; none if it is no run."""
+    inside = np.zeros(y.size, bool)
+    inside[first : first + length] = True
+    before, after = first, y.size - first - length
+    none = np.zeros(length, bool)
+    at_end = min(before, after) < 4
+    degree = 1 if at_end else 3
+    if before + after < 2 * (degree + 1):
+        return none
+    scale = t[-1] - t[0]
+    design = np.vander((t - t[first]) / scale, degree + 1)
+    solution, *_ = np.linalg.lstsq(design[~inside], y[~inside], rcond=None)
+    residual = y - design @ solution
+    outer = residual[~inside]
+    scatter = max(sigma, float(np.sqrt(np.sum(outer**2) / (outer.size - degree - 1))))
+    # the curve itself is uncertain, most of all where it is extrapolated
+    covariance = np.linalg.inv(design[~inside].T @ design[~inside])
+    limit = threshold * scatter * np.sqrt(1.0 + np.sum((design[inside] @ covariance) * design[inside], axis=1))
+    if at_end:
+        steps = np.abs(np.diff(y))[~(inside[1:] | inside[:-1])]
+        limit = np.maximum(limit, threshold * float(steps.max(initial=0.0)))
+    off = np.abs(residual[inside])
+    edges = [i for i, there in ((0, before), (-1, after)) if there]
+    bend = np.abs(np.diff(residual[max(first - 1, 0) : first + length + 1], 2)).max(initial=0.0)
+    is_abrupt = bend > 1.5 * off.max() or all(off[i] > 0.5 * off.max() for i in edges)
+    return off > limit if is_abrupt and all(off[i] > limit[i] for i in edges) else none

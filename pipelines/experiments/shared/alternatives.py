@@ -1,0 +1,138 @@
+"""Other materials and other temperatures of a dropped sphere, as explanations of a model that differs.
+
+Each is simulated: a temperature acts through the shift law of the material, which is far from linear.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from labpipe import contact, files, materials
+from labpipe.arrays import Floats
+from labpipe.errors import LabpipeError
+from labpipe.judging import agreement
+from labpipe.materials import Prony
+from pipelines.experiments.shared.comparison_rows import IMPACTS, Row
+from pipelines.experiments.shared.material_choice import fitted_at, resolve
+from pipelines.experiments.shared.plate_under_drop import resolve_plate
+
+_REACH, _NODES = 40.0, 9
+"""K by which another temperature may differ from the stated one, and temperatures that are simulated."""
+_FINE = 0.1  # K
+_FALLS = 8.0  # times the first fall, within which three impacts follow
+_RTOL = 1e-3
+
+Column = Callable[[Row], tuple[str, int] | None]
+"""Variable of a simulation and impact (from 0) that a row holds; None for a row that no material changes."""
+
+
+class Alternative(NamedTuple):
+    """What may be true in place of a stated material: a sentence, and the differences (row,) that would be left."""
+
+    sentence: str
+    differences: Floats
+
+
+def of_drop(
+    rows: Sequence[Row],
+    covariance: Floats,
+    settings: Any,
+    column: Column,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    plate: xr.Dataset | None,
+) -> list[Alternative]:
+    """Simulate a drop of the other polymers of the library, and at other temperatures.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        Compared values (n), measured minus model.
+    covariance : array (n, n)
+        Of their differences.
+    settings : BallDrop or ContactArea
+    column : callable
+    material_file, fitted, plate
+        Of the stated material and plate.
+
+    Returns
+    -------
+    list of Alternative
+        One for each polymer, and one for the temperature that explains most.
+    """
+    sphere, source = settings.sphere, settings.sphere.source
+    temperature = None if sphere.temperature is None else sphere.temperature.value
+    stated = resolve(sphere, material_file, fitted)
+    others = {name: solid for name in _library() if name != source and (solid := _loaded(name, temperature))}
+    warmer = _at_other_temperatures(temperature, source, material_file, fitted)
+    expected = _simulated([stated, *others.values(), *warmer.values()], rows, settings, column, plate)
+    differences = np.array([row.difference or 0.0 for row in rows])
+    left = differences - np.nan_to_num(expected[1:] - expected[0], nan=np.inf)
+    found = [
+        Alternative(f"the sphere is probably of {name.upper() if name in _ACRONYMS else name}, not of {source}", each)
+        for name, each in zip(others, left, strict=False)
+    ]
+    of_warmer, temperatures = left[len(others) :], np.array(list(warmer))
+    whole = np.isfinite(of_warmer).all(axis=1)
+    if temperature is None or whole.sum() < 4:
+        return found
+    fine = np.arange(temperatures[whole][0], temperatures[whole][-1], _FINE)
+    curves = CubicSpline(temperatures[whole], of_warmer[whole])(fine)
+    best = int(np.argmin([agreement(each, covariance).chi2 for each in curves]))
+    text = f"the temperature was probably {fine[best]:.1f} °C, not {temperature:.4g} °C (sphere.temperature)"
+    return [*found, Alternative(text, curves[best])]
+
+
+_ACRONYMS = ("nbr", "peek", "ptfe")
+
+
+def _library() -> list[str]:
+    return sorted(path.stem for path in (Path(files.__file__).parent / "materials/library").glob("*.toml"))
+
+
+def _loaded(name: str, temperature: float | None) -> Prony | None:
+    try:
+        return materials.load(name, temperature)
+    except LabpipeError:
+        return None  # its shifts do not reach so far
+
+
+def _at_other_temperatures(
+    temperature: float | None, source: str, file: Path | None, fitted: xr.Dataset | None
+) -> dict[float, Prony]:
+    """Return the stated material at temperatures about the stated one, within its isotherms."""
+    if temperature is None:
+        return {}
+    nodes = temperature + np.linspace(-_REACH, _REACH, _NODES)
+    if fitted is not None:
+        measured = fitted["temperature"].values
+        low, high = max(nodes[0], measured.min()), min(nodes[-1], measured.max())
+        return {float(T): fitted_at(fitted, float(T)) for T in np.linspace(low, high, _NODES)} if low < high else {}
+    found = {float(T): _loaded(str(file or source), float(T)) for T in nodes}
+    return {T: solid for T, solid in found.items() if solid is not None}
+
+
+def _simulated(
+    solids: Sequence[Prony], rows: Sequence[Row], settings: Any, column: Column, plate: xr.Dataset | None
+) -> Floats:
+    """Return what each solid makes of each row (solid, row)."""
+    sphere, gravity, count = settings.sphere, settings.model.gravity.value, len(solids)
+    made = contact.impacts(
+        solids,
+        [sphere.radius.value] * count,
+        [sphere.mass.value] * count,
+        [settings.height.value] * count,
+        _FALLS * float(np.sqrt(2.0 * settings.height.value / gravity)),
+        IMPACTS,
+        settings.model.profile,
+        _RTOL,
+        gravity=gravity,
+        plate=[resolve_plate(settings.plate, plate)] * count,
+    )
+    places = [column(row) for row in rows]
+    columns = [np.zeros(count) if place is None else made[place[0]].values[:, place[1]] for place in places]
+    return np.array(columns).T

@@ -1,0 +1,85 @@
+"""Titles of checks: which compared quantities are one check, and the sentence that explains it."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from labpipe.judging import Check
+
+STEPS = "references and processing steps"
+"""Title of the check of all that an experiment is based on."""
+
+
+class Title(NamedTuple):
+    """A check of a kind: its sentence, and beginnings of the names of the quantities that belong to it."""
+
+    law: str
+    names: tuple[str, ...]
+
+
+Titles = Mapping[str, Title]
+
+OF_LASER: Titles = {
+    "continuity of the readings": Title(
+        "A recording holds every reading once, in order and within the range of the sensor.",
+        (
+            "readings out of range", "clipped or held readings", "jumps and spikes", "rows that come twice",
+            "shape of the record", "beginning of the record", "end of the record", "readings", "lost or doubled rows",
+        ),
+    ),
+    "noise": Title(
+        "Noise is white, constant, without mains frequency, and not coarser than the display's resolution.",
+        (
+            "noise of the record", "noise of neighbouring readings", "vibration before the release",
+            "resolution of the readings", "times of the readings", "change of the noise",
+        ),
+    ),
+    "files": Title("No two recordings contain the same noise.", ("readings of another record",)),
+}  # fmt: skip
+"""Checks of the readings of a displacement sensor."""
+
+COMMON: Titles = {
+    "calibration": Title(
+        "The calibration record belongs to the instrument and was valid on the day of the recording.",
+        ("day of the recording", "line of sight", "uncertainty of the scale"),
+    ),
+    "stated values": Title(
+        "Stated values are physically possible, and their uncertainties are small compared with them.",
+        ("uncertainty of", "mass of the falling body", "stated gravity"),
+    ),
+    STEPS: Title(
+        "Every processing step and every experiment that is referred to gave a valid result.", ("step", "basis")
+    ),
+}
+"""Checks of every kind."""
+
+
+def entitled(checks: Iterable[Check], titles: Titles) -> list[Check]:
+    """Give checks the title under which they are listed.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+    titles : mapping of str to Title
+        Of the kind; those of :data:`COMMON` are added.
+
+    Returns
+    -------
+    list of Check
+        A quantity that no title names is a check of its own.
+    """
+    longest = sorted(((name, title) for title, of in {**COMMON, **titles}.items() for name in of.names), key=_length)
+    found = []
+    for check in checks:
+        title = next((title for name, title in longest if check.name.startswith(name)), check.title)
+        found.append(replace(check, title=title, recording=check.recording or check.file))
+    return found
+
+
+def laws(titles: Titles) -> dict[str, str]:
+    """Return the sentence of each check of a kind, in the order of its page."""
+    return {title: of.law for title, of in {**titles, **COMMON}.items()}
+
+
+def _length(pair: tuple[str, str]) -> int:
+    return -len(pair[0])

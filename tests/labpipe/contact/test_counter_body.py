@@ -1,0 +1,49 @@
+"""An elastic counter-body adds its compliance: against Hertz of two bodies, and Ting with the summed creep."""
+
+import numpy as np
+import pytest
+
+from labpipe import contact
+from labpipe.contact.sphere.counter_body import COUNTER_BODIES
+from labpipe.materials import Prony
+from tests.labpipe.contact.ting_solution import ting
+
+RADIUS, MASS = 9.525e-3, 0.505
+
+
+def test_two_elastic_bodies_are_those_of_hertz() -> None:
+    """1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2."""
+    softness = (1 - 0.35**2) / 3.2e9 + (1 - 0.3**2) / 70e9
+    found = contact.drop(
+        Prony(3.2e9, [], [], nu=0.35), RADIUS, MASS, 1.5e-3, 0.03, substrate=("70 GPa", 0.3), rtol=1e-6
+    )
+    deepest = 0.0
+    for _ in range(60):
+        deepest = (15 / 8 * MASS * 9.81 * (1.5e-3 + deepest) * softness / np.sqrt(RADIUS)) ** 0.4
+    assert float(found.peak_approach[0]) == pytest.approx(deepest, rel=1e-7)
+    assert float(found.peak_force[0]) == pytest.approx(4 / 3 / softness * np.sqrt(RADIUS) * deepest**1.5, rel=1e-7)
+
+
+def test_a_viscoelastic_sphere_on_an_elastic_body_is_that_of_ting() -> None:
+    """Both by their creep functions: J1(t) + J2, turned into a relaxation by the oracle alone."""
+    sphere, E, nu = Prony.from_creep(2e9, [0.2e-9, 0.05e-9], [1e-3, 1e-1], nu=0.35), 20e9, 0.2
+    added = (1 - nu**2) / E / (1 - 0.35**2)
+    both = Prony.from_creep(1 / (1 / 2e9 + added), [0.2e-9, 0.05e-9], [1e-3, 1e-1], nu=0.35)
+    time = np.linspace(0.0, 2e-3, 401)
+    depth = 5e-5 * np.sin(np.pi * time / 2.2e-3)
+    found = contact.press_sphere(sphere, RADIUS, time, depth, substrate=(E, nu), rtol=None)
+    exact = ting(both, RADIUS, time, depth)
+    assert found.force.values == pytest.approx(exact.force, abs=2e-5 * exact.force.max())
+    rigid = contact.press_sphere(sphere, RADIUS, time, depth, rtol=None)
+    assert float(found.force.max()) < 0.97 * float(rigid.force.max())
+
+
+def test_sapphire_takes_about_a_percent() -> None:
+    """Below acrylic; a batch and a single drop have the same counter-body."""
+    assert COUNTER_BODIES["sapphire"].compliance == pytest.approx(1 / 426.6e9, rel=1e-3)
+    fall = ("acrylic", RADIUS, MASS, 1.5e-3, 0.03)
+    rigid, sapphire = (contact.drop(*fall, substrate=body) for body in (None, "sapphire"))
+    ratio = float(sapphire.peak_force[0] / rigid.peak_force[0])
+    assert 0.994 < ratio < 0.998
+    batch = contact.impacts(*fall, substrate="sapphire")
+    assert float(batch.peak_force[0, 0]) == pytest.approx(float(sapphire.peak_force[0]), rel=1e-5)

@@ -1,0 +1,140 @@
+"""Twelve inputs of a session changed one at a time: the true cause is named first in eleven."""
+
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from pipelines.session import Verdict
+from tests.mistakes.rows import judged
+
+SAMPLE = Path(__file__).parents[2] / "sample_data/thesis-small"
+TOML = "session.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One change of the session; the first cause on the experiment must contain one of the words."""
+
+    name: str
+    experiment: str
+    edit: Callable[[Path], None]
+    words: tuple[str, ...]
+
+
+def _stated(experiment: str, key: str, value: str) -> Callable[[Path], None]:
+    """Return what states another value in the tables of an experiment."""
+
+    def edit(folder: Path) -> None:
+        text = (folder / TOML).read_text("utf-8")
+        begin = text.index(f"[experiments.{experiment}]")
+        changed, count = re.subn(rf'(?m)^{key} = ".*"', f'{key} = "{value}"', text[begin:], count=1)
+        assert count == 1
+        (folder / TOML).write_text(text[:begin] + changed, "utf-8")
+
+    return edit
+
+
+def _record(name: str, old: str, new: str) -> Callable[[Path], None]:
+    def edit(folder: Path) -> None:
+        path = folder / "calibration" / name
+        text = path.read_text("utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), "utf-8")
+
+    return edit
+
+
+def _exchanged(*pairs: tuple[str, str]) -> Callable[[Path], None]:
+    def edit(folder: Path) -> None:
+        for first, second in pairs:
+            a, b = (folder / "laser" / f"{name}.csv" for name in (first, second))
+            kept = a.read_bytes()
+            a.write_bytes(b.read_bytes())
+            b.write_bytes(kept)
+
+    return edit
+
+
+def _stiffer(folder: Path) -> None:
+    """Multiply the moduli of an export by 1.08."""
+    path = folder / "dma/nbr_dma.csv"
+    lines = path.read_bytes().decode("utf-16").split("\n")
+    for i, line in enumerate(lines):
+        cells = line.split("\t")
+        if len(cells) > 8 and re.fullmatch(r"\d+", cells[2].strip() or "-"):
+            cells[6:8] = [f"{1.08 * float(cell):.5g}" for cell in cells[6:8]]
+            lines[i] = "\t".join(cells)
+    path.write_bytes("\n".join(lines).encode("utf-16"))
+
+
+CHANGES = (
+    Change("height of a drop", "nylon_1p5mm", _stated("nylon_1p5mm", "height", "1.6 ± 0.005 mm"), ("drop height",)),
+    Change(
+        "height of a film", "acrylic_1p5mm_film", _stated("acrylic_1p5mm_film", "height", "2 ± 0.005 mm"), ("height",)
+    ),
+    Change("angle of the laser", "peek_1p5mm", _record("laser.toml", "12.00 ±", "14.00 ±"), ("inclination",)),
+    Change("scale under the disc", "acrylic_1p5mm_film", _record("camera_under.toml", "461 ±", "452 ±"), ("scale",)),
+    Change("scale of the front view", "ptfe_film", _record("camera_front.toml", "386 ±", "394 ±"), ("scale",)),
+    Change("polymer", "peek_1p5mm", _stated("peek_1p5mm", "material_from", "nylon_dma"), ("of PEEK",)),
+    Change("modulus", "nbr_relaxation", _stiffer, ("DMA, specimen", "modulus")),
+    Change(
+        "temperature of a drop",
+        "acrylic_1p5mm_39C",
+        _stated("acrylic_1p5mm_39C", "temperature", "20.0 ± 0.5 degC"),
+        ("temperature",),
+    ),
+    Change(
+        "temperature of a film",
+        "acrylic_1p5mm_39C_film",
+        _stated("acrylic_1p5mm_39C_film", "temperature", "20.0 ± 0.5 degC"),
+        ("temperature",),
+    ),
+    Change(
+        "one repeat exchanged",
+        "nylon_1p5mm",
+        _exchanged(("nylon_1p5mm_2", "ptfe_1p5mm_2")),
+        ("another drop", "another height or another body"),
+    ),
+    Change(
+        "all files exchanged",
+        "nylon_1p5mm",
+        _exchanged(("nylon_1p5mm_1", "ptfe_1p5mm_1"), ("nylon_1p5mm_2", "ptfe_1p5mm_2")),
+        ("of PTFE", "another material"),
+    ),
+    Change("mass", "ptfe_1p5mm", _stated("ptfe_1p5mm", "mass", "455.0 ± 0.5 g"), ("mass",)),
+)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The session as it is, with what the changed experiments need processed."""
+    folder = tmp_path_factory.mktemp("changed") / "session"
+    shutil.copytree(SAMPLE, folder)
+    for name in dict.fromkeys(change.experiment for change in CHANGES):
+        found = judged(folder, "judgement", experiment=name)
+        assert (found.believable, found.model) == ("yes", "agrees"), (name, found)
+    return folder
+
+
+def _first(found: Verdict) -> str:
+    return found.cause or next(iter(found.suspects), "")
+
+
+@pytest.mark.slow
+def test_the_true_cause_is_named_first_in_eleven_of_twelve(session: Path, tmp_path: Path) -> None:
+    said = {}
+    for change in CHANGES:
+        folder = tmp_path / change.name.replace(" ", "_")
+        shutil.copytree(session, folder)
+        change.edit(folder)
+        found = judged(folder, "judgement", experiment=change.experiment)
+        said[change.name] = (found.believable, found.model, _first(found))
+        shutil.rmtree(folder)
+    noticed = [name for name, (believable, model, _) in said.items() if believable != "yes" or model == "differs"]
+    assert len(noticed) >= 11, said
+    right = [c.name for c in CHANGES if any(word in said[c.name][2] for word in c.words)]
+    assert len(right) >= 11, {name: told for name, told in said.items() if name not in right}
