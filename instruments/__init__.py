@@ -1,6 +1,6 @@
 """Instruments: recognising, reading and writing their files; one package each.
 
-:func:`read` tells the instrument from the content of a file, never from its name. Each room is a
+:func:`read` recognises the instrument by the content of a file, never from its name. Each room is a
 package whose ``__init__`` defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
 they are asked. Other distributions add theirs by entry points of the group
 ``labpipe.instruments`` (:mod:`labpipe.plugins`); they are asked after ours.
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from instruments._instrument import CONTENTS, HEAD_BYTES, Content, Instrument, NoOptions, text_of
+from instruments._workbook import is_workbook, sheets
 from instruments.anton_paar import INSTRUMENT as ANTON_PAAR, Options as AntonPaarOptions
 from instruments.dice import INSTRUMENT as DICE, Options as DiceOptions
 from instruments.images import (
@@ -28,7 +29,7 @@ from instruments.keyence import INSTRUMENT as KEYENCE, Options as KeyenceOptions
 from instruments.mach1 import INSTRUMENT as MACH1, Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
 from instruments.photron import INSTRUMENT as PHOTRON
-from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, holds_rows, workbook_hint
+from instruments.tables import INSTRUMENT as PLAIN_TABLE, Options as TableOptions, columns_hint
 from labpipe.errors import NO_FILM, UNKNOWN_FORMAT, InputError, LabpipeError, SourceError, UsageError
 from labpipe.installation import BUILD
 from labpipe.plugins import Plugin, survey, tell
@@ -146,47 +147,37 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
     for plugin in added():
         if plugin.found is not None and _is_from(plugin, head, path):
             return plugin.found
+    raise _unknown(path, head)
+
+
+def _unknown(path: Path, head: bytes) -> SourceError:
+    """Say that no instrument knows a file or folder, and how it may be read all the same."""
+    if path.name.startswith(("~$", ".~lock.")):
+        return SourceError(
+            path, "a spreadsheet program keeps this file next to an open workbook", hint="Name the workbook."
+        )
+    if is_workbook(head):
+        try:
+            sheets(path)
+        except SourceError as error:
+            return error.because(UNKNOWN_FORMAT)
     tried = ", ".join(each.name for each in known())
-    hint = (
-        _archive_hint(head, path)
-        or workbook_hint(head)
-        or 'If you know what wrote it, say so: instrument="keyence" (or another of these).'
-    )
+    hint = 'If you know the instrument that wrote it, name it: instrument="keyence" (or another of these).'
     if path.is_dir():
-        raise SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path)).because(NO_FILM)
+        return SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path)).because(NO_FILM)
     if not head:
-        raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
+        return SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
     if path.suffix.lower() in _STILLS:
         hint = "One image is no film: name the folder of its images, or the camera's own file."
     elif path.suffix.lower() in _RAW:
         hint = f"{RAW_FRAMES} Phantom's .cine and TIFF are read with their pixels packed or not."
-    elif b"\0" in head and not head.startswith(b"PK\x03\x04") and not workbook_hint(head):
+    elif b"\0" in head and not is_workbook(head):
         hint = "It is binary, of no format that is known: export readings as text, films as .cine, TIFF, PNG or AVI."
-    if holds_rows(head):
-        hint += (
-            " Of a table of moduli, name the columns in order with their units: "
-            """instrument="plain_table", columns="f (Hz), E' (MPa), E'' (MPa), T (degC)"."""
-        )
-    raise SourceError(path, f"no instrument recognises the content; tried {tried}", hint=hint).because(UNKNOWN_FORMAT)
-
-
-def _archive_hint(head: bytes, path: Path) -> str:
-    """Return the advice for a zip archive that is no workbook; "" of other files."""
-    import zipfile
-
-    if not head.startswith(b"PK\x03\x04"):
-        return ""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-    except (zipfile.BadZipFile, OSError, ValueError):
-        return "It is a zip archive that is damaged or was not copied whole."
-    if names and all(name.endswith(".npy") for name in names):
-        arrays = ", ".join(name.removesuffix(".npy") for name in names[:4])
-        return f"It is a NumPy archive (.npz) of the arrays {arrays}: save them as CSV with a heading and its units."
-    if any(name.startswith(("xl/", "content.xml", "mimetype")) for name in names):
-        return ""
-    return f"It is a zip archive of {len(names)} files, such as {names[0] if names else 'none'}: unpack it."
+    elif named := columns_hint(head, path):
+        hint += f" {named}"
+    elif head.lstrip()[:5].lower() in (b"<html", b"<!doc", b"<tabl"):
+        hint = "This is a page of HTML, whatever its name ends in; save it from a spreadsheet as .xlsx or CSV."
+    return SourceError(path, f"no instrument recognises the content; tried {tried}", hint=hint).because(UNKNOWN_FORMAT)
 
 
 def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:
@@ -244,8 +235,8 @@ def read(
     instrument : str, optional
         The name of one of :func:`known`; by default the content of the file decides.
     **options
-        For the reader of that instrument, for example ``cycle="50 us"`` for Keyence; what there
-        is says its ``Options``.
+        For the reader of that instrument, for example ``cycle="50 us"`` for Keyence; its ``Options`` list
+        them. With ``columns`` any table is read whose columns they name (:func:`instruments.tables.read`).
 
     Returns
     -------
@@ -264,7 +255,10 @@ def read(
     >>> readings = read("drop_07.csv", cycle="50 us")  # doctest: +SKIP
     """
     path = Path(path)
-    reader = _identify(path, options.get("fps")) if instrument is None else by_name(instrument)
+    if instrument is None:
+        reader = PLAIN_TABLE if options.get("columns") is not None else _identify(path, options.get("fps"))
+    else:
+        reader = by_name(instrument)
     _head(path)  # no reader waits at a named pipe
     before = _stamp(path)
     result = _read(reader, path, options)
@@ -304,16 +298,24 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
     """
     import xarray as xr
 
-    try:
-        found = _identify(Path(path))
-        name = found.name if found.content == content else usual
-    except SourceError:
-        name = usual
     given: Any = {key: value for key, value in options.items() if value is not None}
+    if "columns" in given:
+        name = PLAIN_TABLE.name
+    else:
+        try:
+            found = _identify(Path(path))
+            name = found.name if found.content == content else usual
+        except SourceError:
+            name = usual
     table = read(path, instrument=name, **given)
     if not isinstance(table, xr.Dataset):
         raise InputError(f"{path}: expected a table of readings, found a film")
+    if "columns" in given and (holds := _OF_COLUMNS.get(content)) and holds not in table:
+        raise InputError(f"{path}: the columns that are named hold no {content}")
     return table
+
+
+_OF_COLUMNS = {"displacement": "out1", "force": "force_z"}
 
 
 def _read(reader: Instrument, path: Path, options: Any) -> xr.Dataset | FrameSource:

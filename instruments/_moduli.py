@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from instruments._symbols import FREQUENCIES, RESPONSES, SHIFTS, TIMES
+from instruments._quantities import FREQUENCIES, RESPONSES, SHIFTS, TEMPERATURES, TIMES
 from labpipe.arrays import Floats
 
 _Made = tuple[Floats, Floats]
@@ -27,7 +27,7 @@ def _inverse(storage: Floats, loss: Floats) -> _Made:
     return storage / squared, loss / squared
 
 
-# What is needed, and how it makes E′ and E″; "damping" is tan δ, "δ" the phase.
+# Needed quantities, and how they make E′ and E″; "damping" is tan δ, "δ" the phase.
 _WAYS: tuple[tuple[tuple[str, ...], Callable[..., _Made]], ...] = (
     (("storage_modulus", "loss_modulus"), lambda e1, e2: (e1, e2)),
     (("storage_modulus", "loss_factor"), lambda e1, tan: (e1, e1 * tan)),
@@ -79,7 +79,7 @@ def _median_ratio(one: Floats, other: Floats) -> float:
 
 
 def _has(columns: Mapping[str, Any], needed: tuple[str, ...]) -> bool:
-    return all(name in columns or (name == "ω" and _omega(columns) is not None) for name in needed)
+    return all(name in columns or (name == "ω" and not FREQUENCIES.isdisjoint(columns)) for name in needed)
 
 
 def _made(columns: Mapping[str, Any], needed: tuple[str, ...], way: Callable[..., _Made]) -> _Made:
@@ -118,17 +118,18 @@ def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     return columns, said
 
 
-def are_confirmed(columns: Mapping[str, Any]) -> bool:
-    """Tell whether columns give the moduli more than once, and alike in every row: then each is the one it is named.
+def needed(names: set[str]) -> set[str]:
+    """Return which of some columns a sweep, a response or a table of shifts is made of; the others are not needed.
 
-    Columns that are named wrongly, shifted by one for instance, do not agree by chance over a whole table.
+    Examples
+    --------
+    >>> sorted(needed({"frequency", "storage_modulus", "loss_modulus", "loss_factor", "torque"}))
+    ['frequency', 'loss_modulus', 'storage_modulus']
     """
-    made = [_made(columns, needed, way) for needed, way in _WAYS if _has(columns, needed)]
-    return len(made) > 1 and all(
-        bool((np.abs(np.log(np.abs(one / other))) < _MODULUS_ROUNDED).all())
-        for moduli in made[1:]
-        for one, other in zip(moduli, made[0], strict=True)
-    )
+    way = next((set(way) for way, _ in _WAYS if _has(dict.fromkeys(names), way)), set())
+    temperatures, responses = names & {*TEMPERATURES}, names & RESPONSES
+    wanted = way | temperatures | FREQUENCIES | responses
+    return names & (wanted | (TIMES if responses else set()) | (SHIFTS if temperatures else set()))
 
 
 def _omega(columns: Mapping[str, Any]) -> Floats | None:

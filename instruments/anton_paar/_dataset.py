@@ -2,19 +2,20 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from instruments.anton_paar import _words as words
+from instruments._quantities import TEXT, quantity, slug, unit_of
 from instruments.anton_paar._values import Column, Interval
 from labpipe.errors import InputError
 from labpipe.variables import described, variable
 
 DEVICE = "Anton Paar rheometer"
-#: The loss factor that RheoCompass writes when it cannot tell one.
+#: The loss factor that RheoCompass writes when it has none.
 CLIPPED = 20000.0
 _CLIP_TOLERANCE = 1e-3  # a storage modulus that was made from the clipped value agrees so well
 
@@ -64,6 +65,20 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
         **attrs,
     }
     return _frequencies(_unclipped(dataset))
+
+
+def in_one_unit(intervals: Sequence[Interval]) -> tuple[list[Interval], list[str]]:
+    """Leave columns out whose unit is not the same in all tables, and name them in notes."""
+    units: dict[str, set[str]] = {}
+    for interval in intervals:
+        for column in interval.columns:
+            units.setdefault(column.name, set()).add(column.si)
+    several = {name: found for name, found in units.items() if len(found) > 1}
+    notes = [
+        f"the column {name} is in {' and '.join(sorted(unit or 'text' for unit in found))}; it is left out"
+        for name, found in several.items()
+    ]
+    return [replace(i, columns=tuple(c for c in i.columns if c.name not in several)) for i in intervals], notes
 
 
 def _put(variables: dict[str, Any], column: Column, start: int, total: int) -> None:
@@ -228,10 +243,10 @@ def make_column(header: str, unit: str, values: Any) -> Column:
     >>> made.name, made.si
     ('torque', 'N m')
     """
-    name = words.column_name(header) or words.slug(header)
-    if name in words.TEXT_COLUMNS:
+    name = quantity(header) or slug(header)
+    if name in TEXT:
         return Column(name, header, "", "", [str(v) for v in values])
-    return Column(name, header, unit, words.unit_of(unit).si, np.asarray(values, dtype=float))
+    return Column(name, header, unit, unit_of(unit).si, np.asarray(values, dtype=float))
 
 
 def make_interval(test: str, result: str, number: int, columns: Sequence[Column]) -> Interval:

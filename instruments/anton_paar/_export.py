@@ -1,7 +1,7 @@
 """Anton Paar rheometer exports (RheoCompass CSV, TXT and XLSX; RheoPlus), read and written.
 
 Columns, units, language and decimal sign are the user's choice in the software, so all of them
-come from the file. What was not seen in a real file is marked in the result's ``layout``.
+come from the file. Layouts not seen in a real file are marked in the result's ``layout``.
 """
 
 import json
@@ -12,12 +12,13 @@ from typing import Any
 
 import xarray as xr
 
-from instruments.anton_paar._dataset import assemble
+from instruments._quantities import quantity
+from instruments._workbook import is_workbook, text_of
+from instruments.anton_paar._dataset import assemble, in_one_unit
 from instruments.anton_paar._sources import delimiter_of, text_rows, workbook_rows
-from instruments.anton_paar._table import Export, RawInterval, Row, read_table, text_of
+from instruments.anton_paar._table import Export, RawInterval, Row, read_table
 from instruments.anton_paar._values import Findings, interpret, signs_of
-from instruments.anton_paar._words import column_name
-from labpipe.errors import InputError, SourceError, warn_of
+from labpipe.errors import SourceError, warn_of
 from labpipe.text import Limits, TextFile, check_decimal, first_bytes, survey
 
 # Real exports have below 1 MB; the lines are kept while the decimal sign is being decided.
@@ -29,10 +30,8 @@ def read(
     path: str | os.PathLike[str],
     *,
     encoding: str | None = None,
-    delimiter: str | None = None,
     decimal: str | None = None,
     allow_incomplete: bool = False,
-    limits: Limits | None = None,
 ) -> xr.Dataset:
     """Read an export of RheoCompass or RheoPlus.
 
@@ -40,12 +39,10 @@ def read(
     ----------
     path : path-like
         The file: text of any delimiter, or a workbook.
-    encoding, delimiter, decimal : str, optional
+    encoding, decimal : str, optional
         By default decided from the file.
     allow_incomplete : bool
         Drop a last row that has no line end, with a warning; by default such a file is refused.
-    limits : Limits, optional
-        Size limits of a text file.
 
     Returns
     -------
@@ -62,7 +59,7 @@ def read(
     Raises
     ------
     SourceError
-        With file, line and column of what is wrong.
+        With file, line and column of the fault.
 
     Warns
     -----
@@ -76,22 +73,18 @@ def read(
     """
     check_decimal(decimal)
     path = Path(path)
-    if first_bytes(path).startswith(b"PK"):
+    if is_workbook(first_bytes(path)):
         export, how = read_table(path, workbook_rows(path)), {"encoding": "xlsx"}
-        _warn_of_project(export)
+        if export.projects > 1:
+            export.notes.append("more than one project in the workbook; exports were joined")
     else:
-        source = survey(path, declared=(encoding,) if encoding else _CODECS, limits=limits or _LIMITS)
+        source = survey(path, declared=(encoding,) if encoding else _CODECS, limits=_LIMITS)
         _refuse_window_definition(source)
-        sign = delimiter or delimiter_of(source)
+        sign = delimiter_of(source)
         rows = _complete(source, text_rows(source, sign), allow_incomplete)
         export, how = read_table(path, rows), {"encoding": source.encoding, "delimiter": sign}
         _check_last(source, export, allow_incomplete)
     return _dataset(path, export, how, decimal)
-
-
-def _warn_of_project(export: Export) -> None:
-    if export.projects > 1:
-        export.notes.append("more than one project in the workbook; exports were joined")
 
 
 def _refuse_window_definition(source: TextFile) -> None:
@@ -123,11 +116,11 @@ def _check_last(source: TextFile, export: Export, allow: bool) -> None:
 
 
 def _is_whole(interval: RawInterval) -> bool:
-    """Tell a whole last row: it ends with a status seen above. A number may have lost digits."""
+    """Recognise a whole last row: it ends with a status seen above. A number may have lost digits."""
     above = {text_of(row.cells[-1]) for row in interval.rows[:-1]} - {""}
     return (
         interval.declared == len(interval.rows)
-        and column_name(interval.headers[-1]) == "status"
+        and quantity(interval.headers[-1]) == "status"
         and text_of(interval.rows[-1].cells[-1]) in above
     )
 
@@ -135,7 +128,8 @@ def _is_whole(interval: RawInterval) -> bool:
 def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | None) -> xr.Dataset:
     signs = signs_of(export.intervals, decimal, path)
     findings = Findings(notes=list(export.notes))
-    intervals = [interpret(raw, signs, path, findings) for raw in export.intervals if raw.units]
+    intervals, notes = in_one_unit([interpret(raw, signs, path, findings) for raw in export.intervals if raw.units])
+    findings.notes += notes
     first = export.header[0] if export.header else ""
     attrs: dict[str, Any] = {
         "source": path.name,
@@ -156,10 +150,7 @@ def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | Non
             }
         ),
     }
-    try:
-        dataset = assemble(intervals, **attrs)
-    except InputError as error:
-        raise SourceError(path, str(error)) from None
+    dataset = assemble(intervals, **attrs)
     for note in findings.notes:
         warn_of(path, note)
     return dataset

@@ -20,11 +20,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from instruments._quantities import TEXT, quantity, repaired
+from instruments._workbook import Cell, text_of
 from instruments.anton_paar import _words as words
 from labpipe.errors import SourceError
 from labpipe.text import listed, shorten
-
-Cell = str | float | None
 
 _BRACKETS = re.compile(r"\s*\[.*\]\s*")
 _WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")
@@ -37,7 +37,7 @@ _MOST_COLUMNS = 512
 class Row:
     """One row: its number in the file or sheet, its sheet ("" in a text), its cells.
 
-    ``is_short`` tells that the file holds fewer of them than the table has columns.
+    ``is_short`` means that the file holds fewer of them than the table has columns.
     """
 
     line: int
@@ -48,7 +48,7 @@ class Row:
 
 @dataclass(slots=True)
 class RawInterval:
-    """One table as it stands in the file.
+    """One table as in the file.
 
     ``declared`` is the number of points that the file announces (None when it does not);
     ``first`` the cell with which the columns begin.
@@ -79,15 +79,6 @@ class Export:
     cut: list[tuple[int, str]] = field(default_factory=list)  # intervals that lack points: their line, and its note
 
 
-def text_of(cell: Cell) -> str:
-    """Return a cell as text; a number as its shortest form."""
-    if cell is None:
-        return ""
-    if isinstance(cell, float):
-        return repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
-    return cell.strip()
-
-
 def read_table(path: Path, rows: Iterable[Row]) -> Export:
     """Find the intervals.
 
@@ -109,10 +100,10 @@ class _Reader:
         self.export = Export(path)
         self.sheet: str | None = None
         self.test = self.result = ""
-        self.unknown: list[str] = []  # values of unknown labels since the last table
         self.number: int | None = None  # RheoPlus: stated before the number of points
         self.current: RawInterval | None = None
         self.expects = "labels"
+        self.is_rheoplus = False
         self.dangling = 0  # line of a label after the last table
 
     def fail(self, row: Row, message: str, hint: str = "", column: int | None = None) -> SourceError:
@@ -123,7 +114,7 @@ class _Reader:
         """Take one row in."""
         if row.sheet != self.sheet:
             self.close()
-            self.sheet, self.test, self.result, self.unknown = row.sheet, "", "", []
+            self.sheet, self.test, self.result = row.sheet, "", ""
             self.number = None
         cells = [text_of(c) for c in row.cells]
         while cells and not cells[-1]:
@@ -136,6 +127,9 @@ class _Reader:
             raise self.fail(row, f"found {len(cells)} cells, no table has more than {_MOST_COLUMNS}")
         if self._is_label(cells):
             self._label(row, cells)
+        elif self.current is None and quantity(repaired(cells[0])) == "point" and len(cells) > 2:
+            self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
+            self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
         elif self.current is None:
             self._loose(row, cells)
         elif self.expects == "header":
@@ -152,14 +146,19 @@ class _Reader:
         return first.endswith(":") or words.label(first) in ("header", "project")
 
     def _label(self, row: Row, cells: list[str]) -> None:
+        values = [c for c in cells[1:] if c]
+        text = repaired(" ".join(values))
+        meaning = words.label(repaired(cells[0]))
+        numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
+        if meaning is None and self.expects == "header" and self.is_rheoplus:
+            # Settings of the interval, which RheoPlus writes between its number of points and its table.
+            self.export.header.append(f"{cells[0]}\t{text}")
+            return
         self.close()
         self.dangling = row.line
-        values = [c for c in cells[1:] if c]
-        text = words.repaired(" ".join(values))
-        meaning = words.label(words.repaired(cells[0]))
-        numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
         if len(values) == 2 and len(numbers) == 2:
             self._begin(row, numbers[0], numbers[1])
+            self.is_rheoplus = False
         elif meaning == "header" and len(values) > 1:
             self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
             self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
@@ -167,7 +166,7 @@ class _Reader:
             self.number = numbers[0]
         elif meaning == "points" and len(values) == 1 and numbers:
             self._begin(row, self.number or len(self._siblings()) + 1, numbers[0])
-            self.number = None
+            self.number, self.is_rheoplus = None, True
         else:
             self._named(row, meaning, cells[0], text)
 
@@ -181,29 +180,22 @@ class _Reader:
             if self.export.projects == 2 and not row.sheet:
                 self.export.notes.append(f"line {row.line}: a second project begins; exports were joined")
         elif meaning == "test":
-            self.test, self.result, self.unknown = text, "", []
+            self.test, self.result = text, ""
         elif meaning == "result":
             self.result = text
-        elif meaning is None:
-            self.unknown.append(text)
 
     def _begin(self, row: Row, number: int, declared: int | None) -> RawInterval:
-        if not self.test and self.unknown:
-            # Words of another language: a test stands before its result.
-            self.test = self.unknown[-2] if len(self.unknown) > 1 else self.unknown[-1]
-            self.result = self.result or (self.unknown[-1] if len(self.unknown) > 1 else "")
-            self.export.notes.append(
-                f"line {row.line}: the labels above are in no known language; {shorten(self.test)} is taken as the test"
-            )
-        self.unknown = []
         self.current = RawInterval(self.test, self.result, number, declared, row.line, self.sheet or "")
         self.expects = "header"
         return self.current
 
     def _header(self, current: RawInterval, row: Row, cells: list[str]) -> None:
-        headers = [words.repaired(c) for c in cells]
+        headers = [repaired(c) for c in cells]
+        if self.is_rheoplus and quantity(headers[0]) != "point" and not any(map(_NUMBER.fullmatch, cells)):
+            self.export.header.append(" ".join(cells))  # of the measuring profile
+            return
         # RheoCompass keeps the first column for the label, RheoPlus begins with the points.
-        current.first = 0 if words.column_name(headers[0]) == "point" else 1
+        current.first = 0 if quantity(headers[0]) == "point" else 1
         current.headers = headers[current.first :]
         while current.headers and not current.headers[-1]:
             current.headers.pop()
@@ -217,7 +209,7 @@ class _Reader:
         self.expects = "units"
 
     def _units(self, current: RawInterval, row: Row, cells: list[str]) -> None:
-        inside = [words.repaired(c) for c in cells[current.first :]]
+        inside = [repaired(c) for c in cells[current.first :]]
         stated = [c for c in inside if c]
         if stated and not cells[0] and all(_BRACKETS.fullmatch(c) for c in stated):
             if len(inside) > len(current.headers):
@@ -254,7 +246,7 @@ class _Reader:
         inside = inside[:width]
         if not row.sheet and len(inside) < width:
             lost = current.headers[len(inside) :]
-            if any(words.column_name(h) not in words.TEXT_COLUMNS for h in lost):
+            if any(quantity(h) not in TEXT for h in lost):
                 raise self.fail(
                     row,
                     f"found {len(inside)} cells, expected {width}: {shorten(' '.join(cells))}",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from instruments.anton_paar import _words as words
+from instruments._quantities import unit_of
 from instruments.anton_paar._dataset import intervals_of
 from instruments.anton_paar._values import Column, Interval
 from labpipe import files
@@ -118,7 +118,7 @@ def _written(column: Column, style: _Style) -> list[str]:
         return column.values
     zero = 0.0
     try:
-        factor, si = words.unit_of(column.unit) if column.unit else (1.0, "")
+        factor, si = unit_of(column.unit) if column.unit else (1.0, "")
         zero = ZERO_CELSIUS if (si, column.si) == ("K", "degC") else 0.0
     except InputError:
         factor = 1.0  # an unknown quantity was kept in its own unit

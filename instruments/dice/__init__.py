@@ -13,13 +13,13 @@ else:
 
 
 class Options(TypedDict, total=False):
-    """What may be said of a run of DICe; see :func:`read`."""
+    """Options for a run of DICe; see :func:`read`."""
 
     fps: float | None
 
 
 def _sniff(head: bytes, path: Path) -> bool:
-    """Tell results of DICe by the names in the folder, or by the fields of one file."""
+    """Recognise results of DICe by the names in the folder, or by the fields of one file."""
     if path.is_dir():
         return any(path.glob("DICe_solution_*.txt"))
     return b"COORDINATE_X" in head and b"DISPLACEMENT_X" in head

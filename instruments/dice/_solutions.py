@@ -4,7 +4,6 @@ The fields are the user's choice, so columns are found by their names. Pixels, y
 point that failed carries SIGMA = -1 and becomes NaN.
 """
 
-import math
 import os
 import re
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ import xarray as xr
 from labpipe import files, text
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import SourceError, warn_of
+from labpipe.text import plain_number
 from labpipe.variables import variable
 
 _FILE = re.compile(r"^DICe_solution_(-?\d+)\.txt$")
@@ -48,7 +48,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
     Dataset over (frame, point)
         ``dx``, ``dy`` [px], ``valid``, and of the further fields those that are known (``sigma``,
         ``rotation``, ``gamma``, …); coordinates ``frame`` (number in the file name), ``x``, ``y``
-        [px]. Failed points are NaN. The attribute ``other_fields`` names what was not read.
+        [px]. Failed points are NaN. The attribute ``other_fields`` names the fields that were not read.
 
     Raises
     ------
@@ -114,20 +114,14 @@ def _one(path: Path) -> tuple[list[str], Floats]:
         cells = [cell.strip() for cell in line.strip().rstrip(",").split(delimiter)]
         if len(cells) != len(header):
             raise SourceError(path, f"{len(cells)} values, expected {len(header)}", line=number)
-        rows.append([_number(path, cell, number, k) for k, cell in enumerate(cells, 1)])
+        values = [plain_number(cell) for cell in cells]
+        if None in values:
+            k = values.index(None)
+            raise text.not_a_number(cells[k], path=path, line_number=number, column=k + 1)
+        rows.append(values)
     if not rows:
         raise SourceError(path, "holds no point", line=start + 1)
-    return header, np.array(rows)
-
-
-def _number(path: Path, cell: str, line: int, column: int) -> float:
-    try:
-        value = float(cell) if "_" not in cell else math.inf
-    except ValueError:
-        value = math.inf
-    if math.isinf(value):
-        raise text.not_a_number(cell, path=path, line_number=line, column=column)
-    return value
+    return header, np.array(rows, dtype=float)
 
 
 def _dataset(path: Path, header: list[str], values: Floats, frames: Integers, fps: float | None) -> xr.Dataset:

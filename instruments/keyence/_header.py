@@ -26,7 +26,7 @@ LABELS: Mapping[str, str] = {
     r"p[ée]riode d['’][ée]chantillonnage|fr[ée]quence d['’][ée]chantillonnage|サンプリング周期|采样周期|取样周期",
     "storage": r"(?:storage|storing|save) (?:cycle|factor|interval)|speicher(?:zyklus|intervall|faktor)|"
     r"ストレージ周期|蓄積周期|存储周期",
-    "units": r"units?|einheit(?:en)?|unit[ée]s?|単位|单位",
+    "units": r"units?|y_unit_label|einheit(?:en)?|unit[ée]s?|単位|单位",
     "averaging": r"averag(?:e|ing)(?: (?:count|number|times))?|number of averages",
     "rows": r"(?:number of )?(?:data|points|samples)(?: (?:count|points|number))?",
 }
@@ -34,7 +34,7 @@ LABELS: Mapping[str, str] = {
 
 _COUNTER = re.compile(r"n[or°º]\.?|#|index|count(?:er)?|data no\.?|point|番号|序号", re.IGNORECASE)
 _OUTPUT = re.compile(r"out ?0*([0-9]{1,2})\s*(?:[\[(]([^\])]*)[\])])?", re.IGNORECASE)
-_LABEL = re.compile(r"(.*?)\s*(?:[\[(]([^\])]*)[\])]\s*)?")
+_LABEL = re.compile(r"(.*?)\s*(?:[\[(]([^\])]*)[\])](?:\s.*)?)?")  # a recorder may name the run behind the unit
 _TIME = re.compile(
     r"(?:elapsed |relative |sampling )?time(?:[ -]?stamp)?|timestamp|t|date[ /&]*time|clock|"
     r"zeit|uhrzeit|temps|時間|時刻|时间",
@@ -104,6 +104,13 @@ def column_of(line: str, delimiter: str, index: int) -> int:
     return len(delimiter.join(line.split(delimiter)[:index])) + (2 if index else 1)
 
 
+def _is_unit(cell: str) -> bool:
+    try:
+        return bool(cell) and bool(unit(cell))
+    except InputError:
+        return False
+
+
 def _is_reading(cell: str) -> bool:
     looks_like_number = re.fullmatch(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?", cell) is not None
     return looks_like_number or marker_status(cell) is not None
@@ -157,7 +164,7 @@ def _find_start(path: Path, lines: Sequence[str], given: str | None) -> tuple[st
             if delimiter in line and is_row:
                 return delimiter, index
         if _is_reading(line.strip().strip('"')):
-            return delimiters[-1], index
+            return delimiters[0 if line.startswith("\t") else -1], index
     text = f"found no row of readings in the first {len(lines)} lines"
     raise SourceError(path, text, line=1, hint="Expected rows of numbers or markers such as +FFFFFFF below the header.")
 
@@ -169,7 +176,10 @@ def _find_names(path: Path, head: Sequence[str], delimiter: str, n_columns: int)
     if len(found) > 1:
         text = f"the columns are named twice, before on line {found[0] + 1}"
         raise SourceError(path, text, line=found[1] + 1, hint="Two exports were joined: split the file.")
-    last = max((index for index, line in enumerate(head) if line.strip()), default=None)
+    filled = [index for index, line in enumerate(head) if line.strip()]
+    if len(filled) > 1 and len(split[filled[-1]]) == n_columns and all(map(_is_unit, split[filled[-1]])):
+        filled.pop()  # a row of units below the names
+    last = filled[-1] if filled else None
     if not found and last is not None:
         cells = split[last]
         first = _LABEL.fullmatch(cells[0])

@@ -29,6 +29,7 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bo
       labpipe inspect my-session/laser/drop_1.csv
       labpipe inspect my-session/film/front.cine --out front.png
       labpipe inspect old/bare.csv --instrument keyence --cycle "50 us" --unit mm
+      labpipe inspect run.csv --columns 'time = "Time (s)", displacement = "Position (m)"'
     """
     from pipelines.session import inspect as look
 

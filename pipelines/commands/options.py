@@ -46,6 +46,9 @@ def reading_options(function: F) -> F:
     """
 
     @click.option("--instrument", metavar="NAME", help="What wrote the file, where it does not say so: keyence, …")
+    @click.option(
+        "--columns", help='Any table: its columns, e.g. \'time = "Time (s)", displacement = "Position (m)"\'.'
+    )
     @click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
     @click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
     @click.option("--storage-factor", type=click.IntRange(min=1), help="Keyence file: samples per stored point.")
@@ -57,6 +60,7 @@ def reading_options(function: F) -> F:
     def reading(
         *args: Any,
         instrument: str | None,
+        columns: str | None,
         cycle: str | None,
         units: tuple[str, ...],
         storage_factor: int | None,
@@ -64,7 +68,13 @@ def reading_options(function: F) -> F:
         others: tuple[str, ...],
         **kwargs: Any,
     ) -> Any:
-        typed = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor, "channel": channel}
+        typed = {
+            "columns": columns,
+            "cycle": cycle,
+            "units": list(units),
+            "storage_factor": storage_factor,
+            "channel": channel,
+        }
         given = {name: value for name, value in typed.items() if value}
         try:
             kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
@@ -99,6 +109,7 @@ def _reading(source: Path, instrument: str | None, given: dict[str, Any], others
 _PYTHON = re.compile(r'\b([a-z][a-z_]*)=(\[[^\]]*\]|"[^"]*"|True|[0-9.]*[0-9])')
 _APART = {
     "instrument": "--instrument",
+    "columns": "--columns",
     "cycle": "--cycle",
     "storage_factor": "--storage-factor",
     "channel": "--channel",

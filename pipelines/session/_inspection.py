@@ -173,7 +173,8 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     from instruments import images
 
     try:
-        name = options.get("instrument") or instruments.identify(file, fps=options.get("fps"))
+        given = "plain_table" if options.get("columns") is not None else ""
+        name = options.get("instrument") or given or instruments.identify(file, fps=options.get("fps"))
     except SourceError as error:
         if file.is_dir() and (found := _folder(file)):
             return found
@@ -358,7 +359,7 @@ def _reading_problems(dataset: xr.Dataset, columns: list[dict[str, Any]]) -> lis
     longest = max(dataset.sizes.values(), default=0)
     for row in columns:
         size = dataset[row["name"]].size
-        if not row["invalid"] or size < longest:
+        if not row["invalid"] or size < longest or not _invalid(dataset, row["name"]):
             continue  # tables beside the readings leave out what a header does not state
         states_of = states.get(row["name"].replace("out", "status"), {})
         why = ", ".join(f"{n} {s}" for s, n in states_of.items() if s != "VALID")
@@ -366,6 +367,15 @@ def _reading_problems(dataset: xr.Dataset, columns: list[dict[str, Any]]) -> lis
     if dataset.attrs.get("incomplete"):
         found.append("the file is incomplete: it ends before its end mark")
     return found
+
+
+def _invalid(dataset: xr.Dataset, name: str) -> int:
+    """Count the readings of a column that are absent, in the tables of the file that have the column."""
+    import numpy as np
+
+    tables = json.loads(dataset.attrs.get("tests", "[]"))
+    lost = np.split(np.isnan(dataset[name].values), np.cumsum([table["rows"] for table in tables])[:-1])
+    return int(sum(part.sum() for part in lost if not part.all()))
 
 
 def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from labpipe.materials import TableRun, gather_sweeps, modulus_factor, trusted_t
 from labpipe.variables import variable
 from pipelines.experiments.dma import _glass_transition
 from pipelines.experiments.dma.settings import Dma
+from pipelines.experiments.shared.settings import named_columns
 
 _ONE_FREQUENCY = 0.01  # relative spread below which a run has a constant frequency
 _LEAST_RAMP = 10.0  # K that a temperature sweep covers at least
@@ -28,7 +29,7 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
         "plain_table",
         encoding=options.encoding,
         decimal=options.decimal,
-        columns=options.columns,
+        columns=named_columns(options.columns),
         allow_incomplete=options.allow_incomplete,
     )
     stated = _stated(path, settings)

@@ -6,7 +6,7 @@ import msgspec
 
 from labpipe.units import Quantity
 from labpipe.workflow.fields import POSITIVE, Dimensionless, File, Range, Temperature
-from pipelines.experiments.shared.settings import Table
+from pipelines.experiments.shared.settings import Columns, Table
 
 Mode = Literal["tension", "bending", "shear", "torsion"]
 MODES: tuple[str, ...] = get_args(Mode)
@@ -16,13 +16,13 @@ MODES: tuple[str, ...] = get_args(Mode)
 class Export(Table, frozen=True, kw_only=True):
     """What a rheometer export may leave unsaid; nothing here is guessed.
 
-    ``columns`` names the columns of a table in order with their units, as
-    ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``.
+    ``columns`` names those of a table that is not recognised, ``{ frequency = "drive (Hz)", … }``, or all in their
+    order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``.
     """
 
     encoding: str | None = None
     decimal: Literal[".", ","] | None = None
-    columns: str | None = None
+    columns: Columns | None = None
     allow_incomplete: bool = False
 
 

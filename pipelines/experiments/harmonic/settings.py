@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from labpipe.units import Quantity
 from labpipe.workflow.fields import POSITIVE, File, Length, Range, Time
 from pipelines.experiments.shared.punch_settings import IndentationModel, LoadCell, Punch, Substrate
-from pipelines.experiments.shared.settings import Table
+from pipelines.experiments.shared.settings import Columns, Table
 
 
 class Cycles(Table, frozen=True, kw_only=True):
@@ -22,6 +22,7 @@ class Harmonic(Table, frozen=True, kw_only=True):
     the approach in the same file is searched for it. ``characteristic_time`` makes frequencies
     dimensionless (eq. 2.38); without it, it is the shortest retardation time of the material.
     ``plateau`` is the window at the end of the hold before the oscillations, at most a tenth of it.
+    ``columns`` names time, position and force of another tester's table, one oscillation.
     """
 
     kind: Literal["harmonic"]
@@ -30,6 +31,7 @@ class Harmonic(Table, frozen=True, kw_only=True):
     substrate: Substrate | None = None
     contact: Length | None = None
     load_cell: LoadCell = LoadCell()
+    columns: Columns | None = None
     cycles: Cycles = Cycles()
     plateau: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
     characteristic_time: Annotated[Time, POSITIVE] | None = None

@@ -7,7 +7,7 @@ import msgspec
 from labpipe.units import Quantity
 from labpipe.workflow.fields import POSITIVE, File, Length, Time
 from pipelines.experiments.shared.punch_settings import IndentationModel, LoadCell, Punch, Substrate
-from pipelines.experiments.shared.settings import Table
+from pipelines.experiments.shared.settings import Columns, Table
 
 
 class Hold(Table, frozen=True, kw_only=True):
@@ -28,7 +28,7 @@ class Relaxation(Table, frozen=True, kw_only=True):
 
     Without ``punch`` no modulus is found, without ``substrate`` nothing is simulated; the report
     says so. ``contact`` is the stage position of first touch; without it the approach in each file
-    is searched for it.
+    is searched for it. ``columns`` names time, position and force of another tester's tables.
     """
 
     kind: Literal["relaxation"]
@@ -37,5 +37,6 @@ class Relaxation(Table, frozen=True, kw_only=True):
     substrate: Substrate | None = None
     contact: Length | None = None
     load_cell: LoadCell = LoadCell()
+    columns: Columns | None = None
     hold: Hold = Hold()
     model: IndentationModel = IndentationModel()

@@ -10,7 +10,7 @@ import xarray as xr
 import instruments
 from labpipe.errors import UNSAID, SourceError
 from labpipe.signals import outliers
-from pipelines.experiments.shared.settings import Keyence
+from pipelines.experiments.shared.settings import Keyence, named_columns
 
 
 class _Recorded(Protocol):
@@ -71,6 +71,7 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
             units=given.units,
             encoding=given.encoding,
             decimal=given.decimal,
+            columns=named_columns(given.columns),
         )
     except SourceError as error:
         raise _with_place(error) from None

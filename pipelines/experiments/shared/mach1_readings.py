@@ -18,7 +18,9 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals import outliers
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from pipelines.experiments.shared import mach1_touch
+from pipelines.experiments.shared.settings import named_columns
 
 LAST_DECIMAL = 1e-9
 """Last decimal of a position in m: every file has six of a millimetre."""
@@ -32,9 +34,25 @@ _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth i
 
 
 def readings(path: Path, *, settings: object = None) -> xr.Dataset:
-    """Read a file of the tester, as a stage of every kind that has one; outliers become NaN and have a status."""
-    del settings
-    return without_outliers(instruments.read_table(path, "force", "mach1"))
+    """Read a file of the tester, as a stage of every kind that has one; outliers become NaN and have a status.
+
+    A table whose columns the settings name is one block, of the function that the kind of experiment evaluates.
+    """
+    columns = named_columns(getattr(settings, "columns", None))
+    found = instruments.read_table(path, "force", "mach1", columns=columns)
+    if columns is None:
+        return without_outliers(found)
+    name = {"harmonic": "Sinusoid", "relaxation": "Stress Relaxation"}[str(getattr(settings, "kind", "harmonic"))]
+    found.attrs["blocks"] = json.dumps([block | {"function": name} for block in blocks(found)])
+    found = found.assign(function=("block_index", [name]))
+    if name == "Sinusoid":  # that other testers do not state; the fit begins there
+        position, time = found["position_z"].values, found["time"].values
+        spectrum = np.abs(np.fft.rfft(position - position.mean()))
+        frequency = float(np.argmax(spectrum)) / (np.ptp(time) * position.size / (position.size - 1))
+        amplitude = 0.5 * float(np.ptp(position))
+        found["declared_frequency"] = variable("block_index", [frequency], "Hz", "frequency of the largest motion")
+        found["declared_amplitude"] = variable("block_index", [amplitude], "m", "half of the stage's travel")
+    return without_outliers(found)
 
 
 def without_outliers(readings: xr.Dataset) -> xr.Dataset:
@@ -234,6 +252,8 @@ def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
 def clock(loads: xr.Dataset) -> Floats:
     """Return the time of every sample since the file's first block began, in s."""
     starts = []
+    if len(blocks(loads)) == 1:
+        return np.asarray(loads["time"].values)
     for block in blocks(loads):
         if not block.get("start"):
             raise InputError("a block without a start time cannot be placed in the history of the test")

@@ -12,6 +12,24 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """A table of session.toml; an unknown key is a mistake, not a wish."""
 
 
+class NamedColumn(Table, frozen=True, kw_only=True):
+    """One column of a table that no reader recognises: its heading, or its number from 1, and its unit."""
+
+    column: str | int
+    unit: str = ""
+
+
+Columns = str | dict[str, str | int | NamedColumn]
+"""Columns of a table that no reader recognises, ``{ time = "Time (s)", displacement = "Position (m)" }``, or all in
+their order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"`` (:func:`instruments.tables.read`)."""
+
+
+def named_columns(columns: Columns | None) -> str | dict[str, object] | None:
+    """Return the columns as :func:`instruments.read` takes them."""
+    found: str | dict[str, object] | None = msgspec.to_builtins(columns)
+    return found
+
+
 class MaterialChoice(Table, frozen=True, kw_only=True):
     """Where the material comes from: exactly one of three.
 
@@ -52,7 +70,7 @@ class Keyence(Table, frozen=True, kw_only=True):
 
     ``cycle`` is the time between samples and ``storage_factor`` the number of samples per stored
     point (1 where only the cycle is given here); ``units`` has one entry per output. What
-    contradicts the file is refused, not preferred.
+    contradicts the file is refused, not preferred. ``columns`` names those of a recorder's table.
     """
 
     cycle: Annotated[fields.Time, fields.POSITIVE] | None = None
@@ -60,6 +78,7 @@ class Keyence(Table, frozen=True, kw_only=True):
     units: list[str] | None = None
     encoding: str | None = None
     decimal: Literal[".", ","] | None = None
+    columns: Columns | None = None
 
 
 class Sensor(Table, frozen=True, kw_only=True):

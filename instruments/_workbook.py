@@ -1,0 +1,138 @@
+"""Sheets of a workbook (.xlsx, .xlsm, .xls, .ods), read by calamine in a process of its own.
+
+Calamine reserves memory for all cells that a sheet declares before it reads one, and ends its process where there is
+not so much: a damaged or hostile workbook then costs a child, never the session.
+"""
+
+import json
+import subprocess
+import sys
+import zipfile
+import zlib
+from functools import lru_cache
+from pathlib import Path
+
+from labpipe.errors import SourceError
+from labpipe.text import first_bytes, shorten
+
+Cell = str | float | None
+
+_OLD = b"\xd0\xcf\x11\xe0"  # .xls
+_ZIP = b"PK\x03\x04"  # .xlsx, .ods, and any other archive
+_MOST_UNPACKED = 256 << 20  # bytes; the largest known export has 0.2 MB
+_MEMORY = 2 << 30  # bytes of the child, where the system can hold it to them
+_SECONDS = 120
+_CHILD = """
+import json, sys
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
+except (ImportError, ValueError, OSError):
+    pass
+import python_calamine
+def cell(value):
+    if value is None or value == "":
+        return None
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else str(value)
+found = []
+try:
+    with open(sys.argv[1], "rb") as stream:
+        book = python_calamine.CalamineWorkbook.from_filelike(stream)
+        for name in book.sheet_names:
+            try:
+                rows = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+            except python_calamine.WorksheetNotFound:  # a chart
+                continue
+            found.append([name, [[cell(value) for value in row] for row in rows]])
+except Exception as error:
+    found = f"{error or type(error).__name__}"
+json.dump(found, sys.stdout)
+"""
+
+
+def is_workbook(head: bytes) -> bool:
+    """Return whether the first bytes are those of a workbook, or of another archive of the same containers."""
+    return head.startswith((_OLD, _ZIP))
+
+
+def sheets(path: Path) -> list[tuple[str, list[list[Cell]]]]:
+    """Return title and rows of cells of every sheet; an empty cell, and one with an error such as #REF!, is None.
+
+    Raises
+    ------
+    SourceError
+        The file is damaged, encrypted, no workbook, or unpacks to too much.
+    """
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+    return _sheets(path, status.st_size, status.st_mtime_ns)
+
+
+def beginning(path: Path, rows: int = 200) -> str:
+    """Return the first rows of every sheet as lines with TABs; "" of a file that cannot be read as a workbook."""
+    try:
+        found = sheets(path)
+    except SourceError:
+        return ""
+    return "".join("\t".join(map(text_of, row)) + "\n" for _, cells in found for row in cells[:rows])
+
+
+def text_of(cell: Cell) -> str:
+    """Return a cell as text; a number as its shortest form."""
+    if cell is None:
+        return ""
+    if isinstance(cell, float):
+        return repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
+    return cell.strip()
+
+
+@lru_cache(8)  # a file is recognised, read and described one after the other
+def _sheets(path: Path, size: int, modified: int) -> list[tuple[str, list[list[Cell]]]]:
+    del modified
+    if first_bytes(path).startswith(_ZIP):
+        _check_archive(path)
+    elif size > _MOST_UNPACKED:
+        raise SourceError(path, f"the workbook has {size} bytes, at most {_MOST_UNPACKED} are read")
+    command = [sys.executable, "-P", "-c", _CHILD, str(path.resolve()), str(_MEMORY)]
+    try:
+        ended = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
+        found = json.loads(ended.stdout) if ended.returncode == 0 else "its cells cannot be read"
+    except (subprocess.TimeoutExpired, ValueError):
+        found = "its cells cannot be read"
+    if isinstance(found, str):
+        raise _damaged(path, found)
+    return [(title, rows) for title, rows in found]
+
+
+def _check_archive(path: Path) -> None:
+    """Refuse an archive that is no workbook, is encrypted, or unpacks to too much, before anything is unpacked."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            parts = archive.infolist()
+            names = {part.filename for part in parts}
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError) as error:
+        raise _damaged(path, str(error)) from None
+    total = sum(part.file_size for part in parts)
+    if not ({"xl/workbook.xml", "xl/workbook.bin"} & names or {"content.xml", "mimetype"} <= names):
+        is_arrays = names and all(name.endswith(".npy") for name in names)
+        text = "an archive of NumPy arrays (.npz)" if is_arrays else "a ZIP archive that holds no workbook"
+        raise SourceError(path, text, hint=NO_WORKBOOK)
+    if total > _MOST_UNPACKED:
+        raise SourceError(
+            path,
+            f"the workbook unpacks to {total} bytes; at most {_MOST_UNPACKED} are read",
+            hint="This is no export of an instrument; export as CSV.",
+        )
+    if any(part.flag_bits & 1 for part in parts):
+        raise SourceError(path, "the workbook is encrypted", hint="Save it without a password.")
+
+
+NO_WORKBOOK = "Unpack it, and give the files in it, or write the readings as text with a row of headings."
+
+
+def _damaged(path: Path, found: str) -> SourceError:
+    is_locked = "password" in found.casefold() or "encrypt" in found.casefold()
+    hint = "Save it without a password." if is_locked else "Copy it again, or export as CSV."
+    return SourceError(path, f"the workbook is damaged or incomplete: {shorten(found)}", hint=hint)

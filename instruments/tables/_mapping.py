@@ -1,0 +1,339 @@
+"""Columns that a user names, of a table or trace that no reader recognises.
+
+::
+
+    columns = { time = "Time (s)", displacement = "Position (m)" }
+    columns = { time = "Time", displacement = { column = "Channel A", unit = "mm" } }
+    columns = "f (Hz), E' (MPa), E'' (MPa), T (degC)"          # of rows without headings, in their order
+
+A quantity is given the heading of its column, or its number from 1; the unit is given in brackets in the heading, in a
+row of units, in a line of the header, or with the column. A unit that contradicts the file is refused, not preferred.
+"""
+
+import re
+import tomllib
+import unicodedata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from instruments._quantities import SI_OF, TIMES, fits, quantity, slug, unit_of
+from instruments.tables._headings import Heading, facts, is_begin, is_unit, parsed
+from instruments.tables._layout import ABSENT, BLANKS, COMMA, GAPS, SEMICOLON, TAB, cells, is_numeric
+from labpipe.errors import UNSAID, InputError, SourceError, warn_of
+from labpipe.text import listed, not_a_number, shorten
+
+Columns = str | Mapping[str, Any]
+
+#: Quantities of a trace, beyond those of sweeps and responses, and the SI units that they may become.
+_OF_TRACES = {"displacement": ("m", "V"), "position": ("m",), "force": ("N",)}
+_WAYS = (TAB, SEMICOLON, COMMA, GAPS, BLANKS)
+_BRACKET = re.compile(r"[(\[{<]([^()\[\]{}<>]*)[)\]}>]")
+_UNITLESS = ("1",)
+_OF_TIME = re.compile(r"\bx|horizontal|time", re.IGNORECASE)
+_ROWS = 3  # rows of numbers, one below the other, that make a table
+_ABOVE = 200  # lines of a header in which units are looked for
+_EXAMPLE = 'columns = { time = "Time (s)", displacement = "Position (m)" }'
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """One column: the quantity, its heading or number from 1, and a unit that is stated with it."""
+
+    name: str
+    column: str | int
+    unit: str = ""
+
+
+@dataclass(slots=True)
+class Located:
+    """Where the named columns stand in a file, and their cells.
+
+    ``line`` is that of the headings (0 without them); ``units`` are as stated; ``rows`` hold the cells of the named
+    columns alone, with their line.
+    """
+
+    chosen: tuple[Chosen, ...]
+    line: int
+    separator: str
+    headings: list[str]
+    units: list[str]
+    rows: list[tuple[int, list[str]]] = field(default_factory=list)
+    facts: dict[str, tuple[float, str]] = field(default_factory=dict)
+
+
+def chosen(columns: Columns) -> tuple[Chosen, ...]:
+    """Read the columns that a user names.
+
+    Raises
+    ------
+    InputError
+        They are no columns of a trace, a sweep, a response or a table of shifts.
+    """
+    if isinstance(columns, str) and "=" not in columns:
+        texts = columns.split(";" if ";" in columns else ",")
+        given = [(parsed(text), number) for number, text in enumerate(texts, 1)]
+        found = tuple(Chosen(h.name, number, h.unit) for h, number in given if h.is_known)
+    else:
+        found = tuple(_one(name, value) for name, value in _table(columns).items())
+    names = [each.name for each in found]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"columns: {twice} is named twice")
+    is_trace = "displacement" in names or {"position", "force"} <= set(names)
+    if not is_trace and not is_begin(set(names)):
+        raise InputError(
+            f"columns name {', '.join(names) or 'no quantity that is known'}; expected displacement and time, or "
+            "position, force and time, or frequency and two of storage modulus, loss modulus, tan δ and so on, "
+            f"for example {_EXAMPLE}"
+        )
+    return found
+
+
+def _table(columns: Columns) -> Mapping[str, Any]:
+    if not isinstance(columns, str):
+        return columns
+    text = columns.strip().removeprefix("columns").lstrip(" =").strip()
+    try:
+        found: Mapping[str, Any] = tomllib.loads(f"columns = {text if text.startswith('{') else '{' + text + '}'}")
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"columns cannot be read ({error}); write {_EXAMPLE}") from None
+    return dict(found["columns"])
+
+
+def _one(name: str, value: Any) -> Chosen:
+    known = name if name in _OF_TRACES else quantity(name)
+    if known is None or (known not in SI_OF and known not in _OF_TRACES):
+        names = ", ".join([*_OF_TRACES, *(n for n in SI_OF if n not in ("set", "b_T"))])
+        raise InputError(f'columns: "{name}" is no quantity; known are {names}')
+    stated = value if isinstance(value, Mapping) else {"column": value}
+    column, unit = stated.get("column"), stated.get("unit", "")
+    is_column = (isinstance(column, str) and column.strip()) or (type(column) is int and column >= 1)
+    if not is_column or not isinstance(unit, str) or set(stated) - {"column", "unit"}:
+        raise InputError(
+            f"columns: {name} is given {value!r}; expected the heading of a column, its number from 1, or "
+            '{ column = "Position", unit = "m" }'
+        )
+    return Chosen(known, column, unit)  # type: ignore[arg-type]  # it is a text or a number
+
+
+def located(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, ...]) -> Located:
+    """Find the named columns among the lines of a file, and take their cells.
+
+    Raises
+    ------
+    SourceError
+        There is no such heading, a unit is missing or contradicts the file, or a cell is no number.
+    """
+    found, start = _headings(path, lines, wanted)
+    places = _places(found, wanted)
+    _settle_units(path, found, lines, start, places)
+    passed: list[int] = []
+    for number, line in lines[start:]:
+        parts = cells(line, found.separator)
+        own = [parts[k] if k < len(parts) else None for k in places]
+        if not any(cell is not None and is_numeric(cell) for cell in own):
+            if any(cell and cell.casefold() not in ABSENT for cell in parts) and found.rows:
+                passed.append(number)
+            elif not found.rows:
+                found.facts |= facts(line)
+            continue
+        for cell, k in zip(own, places, strict=True):
+            if cell is None:
+                text = f"found {len(parts)} cells, expected {max(places) + 1}"
+                raise SourceError(path, text, line=number, hint="A cell is missing; the file may be cut.")
+            if not is_numeric(cell) and cell.casefold() not in ABSENT:
+                at = sum(len(before) + 1 for before in parts[:k]) + 1
+                raise not_a_number(cell, path=path, line_number=number, column=at)
+        found.rows.append((number, [cell or "" for cell in own]))
+    passed = [number for number in passed if number < found.rows[-1][0]] if found.rows else []
+    if passed:
+        warn_of(path, f"{listed(passed)}: lines of words between the rows are passed over")
+    if not found.rows:
+        raise SourceError(path, "found no row of numbers in the named columns", line=found.line or None)
+    return found
+
+
+def _headings(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, ...]) -> tuple[Located, int]:
+    """Find the line that holds all named headings, and the index of the line behind it."""
+    named = [each.column for each in wanted if isinstance(each.column, str)]
+    best: tuple[int, list[str], int] = (0, [], 0)
+    for k, (number, line) in enumerate(lines):
+        for way in ((TAB,) if TAB in line.strip() else _WAYS) if named else (_way_of_row(line),):
+            parts = [part.strip('"') for part in cells(line, way)]
+            if not named:
+                last = max(each.column for each in wanted if isinstance(each.column, int))
+                if len(parts) < last or sum(map(is_numeric, parts)) < len(wanted):
+                    continue
+                for at in range(k - 1, max(k - 4, -1), -1):  # headings that are there count
+                    if len(above := cells(lines[at][1], way)) >= last and _are_names(above, len(parts)):
+                        return Located(wanted, lines[at][0], way, above, []), at + 1
+                return Located(wanted, 0, way, [f"column {c.column}" for c in wanted], []), k
+            hits = sum(_at(parts, text) is not None for text in named)
+            if hits == len(named):
+                return Located(wanted, number, _separator_below(lines[k + 1 :], way, len(parts)), parts, []), k + 1
+            if (hits > best[0] or (not best[1] and len(parts) > 1)) and not any(map(is_numeric, parts)):
+                best = (hits, parts, number)
+    lost = next((text for text in named if _at(best[1], text) is None), "") if named else ""
+    text = f"no column, or more than one, is called {shorten(lost)}" if named else "no row has as many columns"
+    shown = f"; the headings are {', '.join(shorten(part) for part in best[1] if part)}" if best[1] else ""
+    raise SourceError(
+        path, text + shown, line=best[2] or None, hint="Write the heading as in the file, or the column's number."
+    )
+
+
+def _way_of_row(line: str) -> str:
+    """Return the sign that leaves nothing but numbers, of several the one that leaves most."""
+    found = {way: [is_numeric(cell) for cell in cells(line, way) if cell] for way in _WAYS}
+    return max(found, key=lambda way: (all(found[way]), sum(found[way])))  # of equals the first
+
+
+def _separator_below(lines: Sequence[tuple[int, str]], way: str, width: int) -> str:
+    """Return the sign between the cells of the rows, which need not be that between the headings."""
+    row = next((line for _, line in lines if any(map(is_numeric, cells(line, BLANKS))) or is_numeric(line)), "")
+    if len(cells(row, way)) >= min(width, 2) or way in (TAB, SEMICOLON, COMMA):
+        return way
+    return BLANKS
+
+
+def _at(parts: Sequence[str], text: str) -> int | None:
+    """Return which heading a text names, as a whole or without its unit; None for none or several."""
+    for spell in (_plain, lambda one: _plain(_BRACKET.sub("", one))):
+        found = [k for k, part in enumerate(parts) if spell(part) == spell(text)]
+        if found:
+            return found[0] if len(found) == 1 else None
+    return None
+
+
+def _plain(text: str) -> str:
+    return " ".join(unicodedata.normalize("NFKC", text).casefold().split())
+
+
+def _places(found: Located, wanted: Sequence[Chosen]) -> list[int]:
+    places = [c.column - 1 if isinstance(c.column, int) else _at(found.headings, c.column) for c in wanted]
+    if found.line:
+        found.headings = [found.headings[k] if k is not None and k < len(found.headings) else "" for k in places]
+    return [k or 0 for k in places]
+
+
+def _settle_units(
+    path: Path, found: Located, lines: Sequence[tuple[int, str]], start: int, places: Sequence[int]
+) -> None:
+    """Find the unit of every named column, and refuse one that contradicts the file or is none of the quantity."""
+    below = [cells(line, found.separator) for _, line in lines[start : start + 3]]
+    rows = [row for row in below if not any(map(is_numeric, row))] if found.line else []
+    for each, heading, place in zip(found.chosen, found.headings, places, strict=True):
+        if each.name not in TIMES and quantity(_BRACKET.sub("", heading)) in TIMES:
+            raise SourceError(path, f"{shorten(heading)} is a time, no {each.name.replace('_', ' ')}", line=found.line)
+        in_file = next((m for m in _BRACKET.findall(heading) if m.strip() and is_unit(m)), "")
+        in_file = in_file or _parted(each.name, heading)
+        in_file = in_file or next((r[place] for r in rows if place < len(r) and r[place] and is_unit(r[place])), "")
+        in_file = in_file or _in_header(lines[:start][-_ABOVE:], each.name in TIMES, place, found.separator)
+        si = _OF_TRACES.get(each.name) or SI_OF[each.name]
+        unit = each.unit or in_file
+        spelled = " or ".join(one for one in si if one != "degF")
+        example = f'{each.name} = {{ column = {_quoted(heading or each.column)}, unit = "{_USUAL.get(si[0], si[0])}" }}'
+        if each.unit and in_file and unit_of(each.unit) != unit_of(in_file):
+            said = f"{shorten(heading)} is in {shorten(in_file)}, and columns say {shorten(each.unit)}"
+            hint = "Correct the unit in columns, or leave it out: that of the file is taken."
+            raise SourceError(path, said, line=found.line or None, hint=hint)
+        if not unit and si != _UNITLESS:
+            text, hint = f"the unit of {shorten(heading)} is not stated", f"State it with the column: {example}."
+            raise SourceError(path, text, line=found.line or None, hint=hint).because(UNSAID)
+        if unit and (not is_unit(unit) or unit_of(unit).si not in si):
+            text = f"{shorten(heading)} is in {shorten(unit)}, expected a unit of {spelled} for {each.name}"
+            raise SourceError(path, text, line=found.line or None, hint="Name another column, or correct its unit.")
+        found.units.append(unit)
+
+
+def _parted(name: str, heading: str) -> str:
+    """Return a unit behind a slash or a comma, of a quantity that is known by its heading."""
+    head = parsed(heading)
+    return head.unit if head.is_known and fits(head.name, head.unit) and (head.name == name or name in TIMES) else ""
+
+
+def _in_header(lines: Sequence[tuple[int, str]], is_time: bool, place: int, way: str) -> str:
+    """Return the unit that a line such as ``Y_Unit_Label  Volts`` or ``Vertical Units,V`` states for a column."""
+    for _, line in lines:
+        label, *stated = [part.strip() for part in cells(line, way)]
+        units = [unit for unit in stated if unit and is_unit(unit)]
+        if "unit" in label.casefold() and units and (_OF_TIME.search(label) is not None) == is_time:
+            return units[0] if len(set(units)) == 1 or not 0 < place <= len(units) else units[place - 1]
+    return ""
+
+
+_USUAL = {"m": "mm", "degC": "degC", "Pa": "MPa"}
+
+
+def _quoted(text: str | int) -> str:
+    return str(text) if isinstance(text, int) else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str:
+    """Write the mapping of a table as it may be copied, filled in as far as the headings allow."""
+    found: dict[str, str] = {}
+    for number, heading in enumerate(headings, 1):
+        has_sense = not heading.unit or not is_unit(heading.unit) or fits(heading.name, heading.unit)
+        name = heading.name if heading.is_known and heading.at is None and has_sense else _of_unit(heading)
+        if name in ("", "point", "set") or name in found or name not in (*SI_OF, *_OF_TRACES):
+            continue
+        column = number if by_number else heading.text
+        si = _OF_TRACES.get(name) or SI_OF[name]
+        has_unit = si == _UNITLESS or (heading.unit and is_unit(heading.unit) and unit_of(heading.unit).si in si)
+        unit = heading.unit.strip("[]()") if has_unit else _USUAL.get(si[0], si[0])
+        if by_number or not has_unit:
+            stated = f'{{ column = {_quoted(column)}, unit = "{unit}" }}' if si != _UNITLESS else _quoted(column)
+            found[name] = stated
+        else:
+            found[name] = _quoted(column)
+    if not found:
+        return _EXAMPLE
+    if "force" in found and "displacement" in found:  # of a tester
+        found = {"position" if name == "displacement" else name: text for name, text in found.items()}
+    return f"columns = {{ {', '.join(f'{name} = {text}' for name, text in found.items())} }}"
+
+
+def _of_unit(heading: Heading) -> str:
+    """Guess the quantity of a trace for the line to copy, by the unit of its heading."""
+    unit = next((m for m in _BRACKET.findall(heading.text) if m.strip() and is_unit(m)), heading.unit)
+    word = slug(_BRACKET.sub("", heading.text)).split("_")[0]
+    if quantity(word) in TIMES:
+        return "time"
+    si = unit_of(unit).si if unit and is_unit(unit) else ""
+    return {"m": "displacement", "V": "displacement", "N": "force", "s": "time"}.get(si, "")
+
+
+def suggestion(lines: Sequence[tuple[int, str]]) -> str:
+    """Return the line to copy for an unknown table, "" where the lines hold no rows of numbers."""
+    longest, way, first = max((_run(lines, way) for way in _WAYS), key=lambda run: run[0])
+    if longest < _ROWS:
+        return ""
+    width = len(cells(lines[first][1], way))
+    above = [cells(text, way) for _, text in lines[max(first - 3, 0) : first]]
+    names = next((row for row in reversed(above) if _are_names(row, width)), [])
+    units = next((row for row in reversed(above) if row != names and any(map(is_unit, filter(None, row)))), [])
+    units = units + [""] * len(names)
+    return line_to_copy([parsed(name).with_unit(unit) for name, unit in zip(names, units, strict=False)])
+
+
+def _run(lines: Sequence[tuple[int, str]], way: str) -> tuple[int, str, int]:
+    """Return the length of the longest run of rows of numbers, the sign between their cells, and where it begins."""
+    best, length = (0, way, 0), 0
+    for k, (_, line) in enumerate(lines):
+        filled = [cell for cell in cells(line, way) if cell]
+        is_row = len(cells(line, way)) > 1 and sum(map(is_numeric, filled)) >= max(1, len(filled) - 1)
+        length = length + 1 if is_row else 0
+        if length > best[0]:
+            best = (length, way, k - length + 1)
+    return best
+
+
+def _are_names(row: Sequence[str], width: int) -> bool:
+    filled = [cell for cell in row if cell]
+    return (
+        len(filled) >= min(width, 2)
+        and len(row) <= width + 1
+        and not any(map(is_numeric, filled))
+        and not all(is_unit(cell) for cell in filled)
+    )
