@@ -3,7 +3,6 @@
 from labpipe.imaging.films._grey_levels import in_grey_levels
 from labpipe.imaging.films._mosaic import MOSAIC, mosaic_of
 from labpipe.imaging.films._reading_plan import FilmReader, Place, frames_in_windows, plan_reading
-from labpipe.imaging.films._reflection import without_reflection
 from labpipe.imaging.films._rows import PIECE, RowsSeen, is_inside, pieces_of, read_rows, row_sums
 from labpipe.imaging.films._stuck_pixels import StuckPixels, without_stuck_pixels
 
@@ -22,6 +21,5 @@ __all__ = [
     "plan_reading",
     "read_rows",
     "row_sums",
-    "without_reflection",
     "without_stuck_pixels",
 ]

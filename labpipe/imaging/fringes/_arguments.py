@@ -1,4 +1,4 @@
-"""Check the arguments of :func:`labpipe.imaging.fringes._contact_radius`."""
+"""Checked arguments of :func:`labpipe.imaging.contact_radius`."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from labpipe.imaging.fringes._adhesive_edge import USUAL_WORK, adhesive_edge
 
 @dataclass(frozen=True)
 class FilmOptions:
-    """Arguments of :func:`._contact_radius`, under the same names."""
+    """Arguments of :func:`.contact_radius`, under the same names."""
 
     pixel_size: float
     sphere_radius: float
@@ -27,6 +27,7 @@ class FilmOptions:
     windows: tuple[tuple[float, float], ...] | None = None
     reduced_modulus: float | None = None
     work_of_adhesion: float | None = None
+    any_disc: bool = False
 
 
 def check_film(film: FrameSource, options: FilmOptions) -> None:
