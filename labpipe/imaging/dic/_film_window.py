@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats, Floats32
 from labpipe.frames import FrameSource
+from labpipe.imaging.dic._solver import OVERHANG
 from labpipe.imaging.dic._spline import HORIZON, prefilter
-from labpipe.imaging.dic._subset_solver import OVERHANG
-from labpipe.imaging.films import pieces_of, row_sums
 
 #: Rectangles start and end at multiples of this (px), so that they change seldom.
 _GRID = 32
@@ -45,8 +44,14 @@ class Loaded:
 def smooth(image: NDArray[np.generic], blur: float, out: Floats32 | None = None) -> Floats32:
     """Convert to float32 and blur by a Gaussian of standard deviation ``blur`` (px).
 
-    ``image``: (row, column), grey levels; ``blur``: float [px], 0 for none; ``out``: float32 (row, column),
-    optional, to be filled instead of a new one: fresh memory costs more than the blur itself.
+    Parameters
+    ----------
+    image : array (row, column)
+        Grey levels.
+    blur : float [px]
+        0 for none.
+    out : float32 array (row, column), optional
+        To be filled instead of a new one: fresh memory costs more than the blur itself.
     """
     if out is None or out.shape != image.shape:
         out = np.empty(image.shape, np.float32)
@@ -66,8 +71,14 @@ def smooth(image: NDArray[np.generic], blur: float, out: Floats32 | None = None)
 class FilmWindow:
     """The part of a film that is looked at; counts what it reads.
 
-    ``frames``: the film; ``order``: spline order; ``blur``: float [px], gaussian blur before the prefilter; 0 for
-    none.
+    Parameters
+    ----------
+    frames : FrameSource
+        The film.
+    order : 3 or 5
+        Spline order.
+    blur : float [px]
+        Gaussian blur before the prefilter; 0 for none.
     """
 
     def __init__(self, frames: FrameSource, order: int, blur: float) -> None:
@@ -81,15 +92,13 @@ class FilmWindow:
         self._grey: Floats32 | None = None
         self.frames_read = 0
         self.pixels_read = 0
-        #: What pieces of frames show of their rows, see :func:`.read_rows`.
-        self.rows: dict[int, Floats] = {}
 
     @property
     def whole(self) -> Box:
         """The rectangle of a whole frame."""
         return (0, self._columns, 0, self._rows)
 
-    def box_around(self, corners: NDArray[np.float64]) -> Box:
+    def box_around(self, corners: Floats) -> Box:
         """Rectangle that holds the given (left, right, top, bottom) with all margins."""
         margin = HORIZON + _SLACK + 4.0 * self._blur
         low = [max(0, int((value - margin) // _GRID) * _GRID) for value in corners[[0, 2]]]
@@ -102,11 +111,8 @@ class FilmWindow:
             return self.whole
         return (low[0], high[0], low[1], high[1])
 
-    def load(self, index: int, box: Box, pieces: NDArray[np.int64]) -> Loaded:
-        """Read a rectangle of a frame; the result is valid until the second next call.
-
-        The rows of pieces of it (piece, 2), their first column and row, are compared on the way.
-        """
+    def load(self, index: int, box: Box) -> Loaded:
+        """Read a rectangle of a frame; the result is valid until the second next call."""
         if box != self._box:
             left, right, top, bottom = box
             is_whole = box == self.whole
@@ -115,8 +121,6 @@ class FilmWindow:
         image = self._part[index]
         self.frames_read += 1
         self.pixels_read += image.size
-        if len(pieces):
-            self.rows[index] = row_sums(pieces_of(image, pieces - (box[0], box[2])))
         self._grey = grey = smooth(image, self._blur, self._grey)
         window = self._exact_window(box)
         if image.dtype.kind == "f" and not np.isfinite(grey).all():

@@ -1,16 +1,16 @@
-"""Find a subset without a prediction: template matching on reduced images.
+"""Find where a subset went without knowing anything: template matching on reduced images.
 
 Good to about a pixel, which is all that the subset solver needs as a start. Used for the first
 frame, after gaps, and when correlation is lost; never for a result.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats, Floats32
+from labpipe.imaging.dic._neighbour_outliers import carried
 
 #: Least half width of a template in the full image (px): smaller ones are found everywhere.
 _TEMPLATE = 32
@@ -18,8 +18,6 @@ _TEMPLATE = 32
 _COARSE_SCORE = 0.6
 #: Correlation of the subset itself from which no further template is tried.
 _FULL_SCORE = 0.5
-#: Difference of such correlations that is none.
-_AS_WELL = 0.02
 #: Places of the reduced image that are tried in the full one.
 _CANDIDATES = 3
 #: Half width of the tiles that find the rotation of a large subset (px).
@@ -30,10 +28,6 @@ _WHOLE = 25
 _REFINE = 6
 #: Two seeds belong to one rigid motion when they agree within this (px).
 _AGREEMENT = 2.5
-
-#: Correlation of a template with another place of the reference from which it may be taken for that, and how far
-#: around such places are looked for (px).
-_DOUBLE, _AROUND = 0.9, 128
 
 
 @dataclass(frozen=True)
@@ -64,7 +58,10 @@ class Pyramid:
 def make_pyramid(image: Floats32) -> Pyramid:
     """Blur and reduce an image, by 4 where it is large enough.
 
-    ``image``: float32 (row, column), grey levels.
+    Parameters
+    ----------
+    image : float32 array (row, column)
+        Grey levels.
     """
     import cv2
 
@@ -85,53 +82,30 @@ def make_pyramid(image: Floats32) -> Pyramid:
 def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int) -> Seed | None:
     """Look for a subset of the reference anywhere in a frame.
 
-    ``reference``, ``frame``: of the same size; ``centre``: (x, y) [px], centre of the subset in the reference;
-    ``half``: int [px], half width of the subset.
+    Parameters
+    ----------
+    reference, frame : Pyramid
+        Of the same size.
+    centre : (x, y) [px]
+        Centre of the subset in the reference.
+    half : int [px]
+        Half width of the subset.
 
-    Returns Seed or None, none when nothing in the frame resembles the subset.
+    Returns
+    -------
+    Seed or None
+        None when nothing in the frame resembles the subset.
     """
+    best: Seed | None = None
     # A wide template is unmistakable, but may hold background; the subset alone does not.
-    found: list[Seed] = []
     for reach in sorted({max(half, _TEMPLATE), half}, reverse=True):
         for shift in _coarse_shifts(reference, frame, centre, reach):
             seed = _refine(reference, frame, centre, half, shift)
-            if seed is not None:
-                found.append(seed)
-        if any(seed.score > _FULL_SCORE for seed in found):
-            break
-    if not found:
-        return None
-    # of places apart that match alike the nearest: what a frame holds twice has not jumped to the other one
-    best = max(found, key=lambda seed: seed.score)
-    alike = [seed for seed in found if seed.score > best.score - _AS_WELL and _apart(seed, best) > half]
-    return min((best, *alike), key=lambda seed: math.hypot(*seed.motion[[0, 3]]))
-
-
-def _apart(one: Seed, other: Seed) -> float:
-    """Distance (px) between two seeds."""
-    return math.hypot(*(one.motion - other.motion)[[0, 3]])
-
-
-def has_double(reference: Pyramid, centre: tuple[int, int], half: int) -> bool:
-    """Tell whether the reference holds the surroundings of a subset a second time, as bricks and rulers do.
-
-    A template match may then be the wrong one of them, and fits as well as the right one. Places that hang
-    together with the subset's own, from which the correlation falls slowly, are none of their own, unless they
-    lead as far away as the subset is wide.
-    """
-    import cv2
-
-    rows, columns = reference.image.shape
-    reach = max(half, _TEMPLATE)
-    left, top = max(0, centre[0] - reach), max(0, centre[1] - reach)
-    template = reference.image[top : centre[1] + reach + 1, left : centre[0] + reach + 1]
-    first = max(0, left - _AROUND), max(0, top - _AROUND)
-    last = min(columns, centre[0] + reach + 1 + _AROUND), min(rows, centre[1] + reach + 1 + _AROUND)
-    scores = cv2.matchTemplate(reference.image[first[1] : last[1], first[0] : last[0]], template, cv2.TM_CCOEFF_NORMED)
-    alike = (np.nan_to_num(scores, posinf=0.0) > _DOUBLE).astype(np.uint8)
-    count, _, extent, _ = cv2.connectedComponentsWithStats(alike)
-    # the ground, and the subset's own place, which is a ridge where the pattern is an edge
-    return bool(count > 2 or extent[1:, cv2.CC_STAT_WIDTH : cv2.CC_STAT_HEIGHT + 1].max(initial=0) > 2 * half)
+            if seed is not None and (best is None or seed.score > best.score):
+                best = seed
+        if best is not None and best.score > _FULL_SCORE:
+            return best
+    return best
 
 
 def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int) -> list[tuple[int, int]]:
@@ -211,11 +185,19 @@ def _match_tile(
 def fit_motion(places: Floats, shifts: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Fit one rigid motion to displacements of which some may be wrong.
 
-    ``places``: (point, 2) [px], positions (x, y) from any origin; ``shifts``: (point, 2) [px], displacements
-    there.
+    Parameters
+    ----------
+    places : array (point, 2) [px]
+        Positions (x, y) from any origin.
+    shifts : array (point, 2) [px]
+        Displacements there.
 
-    Returns ``motion``: (6,), motion at the origin of ``places``; ``fits``: bool (point,), which displacements
-    agree with it.
+    Returns
+    -------
+    motion : array (6,)
+        Motion at the origin of ``places``.
+    fits : bool array (point,)
+        Which displacements agree with it.
 
     Notes
     -----
@@ -250,13 +232,5 @@ def _rigid_through(places: Floats, shifts: Floats) -> Floats:
 
 def _misfit(motion: Floats, places: Floats, shifts: Floats) -> Floats:
     """Distance (px) between displacements and those of a motion."""
-    expected = shift_of(motion[None, :], places)
+    expected = carried(motion, places)
     return np.asarray(np.hypot(*(expected - shifts).T))
-
-
-def shift_of(motion: Floats, offsets: Floats) -> Floats:
-    """Displacement (point, 2) in px that motions (point, 6) give at offsets from their centre."""
-    x, y = offsets[:, 0], offsets[:, 1]
-    return np.stack(
-        [motion[:, 0] + motion[:, 1] * x + motion[:, 2] * y, motion[:, 3] + motion[:, 4] * x + motion[:, 5] * y], axis=1
-    )

@@ -1,38 +1,96 @@
-"""Track subsets from frame to frame: predict the position, solve, store the state.
+"""Following subsets from frame to frame: prediction, solution, state.
 
 A point is trusted when it converged close to where its own motion led it, or when neighbours or
 a template match confirm it: a high correlation alone is no proof, since about one subset in
 seventy that starts too far away converges to a wrong place with a correlation above 0.9.
 """
 
+from dataclasses import dataclass, field
+
 import numpy as np
+from numba import njit
 
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.imaging.dic._attempt import Attempt, Options
-from labpipe.imaging.dic._comes_back import ComesBack
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
-from labpipe.imaging.dic._frame_solver import FrameSolver
-from labpipe.imaging.dic._motion_state import contradicted, converged_nearby, extent, predicted, remember
-from labpipe.imaging.dic._motion_uncertainty import one_way
-from labpipe.imaging.dic._places import nearest, spread_pieces
+from labpipe.imaging.dic._neighbour_outliers import Neighbourhood
+from labpipe.imaging.dic._occlusion import visible_pixels
 from labpipe.imaging.dic._reference import Reference
-from labpipe.imaging.dic._seeding import has_double
-from labpipe.imaging.dic._standing import Votes
-from labpipe.imaging.dic._subset_solver import SOLVED
+from labpipe.imaging.dic._solver import SOLVED, Solution, solve
+from labpipe.imaging.dic._subsets import Subsets
+from labpipe.imaging.dic._uncertainty import covariance
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
 #: the velocity of a bouncing holder changes by at most 1 px per frame.
 SURPRISE = 1.5
-#: The same in periods of a pattern that repeats itself: farther, it may be another period.
-_PERIODS = 0.125
-#: Standard deviations of the mean square of a residual of noise by which it may exceed the lower quartile of all.
-_BY_CHANCE = 5.5
-#: Neighbours that are asked whether a point is right.
-NEIGHBOURS = 6
 #: Drop of the correlation relative to the last frame that calls for a check.
-_DROP = 0.85
-#: Correlation that is no chance even of what may be noise, frames after which it is looked for only every so often.
-_NO_CHANCE, _GIVEN_UP, _SELDOM = 0.75, 2, 8
+DROP = 0.85
+#: The constant-velocity prediction is not stretched over more than this times the last step.
+_STRETCH = 3.0
+
+
+@dataclass
+class Work:
+    """Counts of the work."""
+
+    subsets_solved: int = 0
+    iterations: int = 0
+    reseeds: int = 0
+
+
+@dataclass
+class Attempt:
+    """Best results so far for one frame, of all usable points; see :class:`.Solution`.
+
+    ``covariance`` (point, 4): see :func:`.covariance`. ``hidden`` (point,): share of the subset behind a stated
+    obstruction. ``trusted``, ``reached``, ``outvoted`` (point,): the point was found; it left the frame; its
+    neighbours contradict it.
+    """
+
+    motion: Floats
+    quality: Floats
+    covariance: Floats
+    hidden: Floats
+    iterations: Integers
+    code: Integers
+    trusted: Flags
+    reached: Flags = field(init=False)
+    outvoted: Flags = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.reached, self.outvoted = np.zeros((2, len(self.trusted)), bool)
+
+    @classmethod
+    def nothing(cls, expected: Floats) -> "Attempt":
+        """Return results that hold nothing but where the points were expected."""
+        count = len(expected)
+        quality, spread = np.full((2, count, 4), np.nan)
+        nowhere = np.full(count, -1)
+        return cls(
+            expected.copy(), quality, spread, np.zeros(count), np.zeros(count, np.int64), nowhere, np.zeros(count, bool)
+        )
+
+    @property
+    def zncc(self) -> Floats:
+        """Zero-normalised cross-correlation (point,)."""
+        return self.quality[:, 2]
+
+    def take(self, chosen: Integers, found: "Found", better: Flags) -> None:
+        """Replace the results of chosen points where the new ones are better."""
+        where = chosen[better]
+        self.motion[where] = found.solution.motion[better]
+        self.quality[where] = found.solution.quality[better]
+        self.covariance[where] = found.covariance[better]
+        self.hidden[where] = found.hidden[better]
+        self.code[where] = found.solution.code[better]
+
+
+@dataclass(frozen=True)
+class Found:
+    """Solution for chosen points, its covariance, and the share of each subset behind a stated obstruction."""
+
+    solution: Solution
+    covariance: Floats
+    hidden: Floats
 
 
 class Tracker:
@@ -41,57 +99,38 @@ class Tracker:
     Parameters
     ----------
     reference : Reference
-        What to look for.
+        Reference and its subsets.
     film : FilmWindow
-        Where to look.
-    options : Options
-        Solver settings.
+        Frames.
+    order : 3 or 5
+        Spline order.
+    min_zncc : float [1]
+        Least correlation of a match.
+    obstructed : bool array (row, column), optional
+        Pixels of the frames that stated obstructions hide.
     """
 
-    def __init__(self, reference: Reference, film: FilmWindow, options: Options) -> None:
+    def __init__(
+        self, reference: Reference, film: FilmWindow, order: int, min_zncc: float, obstructed: Flags | None = None
+    ) -> None:
         count = len(reference.subsets)
         self.reference = reference
         self.film = film
-        self._min_zncc = np.where(reference.is_faint, max(options.min_zncc, _NO_CHANCE), options.min_zncc)
-        self.solver = FrameSolver(reference, options)
+        self.min_zncc = min_zncc
+        self._order = order
+        self._obstructed = obstructed
         self.places = np.stack([reference.subsets.x, reference.subsets.y], axis=1).astype(float)
-        asked = np.flatnonzero(~reference.is_faint)
-        asked = asked if len(asked) > NEIGHBOURS else np.arange(count)
-        own_first = asked[nearest(self.places, self.places[asked], min(NEIGHBOURS + 1, count))]
-        self.neighbours = np.ascontiguousarray(own_first[:, 1:])  # compiled for one layout
-        self._half = np.ascontiguousarray(reference.subsets.half)
+        self.neighbourhood = Neighbourhood(self.places)
         self._motion = np.zeros((count, 6))
         self._velocity = np.zeros((count, 2))
         self._step = np.ones(count)
         self._seen = np.full(count, -1, np.int64)
-        #: Correlation of each point where it was seen last.
-        self.zncc = np.ones(count)
-        self._piece_of, self._pieces = spread_pieces(self.places, self._half)
-        #: Edges, gratings, grids, and what may be noise: they match in so many places that nothing but their
-        #: neighbours finds them again.
-        self.is_one_way = one_way(reference.subsets) | np.isfinite(reference.period) | reference.is_faint
-        #: Distance (px) from its prediction up to which each converged point needs no confirmation.
-        self.surprise = np.minimum(SURPRISE, _PERIODS * reference.period)
+        self.last_zncc = np.ones(count)
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
-        #: Where something stood still in the picture.
-        self.votes = Votes.none(reference.mean.shape)
-        #: Misfit of each point, over that of most, at which nothing was found that stands before it.
-        self.cleared = np.zeros(count)
-        #: Misfit over that of most from which it is no chance.
-        self.by_chance = 1.0 + _BY_CHANCE * np.sqrt(2.0 / reference.subsets.level[:, 2])
-        #: Tells places apart that match alike.
-        self.comes_back = ComesBack(reference)
+        self.is_static = True
         self._predictions: dict[int, Floats] = {}
-        self._doubles: dict[int, bool] = {}
-
-    def has_double(self, point: int) -> bool:
-        """Whether the pattern around a point is in the reference a second time; looked for once."""
-        if point not in self._doubles:
-            subsets = self.reference.subsets
-            centre = int(subsets.x[point]), int(subsets.y[point])
-            self._doubles[point] = has_double(self.reference.pyramid, centre, int(subsets.half[point]))
-        return self._doubles[point]
+        self.work = Work()
 
     def start_from(self, shifts: Floats) -> None:
         """Expect displacements (point, 2) in px in the next frame, whatever was before."""
@@ -101,10 +140,13 @@ class Tracker:
         self._predictions.clear()
 
     def predict(self, index: int) -> Floats:
-        """Motion (point, 6) expected in a frame, from constant velocity."""
+        """Motion (point, 6) expected in a frame, from constant velocity; lost points stay where they were."""
         motion = self._predictions.get(index)
         if motion is None:
-            motion = predicted(self._motion, self._velocity, self._seen, self._step, self.is_tracked, index)
+            motion = self._motion.copy()
+            gap = index - self._seen
+            moves = self.is_tracked & (self._seen >= 0) & (gap <= _STRETCH * self._step)
+            motion[:, [0, 3]] += self._velocity * (gap * moves)[:, None]
             self._predictions[index] = motion
         return motion
 
@@ -113,15 +155,8 @@ class Tracker:
         wanted = self.is_tracked if self.is_tracked.any() else np.ones(len(self._seen), bool)
         return self.film.box_around(self._extent(index, wanted))
 
-    def pieces(self, index: int) -> Integers:
-        """First column and row (piece, 2) of the pieces of a frame whose rows are compared."""
-        shift = self.predict(index)[:, [0, 3]]
-        found = np.rint(self._pieces + shift[self._piece_of]).astype(np.int64)
-        found[:, 1] -= found[:, 1] % 2  # so that all pieces begin with the same field
-        return found
-
     def covers(self, loaded: Loaded, index: int) -> bool:
-        """Whether a rectangle loaded ahead of time holds all that will be needed."""
+        """Tell whether a rectangle loaded ahead of time holds all that will be needed."""
         if not self.is_tracked.any():
             return True
         first, last, upper, lower = self._extent(index, self.is_tracked).tolist()
@@ -135,66 +170,127 @@ class Tracker:
         )
 
     def _extent(self, index: int, chosen: Flags) -> Floats:
-        """(left, right, top, bottom) of the subsets of chosen points as predicted."""
-        return np.asarray(extent(self.places, self._half, self.predict(index), chosen))
+        """(left, right, top, bottom) in px of the subsets of chosen points as predicted."""
+        motion, half = self.predict(index)[chosen], self.reference.subsets.half[chosen]
+        x, y = (self.places[chosen] + motion[:, [0, 3]]).T
+        # a turned square is wider than a straight one
+        reach_x = half * (1.0 + np.abs(motion[:, 1]) + np.abs(motion[:, 2]))
+        reach_y = half * (1.0 + np.abs(motion[:, 4]) + np.abs(motion[:, 5]))
+        return np.array([(x - reach_x).min(), (x + reach_x).max(), (y - reach_y).min(), (y + reach_y).max()])
+
+    def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Found:
+        """Solve chosen points from a start (point, 6); what a stated obstruction hides is left out."""
+        if self._obstructed is None:
+            return self._solved(loaded, self.reference.subsets, chosen, chosen, start)
+        found = self._solved(loaded, self.reference.subsets, chosen, chosen, start)
+        hidden: dict[int, Flags] = {}
+        # where a subset ends up decides which of its pixels are hidden
+        for at in (start, found.solution.motion):
+            for k, n in enumerate(chosen):
+                visible = visible_pixels(self._obstructed, self.places[n], int(self.reference.subsets.half[n]), at[k])
+                if visible is not None:
+                    hidden[k] = visible
+            rows = np.array(list(hidden), np.int64)
+            if not len(rows):
+                break
+            subsets = self.reference.partly_hidden(chosen[rows], list(hidden.values()))
+            part = self._solved(loaded, subsets, np.arange(len(rows)), chosen[rows], start[rows])
+            for name in ("motion", "quality", "scores", "code"):
+                getattr(found.solution, name)[rows] = getattr(part.solution, name)
+            found.solution.iterations[rows] += part.solution.iterations
+            found.covariance[rows] = part.covariance
+            found.hidden[rows] = [1.0 - visible.mean() for visible in hidden.values()]
+        return found
+
+    def _solved(self, loaded: Loaded, subsets: Subsets, which: Integers, chosen: Integers, start: Floats) -> Found:
+        """Run the solver on some subsets, which belong to chosen points, and count its work."""
+        smoothing, edges = self.reference.smoothing, self.reference.edges
+        if subsets is not self.reference.subsets:
+            smoothing, edges = smoothing[chosen], edges[chosen]
+        assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
+        solution = solve(
+            subsets, loaded.coefficients, self._order, which, start, origin=(loaded.box[0], loaded.box[2]),
+            window=loaded.window, inflation=smoothing / self.reference.noise.left,
+        )  # fmt: skip
+        self.work.subsets_solved += len(which)
+        self.work.iterations += int(solution.iterations.sum())
+        spread, _ = covariance(self.reference.noise, subsets, smoothing, edges, which, solution, self.is_static)
+        return Found(solution, spread, np.zeros(len(which)))
 
     def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
         """Solve the tracked points from their predictions."""
-        if self.is_tracked.all():
-            every = np.arange(len(expected))
-            found = self.solver.solve_all(loaded, every, expected)
-            attempt = Attempt.of(found)
-        else:
-            chosen = np.flatnonzero(self.is_tracked)
-            found = self.solver.solve_all(loaded, chosen, expected[chosen])
-            attempt = Attempt.nothing(expected)
-            attempt.iterations[chosen] = found.iterations
-            attempt.take(chosen, found, np.ones(len(chosen), bool))
-        attempt.trusted[:] = converged_nearby(
-            attempt.motion,
-            expected,
-            self.accepts(attempt.code, attempt.zncc),
-            attempt.zncc,
-            _DROP * self.zncc,
-            self.surprise,
-        )
+        chosen = np.flatnonzero(self.is_tracked)
+        found = self.solve(loaded, chosen, expected[chosen])
+        attempt = Attempt.nothing(expected)
+        attempt.iterations[chosen] = found.solution.iterations
+        attempt.take(chosen, found, np.ones(len(chosen), bool))
+        apart = np.hypot(*(attempt.motion - expected)[:, [0, 3]].T)
+        alike = attempt.zncc > DROP * self.last_zncc
+        attempt.trusted = self.accepts(attempt.code, attempt.zncc) & alike & (apart <= SURPRISE)
         return attempt
 
-    def contradicted(self, attempt: Attempt) -> Flags:
-        """Trusted points whose neighbours agree on another place."""
-        return np.asarray(contradicted(self.places, self.neighbours, attempt.motion, attempt.trusted))
-
-    def left(self, attempt: Attempt) -> dict[int, Flags]:
-        """Pixels that counted of trusted points of a frame of which something was hidden."""
-        if self.solver.sees_all:
-            return {}
-        chosen = np.flatnonzero(attempt.trusted)
-        seen = self.solver.seen(chosen, attempt.motion[chosen])
-        return {n: left for n, left in zip(chosen.tolist(), seen, strict=True) if left is not None}
-
-    def accepts(self, code: Integers, zncc: Floats, chosen: Integers | slice = slice(None)) -> Flags:
-        """Whether points converged with enough correlation."""
-        return (code == SOLVED) & (zncc >= self._min_zncc[chosen])
-
-    def missing(self, attempt: Attempt) -> Flags:
-        """Points that are not trusted and looked for, as noise that was not seen again is not."""
-        is_sought = ~self.reference.is_faint | (self.misses < _GIVEN_UP) | (self.misses % _SELDOM == 0)
-        return ~attempt.trusted & is_sought
+    def accepts(self, code: Integers, zncc: Floats) -> Flags:
+        """Points that converged with enough correlation."""
+        return (code == SOLVED) & (zncc >= self.min_zncc)
 
     def remember(self, index: int, attempt: Attempt) -> None:
         """Update the state with the trusted points of a frame."""
-        self.solver.remember(attempt)
-        remember(
-            attempt.motion,
-            attempt.zncc,
-            attempt.trusted,
-            index,
-            self._motion,
-            self._velocity,
-            self._seen,
-            self._step,
-            self.zncc,
-            self.is_tracked,
-            self.misses,
-        )
+        _remember(
+            attempt.motion, attempt.zncc, attempt.trusted, index, self._motion, self._velocity, self._seen, self._step,
+            self.last_zncc, self.is_tracked, self.misses,
+        )  # fmt: skip
         self._predictions.clear()
+
+
+@njit(cache=True)
+def _remember(
+    found: Floats,
+    zncc: Floats,
+    is_trusted: Flags,
+    index: int,
+    motion: Floats,
+    velocity: Floats,
+    seen: Integers,
+    step: Floats,
+    last_zncc: Floats,
+    is_tracked: Flags,
+    misses: Integers,
+) -> None:
+    """Update the state with what was found in a frame; the arrays after ``index`` are changed.
+
+    Parameters
+    ----------
+    found : array (point, 6)
+        Motions in this frame.
+    zncc : array (point,) [1]
+        Their correlation.
+    is_trusted : bool array (point,)
+        Points that count as found.
+    index : int
+        The frame.
+    motion : array (point, 6)
+        Motion of each point when it was seen last.
+    velocity : array (point, 2) [px per frame]
+    seen : integer array (point,)
+        Frame of ``motion``; -1 for never.
+    step : array (point,)
+        Frames between the last two sightings.
+    is_tracked : bool array (point,)
+        The point was found in the last frame.
+    last_zncc : array (point,) [1]
+        Correlation when each point was seen last.
+    misses : integer array (point,)
+        Frames in a row in which it was not found.
+    """
+    for n in range(len(seen)):
+        gap = index - seen[n]
+        has_velocity = is_trusted[n] and is_tracked[n] and seen[n] >= 0 and gap > 0
+        velocity[n, 0] = (found[n, 0] - motion[n, 0]) / gap if has_velocity else 0.0
+        velocity[n, 1] = (found[n, 3] - motion[n, 3]) / gap if has_velocity else 0.0
+        step[n] = gap if has_velocity else 1.0
+        is_tracked[n] = is_trusted[n]
+        misses[n] = 0 if is_trusted[n] else misses[n] + 1
+        if is_trusted[n]:
+            motion[n] = found[n]
+            seen[n] = index
+            last_zncc[n] = zncc[n]

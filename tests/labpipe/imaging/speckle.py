@@ -30,12 +30,13 @@ class Speckle:
 
 @dataclass(frozen=True)
 class Motion:
-    """Rotation by ``angle`` (rad, from x towards y) about ``centre``, then a shift, in px."""
+    """Rotation by ``angle`` (rad, from x towards y) or strain along x and y about ``centre``, then a shift, in px."""
 
     dx: float = 0.0
     dy: float = 0.0
     angle: float = 0.0
     centre: tuple[float, float] = (0.0, 0.0)
+    strain: tuple[float, float] = (0.0, 0.0)
 
     def displacement(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacement of points (point, 2) in px."""
@@ -44,7 +45,7 @@ class Motion:
     def move(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Position of points (point, 2) after the motion, in px."""
         cosine, sine = math.cos(self.angle), math.sin(self.angle)
-        x, y = (points - np.array(self.centre)).T
+        x, y = (points - np.array(self.centre)).T * (1.0 + np.array(self.strain))[:, None]
         moved = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
         return moved + np.array(self.centre) + np.array([self.dx, self.dy])
 
@@ -86,8 +87,9 @@ def digitise(grey: NDArray[np.float64], noise: float, seed: int) -> NDArray[np.u
 
 
 def _field(speckle: Speckle, shape: tuple[int, int], motion: Motion) -> NDArray[np.float64]:
-    """Sum of the blobs at every pixel of a frame."""
+    """Sum of the blobs at every pixel of a frame; a strain stretches the blobs along the axes as well."""
     rows, columns = shape
+    stretch = 1.0 + np.array(motion.strain)
     centres = motion.move(np.stack([speckle.x, speckle.y], axis=1))
     reach = math.ceil(_REACH * float(speckle.width.max()))
     x, y = centres.T
@@ -99,8 +101,8 @@ def _field(speckle: Speckle, shape: tuple[int, int], motion: Motion) -> NDArray[
     for part in np.array_split(np.arange(len(x)), len(x) // _BLOBS_AT_ONCE + 1):
         row = np.rint(y[part]).astype(int)[:, None] + steps
         column = np.rint(x[part]).astype(int)[:, None] + steps
-        along_y = np.exp(-0.5 * ((row - y[part, None]) / width[part, None]) ** 2)
-        along_x = np.exp(-0.5 * ((column - x[part, None]) / width[part, None]) ** 2)
+        along_y = np.exp(-0.5 * ((row - y[part, None]) / (width[part, None] * stretch[1])) ** 2)
+        along_x = np.exp(-0.5 * ((column - x[part, None]) / (width[part, None] * stretch[0])) ** 2)
         place = (row[:, :, None] + 2 * reach) * wide + column[:, None, :] + 2 * reach
         weight = along_y[:, :, None] * along_x[:, None, :]
         total += np.bincount(place.ravel(), weight.ravel(), minlength=tall * wide)

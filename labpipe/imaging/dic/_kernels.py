@@ -1,0 +1,588 @@
+"""Compiled loops of the subset solver: interpolation along rows, normal equations, Gauss–Newton iteration.
+
+All of them are in one file because compiled code is cached by file: a change to one of them must
+recompile those that contain it. Importing this module imports numba.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats, Floats32, Integers
+from labpipe.imaging.dic._spline import LANES
+
+#: Result codes of the solver.
+SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
+#: Shapes: translation and rotation; the affine motion; the first, and the second where the residual shows a strain.
+RIGID, AFFINE, AUTO = 0, 1, 2
+#: A step that ends farther than this from the start (px) has left the basin of convergence.
+CAPTURE = 12.0
+
+# A first step has no history: a step of e px leaves an error below e²/2 (measured: 0.2 e²).
+_FIRST_SHRINK = 0.5
+# Longest stretch of a step: noise then holds three quarters of the squared slopes.
+_MOST_RELAXATION = 4.0
+# Chi-square of the three components of strain from which a rigid subset is solved as an affine one: 99 %.
+_STRAIN_SEEN = 11.34
+# Sums over a subset may be reordered and fused; NaN must still compare as NaN.
+FAST = {"reassoc", "contract", "nsz", "arcp"}
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _sample_row(
+    coefficients: Floats32, order: int, x: float, y: float, step_x: float, step_y: float, width: int, result: Floats32
+) -> None:
+    """Interpolate a row of pixels whose positions advance by (1 + step_x, step_y).
+
+    The row is cut where the whole part of the position, less the pixel's number, changes: within
+    such a run all taps lie side by side in memory and the loop becomes vector instructions.
+    """
+    done = 0
+    dx = np.float32(step_x)
+    dy = np.float32(step_y)
+    while done < width:
+        px = x + (1.0 + step_x) * done
+        py = y + step_y * done
+        column = math.floor(px)
+        row = math.floor(py)
+        left_x = px - column
+        left_y = py - row
+        run = float(width - done)
+        if step_x > 0.0:
+            run = min(run, math.ceil((1.0 - left_x) / step_x))
+        elif step_x < 0.0:
+            run = min(run, math.floor(left_x / -step_x) + 1.0)
+        if step_y > 0.0:
+            run = min(run, math.ceil((1.0 - left_y) / step_y))
+        elif step_y < 0.0:
+            run = min(run, math.floor(left_y / -step_y) + 1.0)
+        count = max(int(run), 1)
+        lanes = np.uint64((count + LANES - 1) // LANES * LANES)
+        fx = np.float32(left_x)
+        fy = np.float32(left_y)
+        out = result[done:]
+        if order == 3:
+            _sample_cubic(coefficients, row - 1, column - 1, fx, fy, dx, dy, lanes, out)
+        else:
+            _sample_quintic(coefficients, row - 2, column - 2, fx, fy, dx, dy, lanes, out)
+        done += count
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Cubic B-spline at t + 1, t, 1 - t, 2 - t."""
+    one = np.float32(1.0)
+    sixth = np.float32(1.0 / 6.0)
+    s = one - t
+    w0 = s * s * s * sixth
+    w3 = t * t * t * sixth
+    w1 = np.float32(2.0 / 3.0) + t * t * (np.float32(0.5) * t - one)
+    return w0, w1, one - w0 - w1 - w3, w3
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _sample_cubic(
+    coefficients: Floats32,
+    row: int,
+    column: int,
+    fx: np.float32,
+    fy: np.float32,
+    dx: np.float32,
+    dy: np.float32,
+    lanes: np.uint64,
+    out: Floats32,
+) -> None:
+    """Evaluate the cubic spline for a run of pixels."""
+    c0 = coefficients[row, column:]
+    c1 = coefficients[row + 1, column:]
+    c2 = coefficients[row + 2, column:]
+    c3 = coefficients[row + 3, column:]
+    i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
+    for k in range(lanes):
+        step = np.float32(np.int32(k))
+        a0, a1, a2, a3 = _cubic_weights(fx + dx * step)
+        b0, b1, b2, b3 = _cubic_weights(fy + dy * step)
+        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2] + a3 * c0[k + i3]
+        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2] + a3 * c1[k + i3]
+        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2] + a3 * c2[k + i3]
+        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2] + a3 * c3[k + i3]
+        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _quintic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
+    """Quintic B-spline at t + 2, t + 1, t, 1 - t, 2 - t, 3 - t."""
+    one = np.float32(1.0)
+    s = one - t
+    t2 = t * t
+    s2 = s * s
+    w0 = s2 * s2 * s * np.float32(1.0 / 120.0)
+    w5 = t2 * t2 * t * np.float32(1.0 / 120.0)
+    middle = np.float32(66.0 / 120.0)
+    half = np.float32(0.5)
+    quarter = np.float32(0.25)
+    twelfth = np.float32(1.0 / 12.0)
+    w2 = middle + t2 * (t2 * (quarter - twelfth * t) - half)
+    w3 = middle + s2 * (s2 * (quarter - twelfth * s) - half)
+    # The second weight follows from the first moment, the fifth from the sum being 1:
+    # the weights at -2..3 sum to 1 and their mean position is t.
+    rest = one - w0 - w2 - w3 - w5
+    moment = t + w0 * np.float32(2.0) - w3 - np.float32(3.0) * w5
+    w4 = (moment + rest) * np.float32(1.0 / 3.0)
+    return w0, rest - w4, w2, w3, w4, w5
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _sample_quintic(
+    coefficients: Floats32,
+    row: int,
+    column: int,
+    fx: np.float32,
+    fy: np.float32,
+    dx: np.float32,
+    dy: np.float32,
+    lanes: np.uint64,
+    out: Floats32,
+) -> None:
+    """Evaluate the quintic spline for a run of pixels."""
+    c0 = coefficients[row, column:]
+    c1 = coefficients[row + 1, column:]
+    c2 = coefficients[row + 2, column:]
+    c3 = coefficients[row + 3, column:]
+    c4 = coefficients[row + 4, column:]
+    c5 = coefficients[row + 5, column:]
+    i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
+    i4, i5 = np.uint64(4), np.uint64(5)
+    for k in range(lanes):
+        step = np.float32(np.int32(k))
+        a0, a1, a2, a3, a4, a5 = _quintic_weights(fx + dx * step)
+        b0, b1, b2, b3, b4, b5 = _quintic_weights(fy + dy * step)
+        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2]
+        r0 += a3 * c0[k + i3] + a4 * c0[k + i4] + a5 * c0[k + i5]
+        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2]
+        r1 += a3 * c1[k + i3] + a4 * c1[k + i4] + a5 * c1[k + i5]
+        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2]
+        r2 += a3 * c2[k + i3] + a4 * c2[k + i4] + a5 * c2[k + i5]
+        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2]
+        r3 += a3 * c3[k + i3] + a4 * c3[k + i4] + a5 * c3[k + i5]
+        r4 = a0 * c4[k] + a1 * c4[k + i1] + a2 * c4[k + i2]
+        r4 += a3 * c4[k + i3] + a4 * c4[k + i4] + a5 * c4[k + i5]
+        r5 = a0 * c5[k] + a1 * c5[k + i1] + a2 * c5[k + i2]
+        r5 += a3 * c5[k + i3] + a4 * c5[k + i4] + a5 * c5[k + i5]
+        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
+
+
+@njit(cache=True, nogil=True)
+def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
+    """Replace the motion ``p`` by ``p`` after the inverse of ``step``."""
+    if is_rigid:
+        # The inverse of (R, t) is (Rᵀ, -Rᵀ t); a rotation stays one exactly.
+        a, b = math.cos(step[4]), math.sin(step[4])
+        c, d = -b, a
+        determinant = 1.0
+        a11, a12, a21, a22 = a, c, b, d
+    else:
+        a11, a12, a21, a22 = 1.0 + step[1], step[2], step[4], 1.0 + step[5]
+        determinant = a11 * a22 - a12 * a21
+    i11, i12 = a22 / determinant, -a12 / determinant
+    i21, i22 = -a21 / determinant, a11 / determinant
+    tx = -(i11 * step[0] + i12 * step[3])
+    ty = -(i21 * step[0] + i22 * step[3])
+    m11, m12, m21, m22 = 1.0 + p[1], p[2], p[4], 1.0 + p[5]
+    p[0] += m11 * tx + m12 * ty
+    p[3] += m21 * tx + m22 * ty
+    p[1] = m11 * i11 + m12 * i21 - 1.0
+    p[2] = m11 * i12 + m12 * i22
+    p[4] = m21 * i11 + m22 * i21
+    p[5] = m21 * i12 + m22 * i22 - 1.0
+
+
+@njit(cache=True, nogil=True)
+def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]) -> bool:
+    """Whether the four corners of the moved subset lie in the window."""
+    for sj in (-1.0, 1.0):
+        for si in (-1.0, 1.0):
+            j = sj * half
+            i = si * half
+            cx = x + j + p[0] + p[1] * j + p[2] * i
+            cy = y + i + p[3] + p[4] * j + p[5] * i
+            # Written so that NaN is outside.
+            if not (window[0] <= cx <= window[1] and window[2] <= cy <= window[3]):
+                return False
+    return True
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _accumulate(
+    values: Floats32,
+    level: np.float32,
+    packed: Floats32,
+    place: int,
+    half: int,
+    width: int,
+    offset: float,
+    sums: Floats,
+) -> None:
+    """Add a row to the sums of g, g², f g and of the steepest-descent images times g."""
+    grey, gradient_x, gradient_y = packed[0, place:], packed[1, place:], packed[2, place:]
+    counts = packed[3, place:]
+    s0 = s1 = s2 = x0 = x1 = y0 = y1 = np.float32(0)
+    centre = np.float32(half)
+    for k in range(np.uint64(width)):
+        g = (values[k] - level) * counts[k]
+        j = np.float32(np.int32(k)) - centre
+        ax = gradient_x[k] * g
+        ay = gradient_y[k] * g
+        s0 += g
+        s1 += g * g
+        s2 += grey[k] * g
+        x0 += ax
+        x1 += ax * j
+        y0 += ay
+        y1 += ay * j
+    sums[0] += s0
+    sums[1] += s1
+    sums[2] += s2
+    sums[3] += x0
+    sums[4] += x1
+    sums[5] += offset * x0
+    sums[6] += y0
+    sums[7] += y1
+    sums[8] += offset * y0
+
+
+@njit(cache=True, nogil=True)
+def _sum_subset(
+    coefficients: Floats32,
+    order: int,
+    corner: tuple[float, float],
+    layout: Integers,
+    packed: Floats32,
+    level: float,
+    p: Floats,
+    values: Floats32,
+    sums: Floats,
+) -> None:
+    """Interpolate a whole subset of the frame into ``values`` and sum what the normal equations need."""
+    half, place, pitch = layout[2], layout[3], layout[4]
+    width = 2 * half + 1
+    sums[:] = 0.0
+    for row in range(width):
+        i = float(row - half)
+        x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
+        y = layout[1] - corner[1] + i + p[3] - p[4] * half + p[5] * i
+        _sample_row(coefficients, order, x, y, p[1], p[4], width, values[row])
+        _accumulate(values[row], np.float32(level), packed, place, half, width, i, sums)
+        place += pitch
+
+
+@njit(cache=True, nogil=True)
+def _gauss_newton_step(
+    sums: Floats, level: Floats, moments: Floats, normal: Floats, inverse: Floats, step: Floats, quality: Floats
+) -> float:
+    """Step, gain, residual and correlation from the sums; fall of the residual, -1 when nothing is alike.
+
+    The last step is not evaluated again: by how much it lowers the residual is known.
+    """
+    energy, pixels = level[1], level[2]
+    average = sums[0] / pixels
+    contrast = sums[1] - average * sums[0]
+    # Written so that NaN fails.
+    if not (sums[2] > 0.0 and contrast > 0.0):
+        return -1.0
+    gain = energy / sums[2]
+    fall = 0.0
+    for a in range(6):
+        step[a] = 0.0
+        for b in range(6):
+            step[a] += inverse[a, b] * (gain * (sums[3 + b] - average * moments[0, b]) - moments[1, b])
+    for a in range(6):
+        for b in range(6):
+            fall += step[a] * normal[a, b] * step[b]
+    residual = max(gain * gain * contrast - energy - fall, 0.0)
+    quality[0] = gain
+    quality[1] = residual
+    quality[2] = math.sqrt(energy / (energy + residual))
+    return fall
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _block_sums(
+    values: Floats32,
+    packed: Floats32,
+    place: int,
+    first: int,
+    last: int,
+    gain: np.float32,
+    average: np.float32,
+    row: Floats32,
+    sums: Floats,
+) -> None:
+    """Add a row of a block to the sums of influence times residual and of the squared residual.
+
+    ``row`` holds, constant along the row: (gx, gx j, gy, gy j, f, 1) of the last step and of the influence functions
+    of dx, dy and the rotation.
+    """
+    grey, gradient_x, gradient_y = packed[0, place:], packed[1, place:], packed[2, place:]
+    counts = packed[3, place:]
+    x = y = turn = square = np.float32(0)
+    for k in range(np.uint64(first), np.uint64(last)):
+        j = np.float32(np.int32(k)) - row[24]
+        f, gx, gy, w = grey[k], gradient_x[k], gradient_y[k], counts[k]
+        moved = gx * (row[0] + row[1] * j) + gy * (row[2] + row[3] * j)
+        r = (gain * (values[k] - average) - f - moved) * w
+        square += r * r
+        x += r * (gx * (row[6] + row[7] * j) + gy * (row[8] + row[9] * j) + f * row[10] + row[11])
+        y += r * (gx * (row[12] + row[13] * j) + gy * (row[14] + row[15] * j) + f * row[16] + row[17])
+        turn += r * (gx * (row[18] + row[19] * j) + gy * (row[20] + row[21] * j) + f * row[22] + row[23])
+    sums[0] += x
+    sums[1] += y
+    sums[2] += turn
+    sums[3] += square
+
+
+@njit(cache=True, nogil=True)
+def _add_strips(
+    values: Floats32,
+    layout: Integers,
+    packed: Floats32,
+    rows: Floats,
+    row: Floats32,
+    inverse: Floats,
+    average: float,
+    gain: float,
+    covariance: Floats,
+) -> None:
+    """Widen the covariance across long edges, along which the residual is alike from end to end.
+
+    Influence times residual is summed over strips along the edges, one pixel wide; where the motion is at least three
+    times as well determined across as along.
+    """
+    half, place, pitch = layout[2], layout[3], layout[4]
+    xx, yy, xy = inverse[0, 0], inverse[3, 3], inverse[0, 3]
+    middle, apart = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    if middle + apart < 3.0 * (middle - apart):
+        return
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
+    across_x, across_y = math.cos(angle), math.sin(angle)
+    factors = across_x * rows[1] + across_y * rows[2]
+    by_grey, constant = across_x * row[10] + across_y * row[16], across_x * row[11] + across_y * row[17]
+    strips = np.zeros(4 * half + 4)
+    for line in range(2 * half + 1):
+        i = line - half
+        at = place + line * pitch
+        for k in range(2 * half + 1):
+            j = k - half
+            gx, gy, f = packed[1, at + k], packed[2, at + k], packed[0, at + k]
+            moved = gx * (rows[0, 0] + rows[0, 1] * j + rows[0, 2] * i)
+            moved += gy * (rows[0, 3] + rows[0, 4] * j + rows[0, 5] * i)
+            r = (gain * (values[line, k] - average) - f - moved) * packed[3, at + k]
+            influence = gx * (factors[0] + factors[1] * j + factors[2] * i)
+            influence += gy * (factors[3] + factors[4] * j + factors[5] * i) + by_grey * f + constant
+            strips[int(across_x * j + across_y * i + 2 * half + 1.5)] += influence * r
+    squares = strips * strips
+    fourth = np.sum(squares * squares)
+    # few strips hold an edge: quantiles of Student's t for their number grow so with it
+    of_strips = np.sum(squares) + 4.0 / 3.0 * fourth / max(np.sum(squares), 1e-300)
+    shown = across_x**2 * covariance[0] + across_y**2 * covariance[1] + 2.0 * across_x * across_y * covariance[2]
+    more = max(of_strips - shown, 0.0)
+    covariance[0] += more * across_x**2
+    covariance[1] += more * across_y**2
+    covariance[2] += more * across_x * across_y
+
+
+@njit(cache=True, nogil=True)
+def _sandwich(
+    values: Floats32,
+    layout: Integers,
+    packed: Floats32,
+    level: Floats,
+    moments: Floats,
+    inverse: Floats,
+    average: float,
+    gain: float,
+    step: Floats,
+    blocks: Floats,
+    covariance: Floats,
+) -> float:
+    """Covariance of (dx, dy, rotation) from the residual itself; share of the blocks that show nothing of the pattern.
+
+    Influence times residual is summed over square blocks, within which the residual may be correlated as it likes;
+    the squares of these sums are the covariance. A block shows nothing of the pattern where its residual exceeds
+    both the mean square of the pattern and, five times, the median residual of all blocks.
+    """
+    half, place, pitch = layout[2], layout[3], layout[4]
+    width = 2 * half + 1
+    count = min(8, max(3, width // 4))
+    rows = np.zeros((4, 6))
+    for a in range(6):
+        rows[0, a] = step[a]
+        rows[1, a] = inverse[0, a]
+        rows[2, a] = inverse[3, a]
+        rows[3, a] = 0.5 * (inverse[4, a] - inverse[2, a])
+    row = np.zeros(25, np.float32)
+    row[24] = half
+    for m in range(1, 4):
+        for a in range(6):
+            row[6 * m + 4] -= rows[m, a] * moments[1, a] / level[1]
+            row[6 * m + 5] -= rows[m, a] * moments[0, a] / level[2]
+    blocks[: count * count] = 0.0
+    for line in range(width):
+        i = line - half
+        for m in range(4):
+            row[6 * m] = rows[m, 0] + rows[m, 2] * i
+            row[6 * m + 1] = rows[m, 1]
+            row[6 * m + 2] = rows[m, 3] + rows[m, 5] * i
+            row[6 * m + 3] = rows[m, 4]
+        for c in range(count):
+            block = blocks[line * count // width * count + c]
+            first, last = -(-c * width // count), -(-(c + 1) * width // count)
+            _block_sums(values[line], packed, place, first, last, np.float32(gain), np.float32(average), row, block)
+        place += pitch
+    covariance[:] = 0.0
+    for b in range(count * count):
+        x, y, turn = blocks[b, 0], blocks[b, 1], blocks[b, 2]
+        covariance[0] += x * x
+        covariance[1] += y * y
+        covariance[2] += x * y
+        covariance[3] += turn * turn
+    _add_strips(values, layout, packed, rows, row, inverse, average, gain, covariance)
+    squares = blocks[: count * count, 3]
+    nothing = max(level[1], 5.0 * np.median(squares) * count * count) / (count * count)
+    return np.sum(squares > nothing) / (count * count)
+
+
+@njit(cache=True, nogil=True)
+def _converge(
+    image: tuple[Floats32, int, tuple[float, float], tuple[float, float, float, float]],
+    layout: Integers,
+    is_rigid: bool,
+    packed: Floats32,
+    level: Floats,
+    moments: Floats,
+    normal: Floats,
+    inverse: Floats,
+    tolerance: float,
+    max_iterations: int,
+    p: Floats,
+    quality: Floats,
+    work: tuple[Floats, Floats, Floats],
+    values: Floats32,
+) -> tuple[int, int, float]:
+    """Iterate one subset; evaluations, result code and the last fall of the residual."""
+    coefficients, order, corner, window = image
+    sums, step, before = work
+    half = layout[2]
+    start_x, start_y = p[0], p[3]
+    last2 = 0.0
+    relaxation = 1.0
+    before[:] = 0.0
+    for iteration in range(max_iterations):
+        if not _is_inside(layout[0], layout[1], half, p, window):
+            return iteration, LEFT_WINDOW, 0.0
+        _sum_subset(coefficients, order, corner, layout, packed, level[0], p, values, sums)
+        fall = _gauss_newton_step(sums, level, moments, normal, inverse, step, quality)
+        if fall < 0.0:
+            return iteration + 1, NOT_CONVERGED, 0.0
+        size2 = 0.0
+        along = 0.0
+        for a in range(6):
+            weight = half * half / 3.0 if a % 3 else 1.0
+            size2 += weight * step[a] * step[a]
+            along += weight * step[a] * before[a]
+            before[a] = step[a]
+        shrink = math.sqrt(size2) * _FIRST_SHRINK
+        if last2 > 0.0:
+            # Noise in the slopes makes the steps too short by a constant factor, which shows in
+            # two steps along the same line.
+            relaxation /= 1.0 - min(along / last2, 0.75)
+            relaxation = min(max(relaxation, 1.0), _MOST_RELAXATION)
+            shrink = math.sqrt(size2 / last2)
+        last2 = size2
+        for a in range(6):
+            step[a] *= relaxation
+        compose_with_inverse(p, step, is_rigid)
+        # Written so that NaN is beyond.
+        if not math.hypot(p[0] - start_x, p[3] - start_y) < CAPTURE:
+            return iteration + 1, NOT_CONVERGED, 0.0
+        # Steps shrink by about a constant factor, so the next one can be foreseen.
+        if math.sqrt(size2) * min(shrink, 1.0) < tolerance:
+            return iteration + 1, SOLVED, fall
+    return max_iterations, NOT_CONVERGED, 0.0
+
+
+@njit(cache=True, nogil=True)
+def _fall_of_affine(sums: Floats, level: Floats, moments: Floats, gain: float, affine: Floats) -> float:
+    """Fall of the residual that the next step of an affine subset would bring."""
+    fall = 0.0
+    average = sums[0] / level[2]
+    for a in range(6):
+        for b in range(6):
+            slope_a = gain * (sums[3 + a] - average * moments[0, a]) - moments[1, a]
+            slope_b = gain * (sums[3 + b] - average * moments[0, b]) - moments[1, b]
+            fall += slope_a * affine[a, b] * slope_b
+    return fall
+
+
+@njit(cache=True, nogil=True)
+def solve_subsets(
+    image: tuple[Floats32, int, tuple[float, float], tuple[float, float, float, float]],
+    chosen: Integers,
+    layout: Integers,
+    shape: NDArray[np.int8],
+    packed: Floats32,
+    level: Floats,
+    moments: Floats,
+    normal: Floats,
+    inverse: Floats,
+    affine: Floats,
+    inflation: Floats,
+    tolerance: float,
+    max_iterations: int,
+    motion: Floats,
+    quality: Floats,
+    covariance: Floats,
+    counts: Integers,
+    values: Floats32,
+) -> None:
+    """Iterate every chosen subset to convergence; ``motion`` holds the start and the result.
+
+    ``quality`` (gain, residual, correlation, share of hidden blocks); ``covariance`` (dx dx, dy dy, dx dy, rotation²)
+    of :func:`_sandwich`; ``inflation``: see :func:`.solve`; ``counts`` (evaluations, result code, solved as affine).
+    """
+    sums, step, before, blocks = np.zeros(9), np.zeros(6), np.zeros(6), np.zeros((64, 4))
+    for q in range(len(chosen)):
+        n = chosen[q]
+        p = motion[q]
+        is_rigid = shape[n] != AFFINE
+        bread = inverse[n] if is_rigid else affine[n]
+        if bread[0, 0] <= 0.0:
+            counts[q, 1] = NO_TEXTURE
+            continue
+        if is_rigid:
+            turn = math.atan2(p[4] - p[2], 2.0 + p[1] + p[5])
+            p[1] = p[5] = math.cos(turn) - 1.0
+            p[4] = math.sin(turn)
+            p[2] = -p[4]
+        evaluations, code, fall = _converge(
+            image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance, max_iterations, p,
+            quality[q], (sums, step, before), values,
+        )  # fmt: skip
+        if code == SOLVED and shape[n] == AUTO and affine[n, 0, 0] > 0.0:
+            gained = _fall_of_affine(sums, level[n], moments[n], quality[q, 0], affine[n]) - fall
+            if gained > _STRAIN_SEEN * inflation[n] * quality[q, 1] / max(level[n, 2] - 5.0, 1.0):
+                bread, is_rigid = affine[n], False
+                more, code, fall = _converge(
+                    image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance,
+                    max_iterations, p, quality[q], (sums, step, before), values,
+                )  # fmt: skip
+                evaluations += more
+        counts[q, 0], counts[q, 1], counts[q, 2] = evaluations, code, not is_rigid
+        if code == SOLVED:
+            average = level[n, 0] + sums[0] / level[n, 2]
+            quality[q, 3] = _sandwich(
+                values, layout[n], packed, level[n], moments[n], bread, average, quality[q, 0], before, blocks,
+                covariance[q],
+            )  # fmt: skip

@@ -1,0 +1,111 @@
+"""Disagreement of a point with its neighbours: the normalised median test.
+
+References
+----------
+J. Westerweel, F. Scarano, Exp. Fluids 39 (2005) 1096-1100, https://doi.org/10.1007/s00348-005-0016-6
+"""
+
+import numpy as np
+
+from labpipe.arrays import Flags, Floats, Integers
+
+#: Neighbours of a point, as many as around a place of a square grid.
+NEIGHBOURS = 8
+#: Scatter that is always allowed (px) and the threshold of the normalised residual, both of the reference.
+_ALLOWED, _THRESHOLD = 0.1, 2.0
+#: Strain between neighbours that their own motions may miss, within which they still support each other.
+_STRAIN = 0.02
+
+
+def nearest(places: Floats, others: Floats, count: int) -> Integers:
+    """Numbers (place, count) of the nearest of the others for every place, both (..., 2) [px]."""
+    from scipy.spatial import cKDTree
+
+    found = cKDTree(others).query(places, k=range(1, count + 1))[1]
+    return np.asarray(found, np.int64)
+
+
+def carried(motion: Floats, offset: Floats) -> Floats:
+    """Displacement (..., 2) in px that motions (..., 6) give at offsets (..., 2) from their centre."""
+    x, y = offset[..., 0], offset[..., 1]
+    return np.stack(
+        [
+            motion[..., 0] + motion[..., 1] * x + motion[..., 2] * y,
+            motion[..., 3] + motion[..., 4] * x + motion[..., 5] * y,
+        ],
+        axis=-1,
+    )
+
+
+class Neighbourhood:
+    """Nearest neighbours of every point and what they make of its displacement.
+
+    Parameters
+    ----------
+    places : array (point, 2) [px]
+        Points in the reference.
+    """
+
+    def __init__(self, places: Floats) -> None:
+        count = min(NEIGHBOURS, len(places) - 1)
+        self._near = nearest(places, places, count + 1)[:, 1:] if count > 0 else np.zeros((len(places), 0), np.int64)
+        self._offset = places[:, None] - places[self._near]
+
+    def votes(self, motion: Floats, trusted: Flags) -> tuple[Floats, Floats]:
+        """Displacements (point, neighbour, 2) [px] that neighbours carry to each point, and their median (point, 2).
+
+        Neighbours that are not trusted have NaN; so has the median of a point without any.
+        """
+        votes = carried(motion[self._near], self._offset)
+        if trusted.all():
+            return votes, np.median(votes, axis=1) if votes.shape[1] else np.full((len(motion), 2), np.nan)
+        votes[~trusted[self._near]] = np.nan
+        median = np.full((len(motion), 2), np.nan)
+        asked = np.isfinite(votes[..., 0]).any(axis=1)
+        median[asked] = np.nanmedian(votes[asked], axis=1)
+        return votes, median
+
+    def unsupported(self, motion: Floats, trusted: Flags) -> Flags:
+        """Points that not one trusted neighbour supports, though there are neighbours to do so."""
+        if not self._near.shape[1]:
+            return np.zeros(len(motion), bool)
+        return ~self._supported(self.votes(motion, trusted)[0], motion)
+
+    def outliers(self, motion: Floats, trusted: Flags) -> tuple[Flags, Floats]:
+        """Trusted points that fail the normalised median test, and the median (point, 2) [px] of their neighbours.
+
+        A point that some neighbour supports does not fail: it may lie on another body than most of them.
+
+        Parameters
+        ----------
+        motion : array (point, 6)
+            Motion of each point.
+        trusted : bool array (point,)
+            Points that were found; three neighbours of these are needed for a test.
+        """
+        votes, median = self.votes(motion, trusted)
+        if votes.shape[1] < 3:
+            return np.zeros(len(motion), bool), median
+        enough = np.isfinite(votes[..., 0]).sum(axis=1) >= 3
+        residual = np.abs(motion[:, [0, 3]] - median) / (_ALLOWED + self._scatter(votes, median))
+        fails = trusted & enough & (residual > _THRESHOLD).any(axis=1)
+        if fails.any():
+            fails &= ~self._supported(votes, motion)
+        return fails, median
+
+    @staticmethod
+    def _scatter(votes: Floats, median: Floats) -> Floats:
+        """Median distance (point, 2) [px] of the votes from their median."""
+        apart = np.abs(votes - median[:, None])
+        if np.isfinite(apart).all():
+            return np.asarray(np.median(apart, axis=1))
+        scatter = np.zeros_like(median)
+        asked = np.isfinite(apart[..., 0]).any(axis=1)
+        scatter[asked] = np.nanmedian(apart[asked], axis=1)
+        return scatter
+
+    def _supported(self, votes: Floats, motion: Floats) -> Flags:
+        """Points with a neighbour whose motion leads where they were found."""
+        apart = np.hypot(*np.moveaxis(votes - motion[:, None, [0, 3]], -1, 0))
+        allowed = _THRESHOLD * _ALLOWED + _STRAIN * np.hypot(*np.moveaxis(self._offset, -1, 0))
+        return np.asarray((apart <= allowed).any(axis=1))

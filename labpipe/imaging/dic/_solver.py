@@ -1,0 +1,130 @@
+"""Matching of subsets in a frame: inverse-compositional Gauss–Newton iteration.
+
+The criterion is the zero-normalised sum of squared differences, in its least-squares form: the
+motion is found together with a gain and an offset of the grey levels. Gradients come from the
+reference only, so noise of the deformed image does not bias the result, and the matrix of the
+normal equations is inverted once per subset. Importing this module imports numba.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.imaging.dic._kernels import LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
+from labpipe.imaging.dic._spline import LANES, PADDING
+from labpipe.imaging.dic._subsets import Subsets
+
+__all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "OVERHANG", "SOLVED", "Solution", "solve"]
+
+#: Error that may be left by stopping (px): a tenth of the least noise of a large subset.
+TOLERANCE = 5e-5
+#: Two or three evaluations are usual; more than this means that the start was wrong.
+_MOST_ITERATIONS = 30
+#: A subset may hang over the border of the frame by less than this (px): the noise of a point
+#: that rests at the border. The spline is mirrored there.
+OVERHANG = 0.5
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Result of the solver for each subset, in the order asked for.
+
+    Attributes
+    ----------
+    motion : array (point, 6)
+        ``(u, u_x, u_y, v, v_x, v_y)``, px and px per px.
+    quality : array (point, 4)
+        Factor from the frame's grey levels to those of the reference; sum of squared differences in grey levels
+        of the reference, gain and offset fitted; zero-normalised cross-correlation; share of the blocks of the
+        subset that show nothing of its pattern.
+    scores : array (point, 4)
+        Covariance (dx dx, dy dy, dx dy, rotation²) from the residual itself, see :mod:`._uncertainty`.
+    iterations : integer array (point,)
+        Evaluations of the subset in the frame.
+    code : integer array (point,)
+        ``SOLVED``, ``LEFT_WINDOW``, ``NOT_CONVERGED`` or ``NO_TEXTURE``.
+    is_affine : bool array (point,)
+        The subset was solved with stretch and shear.
+    """
+
+    motion: Floats
+    quality: Floats
+    scores: Floats
+    iterations: Integers
+    code: Integers
+    is_affine: Flags
+
+    @property
+    def zncc(self) -> Floats:
+        """Zero-normalised cross-correlation (point,)."""
+        return self.quality[:, 2]
+
+
+def solve(
+    subsets: Subsets,
+    coefficients: Floats32,
+    order: int,
+    chosen: Integers,
+    motion: Floats,
+    *,
+    origin: tuple[int, int],
+    window: tuple[float, float, float, float],
+    inflation: Floats | None = None,
+) -> Solution:
+    """Find the motions of chosen subsets in one frame.
+
+    Parameters
+    ----------
+    subsets : Subsets
+        The reference.
+    coefficients : array from :func:`.prefilter`
+        Spline coefficients of the frame or of a rectangle of it.
+    order : 3 or 5
+        Spline order of the coefficients.
+    chosen : integer array (point,)
+        Subsets to be matched.
+    motion : array (point, 6) [px]
+        Start, usually the prediction from the frames before.
+    origin : (x, y) [px]
+        Frame position of the first pixel of the rectangle.
+    window : (left, right, top, bottom) [px]
+        Frame coordinates that a subset's corners must not leave; at most :data:`OVERHANG`
+        outside the rectangle.
+    inflation : array (point,), optional
+        Variance of what noise adds to the normal equations over that of uncorrelated noise of the same residual:
+        blur and interpolation correlate it.
+
+    References
+    ----------
+    Z. Jiang et al., Opt. Lasers Eng. 65 (2015) 93-102,
+    https://doi.org/10.1016/j.optlaseng.2014.06.011
+    """
+    count = len(chosen)
+    found = np.array(motion, np.float64, order="C").reshape(count, 6)
+    quality, scores = np.full((2, count, 4), np.nan)
+    counts = np.zeros((count, 3), np.int64)
+    if count:
+        corner = (float(origin[0] - PADDING), float(origin[1] - PADDING))
+        width = 2 * int(subsets.half[chosen].max()) + 1
+        solve_subsets(
+            (coefficients, order, corner, window),
+            np.ascontiguousarray(chosen, np.int64),
+            subsets.layout,
+            subsets.shape,
+            subsets.packed,
+            subsets.level,
+            subsets.moments,
+            subsets.normal,
+            subsets.rigid,
+            subsets.affine,
+            np.ones(len(subsets)) if inflation is None else inflation,
+            TOLERANCE,
+            _MOST_ITERATIONS,
+            found,
+            quality,
+            scores,
+            counts,
+            np.zeros((width, width + 2 * LANES), np.float32),
+        )
+    return Solution(found, quality, scores, counts[:, 0], counts[:, 1], counts[:, 2] > 0)
