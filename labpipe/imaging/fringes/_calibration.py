@@ -34,22 +34,11 @@ _MOST_SCALE = 0.1
 class Calibration:
     """Optics that a film shows beyond doubt where they differ from the assumed ones.
 
-    Attributes
-    ----------
-    phase_shift, u_phase_shift : float [rad]
-        Phase in the contact relative to the assumed one.
-    log_scale, u_log_scale : float [1]
-        Logarithm of the phase scale relative to the assumed one.
-    ellipse : (float, float)
-        Stretch and shear of circles.
-    properties : tuple of (name, value)
-        Blur, spread, beams and flat of :class:`.Optics`.
-    has_uneven_light : bool
-        Whether light falls off differently along x and y.
-    frames : tuple of int
-        Frames that were used.
-    doubted_phase : float [rad]
-        Phase that the film shows where the caller's was kept; NaN when they agree.
+    ``phase_shift`` [rad] and ``log_scale``, logarithm of the phase scale, are relative to the assumed ones; ``ellipse``
+    is stretch and shear of circles; ``properties`` are names and values of blur, spread, beams and flat of
+    :class:`.Optics`; ``has_uneven_light``: light falls off differently along x and y; ``doubted_phase`` [rad] is shown
+    by the film where the caller's was kept; ``shown_scale`` is the logarithm of the scale while the first contact
+    grows, with u, NaN where no such frames show it.
     """
 
     phase_shift: float = 0.0
@@ -61,11 +50,14 @@ class Calibration:
     has_uneven_light: bool = False
     frames: tuple[int, ...] = ()
     doubted_phase: float = math.nan
+    shown_scale: tuple[float, float] = (math.nan, math.nan)
 
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        return replace(self, frames=(), doubted_phase=0.0) == Calibration(doubted_phase=0.0)
+        return replace(self, frames=(), doubted_phase=0.0, shown_scale=(0.0, 0.0)) == Calibration(
+            doubted_phase=0.0, shown_scale=(0.0, 0.0)
+        )
 
     def applied(self, view: View) -> View:
         """Return the view with these optics."""
@@ -88,20 +80,9 @@ def calibrate(
     is_phase_free: bool,
     shape: str,
 ) -> Calibration:
-    """Find the optics of a film.
+    """Find the optics of a film from its fits, made with a view; ``frame_of`` reads a frame.
 
-    Parameters
-    ----------
-    frame_of : callable
-        Reads a frame.
-    fits : dict
-        Fits by frame.
-    view : View
-        The view they were made with.
-    is_phase_free : bool
-        Whether the phase may be changed.
-    shape : "auto", "circle" or "ellipse"
-        Whether circles may be ellipses: if the film says so, no, or yes in every frame.
+    ``shape`` is that of :func:`.contact_radius`; a phase that is not free is not changed.
     """
     chosen = _choose(fits)
     if not chosen:
@@ -122,8 +103,6 @@ def calibrate(
         return Calibration()
     # One property may hide behind another: each round accepts the best alternative and begins anew.
     for _ in range(len(_LADDERS) + 4):
-        if not best.is_doubtful:
-            break
         found = _best_alternative(attempt, result, best, view, shape)
         if found is None:
             break
@@ -132,7 +111,23 @@ def calibrate(
             # The scale would be bent to make up for a phase that is not the stated one.
             return replace(result, doubted_phase=view.optics.phase + better.phase_shift)
         best, result = trial, better
-    return result
+    growing = _growing(fits)
+    if len(growing) < 2:
+        return result
+    frames, first = [frame_of(index) for index in growing], [fits[index] for index in growing]
+    few = fit_frames(frames, first, result.applied(view), (Parameter.SCALE,))
+    if few is None or few.excess > 4e-4:
+        return result
+    value, u = few.mean(Parameter.SCALE)
+    return replace(result, shown_scale=(result.log_scale + value, u))
+
+
+def _growing(fits: dict[int, RingFit]) -> list[int]:
+    """Up to four frames in which the first contact grows: its gap is Hertz's, whatever the body remembers later."""
+    frames = sorted(fits)[:1]
+    while frames and frames[-1] + 1 in fits and fits[frames[-1] + 1].radius > fits[frames[-1]].radius:
+        frames.append(frames[-1] + 1)
+    return frames[-4:]
 
 
 Attempt = Callable[..., Trial | None]
@@ -148,9 +143,6 @@ def _best_alternative(
         if trial is not None:
             axes = trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]
             candidates.append((trial, replace(known, ellipse=axes)))
-    if not known.has_uneven_light:
-        uneven = replace(known, has_uneven_light=True)
-        candidates.append((attempt(uneven), uneven))
     trial = attempt(known, Parameter.PHASE)
     if trial is not None:
         value, u = trial.mean(Parameter.PHASE)
@@ -160,11 +152,18 @@ def _best_alternative(
         value, u = trial.mean(Parameter.SCALE)
         if abs(known.log_scale + value) <= _MOST_SCALE:
             candidates.append((trial, replace(known, log_scale=known.log_scale + value, u_log_scale=u)))
-    candidates += [_searched(attempt, known, best, name) for name in _LADDERS if name not in dict(known.properties)]
+    if best.is_doubtful and not known.has_uneven_light:
+        uneven = replace(known, has_uneven_light=True)
+        candidates.append((attempt(uneven), uneven))
+    if best.is_doubtful:
+        names = [name for name in _LADDERS if name not in dict(known.properties)]
+        candidates += [_searched(attempt, known, best, name) for name in names]
     better = [(trial, found) for trial, found in candidates if trial is not None and trial.is_better_than(best)]
     if not better:
         return None
-    _, found = min(better, key=lambda candidate: candidate[0].excess)
+    # of those that explain the frames nearly as well the first, which is the commonest
+    least = min(trial.excess for trial, _ in better)
+    found = next(found for trial, found in better if trial.excess <= 1.2 * least)
     trial = attempt(found)
     return None if trial is None or not trial.is_better_than(best) else (trial, found)
 

@@ -53,33 +53,32 @@ def contact_radius(
     sphere_radius : float [m]
         Effective radius of curvature.
     wavelength : float or None [m]
-        Wavelength of the light; None for white or unknown light: then only the edge of the spot
-        is measured, for a nominal wavelength of 550 nm.
+        Wavelength of the light; None for white or unknown light: then only the edge of the spot is measured, for a
+        nominal wavelength of 550 nm.
     exposure : float or array (frame,), optional [s]
-        Exposure time; by default that of the film. It determines how far the radius moves while the
-        shutter is open, and its acceleration shifts the mean over the exposure.
+        Exposure time; by default that of the film. It determines how far the radius moves while the shutter is open,
+        and its acceleration shifts the mean over the exposure.
     phase : float, optional [rad]
-        Phase in the contact, π where it is dark, 0 where it is bright. By default found from the
-        film.
+        Phase in the contact, π where it is dark, 0 where it is bright. By default found from the film.
     shape : "auto", "circle" or "ellipse"
-        Whether circles are ellipses (oblique view, unequal scales): when the largest contacts of
-        the film say so, never, or free in every frame.
+        Whether circles are ellipses (oblique view, unequal scales): when the largest contacts of the film say so,
+        never, or free in every frame.
     fringes : float
         Number of fringes used.
     full : bool
         Read and fit every frame: no shortcuts.
     windows : sequence of (start, end), optional [s]
-        Times in which a contact may be (from a laser record, say). Frames outside are not read
-        and count as out of contact.
+        Times in which a contact may be (from a laser record, say). Frames outside are not read and count as out of
+        contact.
     any_disc : bool
         Whether every sharp disc without fringes is a contact. By default one is only when it lies where fringes show
         contacts in the frames around it, or, where none are resolved, when it grows or shrinks as a contact does.
     reduced_modulus : float, optional [Pa]
-        E* = E/(1 - ν²). With it the edge of an adhesive contact is determined, and adhesion enters the
-        systematic budget.
+        E* = E/(1 - ν²). With it the edge of an adhesive contact is determined, and adhesion enters the systematic
+        budget.
     work_of_adhesion : float, optional [J/m2]
-        w of the surfaces; by default anything up to 50 mJ/m², that of a clean smooth polymer. 0 for
-        surfaces that do not stick.
+        w of the surfaces; by default anything up to 50 mJ/m², that of a clean smooth polymer. 0 for surfaces that do
+        not stick.
     u_work_of_adhesion : float, optional [J/m2]
         Its standard uncertainty.
     u_pixel_size, u_sphere_radius, u_wavelength : float, optional [m]
@@ -90,36 +89,27 @@ def contact_radius(
     Returns
     -------
     Dataset over ``frame``
-        ``radius`` : Hertz-equivalent radius in the middle of the exposure, that of the Hertz
-        contact with the same gap around it; for ellipses of the circle of equal area [m]; NaN
-        where there is none;
-        ``u_radius`` : its standard uncertainty from noise, from errors of the model where the residual exceeds
-        noise, and from the acceleration within the exposure (with "edge": that of the estimate) [m];
-        ``radius_systematic`` : standard uncertainty that all frames share, and
-        ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
-        ``edge_radius``, ``u_edge_radius`` : of the edge of the contact by JKR, farther out where the
-        surfaces stick, with its whole standard uncertainty, also if they attract each other across up to a
-        nanometre (Maugis), where it lies nearer to Hertz's; NaN without a modulus [m];
-        ``centre_x``, ``centre_y`` [px] with ``u_``;
-        ``in_contact`` : whether there is a contact; ``radius_bound`` : where the sphere touches or hovers, which
-        counts as no contact, the radius that one would not exceed [m];
-        ``valid`` : False for damaged frames;
-        ``method`` : 0 none, 1 fringe fit, 2 edge, 3 between equal frames (a frame at rest that
-        was not read whole; the radius is interpolated), 4 wider than the frame (in contact, without
-        a radius), 5 fringe fit of a gap that is not Hertz's (on a body that still recovers);
-        ``travel`` : change of the radius during the exposure as the blur shows it, without
-        sign [m];
-        ``misfit`` : residual beyond noise as a share of the modulation [1];
-        ``gap_factor`` : factor of the gap beside the contact against Hertz's, 1 unless fitted [1];
-        ``residual_ratio`` : residual divided by noise [1]; ``visibility`` [1];
-        ``semi_axis_major``, ``semi_axis_minor`` [m], ``axis_angle`` (major axis, from x towards
-        y) [rad];
-        ``static_radius``, ``u_static_radius`` : mean over the rest at the end of the film, NaN
-        when it does not end at rest in contact [m].
-        Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given of 1/(λ R)),
-        ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur`` (of the lens) [px],
-        ``least_radius`` (below it a contact cannot be distinguished from a touch, and counts as none) [m],
-        ``wavelength_used``, ``note``, ``work`` (counts).
+        ``radius`` : Hertz-equivalent radius in the middle of the exposure, that of the Hertz contact with the same gap
+        around it; for ellipses of the circle of equal area [m]; NaN where there is none; ``u_radius`` : its standard
+        uncertainty from noise, from errors of the model where the residual exceeds noise, and from the acceleration
+        within the exposure (with "edge": that of the estimate) [m]; ``radius_systematic`` : standard uncertainty that
+        all frames share, and ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
+        ``edge_radius``, ``u_edge_radius`` : of the edge of the contact by JKR, farther out where the surfaces stick,
+        with its whole standard uncertainty, also if they attract each other across up to a nanometre (Maugis), where it
+        lies nearer to Hertz's; NaN without a modulus [m]; ``centre_x``, ``centre_y`` [px] with ``u_``; ``in_contact`` :
+        whether there is a contact; ``radius_bound`` : where the sphere touches or hovers, which counts as no contact,
+        the radius that one would not exceed [m]; ``valid`` : False for damaged frames; ``method`` : 0 none, 1 fringe
+        fit, 2 edge, 3 between equal frames (a frame at rest that was not read whole; the radius is interpolated), 4
+        wider than the frame (in contact, without a radius), 5 fringe fit of a gap that is not Hertz's (on a body that
+        still recovers); ``travel`` : change of the radius during the exposure as the blur shows it, without sign [m];
+        ``misfit`` : residual beyond noise as a share of the modulation [1]; ``gap_factor`` : factor of the gap beside
+        the contact against Hertz's, 1 unless fitted [1]; ``residual_ratio`` : residual divided by noise [1];
+        ``visibility`` [1]; ``semi_axis_major``, ``semi_axis_minor`` [m], ``axis_angle`` (major axis, from x towards y)
+        [rad]. Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given of 1/(λ R)),
+        ``fringe_scale`` with ``u_`` (the same while the first contact grows, by itself; NaN where it is not seen),
+        ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur`` (of the lens) [px], ``least_radius``
+        (below it a contact cannot be distinguished from a touch, and counts as none) [m], ``wavelength_used``,
+        ``note``, ``work`` (counts).
 
     Raises
     ------
@@ -129,27 +119,25 @@ def contact_radius(
     Warns
     -----
     UserWarning
-        The fringes contradict R, wavelength or pixel size; frames were measured by the edge of the
-        spot; the sphere is worn flat; the light's wavelength is not known; fringes are finer than
-        pixels; damaged frames.
+        The fringes contradict R, wavelength or pixel size; frames were measured by the edge of the spot; the sphere is
+        worn flat; the light's wavelength is not known; fringes are finer than pixels; damaged frames.
 
     Notes
     -----
-    Adhesion opens the gap in the same shape as a smaller Hertz contact, so that fringes show a
-    Hertz-equivalent radius: that which a model without adhesion should be compared with. The edge
-    of a contact that sticks lies R √(πw/(2aE*)) farther out (:func:`.adhesive_edge`).
+    Adhesion opens the gap in the same shape as a smaller Hertz contact, so that fringes show a Hertz-equivalent radius:
+    that which a model without adhesion should be compared with. The edge of a contact that sticks lies R √(πw/(2aE*))
+    farther out (:func:`.adhesive_edge`).
 
     The gap of a Hertz contact opens like (r - a)^(3/2), so that the image shows no edge at r = a. The radius follows
     from a fit of the interference pattern of the first fringes to all pixels of a ring, with centre, light and its
     slopes, visibility and the blur by the motion of the radius as further unknowns. Phase, scale, blur of the lens,
     oblique view, coherence, harmonics of many beams, uneven light and a flat worn into the sphere are determined once
     per film, where they explain its largest contacts better by the Bayesian information criterion. An error of the
-    model that remains widens ``u_radius`` by the jackknife over parts of the ring.
-    Next to every contact that does not stick the gap opens with the power 3/2, with Hertz's factor unless the body
-    still recovers from a dent: where Hertz's gap does not explain a frame, the factor is fitted too.
-    A dark centre alone is no contact: in coherent light a sphere that touches without load, or hovers, differs from a
-    small contact by the phase of the gap only. A contact must agree with the frames around it: it grows from nothing
-    and returns to it within its duration.
+    model that remains widens ``u_radius`` by the jackknife over parts of the ring. Next to every contact that does not
+    stick the gap opens with the power 3/2, with Hertz's factor unless the body still recovers from a dent: where
+    Hertz's gap does not explain a frame, the factor is fitted too. A dark centre alone is no contact: in coherent light
+    a sphere that touches without load, or hovers, differs from a small contact by the phase of the gap only. A contact
+    must agree with the frames around it: it grows from nothing and returns to it within its duration.
 
     Examples
     --------

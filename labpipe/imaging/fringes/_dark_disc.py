@@ -51,7 +51,7 @@ def choose_edges(result: FilmResult, *, is_phase_given: bool, any_disc: bool) ->
     if any_disc:
         result.edges |= sharp
     elif not result.fits:
-        for run in _runs(sorted(sharp)):
+        for run in runs_of(sorted(sharp)):
             radii = [sharp[index].half_radius for index in run]
             is_apart = max(radii) - min(radii) > _GROWTH * max(radii)
             if len(run) > 1 and is_apart and _is_steady(run, sharp):
@@ -87,11 +87,11 @@ def _is_dark(result: FilmResult, is_phase_given: bool) -> bool:
 
 
 def _is_sharp(edge: Edge, view: View) -> bool:
-    """Tell whether the edge of a spot is as sharp as that of a contact at rest: Hertz's gap makes it 0.4 of the width."""
+    """Tell whether the edge of a spot is as sharp as that of a contact at rest, for which Hertz's gap makes it 0.4."""
     return edge.softness <= max(0.75 * edge_width(edge.half_radius, view.optics), 2.0)
 
 
-def _runs(frames: list[int]) -> list[list[int]]:
+def runs_of(frames: list[int]) -> list[list[int]]:
     """Group frames that follow each other."""
     if not frames:
         return []
@@ -128,6 +128,6 @@ def find_filled(result: FilmResult) -> None:
         for index in sorted(result.blanks, reverse=step < 0):
             brightness, before = result.blanks[index].level, index - step
             is_next = before in result.filled or result.circle(before) is not None
-            if brightness is not None and is_next and index not in result.fits:
-                if abs(brightness - level) < 0.2 * abs(modulation):
-                    result.filled.add(index)
+            is_free = is_next and index not in result.fits
+            if brightness is not None and is_free and abs(brightness - level) < 0.2 * abs(modulation):
+                result.filled.add(index)

@@ -34,8 +34,6 @@ _METHODS = {
 }
 #: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
 _NOTABLE_SCALE = 0.003
-#: Rest: change of the radius, relative to its end, and fewest frames.
-_REST_CHANGE, _LEAST_REST = 0.01, 5
 
 _TEXTS = {
     "radius": ("m", "Hertz-equivalent contact radius"),
@@ -101,10 +99,6 @@ def make_dataset(
     data["valid"] = variable("frame", valid, "1", "whether the frame was usable")
     text = "part of the systematic uncertainty of the contact radius"
     data["systematic_part"] = variable(("frame", "source"), parts, "m", text)
-    static, u_static = _static_radius(values["radius"], values["u_radius"], method)
-    rest = "mean contact radius at rest at the end of the film"
-    data["static_radius"] = variable((), static, "m", rest)
-    data["u_static_radius"] = variable((), u_static, "m", f"standard uncertainty of the {rest}")
     coordinates = {
         "frame": variable("frame", np.arange(count), "1", "frame of the film"),
         "time": variable("frame", film.time, "s", "time"),
@@ -144,25 +138,6 @@ def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.in
         return
     for line in (*values.values(), *parts.T):
         line[resting] = np.interp(time[resting], time[known], line[known])
-
-
-def _static_radius(radius: Floats, deviation: Floats, method: NDArray[np.int8]) -> tuple[float, float]:
-    """Mean radius over the last frames that hardly change, and its standard uncertainty."""
-    used = np.flatnonzero(np.isfinite(radius))
-    if not len(used) or used[-1] < len(radius) - 1:
-        return math.nan, math.nan
-    end = float(np.median(radius[used[-_LEAST_REST:]]))
-    is_still = np.abs(radius - end) < _REST_CHANGE * end  # NaN: not in contact, not still
-    moving = np.flatnonzero(~is_still)
-    rest = np.arange(moving[-1] + 1 if len(moving) else 0, len(radius))
-    if len(rest) < _LEAST_REST:
-        return math.nan, math.nan
-    weights = 1.0 / np.maximum(deviation[rest], 1e-15) ** 2
-    measured = method[rest] != RESTING
-    mean = float((weights * radius[rest]).sum() / weights.sum())
-    scatter = float(np.std(radius[rest][measured])) if measured.sum() > 1 else 0.0
-    count = max(int(measured.sum()), 1)
-    return mean, max(scatter, float(np.median(deviation[rest]))) / math.sqrt(count)
 
 
 def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
@@ -268,6 +243,8 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "phase": phase if result.has_fringes else math.nan,
         "u_phase": result.calibration.u_phase_shift,
         "phase_scale_ratio": math.exp(result.calibration.log_scale),
+        "fringe_scale": math.exp(result.calibration.shown_scale[0]),
+        "u_fringe_scale": result.calibration.shown_scale[1],
         "flat_radius": optics.flat * options.pixel_size,
         "blur": optics.blur,
         "least_radius": result.view.least_radius * options.pixel_size,

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,26 +13,17 @@ from labpipe.imaging.fringes._circle import fit_circle
 from labpipe.imaging.fringes._frame_features import radial_profile
 from labpipe.imaging.fringes._ring_model import Optics, distance_at_phase
 
-#: Directions in which the edge is looked for, and the fewest that must show it.
-_SECTORS, _LEAST_SECTORS = 72, 12
+#: Sectors in which the edge is looked for, the fewest that must show it, and directions that are averaged in each.
+_SECTORS, _LEAST_SECTORS, _RAYS = 72, 12, 8
 
 
 @dataclass(frozen=True)
 class Edge:
-    """The edge of a spot.
+    """The edge of a spot: the circle (px) through its points of half brightness.
 
-    Attributes
-    ----------
-    x, y, half_radius : float [px]
-        Circle through the points of half brightness.
-    scatter : float [px]
-        Standard deviation of these points about the circle.
-    points : int
-        Their number.
-    softness : float [px]
-        Width over which the light rises from a quarter to three quarters.
-    inside, outside : float [grey levels]
-        Brightness of the spot, and of the first ring around it.
+    ``scatter`` [px]: standard deviation of the points about the circle. ``softness`` [px]: width over which the light
+    rises from a quarter to three quarters. ``inside``, ``outside`` [grey levels]: brightness of the spot, and of the
+    first ring around it.
     """
 
     x: float
@@ -110,35 +102,24 @@ def _crossing(line: Floats, level: float) -> float | None:
 
 def _points(frame: NDArray[np.generic], x: float, y: float, radius: float, level: float) -> Floats:
     """Points of half brightness in sectors around the centre (point, 2); those outside the frame missing."""
-    rows, columns = frame.shape
     reach = min(max(0.15 * radius, 6.0), 40.0)
-    top, bottom = max(0, int(y - radius - reach)), min(rows, int(y + radius + reach) + 2)
-    left, right = max(0, int(x - radius - reach)), min(columns, int(x + radius + reach) + 2)
-    if bottom <= top or right <= left:
-        return np.empty((0, 2))
-    # Rows are left out evenly where the ring holds more pixels than the points need.
-    stride = max(1, int(4.0 * math.pi * radius * reach / 40_000))
-    dy = (np.arange(top, bottom, stride, dtype=np.float32) - np.float32(y))[:, None]
-    dx = np.arange(left, right, dtype=np.float32) - np.float32(x)
-    square = dx * dx + dy * dy
-    ring = (square > (radius - reach) ** 2) & (square < (radius + reach) ** 2)
-    r = np.sqrt(square[ring])
-    angle = np.arctan2(np.broadcast_to(dy, ring.shape)[ring], np.broadcast_to(dx, ring.shape)[ring])
-    grey = frame[top:bottom:stride, left:right][ring].astype(float)
-    sector = np.minimum(((angle / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int), _SECTORS - 1)
-    steps = int(2 * reach)
-    cell = sector * steps + np.minimum((r - (radius - reach)).astype(int), steps - 1)
-    counts = np.bincount(cell, minlength=_SECTORS * steps).reshape(_SECTORS, steps)
-    sums = np.bincount(cell, grey, minlength=_SECTORS * steps).reshape(_SECTORS, steps)
+    outer = math.ceil(radius + reach)
+    size, rays = (outer, _RAYS * _SECTORS), np.arange(_SECTORS)
+    known = frame if frame.dtype in (np.uint8, np.uint16, np.float32) else frame.astype(np.float32)
+    polar = cv2.warpPolar(np.asarray(known), size, (x, y), outer, cv2.INTER_LINEAR)
+    first = max(int(radius - reach), 0)
+    lines = polar.reshape(_SECTORS, _RAYS, outer).mean(axis=1, dtype=np.float64)[:, first:]
+    direction = 2.0 * np.pi * (rays + 0.5 * (_RAYS - 1) / _RAYS) / _SECTORS
+    along = np.column_stack([np.cos(direction), np.sin(direction)])
+    ends = np.array([x, y]) + outer * along
+    inside = ((ends >= 0.0) & (ends <= np.array(frame.shape[::-1]) - 1.0)).all(axis=1)
     found = []
-    for k in np.flatnonzero((counts > 0).all(axis=1)):
+    for k in np.flatnonzero(inside):
         # a mean of three, so that noise does not cross the level before the edge does
-        line = np.pad(sums[k] / counts[k], 1, mode="edge")
+        line = np.pad(lines[k], 1, mode="edge")
         at = _crossing((line[:-2] + line[1:-1] + line[2:]) / 3.0, level)
         if at is not None:
-            direction = ((k + 0.5) / _SECTORS - 0.5) * 2.0 * np.pi
-            distance = radius - reach + at + 0.5
-            found.append((x + distance * np.cos(direction), y + distance * np.sin(direction)))
+            found.append(np.array([x, y]) + (first + at) * along[k])
     return np.array(found).reshape(-1, 2)
 
 

@@ -1,4 +1,4 @@
-"""Measurement of the contact in every frame of a film: which frames are read, from where they are fitted, in what order."""
+"""Measurement of the contact in every frame of a film: the frames that are read, and the order of their fits."""
 
 import math
 from dataclasses import replace
@@ -111,14 +111,20 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
 
 
 def _doubtful_rest(result: FilmResult) -> Flags:
-    """Frames taken for rest that do not lie between two contacts of nearly the same radius."""
+    """Frames taken for rest that do not lie between contacts of nearly the same radius, or next to one that moves.
+
+    Bands of rows show no change of up to a hundred uncertainties of the radius: where it turns it was not at rest.
+    """
     doubtful = np.zeros(len(result.resting), bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], result.resting.astype(np.int8), [0]])))
     for first, end in edges.reshape(-1, 2).tolist():
         before, after = result.fits.get(first - 1), result.fits.get(end)
         is_rest = before is not None and after is not None
         if before is not None and after is not None:
-            is_rest = abs(before.radius - after.radius) < _REST_CHANGE * before.radius
+            around = [result.fits[k] for k in (*range(first - 6, first), *range(end, end + 6)) if k in result.fits]
+            u = [math.hypot(fit.deviation(Parameter.RADIUS), before.deviation(Parameter.RADIUS)) for fit in around]
+            moves = any(abs(fit.radius - before.radius) > 5.0 * u[k] for k, fit in enumerate(around))
+            is_rest = abs(before.radius - after.radius) < _REST_CHANGE * before.radius and not moves
         doubtful[first:end] = not is_rest
     return doubtful
 

@@ -19,34 +19,13 @@ class Blank:
 
 @dataclass
 class FilmResult:
-    """Contacts of a film.
+    """Contacts of a film, by frame, with the optics they were fitted with.
 
-    Attributes
-    ----------
-    view : View
-        Optics as used.
-    resting : bool array (frame,)
-        Frames that look like the contacts before and after and were not read.
-    fits, edges : dict
-        By frame: fits of the fringes, and edges where there are none.
-    filled : set
-        Frames in which the contact reaches beyond the frame on all sides.
-    undecided : dict
-        By frame: bound of the radius (px) where the sphere touches or hovers; these count as no contact.
-    blanks : dict
-        By frame: what else was seen where no fringes were.
-    motion : dict
-        By frame: standard uncertainty of the radius (px) from its acceleration within the exposure.
-    calibration : Calibration
-        Optics that the film has shown.
-    has_fringes : bool
-        False when the wavelength is unknown or pixels are too coarse.
-    damaged : set
-        Frames that could not be used.
-    hot_pixels : int
-        Pixels that do not follow the scene and were interpolated.
-    work : dict
-        Counts.
+    ``resting`` (frame,): frames that look like the contacts before and after and were not read. ``fits`` of fringes,
+    and ``edges`` where there are none. ``filled``: the contact reaches beyond the frame on all sides. ``undecided``:
+    bound of the radius (px) where the sphere touches or hovers, which counts as no contact. ``blanks``: spots in frames
+    without fringes. ``motion``: u of the radius (px) from its acceleration within the exposure. ``has_fringes``: False
+    when the wavelength is unknown or pixels are too coarse. ``hot_pixels``: number of pixels that were interpolated.
     """
 
     view: View

@@ -90,19 +90,12 @@ _BLOCK = 16
 
 @njit(cache=True, fastmath=FAST)
 def _find_pixels(
-    line: Floats32,
-    first_column: int,
-    dy: float,
-    inner: float,
-    outer: float,
-    parameters: Floats,
-    ceiling: float,
-    work: Floats,
+    line: Floats32, first_column: int, dy: float, inner: float, outer: float, p: Floats, ceiling: float, work: Floats
 ) -> int:
     """List the pixels of a row that lie in the ring, with their places and grey levels."""
     columns = len(line)
-    centre = parameters[1] - first_column
-    stretch, shear = parameters[9], parameters[10]
+    centre = p[1] - first_column
+    stretch, shear = p[9], p[10]
     size = 1.0 + abs(stretch) + abs(shear)
     reach = (outer * size) ** 2 - dy * dy
     if reach <= 0.0:
@@ -135,14 +128,7 @@ def _find_pixels(
 
 @njit(cache=True, fastmath=FAST)
 def _evaluate(
-    count: int,
-    offset: float,
-    down: float,
-    parameters: Floats,
-    origin: Floats,
-    table: Floats,
-    start: float,
-    work: Floats,
+    count: int, offset: float, down: float, p: Floats, origin: Floats, table: Floats, start: float, work: Floats
 ) -> None:
     """Model and residual of the listed pixels; the table is interpolated linearly."""
     last = table.shape[1] - 2
@@ -158,9 +144,9 @@ def _evaluate(
     for i in range(count):
         x = (work[_DX, i] + offset) / origin[2]
         curve = (x * x + down * down - origin[3]) * origin[4]
-        light = 1.0 + parameters[5] * x + parameters[6] * down + parameters[7] * curve
-        light += parameters[13] * (x * x - down * down) + parameters[14] * x * down
-        core = parameters[3] + parameters[4] * work[_TERM, i]
+        light = 1.0 + p[5] * x + p[6] * down + p[7] * curve
+        light += p[13] * (x * x - down * down) + p[14] * x * down
+        core = p[3] + p[4] * work[_TERM, i]
         work[_ACROSS, i] = x
         work[_CURVE, i] = curve
         work[_LIGHT, i] = light
@@ -169,10 +155,10 @@ def _evaluate(
 
 
 @njit(cache=True, fastmath=FAST)
-def _differentiate(count: int, dy: float, down: float, parameters: Floats, work: Floats, slopes: Floats) -> None:
+def _differentiate(count: int, dy: float, down: float, p: Floats, work: Floats, slopes: Floats) -> None:
     """Differentiate the model by every parameter at the listed pixels."""
-    radius, modulation = parameters[0], parameters[4]
-    stretch, shear = parameters[9], parameters[10]
+    radius, modulation = p[0], p[4]
+    stretch, shear = p[9], p[10]
     for i in range(count):
         dx, u, v, r = work[_DX, i], work[_U, i], work[_V, i], work[_R, i]
         light, core, x = work[_LIGHT, i], work[_CORE, i], work[_ACROSS, i]

@@ -11,7 +11,7 @@ import numpy as np
 
 from labpipe.arrays import Flags, Floats
 from labpipe.imaging.films import FilmReader
-from labpipe.imaging.fringes._dark_disc import look_without_fringes
+from labpipe.imaging.fringes._dark_disc import look_without_fringes, runs_of
 from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
@@ -79,7 +79,7 @@ def _continues(fit: RingFit, near: dict[int, RingFit], index: int, time: Floats)
 
 
 def predicted_radius(near: dict[int, RingFit], index: int, time: Floats) -> tuple[float, float]:
-    """Radius (px) in a frame and its rate of change (px/s) by a parabola through a² in up to four frames around it."""
+    """Radius (px) in a frame and its rate of change (px/s) by a parabola through a² in four frames around it."""
     frames = sorted(near, key=lambda other: (abs(other - index), other))[:4]
     t = np.array([time[other] - time[index] for other in frames])
     squares = np.array([near[other].radius ** 2 for other in frames])
@@ -128,7 +128,7 @@ def decide_contacts(reader: FilmReader, result: FilmResult, time: Floats) -> Non
     clear as those of the other contacts. A contact of a single frame is none where others last for five.
     """
     view = result.view
-    runs = _runs(result, time)
+    runs = runs_of(sorted(result.fits.keys() | set(map(int, np.flatnonzero(result.resting)))))
     longest = max((len(run) for run in runs), default=0)
     visibility = {index: fit.visibility(view.black) for index, fit in result.fits.items()}
     usual = float(np.median(list(visibility.values()))) if len(visibility) >= _LONG_CONTACT else 0.0
@@ -145,15 +145,6 @@ def decide_contacts(reader: FilmReader, result: FilmResult, time: Floats) -> Non
                 result.blanks[index] = look_without_fringes(FrameFeatures(reader.whole(index)), view)
 
 
-def _runs(result: FilmResult, time: Floats) -> list[list[int]]:
-    """Group the frames in contact, with those at rest between them, into contacts."""
-    seen = sorted(result.fits.keys() | set(map(int, np.flatnonzero(result.resting))))
-    if not seen:
-        return []
-    cuts = np.flatnonzero(np.diff(seen) > 1) + 1
-    return [run.tolist() for run in np.split(np.array(seen), cuts)]
-
-
 def allow_for_acceleration(reader: FilmReader, result: FilmResult, time: Floats, exposure: Floats | None) -> None:
     """Allow for the acceleration of the radius within the exposure.
 
@@ -161,18 +152,16 @@ def allow_for_acceleration(reader: FilmReader, result: FilmResult, time: Floats,
     and with it the radius by e² (a²)''/(48 a) at a turn of the motion, more where the radius travels over fringes.
     Its estimate from the frames around enters the model of the frame, and its uncertainty that of the radius.
     """
-    if exposure is None:
-        return
     before = dict(result.fits)
     for index, fit in before.items():
-        half = 0.5 * float(exposure[index])
+        half = 0.0 if exposure is None else 0.5 * float(exposure[index])
         bend, u = _bend(before, index, time, half, fit)
         width = edge_width(fit.radius, result.view.optics)
         # mean of t² over the exposure is 1/3; where the travel is wider than a fringe its ends decide, where t² is 1
         far = (fit.travel / width) ** 4
         share = (1.0 / 6.0 + far / (1.0 + far) / 3.0) / max(fit.radius, 1.0)
         moved = fit
-        if fit.travel > 0.25 * width:
+        if fit.travel > 0.25 * width and abs(bend) > 0.0:
             start = fit.parameters.copy()
             start[Parameter.BEND] = bend
             settings = replace(result.view.settings, free=fit.free)
@@ -182,7 +171,7 @@ def allow_for_acceleration(reader: FilmReader, result: FilmResult, time: Floats,
             moved = replace(fit, parameters=fit.parameters.copy())
             moved.parameters[Parameter.RADIUS] -= share * bend
             moved.parameters[Parameter.BEND] = bend
-        elif abs(bend) > 0.0:
+        else:
             share = max(share, abs(moved.radius - fit.radius) / abs(bend))
         result.fits[index] = replace(moved, model_deviation=max(fit.model_deviation, moved.model_deviation))
         result.motion[index] = share * u

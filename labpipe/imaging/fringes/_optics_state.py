@@ -9,22 +9,10 @@ from labpipe.imaging.fringes._templates import Templates, make_templates
 
 @dataclass(frozen=True)
 class View:
-    """Optics, settings and shape of the frames of a film.
+    """Optics, settings of the fits, and shape (row, column) of the frames of a film.
 
-    Attributes
-    ----------
-    optics : Optics
-        The interference.
-    settings : FitSettings
-        How frames are fitted.
-    shape : (int, int)
-        Rows and columns.
-    black, white : float
-        Grey level of darkness, and from which pixels are saturated.
-    ellipse : (float, float)
-        Stretch and shear of circles.
-    alternatives : tuple of tuples of Parameter
-        What else may be freed where the usual fit fails.
+    ``black``, ``white``: grey level of darkness, and from which pixels are saturated. ``ellipse``: stretch and shear of
+    circles. ``alternatives``: parameters that may be freed as well where the usual fit fails.
     """
 
     optics: Optics

@@ -14,15 +14,7 @@ from labpipe.imaging.fringes._ring_model import Optics
 
 
 class Window:
-    """Part of a radial profile, its mean and trend taken off, to be explained by one term or two.
-
-    Parameters
-    ----------
-    profile, counts : arrays (ring,)
-        Mean grey level and number of pixels in rings of equal width.
-    first, length : int
-        The rings.
-    """
+    """Some rings of a radial profile (ring,), mean and trend taken off, to be explained by one term or two."""
 
     def __init__(self, profile: Floats, counts: Floats, first: int, length: int) -> None:
         ring = slice(first, first + length)
@@ -66,6 +58,23 @@ def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics) ->
     outwards on the rings of a sphere as it does on those of a contact.
     """
     phase = 0.5 * optics.phase_scale * (distance**2 + 1.0 / 6.0)
-    fade = np.exp(-0.5 * optics.spread * phase**2) * math.exp(-0.5 * (optics.blur * optics.phase_scale) ** 2)
+    fade = np.exp(-0.5 * optics.spread * phase**2)
+    fade *= np.exp(-0.5 * (optics.blur * optics.phase_scale * distance) ** 2)
     sphere = window.residual_of_both(fade * np.cos(phase), fade * np.sin(phase))
     return sphere < 2.0 * float(window.residual(term)[0])
+
+
+def shows_only_sphere(profile: Floats, counts: Floats, width: float, optics: Optics) -> bool:
+    """Tell whether a sphere without load explains 98 % of the rings of a profile, so that it is no large contact.
+
+    From the centre out to where rings are closer than four pixels.
+    """
+    length = min(len(profile), int(0.5 * math.pi / (optics.phase_scale * width)))
+    window = Window(profile, counts, 0, length)
+    distance = (np.arange(length, dtype=np.float64) + 0.5) * width
+    phase = 0.5 * optics.phase_scale * distance**2
+    # a ring of this width averages over its fringes, a blur over its own
+    fade = np.sinc(0.5 * optics.phase_scale * distance * width / math.pi)
+    fade *= np.exp(-0.5 * (optics.blur * optics.phase_scale * distance) ** 2 - 0.5 * optics.spread * phase**2)
+    left = window.residual_of_both(fade * np.cos(phase), fade * np.sin(phase)) if window.is_seen else math.inf
+    return left < 0.02 * window.squares

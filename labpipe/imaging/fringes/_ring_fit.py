@@ -1,5 +1,6 @@
 """Least-squares fit of the interference pattern around a Hertz contact to the pixels of one frame."""
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -77,18 +78,8 @@ _LEAST_TRAVEL = 0.3
 class FitSettings:
     """Settings of the fit of a frame.
 
-    Attributes
-    ----------
-    fringes : float
-        Fringes used, half a wavelength of gap each.
-    least_spacing : float [px]
-        Finest fringes used; below two pixels they alias.
-    free : tuple of Parameter
-        Parameters that are fitted.
-    max_pixels : int
-        Rows are left out evenly when the ring holds more pixels.
-    max_iterations : int
-        Evaluations of the ring.
+    ``fringes``, half a wavelength of gap each, are used down to a ``least_spacing`` (px): below two pixels they alias.
+    Rows are left out evenly when a ring holds more than ``max_pixels``. An iteration is an evaluation of the ring.
     """
 
     fringes: float = 3.0
@@ -102,26 +93,11 @@ class FitSettings:
 class RingFit:
     """Result of a fit.
 
-    Attributes
-    ----------
-    parameters : array (parameter,)
-        See :class:`Parameter`.
-    free : tuple of Parameter
-        Those that were fitted.
-    covariance : array (free, free)
-        Sandwich estimate from the residuals, summed over blocks of pixels that may share their noise.
-    sensitivity : dict
-        Change of the radius (px) per change of each of :data:`ASSUMED` that was not fitted.
-    residual, noise : float [grey levels]
-        Root mean square residual, and the noise between neighbours along the rings.
-    pixels : int
-        Pixels used.
-    is_converged : bool
-        False when the iteration did not settle or left the frame.
-    evaluations : int
-        Evaluations of the ring.
-    model_deviation : float [px]
-        Standard uncertainty of the radius from errors of the model, see :mod:`._uncertainty`.
+    ``covariance`` (free, free): sandwich estimate from the residuals, summed over blocks of pixels that may share their
+    noise. ``sensitivity``: change of the radius (px) per change of each of :data:`ASSUMED` that was not fitted.
+    ``residual``, ``noise`` [grey levels]: root mean square residual, and the noise between neighbours along the rings.
+    ``is_converged``: False when the iteration did not settle or left the frame. ``evaluations``: of the ring.
+    ``model_deviation`` [px]: standard uncertainty of the radius from errors of the model.
     """
 
     parameters: Floats
@@ -366,25 +342,9 @@ def ring_of(
 def fit_contact(
     frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, ceiling: float = math.inf
 ) -> RingFit | None:
-    """Fit one frame with the ring laid around the start.
+    """Fit one frame (row, column) with the ring laid around the start (parameter,); None where it lies outside.
 
-    Parameters
-    ----------
-    frame : array (row, column)
-        Grey levels.
-    start : array (parameter,)
-        Parameters to start from.
-    optics : Optics
-        The interference.
-    settings : FitSettings
-        How frames are fitted.
-    ceiling : float, optional
-        Grey level from which a pixel is saturated and left out.
-
-    Returns
-    -------
-    RingFit or None
-        None when the ring lies outside the frame.
+    ``ceiling`` is the grey level from which a pixel is saturated and left out.
     """
     ring = ring_of(frame, start, optics, settings, ceiling)
     if ring is None:
@@ -396,7 +356,7 @@ def fit_contact(
 
 
 def _model_deviation(ring: Ring, fit: RingFit, optics: Optics) -> float:
-    """Standard uncertainty (px) of the radius from errors of the model, by how it changes as parts are left out.
+    """Return u (px) of the radius by errors of the model, from how it changes as parts of the ring are left out.
 
     The parts are quarters of fringes, and the dark inside. Errors of the model that differ from part to part pull at
     the radius in the parts as they do in the whole: the jackknife (B. Efron 1982, chapter 3,
@@ -408,7 +368,7 @@ def _model_deviation(ring: Ring, fit: RingFit, optics: Optics) -> float:
     free = np.array(fit.free, np.int64)
     parts = [
         ring_sums(ring, fit.parameters, free, optics, part=(low, high))
-        for low, high in zip(limits[:-1], limits[1:], strict=True)
+        for low, high in itertools.pairwise(limits)
         if high > low
     ]
     place = fit.free.index(Parameter.RADIUS)

@@ -26,20 +26,10 @@ _HALVINGS = 40
 class Optics:
     """Properties of the light and the sphere that all contacts of a film share.
 
-    Attributes
-    ----------
-    phase_scale : float [1/px²]
-        4π px² / (λ R).
-    phase : float [rad]
-        Phase in the contact: π where the contact is dark, 0 where it is bright.
-    blur : float [px]
-        Standard deviation of the image of a point (defocus).
-    beams : float [1]
-        Ratio of each harmonic of the fringes to the one before (many-beam interference); 0 for two beams.
-    spread : float [1]
-        Relative variance of the wavenumber; the contrast falls as exp(-spread phase²/2) (partial coherence).
-    flat : float [px]
-        Radius of a flat worn into the sphere.
+    ``phase_scale`` [1/px²]: 4π px² / (λ R). ``phase`` [rad]: in the contact, π where it is dark, 0 where it is bright.
+    ``blur`` [px]: standard deviation of the image of a point (defocus). ``beams``: ratio of each harmonic of the
+    fringes to the one before, 0 for two beams. ``spread``: relative variance of the wavenumber; the
+    contrast falls as exp(-spread phase²/2) (partial coherence). ``flat`` [px]: radius of a flat worn into the sphere.
     """
 
     phase_scale: float

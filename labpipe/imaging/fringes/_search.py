@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.imaging.fringes._frame_features import FrameFeatures, radial_profile
 from labpipe.imaging.fringes._optics_state import View
-from labpipe.imaging.fringes._point_contact_test import Window, is_edge, is_sphere
+from labpipe.imaging.fringes._point_contact_test import Window, is_edge, is_sphere, shows_only_sphere
 from labpipe.imaging.fringes._ring_fit import AXES, Parameter, RingFit, fit_contact, tabulate
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, edge_width, ring_limits
 from labpipe.imaging.fringes._templates import Match, best_matches
@@ -26,14 +26,7 @@ _SMALL_CONTACT = 4.0
 def search_contact(features: FrameFeatures, view: View, centre: tuple[float, float] | None = None) -> RingFit | None:
     """Find and fit the contact in a frame without knowing where it is; None when nothing shows its fringes.
 
-    Parameters
-    ----------
-    features : FrameFeatures
-        The frame.
-    view : View
-        Optics and settings.
-    centre : (float, float), optional [px]
-        Where the contact was in other frames; tried first.
+    The ``centre`` (px) of the contact in other frames is tried first.
     """
     if not features.has_structure:
         return None
@@ -59,17 +52,19 @@ def _matches_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> l
     if templates is None:
         return []
     profile, counts = radial_profile(frame, x, y, templates.width, templates.bins)
+    small = _SMALL_CONTACT * view.optics.newton_spot
     matches = []
     for match in best_matches(profile, counts, templates):
         if match.score < 1.0 / 3.0 or match.radius < view.least_radius:
+            continue
+        if match.radius > small and shows_only_sphere(profile, counts, templates.width, view.optics):
             continue
         window = Window(profile, counts, match.first, len(match.term))
         # the nearest template is up to a third of a ring off: an edge that leaves much less is believed at once
         if window.is_seen and is_edge(window, match.term, 0.4):
             continue
         distance = (np.arange(len(match.term), dtype=np.float64) + match.first + 0.5) * templates.width
-        is_small = match.radius < _SMALL_CONTACT * view.optics.newton_spot
-        if is_small and is_sphere(window, match.term, distance, view.optics):
+        if match.radius < small and is_sphere(window, match.term, distance, view.optics):
             continue
         matches.append(match)
     return matches

@@ -26,19 +26,9 @@ _TRAVELS = (0.0, 1.5, 4.0)
 class Templates:
     """Interference terms of contacts of many radii, each over a window of rings.
 
-    Attributes
-    ----------
-    width : float [px]
-        Width of a ring.
-    bins : int
-        Rings of a profile.
-    radii : array (template,) [px]
-    first, length : integer arrays (template,)
-        First ring of the window, and number of rings in it.
-    travels : array (travel,) [px]
-        Change of the radius in the exposure.
-    values : float32 array (travel, template, ring)
-        Zero beyond the length.
+    ``width`` [px] of a ring; ``bins``: rings of a profile; ``radii`` (template,) [px]; ``first`` ring of the window and
+    ``length``, number of rings in it (template,); ``travels`` (travel,) [px]: change of the radius in the
+    exposure; ``values`` (travel, template, ring), zero beyond the length.
     """
 
     width: float
@@ -54,17 +44,9 @@ class Templates:
 class Match:
     """A contact that a profile resembles.
 
-    Attributes
-    ----------
-    radius, travel : float [px]
-    score : float [1]
-        Share of the profile's variance, a linear trend taken off, that the fringes explain.
-    gain, modulation : float [grey levels]
-        Mean light, and the amplitude of the interference (negative: a bright contact).
-    term : array (ring,)
-        The interference term.
-    first : int
-        Ring with which the term starts.
+    ``radius``, ``travel`` [px]; ``score``: share of the variance, a linear trend taken off, that the fringes explain;
+    ``gain``, ``modulation`` [grey levels]: light, and amplitude of the interference (negative: a bright contact);
+    ``term`` (ring,): interference term from the ring ``first`` on.
     """
 
     radius: float

@@ -15,7 +15,7 @@ SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "adhesion")
 
 
 def radius_deviation(fit: RingFit, by_motion: float) -> float:
-    """Standard uncertainty of a radius (px): noise, errors of the model, and acceleration within the exposure.
+    """Return the standard uncertainty of a radius (px) by noise, errors of the model, and acceleration in the exposure.
 
     Noise is the sandwich estimate of the fit, errors of the model are seen by the jackknife over parts of the ring
     (:mod:`._ring_fit`), the acceleration is estimated from the frames around (:mod:`._motion`).
@@ -61,7 +61,7 @@ def adhesive_edges(
         return
     radius = values["radius"][seen]
     bodies = options.sphere_radius, options.reduced_modulus, options.work_of_adhesion, u_work
-    shift, u = edge_shift(radius, *bodies, options.wavelength, options.pixel_size, is_spot[seen])
+    shift, u = edge_shift(radius, *bodies, options.wavelength, is_spot[seen])
     known = np.hypot(values["u_radius"][seen], np.sqrt(np.nansum(parts[seen] ** 2, axis=1)))
     parts[seen, SOURCES.index("adhesion")] = np.hypot(shift, u)
     values["edge_radius"][seen], values["u_edge_radius"][seen] = radius + shift, np.hypot(known, u)
