@@ -35,7 +35,7 @@ def _rings(radius: float, hover: float) -> Floats:
 
 
 def _frame(light: Floats, rng: np.random.Generator) -> NDArray[np.uint8]:
-    return np.clip(np.rint(light + 4.0 * rng.standard_normal(_SHAPE)), 0, 255).astype(np.uint8)
+    return np.clip(np.rint(light + 2.0 * rng.standard_normal(_SHAPE)), 0, 255).astype(np.uint8)
 
 
 def _write(path: Path, frames: list[NDArray[np.uint8]]) -> None:
@@ -52,5 +52,5 @@ def _write(path: Path, frames: list[NDArray[np.uint8]]) -> None:
             cv2.circle(panel, centre, round(_ENLARGED * radius * 1e-6 / _PIXEL), colour, 2, cv2.LINE_AA)
         cv2.putText(panel, text, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, 2, cv2.LINE_AA)
         panels.append(panel)
-    if not cv2.imwrite(str(path), np.hstack(panels), [cv2.IMWRITE_WEBP_QUALITY, 80]):
+    if not cv2.imwrite(str(path), np.hstack(panels), [cv2.IMWRITE_WEBP_QUALITY, 40]):
         raise OSError(f"the picture {path} could not be written")

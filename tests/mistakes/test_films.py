@@ -140,7 +140,7 @@ def _stamps(film: xr.Dataset) -> xr.Dataset:
 def _light(stated: float) -> dict[str, Any]:
     """A wavelength that the session states for one of 633 nm."""
     return {
-        "change": lambda film: film.assign_attrs(fringe_scale=stated / 632.8),
+        "change": lambda film: film.assign_attrs(phase_scale_ratio=stated / 632.8),
         "settings": {"wavelength": Quantity(stated * 1e-9, 0.0, "m")},
     }
 
@@ -204,7 +204,7 @@ ROWS = (
         "scale 1.05 times, one impact",
         "impossible",
         ("lengths come out 1.05 times too large: the scale in",),
-        lambda film: _larger(1.05)(_one_impact(film)).assign_attrs(fringe_scale=1.05**-2),
+        lambda film: _larger(1.05)(_one_impact(film)).assign_attrs(phase_scale_ratio=1.05**-2),
     ),
     FilmMistake("stamps exchanged", "impossible", ("exchanged", "frame 181"), _stamps),
     FilmMistake("two frames exchanged", "doubtful", ("frames near 180 are exchanged",), _exchanged(177, 180)),
@@ -315,8 +315,8 @@ def film() -> xr.Dataset:
         {name: ("frame", array) for name, array in values.items()},
         {"time": ("frame", _STEP * np.arange(_COUNT)), "frame": np.arange(_COUNT), "pixel_size": 2.17e-6},
         {
-            "fringe_scale": 1.0,
-            "u_fringe_scale": 1e-3,
+            "phase_scale_ratio": 1.0,
+            "u_phase_scale_ratio": 1e-3,
             "u_systematic_relative": 2.2e-3,
             "blanked": "{}",
             "phase": 3.14,

@@ -16,7 +16,7 @@ from labpipe.frames import FrameSource, ShownFrames
 
 #: Frames that are compared, spread over the film.
 _FRAMES = 8
-#: Standard deviations of noise by which a stuck pixel stands out in all of them, and by which its surroundings change.
+#: Standard deviations of noise by which a stuck pixel stands out, and by which its surroundings change and it does not.
 _STANDS_OUT, _CHANGES = 8.0, 4.0
 #: Multiple of the height that 3 % of the pixels of a scene exceed from which one stands out as no scene does, and the
 #: share of its height by which the level of a stuck pixel may change.
@@ -111,10 +111,10 @@ def without_stuck_pixels(
             changes = np.zeros(len(stuck), bool)
         if not len(stuck):
             return film, StuckPixels(0, number + 1)
-        # sign and height stay, unless the surroundings reach the level of the pixel
+        # the level stays, or sign and height do where the pixel adds to the light
         level = np.abs(rest[stuck] + middle[stuck] - first - around)
-        keeps = (rest[stuck] * first > 0.0) & (level < _SAME * np.abs(first) + _STANDS_OUT * noise)
-        keeps &= np.abs(rest[stuck]) > _STANDS_OUT * noise
+        stands = (rest[stuck] * first > 0.0) & (np.abs(rest[stuck]) > _STANDS_OUT * noise)
+        keeps = (level < _CHANGES * noise) | (stands & (level < _SAME * np.abs(first)))
         changes |= np.abs(middle[stuck] - around) > _CHANGES * noise
         stuck, first, around, changes = stuck[keeps], first[keeps], around[keeps], changes[keeps]
     stuck = stuck[changes]

@@ -80,18 +80,14 @@ def adhesive_edge(
     300.44
     """
     found = np.asarray(hertz_radius, float)
-    if not (np.isfinite(sphere_radius) and sphere_radius > 0.0):
-        message = f"sphere_radius must be positive, found {sphere_radius} m"
-        raise InputError(message)
-    if not (np.isfinite(reduced_modulus) and reduced_modulus > 0.0):
-        message = f"reduced_modulus must be positive, found {reduced_modulus} Pa"
-        raise InputError(message)
+    given = {"sphere_radius": (sphere_radius, "m"), "reduced_modulus": (reduced_modulus, "Pa")}
+    for name, (value, unit) in given.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} must be positive, found {value} {unit}")
     if not (np.isfinite(work_of_adhesion) and work_of_adhesion >= 0.0):
-        message = f"work_of_adhesion must be 0 or more, found {work_of_adhesion} J/m2"
-        raise InputError(message)
+        raise InputError(f"work_of_adhesion must be 0 or more, found {work_of_adhesion} J/m2")
     if np.any(found <= 0.0):
-        message = "hertz_radius must be positive"
-        raise InputError(message)
+        raise InputError("hertz_radius must be positive")
     scale = sphere_radius * np.sqrt(0.5 * np.pi * work_of_adhesion / reduced_modulus)
     edge = found + 0.0
     for _ in range(_ROUNDS):

@@ -43,29 +43,22 @@ def check_film(film: FrameSource, options: FilmOptions) -> None:
         lengths["wavelength"] = (options.wavelength, 100e-9, 20e-6)
     for name, (value, low, high) in lengths.items():
         if not low <= value <= high:
-            message = f"{name} must lie between {low:g} and {high:g} m, found {value} m"
-            raise InputError(message)
+            raise InputError(f"{name} must lie between {low:g} and {high:g} m, found {value} m")
     if options.shape not in {"auto", "circle", "ellipse"}:
-        message = f'shape must be "auto", "circle" or "ellipse", found {options.shape!r}'
-        raise InputError(message)
+        raise InputError(f'shape must be "auto", "circle" or "ellipse", found {options.shape!r}')
     if not 0.5 <= options.fringes <= 20.0:
-        message = f"fringes must be between 0.5 and 20, found {options.fringes}"
-        raise InputError(message)
+        raise InputError(f"fringes must be between 0.5 and 20, found {options.fringes}")
     if options.phase is not None and not math.isfinite(options.phase):
-        message = f"phase must be a finite angle in rad, found {options.phase}"
-        raise InputError(message)
+        raise InputError(f"phase must be a finite angle in rad, found {options.phase}")
     if options.work_of_adhesion is not None and options.reduced_modulus is None:
-        message = "work_of_adhesion tells the edge of a contact together with reduced_modulus: give both"
-        raise InputError(message)
+        raise InputError("work_of_adhesion tells the edge of a contact together with reduced_modulus: give both")
     if options.reduced_modulus is not None:
         work = USUAL_WORK if options.work_of_adhesion is None else options.work_of_adhesion
         adhesive_edge(1.0, options.sphere_radius, options.reduced_modulus, work)
     if len(film.shape) != 3 or min(film.shape[1:]) < 16:
-        message = f"frames must be grey images of 16 x 16 px or more, found {film.shape}"
-        raise InputError(message)
+        raise InputError(f"frames must be grey images of 16 x 16 px or more, found {film.shape}")
     if len(film) == 0:
-        message = "the film holds no frames"
-        raise InputError(message)
+        raise InputError("the film holds no frames")
     if options.exposure is not None:
         exposure = np.asarray(options.exposure, float)
         is_shaped = exposure.shape in {(), (len(film),)}

@@ -37,8 +37,7 @@ class Calibration:
     ``phase_shift`` [rad] and ``log_scale``, logarithm of the phase scale, are relative to the assumed ones; ``ellipse``
     is stretch and shear of circles; ``properties`` are names and values of blur, spread, beams and flat of
     :class:`.Optics`; ``has_uneven_light``: light falls off differently along x and y; ``doubted_phase`` [rad] is shown
-    by the film where the caller's was kept; ``shown_scale`` is the logarithm of the scale while the first contact
-    grows, with u, NaN where no such frames show it.
+    by the film where the caller's was kept.
     """
 
     phase_shift: float = 0.0
@@ -50,14 +49,11 @@ class Calibration:
     has_uneven_light: bool = False
     frames: tuple[int, ...] = ()
     doubted_phase: float = math.nan
-    shown_scale: tuple[float, float] = (math.nan, math.nan)
 
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        return replace(self, frames=(), doubted_phase=0.0, shown_scale=(0.0, 0.0)) == Calibration(
-            doubted_phase=0.0, shown_scale=(0.0, 0.0)
-        )
+        return replace(self, frames=(), doubted_phase=0.0) == Calibration(doubted_phase=0.0)
 
     def applied(self, view: View) -> View:
         """Return the view with these optics."""
@@ -78,11 +74,11 @@ def calibrate(
     view: View,
     *,
     is_phase_free: bool,
-    shape: str,
+    is_auto: bool,
 ) -> Calibration:
     """Find the optics of a film from its fits, made with a view; ``frame_of`` reads a frame.
 
-    ``shape`` is that of :func:`.contact_radius`; a phase that is not free is not changed.
+    Contacts may be ellipses where ``is_auto``; a phase that is not free is not changed.
     """
     chosen = _choose(fits)
     if not chosen:
@@ -103,7 +99,7 @@ def calibrate(
         return Calibration()
     # One property may hide behind another: each round accepts the best alternative and begins anew.
     for _ in range(len(_LADDERS) + 4):
-        found = _best_alternative(attempt, result, best, view, shape)
+        found = _best_alternative(attempt, result, best, view, is_auto=is_auto)
         if found is None:
             break
         trial, better = found
@@ -111,53 +107,36 @@ def calibrate(
             # The scale would be bent to make up for a phase that is not the stated one.
             return replace(result, doubted_phase=view.optics.phase + better.phase_shift)
         best, result = trial, better
-    growing = _growing(fits)
-    if len(growing) < 2:
-        return result
-    frames, first = [frame_of(index) for index in growing], [fits[index] for index in growing]
-    few = fit_frames(frames, first, result.applied(view), (Parameter.SCALE,))
-    if few is None or few.excess > 4e-4:
-        return result
-    value, u = few.mean(Parameter.SCALE)
-    return replace(result, shown_scale=(result.log_scale + value, u))
-
-
-def _growing(fits: dict[int, RingFit]) -> list[int]:
-    """Up to four frames in which the first contact grows: its gap is Hertz's, whatever the body remembers later."""
-    frames = sorted(fits)[:1]
-    while frames and frames[-1] + 1 in fits and fits[frames[-1] + 1].radius > fits[frames[-1]].radius:
-        frames.append(frames[-1] + 1)
-    return frames[-4:]
+    return result
 
 
 Attempt = Callable[..., Trial | None]
 
 
 def _best_alternative(
-    attempt: Attempt, known: Calibration, best: Trial, view: View, shape: str
+    attempt: Attempt, known: Calibration, best: Trial, view: View, *, is_auto: bool
 ) -> tuple[Trial, Calibration] | None:
     """Alternative that explains the frames best, if it does so better than what is known."""
-    candidates = []
-    if shape == "auto" and known.ellipse == (0.0, 0.0):
-        trial = attempt(known, *AXES)
-        if trial is not None:
-            axes = trial.mean(Parameter.STRETCH)[0], trial.mean(Parameter.SHEAR)[0]
-            candidates.append((trial, replace(known, ellipse=axes)))
-    trial = attempt(known, Parameter.PHASE)
-    if trial is not None:
-        value, u = trial.mean(Parameter.PHASE)
-        candidates.append((trial, replace(known, phase_shift=value - view.optics.phase, u_phase_shift=u)))
-    trial = attempt(known, Parameter.SCALE)
-    if trial is not None:
-        value, u = trial.mean(Parameter.SCALE)
+    candidates: list[tuple[Trial | None, Calibration]] = []
+    axes = attempt(known, *AXES) if is_auto and known.ellipse == (0.0, 0.0) else None
+    if axes is not None:
+        ellipse = axes.mean(Parameter.STRETCH)[0], axes.mean(Parameter.SHEAR)[0]
+        candidates.append((axes, replace(known, ellipse=ellipse)))
+    # a wrong ruler or wavelength is commoner than another phase, which explains fringes nearly as well
+    scaled, phased = attempt(known, Parameter.SCALE), attempt(known, Parameter.PHASE)
+    if scaled is not None:
+        value, u = scaled.mean(Parameter.SCALE)
         if abs(known.log_scale + value) <= _MOST_SCALE:
-            candidates.append((trial, replace(known, log_scale=known.log_scale + value, u_log_scale=u)))
-    if best.is_doubtful and not known.has_uneven_light:
-        uneven = replace(known, has_uneven_light=True)
-        candidates.append((attempt(uneven), uneven))
+            candidates.append((scaled, replace(known, log_scale=known.log_scale + value, u_log_scale=u)))
+    if phased is not None:
+        value, u = phased.mean(Parameter.PHASE)
+        candidates.append((phased, replace(known, phase_shift=value - view.optics.phase, u_phase_shift=u)))
     if best.is_doubtful:
         names = [name for name in _LADDERS if name not in dict(known.properties)]
         candidates += [_searched(attempt, known, best, name) for name in names]
+        if not known.has_uneven_light:
+            uneven = replace(known, has_uneven_light=True)
+            candidates.append((attempt(uneven), uneven))
     better = [(trial, found) for trial, found in candidates if trial is not None and trial.is_better_than(best)]
     if not better:
         return None
@@ -169,46 +148,30 @@ def _best_alternative(
 
 
 def _searched(attempt: Attempt, known: Calibration, best: Trial, name: str) -> tuple[Trial | None, Calibration]:
-    """Value of a property that leaves least: the best of its ladder, then the vertex of a parabola through three."""
-    least = min(fit.radius for fit in best.fits)
+    """Value of a property that leaves least: the best of its ladder, then of the vertex of a parabola through three."""
+    unit = min(fit.radius for fit in best.fits) if name == "flat" else 1.0
+    tried: dict[float, float] = {}
 
     def with_value(value: float) -> Calibration:
-        used = value * least if name == "flat" else value
-        return replace(known, properties=(*known.properties, (name, used)))
+        return replace(known, properties=(*known.properties, (name, value * unit)))
 
-    tried: dict[float, float] = {}
-    reference = attempt(known, is_quick=True)
-    if reference is None:
-        return None, known
-    tried[0.0] = reference.squares
-    for value in _LADDERS[name]:
-        trial = attempt(with_value(value), is_quick=True)
-        if trial is not None:
-            tried[value] = trial.squares
-    at = min(tried, key=lambda value: tried[value])
+    def squares(value: float) -> float:
+        trial = attempt(with_value(value) if value else known, is_quick=True)
+        tried[value] = math.inf if trial is None else trial.squares
+        return tried[value]
+
+    at = min((0.0, *_LADDERS[name]), key=squares)
     if at == 0.0:
         return None, known
-    for _ in range(2):
-        low, high = _neighbours_of(at, sorted(tried))
-        if low is None or high is None:
-            break
-        bend = np.polyfit([low - at, 0.0, high - at], [tried[low], tried[at], tried[high]], 2)
-        if bend[0] <= 0.0:
-            break
-        vertex = at - float(bend[1] / (2.0 * bend[0]))
-        trial = attempt(with_value(vertex), is_quick=True)
-        if trial is None or vertex in tried:
-            break
-        tried[vertex] = trial.squares
+    values = sorted(tried)
+    place = values.index(at)
+    if 0 < place < len(values) - 1:
+        x = np.array(values[place - 1 : place + 2])
+        bend, slope, _ = np.polyfit(x - at, [tried[value] for value in x.tolist()], 2)
+        squares(at - float(slope / (2.0 * bend)))
         at = min(tried, key=lambda value: tried[value])
     found = with_value(at)
     return attempt(found), found
-
-
-def _neighbours_of(value: float, values: list[float]) -> tuple[float | None, float | None]:
-    """Values before and after one in a sorted list."""
-    place = values.index(value)
-    return (values[place - 1] if place else None), (values[place + 1] if place + 1 < len(values) else None)
 
 
 def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:

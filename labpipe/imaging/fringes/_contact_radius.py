@@ -105,8 +105,8 @@ def contact_radius(
         ``misfit`` : residual beyond noise as a share of the modulation [1]; ``gap_factor`` : factor of the gap beside
         the contact against Hertz's, 1 unless fitted [1]; ``residual_ratio`` : residual divided by noise [1];
         ``visibility`` [1]; ``semi_axis_major``, ``semi_axis_minor`` [m], ``axis_angle`` (major axis, from x towards y)
-        [rad]. Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given of 1/(λ R)),
-        ``fringe_scale`` with ``u_`` (the same while the first contact grows, by itself; NaN where it is not seen),
+        [rad]. Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` with
+        ``u_`` (found / given of 1/(λ R), 1 where the film does not contradict),
         ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur`` (of the lens) [px], ``least_radius``
         (below it a contact cannot be distinguished from a touch, and counts as none) [m], ``wavelength_used``,
         ``note``, ``work`` (counts).

@@ -35,12 +35,15 @@ def look_without_fringes(features: FrameFeatures, view: View) -> Blank:
     return Blank(edges_of(features.spots) or edges_of(features.centres))
 
 
-def choose_edges(result: FilmResult, *, is_phase_given: bool, any_disc: bool) -> None:
+def choose_edges(result: FilmResult, *, any_disc: bool) -> None:
     """Keep the edges of contacts: discs in frames next to known contacts, and discs that grow or shrink.
 
-    Every sharp disc counts with ``any_disc``. Discs must be dark or bright as the contacts of the film are.
+    Every sharp disc counts with ``any_disc``. Discs must be dark or bright as the contacts of the film are,
+    or as its phase says.
     """
-    is_dark = _is_dark(result, is_phase_given)
+    is_dark = math.cos(result.view.optics.phase) < 0.0
+    if result.fits:
+        is_dark = is_dark == (np.median([fit.value(Parameter.MODULATION) for fit in result.fits.values()]) > 0.0)
     sharp = {
         index: edge
         for index, blank in result.blanks.items()
@@ -67,23 +70,6 @@ def choose_edges(result: FilmResult, *, is_phase_given: bool, any_disc: bool) ->
         if not found:
             return
         result.edges |= found
-
-
-def _is_dark(result: FilmResult, is_phase_given: bool) -> bool:
-    """Tell whether contacts are dark: as the fits show, or else as most sharp edges do."""
-    is_dark = math.cos(result.view.optics.phase) < 0.0
-    if result.fits:
-        modulations = [fit.value(Parameter.MODULATION) for fit in result.fits.values()]
-        return is_dark == (float(np.median(modulations)) > 0.0)
-    if is_phase_given:
-        return is_dark
-    signs = [
-        1 if edge.inside < edge.outside else -1
-        for blank in result.blanks.values()
-        for edge in blank.edges
-        if _is_sharp(edge, result.view)
-    ]
-    return sum(signs) >= 0
 
 
 def _is_sharp(edge: Edge, view: View) -> bool:

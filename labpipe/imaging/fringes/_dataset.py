@@ -161,7 +161,7 @@ def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
             "of a contact explain them; check wavelength, sphere_radius, pixel_size, phase, focus and what hides rings"
         )
     spots = sum(bool(blank.edges) for blank in result.blanks.values())
-    if spots and not (result.fits or result.edges):
+    if spots and not (result.fits or result.edges or result.undecided):
         texts.append(
             f"spots in {spots} frame{'' if spots == 1 else 's'} have no fringes and neither grow nor shrink as a "
             "contact does: they count as no contact; check wavelength, sphere_radius, pixel_size and focus, or state "
@@ -243,8 +243,7 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
         "phase": phase if result.has_fringes else math.nan,
         "u_phase": result.calibration.u_phase_shift,
         "phase_scale_ratio": math.exp(result.calibration.log_scale),
-        "fringe_scale": math.exp(result.calibration.shown_scale[0]),
-        "u_fringe_scale": result.calibration.shown_scale[1],
+        "u_phase_scale_ratio": math.exp(result.calibration.log_scale) * result.calibration.u_log_scale,
         "flat_radius": optics.flat * options.pixel_size,
         "blur": optics.blur,
         "least_radius": result.view.least_radius * options.pixel_size,

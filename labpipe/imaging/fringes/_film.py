@@ -53,7 +53,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     for index in reader.damaged:
         result.blanks.pop(index, None)
         result.fits.pop(index, None)
-    choose_edges(result, is_phase_given=options.phase is not None, any_disc=options.any_disc)
+    choose_edges(result, any_disc=options.any_disc)
     find_filled(result)
     evaluations = sum(fit.evaluations for fit in result.fits.values())
     result.work = reader.work() | {"fits": len(result.fits), "evaluations": evaluations}
@@ -67,7 +67,7 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     phase = math.pi if options.phase is None else options.phase
     optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
     free = (*USUAL, *AXES) if options.shape == "ellipse" else USUAL
-    oblique = (AXES,) if _shape(film, options) == "auto" else ()
+    oblique = (AXES,) if _may_be_oblique(film, options) else ()
     settings = FitSettings(options.fringes, free=free)
     black, white = film.levels
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
@@ -76,14 +76,13 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     return View(optics, settings, (film.shape[1], film.shape[2]), black, white, alternatives=alternatives)
 
 
-def _shape(film: FrameSource, options: FilmOptions) -> str:
-    """Return the shape that contacts may have.
+def _may_be_oblique(film: FrameSource, options: FilmOptions) -> bool:
+    """Tell whether contacts may be ellipses when the film says so.
 
     A strip four times as long as wide shows rings in one direction, where an ellipse cannot be distinguished from
     another scale: it is the scale that is asked for, or a wrong one would be taken for an oblique view.
     """
-    is_strip = 4 * min(film.shape[1:]) < max(film.shape[1:])
-    return "circle" if is_strip and options.shape == "auto" else options.shape
+    return options.shape == "auto" and 4 * min(film.shape[1:]) >= max(film.shape[1:])
 
 
 def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags) -> Flags:
@@ -95,9 +94,8 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
     fits = _follow(reader, result, read, fits)
     if not fits and options.phase is None:
         fits = _with_other_phase(reader, result, read)
-    shape = _shape(reader.film, options)
-    is_phase_free = options.phase is None
-    result.calibration = calibrate(reader.whole, fits, result.view, is_phase_free=is_phase_free, shape=shape)
+    is_auto, is_phase_free = _may_be_oblique(reader.film, options), options.phase is None
+    result.calibration = calibrate(reader.whole, fits, result.view, is_phase_free=is_phase_free, is_auto=is_auto)
     stated = math.pi if options.phase is None else options.phase
     if not result.calibration.is_usual or result.view.optics.phase != stated:
         result.view = result.calibration.applied(result.view)

@@ -48,19 +48,10 @@ class Parameter(IntEnum):
     BEND = 15
 
 
-#: Parameters that are fitted in every frame.
-USUAL = (
-    Parameter.RADIUS,
-    Parameter.X,
-    Parameter.Y,
-    Parameter.GAIN,
-    Parameter.MODULATION,
-    Parameter.SLOPE_X,
-    Parameter.SLOPE_Y,
-    Parameter.BOWL,
-    Parameter.SMEAR,
-)
 CIRCLE = (Parameter.RADIUS, Parameter.X, Parameter.Y)
+#: Parameters that are fitted in every frame.
+_OWN_LIGHT = (Parameter.GAIN, Parameter.MODULATION, Parameter.SLOPE_X, Parameter.SLOPE_Y, Parameter.BOWL)
+USUAL = (*CIRCLE, *_OWN_LIGHT, Parameter.SMEAR)
 AXES = (Parameter.STRETCH, Parameter.SHEAR)
 LIGHT = (Parameter.SADDLE, Parameter.CROSS)
 #: Parameters that are taken as known in a frame; the fit returns how the radius depends on them.

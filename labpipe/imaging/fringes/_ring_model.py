@@ -94,7 +94,7 @@ def hertz_gap(distance: ArrayLike, contact_radius: float, sphere_radius: float) 
         )
         raise InputError(message)
     r = np.maximum(np.asarray(distance, float), contact_radius)
-    root = np.sqrt(r * r - contact_radius**2)
+    root = np.sqrt(np.maximum(r * r - contact_radius**2, 0.0))
     angle = np.arctan2(root, contact_radius)
     beyond = contact_radius * root - (2.0 * contact_radius**2 - r * r) * angle
     return np.asarray(np.where(r > contact_radius, beyond / (np.pi * sphere_radius), 0.0))

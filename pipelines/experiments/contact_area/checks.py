@@ -161,9 +161,9 @@ def _inputs(
 def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
     law = "fringes lie where radius of the sphere, wavelength and scale of the image put them"
     light, body = settings.wavelength, settings.sphere.radius
-    ratio = float(radius.attrs.get("fringe_scale", nan))
-    if light is None or not isfinite(ratio):
-        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves while its first contact grows")
+    ratio = float(radius.attrs.get("phase_scale_ratio", nan))
+    if light is None or not isfinite(ratio) or not edges_only(radius)[1]:
+        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves")
     scale = 2 * float(radius.attrs["u_systematic_relative"])
     u = hypot(scale, light.u / light.value, body.u / body.value)
     message = (
@@ -171,7 +171,7 @@ def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | No
         f"(in this light a sphere of {in_words(1e3 * body.value / ratio, 4)} mm in radius, stated are "
         f"{in_words(1e3 * body.value, 4)} mm), or else a pixel {in_words(sqrt(ratio), 4)} times as long"
     )
-    u_ratio = ratio * hypot(float(radius.attrs["u_fringe_scale"]), _OF_FORM)
+    u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
     return compared(FRINGE, law, message, ratio, u_ratio, 1.0, u, file=settings.film)
 
 

@@ -10,7 +10,7 @@ _STAGES = (
         ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "region"),
         shortcuts=True,
-        imports=("labpipe.imaging.fringes._every_frame", "labpipe.compiler"),
+        imports=("labpipe.imaging.fringes._film", "labpipe.compiler"),
         summary="fit the fringes around the contact",
     ),
     stage(

@@ -12,7 +12,6 @@ import xarray as xr
 
 import instruments
 from labpipe.arrays import Floats
-from labpipe.errors import SourceWarning
 from labpipe.imaging import contact_radius
 from pipelines.rig import sample
 from tests.labpipe.imaging.impact_film import Camera, Film, hovering, impact
@@ -131,7 +130,7 @@ def of_session(path: Path) -> tuple[Score, xr.Dataset]:
     """
     truth = json.loads((path.parents[1] / "truth" / f"{path.stem}.json").read_text())
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SourceWarning)  # films are recorded in bursts
+        warnings.simplefilter("ignore", UserWarning)  # films are recorded in bursts
         film = instruments.read(path)
     given = truth["pixel_size"], 9.525e-3, truth["wavelength"]
     found = contact_radius(film, *given, u_pixel_size=truth["pixel_size"] / 461, u_sphere_radius=5e-6)

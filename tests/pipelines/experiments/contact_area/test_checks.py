@@ -70,7 +70,7 @@ def film(drop: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(
         {name: ("frame", array) for name, array in values.items()},
         {"time": ("frame", 1e-4 * np.arange(count)), "frame": np.arange(count), "pixel_size": 2.17e-6},
-        {"fringe_scale": 1.0, "u_fringe_scale": 1e-3, "u_systematic_relative": 2.2e-3},
+        {"phase_scale_ratio": 1.0, "u_phase_scale_ratio": 1e-3, "u_systematic_relative": 2.2e-3},
     )
 
 
@@ -119,7 +119,7 @@ def test_a_contact_larger_than_half_the_sphere_is_impossible(film):
 
 
 def test_green_light_for_red_is_named_by_the_fringes(film):
-    film.attrs["fringe_scale"] = 532.0 / 632.8
+    film.attrs["phase_scale_ratio"] = 532.0 / 632.8
     found, _ = judged(film, wavelength=Quantity(532e-9, 0.0, "m"))
     told = finding(found, "spacing of the fringes")
     assert told.level == "impossible"
@@ -156,7 +156,7 @@ def test_rings_that_a_camera_sees_aslant_are_told_and_make_the_radius_uncertain(
 
 
 def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):
-    film.attrs["fringe_scale"] = 1.0201
+    film.attrs["phase_scale_ratio"] = 1.0201
     told = finding(judged(film)[0], "spacing of the fringes")
     said = re.search(
         r"R times wavelength is ([\d.]+) times .* a sphere of ([\d.]+) mm in radius, stated are ([\d.]+) mm.* "

@@ -25,5 +25,5 @@ def test_a_wrong_ruler_is_no_phase_of_the_light(tmp_path: Path, stated: float) -
     found = contact_radius(film, stated * SMALL.under.pixel_size, body.radius, SMALL.under.wavelength)
     # a sphere opens its gap by 0.7 (a/R)² more than the paraboloid that is fitted
     form = 1.0 + 0.7 * (0.7 * float(found.radius.max()) / body.radius) ** 2
-    ratio = found.attrs["fringe_scale"] / form
+    ratio = found.attrs["phase_scale_ratio"] / form
     assert sqrt(ratio) * stated == pytest.approx(1.0, abs=2e-3)
