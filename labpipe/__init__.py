@@ -4,7 +4,7 @@
 >>> fall = lp.drop("acrylic", radius="9.525 mm", mass="505 g", height="7 mm", duration="50 ms")
 
 ``lp.read`` and ``lp.inspect`` a file; ``lp.init``, ``lp.plan``, ``lp.process`` and ``lp.watch`` a
-session, or ``lp.open`` it in a local page; look at it with ``lp.result``, ``lp.results``,
+session, or ``lp.open`` it in a local page; look at it with ``lp.open_session``, ``lp.result``, ``lp.results``,
 ``lp.report``, ``lp.compare``, ``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue``
 and ``lp.export``; make a synthetic one with ``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``,
 ``lp.indent`` and ``lp.sweep``.
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
         verdict,
         watch,
     )
+    from pipelines.session._open_session import open_session
     from pipelines.sweeps import sweep
 else:
     __getattr__ = lazily(__name__, above=("pipelines", "instruments", "calibration"))
@@ -72,6 +73,7 @@ __all__ = [
     "master_curve",
     "material",
     "open",
+    "open_session",
     "plan",
     "process",
     "read",

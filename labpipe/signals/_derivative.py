@@ -86,9 +86,9 @@ def velocity(
     Raises
     ------
     InputError
-        Not one-dimensional over ``time``, another unit than m, times that do not increase,
-        fewer than two readings, infinite values, a negative noise, breaks that are not finite, or
-        a window below 1 or longer than the record.
+        No Dataset with ``displacement`` and no DataArray, not one-dimensional over ``time``, another unit
+        than m, times that do not increase, fewer than two readings, infinite values, a negative noise,
+        breaks that are not finite, or a window below 1 or longer than the record.
 
     Warns
     -----
@@ -114,7 +114,7 @@ def velocity(
     >>> round(float(velocity(fall).sel(time=0.5)), 6)
     -4.9
     """
-    record = displacement["displacement"] if isinstance(displacement, xr.Dataset) else displacement
+    record = _displacement_of(displacement)
     time, values = checked_record(record)
     colour = None
     if events is not None and method == "spline":
@@ -155,6 +155,24 @@ def velocity(
     else:
         raise InputError(f'method must be "spline", "thesis" or "difference"; found "{method}"')
     return _labelled(record, is_read, v, u, {"method": used, **attributes})
+
+
+def _displacement_of(given: object) -> xr.DataArray:
+    """Return the record that :func:`velocity` was given, or say how to make one of what it was given."""
+    if isinstance(given, xr.DataArray):
+        return given
+    if not isinstance(given, xr.Dataset):
+        raise InputError(
+            f"velocity takes a DataArray or Dataset over time, found {type(given).__name__}; make one of numbers by "
+            'xr.DataArray(values, {"time": times}, attrs={"units": "m"}), and of a film by labpipe.track'
+        )
+    if "displacement" not in given:
+        lengths = [str(name) for name, record in given.data_vars.items() if record.attrs.get("units") == "m"]
+        remedy = f'pass one of its lengths, such as readings["{lengths[0]}"]' if lengths else "none of them is a length"
+        raise InputError(
+            f'the Dataset has no variable "displacement" but {", ".join(map(str, given.data_vars))}; {remedy}'
+        )
+    return given["displacement"]
 
 
 def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:

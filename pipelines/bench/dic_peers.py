@@ -1,17 +1,15 @@
-"""Peers of image correlation: OpenCV, the thesis's program, pyidi and pyvale.
+"""Peers of image correlation: OpenCV, the thesis's program and pyidi.
 
 The thesis used DICe (Sandia). It is no Python package, so its published default is stepped through
 here with numpy: zero-normalised least squares, slopes of the reference, interpolation by the
-fourth-order kernel of Keys. Its error is that of DICe; its run time is that of this emulation
-(DICe itself took about 1 ms per point and frame in the tests that this project started from).
+fourth-order kernel of Keys. Its error is that of DICe; its run time is that of this emulation.
 """
 
 import contextlib
 import io
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,32 +17,17 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 
 Film = NDArray[np.uint8]
-Peer = tuple[str, Callable[..., Floats], int]
-
 _ITERATIONS, _TOLERANCE = 20, 1e-4
 _TAPS = np.arange(-2, 4)
-#: Largest displacement (px) that pyvale is asked to search.
-_REACH = 16
 
 
-def installed() -> list[Peer]:
-    """Return the optional peers that are there: name, method, thinning of the points."""
-    found: list[Peer] = []
-    if find_spec("pyidi") is not None:
-        found.append(("pyidi Lucas–Kanade", pyidi, 1))
-    if find_spec("pyvale") is not None:
-        found.append(("pyvale", pyvale, 1))
-    return found
-
-
-def notes() -> list[str]:
-    """Name the peers that are missing."""
-    text = "{0} is not installed; it is not compared."
-    return [text.format(name) for name in ("pyidi", "pyvale") if find_spec(name) is None]
+def has_pyidi() -> bool:
+    """Tell whether the optional peer is installed."""
+    return find_spec("pyidi") is not None
 
 
 def lucas_kanade(film: Film, points: Floats, window: int) -> Floats:
-    """Displacements (frame, point, 2) in px by OpenCV, each frame against the first."""
+    """Displacements (frame, point, 2) in px by OpenCV on one level, from the frame before."""
     import cv2
 
     start = points.astype(np.float32)[:, None]
@@ -57,7 +40,7 @@ def lucas_kanade(film: Film, points: Floats, window: int) -> Floats:
             start,
             moved.copy(),
             winSize=(window, window),
-            maxLevel=2,
+            maxLevel=0,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         moved = np.asarray(flow, np.float32)
@@ -135,38 +118,6 @@ def pyidi(film: Film, points: Floats, subset: int) -> Floats:
         found = np.asarray(method.get_displacements(autosave=False))
     # (point, frame, (y, x))
     return found.transpose(1, 0, 2)[..., ::-1]
-
-
-def pyvale(film: Film, points: Floats, subset: int) -> Floats:
-    """Displacements (frame, point, 2) in px by pyvale (affine, bicubic, its own blur).
-
-    It lays a grid of its own over the area of the points, at their spacing.
-    """
-    import pandas as pd
-    from pyvale import dic  # type: ignore[import-not-found]
-
-    spacing = round(float(np.diff(np.unique(points[:, 0])).min()))
-    low, high = points.min(axis=0).astype(int), points.max(axis=0).astype(int)
-    mask = np.zeros(film.shape[1:], bool)
-    half = subset // 2
-    mask[low[1] - half : high[1] + half + 1, low[0] - half : high[0] + half + 1] = True
-    seed = points[len(points) // 2].astype(int).tolist()
-    with tempfile.TemporaryDirectory() as folder, _quiet():
-        dic.calculate_2d(
-            film[0],
-            film,
-            mask,
-            seed,
-            subset_size=subset,
-            subset_step=spacing,
-            num_threads=1,
-            max_displacement=_REACH,
-            output_basepath=folder,
-            output_below_threshold=True,
-            print_level=0,
-        )
-        tables = [pd.read_csv(path) for path in sorted(Path(folder).glob("dic_results_*.csv"))]
-    return np.stack([table[["disp_u", "disp_v"]].to_numpy() for table in tables])
 
 
 @contextlib.contextmanager

@@ -13,19 +13,11 @@ from pipelines.bench.measure import Suite
 #: Name on the command line: module of ``pipelines.bench`` and what it measures.
 PARTS: Mapping[str, tuple[str, str]] = {
     "velocity": ("velocity", "Velocity from displacement."),
-    "laser-events": ("laser_events", "Contacts, bounces and rest in a laser record."),
     "dic": ("dic", "Displacement of subsets of a film."),
     "contact-radius": ("contact_radius", "Radius of the contact from interference fringes."),
     "master-curve": ("master_curve", "Time–temperature superposition."),
-    "prony": ("prony", "Fit of a Prony series to a spectrum."),
-    "interconversion": ("interconversion", "From relaxation to creep and back."),
     "drop": ("drop", "Simulated fall and rebound of a ball."),
     "indentation": ("indentation", "Simulated indentation by a periodic punch."),
-    "collision": ("collision", "Ball against plate, in closed form and by steps."),
-    "identification": ("identification", "Materials from synthetic observations of random truths."),
-    "sessions": ("sessions", "Whole sessions, cold and with nothing changed."),
-    "skipping": ("skipping", "Every shortcut against the full computation."),
-    "scaling": ("scaling", "Run time and memory against size."),
 }
 
 Run = Callable[[bool], Suite | Sequence[Suite]]

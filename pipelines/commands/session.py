@@ -33,14 +33,14 @@ _NEVER_RUN = "never run"
 
 
 @click.command()
-@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
 @click.option("--ask/--no-ask", default=None, help="Ask for what no file contains; default: ask at a terminal.")
 @click.option(
     "--template",
     multiple=True,
     metavar="KIND",
-    help="No scan: the tables of this kind, every value to fill in. Repeatable.",
+    help="No scan: the tables of this kind, every value to fill in; makes FOLDER if need be. Repeatable.",
 )
 @json_option
 def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...], as_json: bool) -> None:

@@ -39,7 +39,7 @@ def pages() -> dict[str, str]:
     Examples
     --------
     >>> sorted(pages())[:3]
-    ['agreement', 'analyst', 'architecture']
+    ['analyst', 'architecture', 'developer']
     """
     texts = _texts()
     titles = {name: _title(name, texts[name]) for name in texts}

@@ -11,9 +11,9 @@ PICTURES = GUIDES / "pictures"
 """Drawn while the site is built, and kept for those who have the package alone."""
 
 _FIRST = ("tutorial", "page", "experimenter", "analyst", "rheology", "films", "gallery")
-_METHODS = ("beyond", "validation", "agreement", "budgets", "identification", "reliability", "scale")
+_METHODS = ("simulator", "evidence", "scale")
 _REFERENCE = ("settings", "commands", "python")
-_OTHERS = ("developer", "architecture", "coverage")
+_OTHERS = ("developer", "architecture")
 PARTS = {
     "First steps": _FIRST,
     "Methods and their errors": _METHODS,

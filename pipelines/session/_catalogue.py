@@ -22,11 +22,12 @@ from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.notebook import html_table
 from labpipe.units import Quantity
-from labpipe.workflow.fields import suggest
+from labpipe.workflow.fields import REFERENCE, suggest
 from labpipe.workflow.plan import KEPT, READY, Plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS
+from pipelines.experiments.shared.proposals import material_word
 from pipelines.session._processing import plan as plan_session
 from pipelines.session._verdicts import Verdict, stored_verdicts, waiting_verdicts
 
@@ -349,6 +350,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
         entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind, "state": state})
         entry.add_verdict(verdicts.get(experiment.name))
         entry.add_settings((), experiment.settings)
+        entry.name_material()
         for row in rows:
             dataset = results.up_to_date(row)
             if dataset is None:
@@ -421,6 +423,16 @@ class _Entry:
             self.cells[name] = value
         else:
             self.cells[name] = files.canonical(msgspec.to_builtins(value))
+
+    def name_material(self) -> None:
+        """Give every experiment on a polymer the column ``material``, wherever its moduli come from.
+
+        Where they come from a DMA experiment or a file, it is the polymer that its name contains, or else that name.
+        """
+        source = self.cells.get("material_from") or self.cells.get("material_file")
+        if source is not None:
+            name = str(source).removeprefix(REFERENCE)
+            self.cells.setdefault("material", material_word(name) or name)
 
     def add_key_numbers(self, kind: str, stage: str, dataset: xr.Dataset) -> None:
         """Add the numbers that the session's page shows of this kind of experiment."""

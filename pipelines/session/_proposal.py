@@ -74,7 +74,7 @@ def init(
         Returns the answer to a question that no file answers, or None to leave it open.
     template : iterable of str
         Kinds of experiment to write down with every value still to come, instead of a scan; for a
-        session that is to be recorded.
+        session that is to be recorded, whose folder is made where it is not there.
 
     Returns
     -------
@@ -84,8 +84,8 @@ def init(
     Raises
     ------
     UsageError
-        There is a session.toml, the folder holds no file of a known instrument, or there is no such
-        kind.
+        There is a session.toml, there is no such folder or it holds no file of a known instrument, or there
+        is no such kind.
 
     Examples
     --------
@@ -100,6 +100,8 @@ def init(
         raise UsageError(f"{path} exists already; edit it, or use --force to replace it")
     if kinds := list(template):
         return _from_template(path, kinds, ask)
+    if not folder.is_dir():
+        raise UsageError(f"{folder}: there is no such folder; with --template one is made for a session to be recorded")
     found = _with_folders(recognise(folder))
     begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
     records, completed = _with_missing_records(found)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe.errors import InputError
+from labpipe.errors import InputError, UsageError
 from labpipe.workflow.plan import READY, plan as make_plan
 from labpipe.workflow.results import Results, open_result
 from labpipe.workflow.session import Experiment, Session
@@ -39,7 +39,7 @@ def derive(results: Results, experiment: Experiment, derived: Derived, **keyword
     return call(*results.values(found), **given)
 
 
-def result(folder: str | Path, experiment: str, stage: str, recording: str | None = None) -> xr.Dataset:
+def result(folder: str | Path, experiment: str, stage: str | None = None, recording: str | None = None) -> xr.Dataset:
     """Return one stored result of a processed session.
 
     Parameters
@@ -59,7 +59,7 @@ def result(folder: str | Path, experiment: str, stage: str, recording: str | Non
     Raises
     ------
     UsageError
-        There is no such experiment or stage; the message names the nearest.
+        There is no such experiment or stage, or no stage was named; the message names the nearest, or all.
     InputError
         The result is missing or out of date, or there is one for each recording: the message
         names them.
@@ -68,18 +68,23 @@ def result(folder: str | Path, experiment: str, stage: str, recording: str | Non
     --------
     >>> result("my-session", "acrylic_7mm", "repeats")["restitution"]  # doctest: +SKIP
     """
-    return open_result(reopen_session(folder), STAGES, experiment, stage, recording)
+    session = reopen_session(folder)
+    if stage is None and experiment in session.experiments:
+        stages = STAGES[session.experiments[experiment].kind]
+        known = ", ".join(one.name for one in stages if one.output == "dataset")
+        raise UsageError(f"name a stage of {experiment}: {known}; results({str(folder)!r}, {experiment!r}) has all")
+    return open_result(session, STAGES, experiment, stage or "", recording)
 
 
-def results(folder: str | Path, experiment: str) -> xr.DataTree:
-    """Return all results of an experiment that are up to date, as one tree.
+def results(folder: str | Path, experiment: str | None = None) -> xr.DataTree:
+    """Return all results of an experiment, or of a whole session, that are up to date, as one tree.
 
     Parameters
     ----------
     folder : path-like
         The session folder.
-    experiment : str
-        Its name.
+    experiment : str, optional
+        Its name; by default all, each a node.
 
     Returns
     -------
@@ -100,18 +105,20 @@ def results(folder: str | Path, experiment: str) -> xr.DataTree:
     """
     import xarray as xr
 
-    known = opened(folder, [experiment])
+    known = opened(folder, None if experiment is None else [experiment])
     found: dict[str, xr.Dataset] = {}
     for row in known.plan.rows:
-        is_wanted = row.experiment == experiment and row.state in READY
+        is_wanted = experiment in (None, row.experiment) and row.state in READY
         if is_wanted and known.plan.tasks[row.task].stage.output == "dataset":
-            node = f"/{row.stage}"
+            node = f"/{row.stage}" if experiment is not None else f"/{row.experiment}/{row.stage}"
             if row.recording is not None:
                 stem = Path(row.recording).stem
                 is_taken = f"{node}/{stem}" in found
                 node += f"/{row.recording.replace('/', '_') if is_taken else stem}"
             found[node] = known.result(*row.task)
     if not found:
-        message = f"{experiment} has no result that is up to date; run: labpipe process {folder} --only {experiment}"
-        raise InputError(message)
+        only = "" if experiment is None else f" --only {experiment}"
+        raise InputError(
+            f"{experiment or 'the session'} has no result that is up to date; run: labpipe process {folder}{only}"
+        )
     return xr.DataTree.from_dict(found, name=experiment)

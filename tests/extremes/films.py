@@ -140,7 +140,6 @@ def film_that_is_none(random: Random) -> Outcome:
                 "order",
                 "static",
                 "blur",
-                "tolerance",
                 "select",
                 "seeds",
             ]
@@ -161,7 +160,6 @@ def film_that_is_none(random: Random) -> Outcome:
             "order": {"order": 4},
             "static": {"static_frames": int(random.choice([0, 4, -1]))},
             "blur": {"blur": float(random.choice([-1.0, np.nan, 1e9]))},
-            "tolerance": {"tolerance": float(random.choice([0.0, -1.0, np.nan]))},
             "select": {"select": [2, 1]},
             "seeds": {"seeds": [(np.nan, 0.0)]},
         }

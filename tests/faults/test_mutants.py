@@ -76,6 +76,6 @@ def test_the_sample_is_the_same_every_time_and_of_the_whole_core(monkeypatch: py
     monkeypatch.setattr("tests.faults.mutation.CORE", ("calibration",))
     assert sample(20) == sample(20)
     assert len({mutant.module for mutant, _ in sample(100)}) > 4
-    assert is_compiled(Path("labpipe/imaging/dic/_subset_kernel.py").read_text("utf-8"))
+    assert is_compiled(Path("labpipe/imaging/dic/_kernels.py").read_text("utf-8"))
     assert not is_compiled(Path("labpipe/contact/sphere/hertz.py").read_text("utf-8"))
     assert all(Path(folder).is_dir() for folder in CORE)

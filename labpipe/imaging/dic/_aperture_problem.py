@@ -7,8 +7,8 @@ from labpipe.imaging.dic._subsets import Subsets
 
 #: Squared slopes along the weakest direction over those across it, below which a subset may hold edges only.
 _ANISOTROPIC = 0.1
-#: Width (px) of the steps across the edges in which their slopes are compared.
-_STEP = 0.25
+#: Pixels at nearly the same place across the edges whose slopes are averaged.
+_ALIKE = 9
 
 
 def slopes_of_edges(subsets: Subsets) -> Floats:
@@ -27,8 +27,8 @@ def slopes_of_edges(subsets: Subsets) -> Floats:
     Notes
     -----
     The image of straight edges depends on the place across them only. So does the slope along them which pixels
-    and interpolation show of it: pixels at the same place across have the same. The covariance of the two halves of
-    the subset, at the same places across, is of the edge; texture and noise of the halves are independent.
+    and interpolation show of it: pixels at the same place across have the same. The slope that
+    all of them share is of the edge; differences are texture (or noise).
     """
     result = np.zeros(len(subsets))
     xx, yy, xy = subsets.normal[:, 0, 0], subsets.normal[:, 3, 3], subsets.normal[:, 0, 3]
@@ -41,16 +41,12 @@ def slopes_of_edges(subsets: Subsets) -> Floats:
         i, j = np.mgrid[-half : half + 1, -half : half + 1]
         cosine, sine = np.cos(angle[n]), np.sin(angle[n])
         inside = counts > 0
-        step = np.floor((cosine * j + sine * i)[inside] / _STEP).astype(int)
-        step -= step.min(initial=0)
-        along = (cosine * gy - sine * gx)[inside]
-        is_left = (cosine * i - sine * j)[inside] < 0
-        size = step.max(initial=0) + 1
-        (left, right), (left_count, right_count) = (
-            [np.bincount(step[part], weights[part], size) for part in (is_left, ~is_left)]
-            for weights in (along, np.ones_like(along))
-        )
-        both = (left_count > 0) & (right_count > 0)
-        means = left[both] / left_count[both] * right[both] / right_count[both]
-        result[n] = max(0.0, float(means @ (left_count + right_count)[both]))
+        order = np.argsort((cosine * j + sine * i)[inside])
+        along = (cosine * gy - sine * gx)[inside][order].astype(float)
+        sums = np.cumsum(np.concatenate([[0.0], along]))
+        last = np.minimum(np.arange(len(along)) + _ALIKE // 2 + 1, len(along))
+        first = np.maximum(np.arange(len(along)) - _ALIKE // 2, 0)
+        left = along - (sums[last] - sums[first]) / (last - first)
+        texture = float(left @ left) * _ALIKE / (_ALIKE - 1)
+        result[n] = max(0.0, float(along @ along) - texture)
     return result

@@ -10,6 +10,8 @@ from labpipe.imaging.dic._subsets import Subsets
 _TEMPLATE, _FARTHEST = 7, 32
 #: Correlation that separates one peak from the next: the half maximum.
 _HALF_MAXIMUM = 0.5
+#: Correlation in whole pixels from which a repetition is refined: half a pixel off the peak of the finest pattern.
+_WORTH = 0.65
 
 
 def best_repetition(image: Floats32, coefficients: Floats32, order: int, subsets: Subsets) -> Floats:
@@ -48,10 +50,11 @@ def best_repetition(image: Floats32, coefficients: Floats32, order: int, subsets
         row, column = np.unravel_index(int(scores.argmax()), scores.shape)
         result[n] = scores[row, column]
         start[n, [0, 3]] = column + inner + left - x, row + inner + top - y
-    chosen = np.flatnonzero(result > 0.0)
+    chosen = np.flatnonzero(result > _WORTH)
     window = (-OVERHANG, columns - 1 + OVERHANG, -OVERHANG, rows - 1 + OVERHANG)
     refined = solve(subsets, coefficients, order, chosen, start[chosen], origin=(0, 0), window=window)
-    result[chosen] = np.where(refined.code == SOLVED, refined.zncc, result[chosen])
+    stayed = np.hypot(*(refined.motion - start[chosen])[:, [0, 3]].T) < 1.0
+    result[chosen] = np.where((refined.code == SOLVED) & stayed, refined.zncc, result[chosen])
     return result
 
 

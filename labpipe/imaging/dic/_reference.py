@@ -24,6 +24,9 @@ from labpipe.imaging.dic._uncertainty import NoiseModel
 _SATURATED_SHARE = 0.5
 #: Best standard deviation of the motion (px) that rounding to whole levels must allow.
 _WORST_RESOLUTION = 0.1
+#: A weak pattern (standard deviation below this share of the grey range) that does not correlate with
+#: itself one pixel further is noise, not texture.
+_WEAK_CONTRAST, _NOISE_CORRELATION = 0.03, 0.2
 
 
 class Status(IntEnum):
@@ -207,6 +210,15 @@ def _status_in_reference(mean: Floats, subsets: Subsets, levels: tuple[float, fl
     rounding = np.sqrt(1.0 / 12.0) if levels else 0.0
     is_blind = (inverse[:, 0, 0] <= 0.0) | (rounding * np.sqrt(np.maximum(variance, 0.0)) > _WORST_RESOLUTION)
     status[is_blind] = Status.TEXTURELESS
+    span = levels[1] - levels[0] if levels else float(np.ptp(mean))
+    contrast = np.sqrt(subsets.level[:, 1] / np.maximum(subsets.level[:, 2], 1.0))
+    for n in np.flatnonzero(contrast < _WEAK_CONTRAST * span):
+        x, y, reach = subsets.layout[n, :3]
+        area = mean[y - reach : y + reach + 1, x - reach : x + reach + 1]
+        change = area - area.mean()
+        along = max(float((change[:, 1:] * change[:, :-1]).mean()), float((change[1:] * change[:-1]).mean()))
+        if along <= _NOISE_CORRELATION * float((change**2).mean()):
+            status[n] = Status.TEXTURELESS
     if levels is not None:
         for clipped in (mean >= levels[1] - 0.5, mean <= levels[0] + 0.5):
             if clipped.any():
@@ -218,8 +230,9 @@ def _status_in_reference(mean: Floats, subsets: Subsets, levels: tuple[float, fl
 
 def _sums_over(image: NDArray[Any], subsets: Subsets) -> Floats:
     """Sum of an image (row, column) over every subset (point,), from a table of sums."""
-    table = np.zeros((image.shape[0] + 1, image.shape[1] + 1))
-    table[1:, 1:] = image.cumsum(axis=0, dtype=np.float64).cumsum(axis=1)
+    import cv2
+
+    table = cv2.integral(np.asarray(image, np.float32))
     x, y, half = subsets.layout[:, :3].T
     low_x, high_x, low_y, high_y = x - half, x + half + 1, y - half, y + half + 1
     return np.asarray(table[high_y, high_x] - table[low_y, high_x] + table[low_y, low_x] - table[high_y, low_x])

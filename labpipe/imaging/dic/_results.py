@@ -48,20 +48,14 @@ class Table:
         """Take the results of one frame, and refuse those that cannot be believed."""
         for name in ("motion", "quality", "covariance", "hidden", "iterations"):
             getattr(self, name)[row] = getattr(found, name)
-        lost = np.select(
-            [found.reached, found.outvoted, found.hidden > 0.0], [Status.OUTSIDE, Status.OUTVOTED, Status.COVERED],
-            Status.LOST,
-        )  # fmt: skip
-        refused = np.select(
-            [
-                np.isnan(found.covariance[:, 0]),
-                is_ambiguous(found.zncc, reference.repetition, min_zncc),
-                is_occluded(found.quality[:, 3]),
-            ],
-            [Status.TEXTURELESS, Status.PERIODIC, Status.OCCLUDED],
-            Status.OK,
-        )
-        self.status[row] = np.where(found.trusted, refused, lost)
+        status = np.where(found.trusted, Status.OK, Status.LOST).astype(np.int8)
+        status[is_ambiguous(found.zncc, reference.repetition, min_zncc) & found.trusted] = Status.PERIODIC
+        status[np.isnan(found.covariance[:, 0]) & found.trusted] = Status.TEXTURELESS
+        status[is_occluded(found.quality[:, 3]) & found.trusted] = Status.OCCLUDED
+        status[(found.hidden > 0.0) & ~found.trusted] = Status.COVERED
+        status[found.outvoted] = Status.OUTVOTED
+        status[found.reached & ~found.trusted] = Status.OUTSIDE
+        self.status[row] = status
 
 
 def make_dataset(

@@ -196,11 +196,11 @@ def node_gradients(coefficients: Floats32, order: int) -> tuple[Floats32, Floats
 
     def weigh(values: Floats32, weights: tuple[float, ...], axis: int) -> Floats32:
         count = values.shape[axis] - 2 * reach
-        total = np.zeros((), np.float32)
-        for k, weight in enumerate(weights):
-            if weight:
-                total = total + np.float32(weight) * values.take(range(k, k + count), axis)
-        return np.asarray(total, np.float32)
+        parts = [values[k : k + count] if axis == 0 else values[:, k : k + count] for k in range(len(weights))]
+        total = np.zeros(parts[0].shape, np.float32)
+        for part, weight in zip(parts, weights, strict=True):
+            total += np.float32(weight) * part
+        return total
 
     smooth_y = weigh(area, NODE_WEIGHTS[order], 0)
     smooth_x = weigh(area, NODE_WEIGHTS[order], 1)

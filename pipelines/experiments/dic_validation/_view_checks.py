@@ -9,6 +9,7 @@ import xarray as xr
 from labpipe.judging import Check, Level, in_words, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation import viewing_angle
+from pipelines.experiments.dic_validation.measured import statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.trace_checks import Trace, swing_at_rest
 
@@ -223,11 +224,12 @@ def seen_whole(track: xr.Dataset, settings: DicValidation) -> Check:
         text += "nothing stands there, and what may hide the holder elsewhere is not left out by it"
         cause = "the polygon is not drawn in px of the first image, x to the right and y down, or is of another film"
         return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")
-    if "standing" not in track.attrs:
+    hidden = int((statuses(track) == "occluded").sum()) if "status" in track else 0
+    if not hidden:
         return stated(name, law, f"{settings.film}: nothing else was found before the holder", None, file=settings.film)
     cause = (
         "a rod, a scale bar or a line burned into the images, dust on a window, or what is seen around the holder: "
         "draw tracking.obstructions around it"
     )
-    text = f"{settings.film}: {track.attrs['standing_told']}"
+    text = f"{settings.film}: in {hidden} frames something hides a part of the holder, which has no value there"
     return stated(name, law, text, "note", cause=cause, file=settings.film, setting="tracking.obstructions")

@@ -30,13 +30,12 @@ from pipelines.experiments.dic_validation._view_checks import (
     tilt,
 )
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import INTERLACED, PART, SWAPPED, statuses
+from pipelines.experiments.dic_validation.measured import PART, SWAPPED, statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import Fall
 from pipelines.experiments.shared.film_frames import (
     CAUSES,
-    FIELDS,
     explained,
     no_copies,
     not_smoothed,
@@ -162,8 +161,6 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     status = statuses(track) if "status" in track else np.empty(0, str)
     if status.size and np.mean(status == "saturated") > _MOSTLY:
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
-    if status.size and np.mean(status == INTERLACED) > _MOSTLY:
-        return stated(name, law, message, level, cause=FIELDS, file=settings.film)
     if (turned := str(track.attrs.get("moves_instead", ""))) == SWAPPED:
         (x, y), cause = settings.tracking.body or (nan, nan), f"{SWAPPED} are exchanged: x is to the right, y down"
         text = f"{message} or stands still at [{x:g}, {y:g}]; at [{y:g}, {x:g}] it falls"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import calibration
 from calibration import camera as camera_scale
-from labpipe import errors, imaging, signals
+from labpipe import imaging, signals
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.report import quantity
@@ -42,7 +42,6 @@ _KEYS = 9
 _DARK = 32  # frames without the holder whose light is measured
 PART = "part"  # attribute of bounces: the part of the film in which they were found
 SWAPPED = "x and y of tracking.body"  # what is exchanged where the holder falls at the other place
-INTERLACED = "interlaced"  # status of a point whose frame's rows are of two instants
 LOST = 0.5  # of the frames: a body that is found in fewer is looked for where it is in a film that was turned
 _TURNED, _FALLS = 100, 5.0  # frames looked at for it, and px by which it falls, upwards in the images
 _SHOWS, _ALIKE = 40, 0.5  # pixels of an obstruction in the large subset, and their correlation when the holder is seen
@@ -233,12 +232,10 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         lost, times = np.unique(statuses(track)[~body["valid"].values], return_counts=True)
         why, turned = str(lost[np.argmax(times)]), track.attrs.get("moves_instead", "")
         remedy = "give tracking.body a place on the speckled holder that stays in the image while it falls"
-        if why == INTERLACED:
-            remedy = "record progressive frames"
-        elif turned:
+        if turned:
             remedy = f"exchange {turned}" if turned == SWAPPED else "turn the film"
         text = f"the holder was found in {100 * share:.0f} % of the frames only (others: {why}); {remedy}"
-        raise InputError(text).because(errors.INTERLACED if why == INTERLACED else "")
+        raise InputError(text)
     found = viewing_angle.seen(body, settings.camera_distance)
     along, noise = viewing_angle.along(body, found)
     result = xr.Dataset(coords={"time": variable("time", track["time"].values, "s", "time in the film")})

@@ -93,15 +93,11 @@ def _summary(
     return Section("Summary", tuple(blocks))
 
 
-def _key_frames(
-    keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None, track: xr.Dataset | None = None
-) -> Section:
+def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Section:
     start = None if bounces is None else float(bounces["first_contact_time"])
-    stands = () if track is None else tuple(track.attrs.get("standing", ()))
-    pictures = [_picture(keys.isel(key=i), start, settings.tracking, stands) for i in range(keys.sizes["key"])]
+    pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1)
-    caption += "Violet frame: within it something stands still that nobody stated, and is left out. " * bool(stands)
     caption += _told_masks(settings.tracking) + "The charts below mark the frame that is shown." * (start is not None)
     gallery = Gallery("Key frames with the tracked subsets", pictures, caption=caption, group=_GROUP)
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
@@ -122,17 +118,13 @@ def _told_masks(tracking: Tracking) -> str:
     return "".join(drawn)
 
 
-def _picture(key: xr.Dataset, start: float | None, tracking: Tracking, stands: tuple[int, ...]) -> Picture:
+def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Picture:
     image = key["image"].values
     factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
     canvas = enlarged(image, factor)
     scale = factor / float(key["reduction"])
     half = factor / 2 - 0.5  # the centre of an enlarged pixel
     _draw_masks(canvas, key, tracking, scale, half)
-    if stands:
-        left, right, top, bottom = stands
-        corners = np.array([[left, top], [right, top], [right, bottom], [left, bottom]]) * scale + half
-        _draw_polygon(canvas, corners, _OBSTRUCTION, None)
     for n in range(key.sizes["point"]):
         x, y = float(key["point_x"][n]), float(key["point_y"][n])
         if not (math.isfinite(x) and math.isfinite(y)):
@@ -318,23 +310,6 @@ def _agreement(comparison: xr.Dataset) -> Section:
     return Section("Agreement", (Paragraph(text), KeyValues(rows), listed(columns)))
 
 
-def _also_solved(body: xr.Dataset) -> str:
-    """Tell in how many frames light, blur and stretch were solved for."""
-    found = body["model"].where(body["valid"], 0).values.astype(int)
-    names = {
-        "light": "sloping light",
-        "blur": "a change of blur",
-        "affine": "stretch and shear",
-        "curved_light": "light that curves",
-    }
-    attrs = body["model"].attrs
-    parts = []
-    for name, mask in zip(str(attrs["flag_meanings"]).split(), attrs["flag_masks"], strict=True):
-        if count := int((found & int(mask) > 0).sum()):
-            parts.append(f"{names[name]} in {count}")
-    return f"{', '.join(parts)} of {len(found)} frames" if parts else "nothing"
-
-
 def _hidden(body: xr.Dataset) -> list[tuple[str, str, str]]:
     """Row of what of the large subset was hidden by what stands before it; none where nothing was."""
     share = body["hidden"].values
@@ -349,10 +324,11 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None = None) -> Section:
     frames = track["frame"].values
     body = track.isel(point=0)
     size = track["subset"].values[0]
+    stretched = int((np.nan_to_num(body["stretch_x"].values) != 0.0).sum())
     rows = [
         ("subset on the holder", f"{size} px", "two shifts and a rotation"),
         *_hidden(body),
-        ("solved for beside them", _also_solved(body), "where the residual shows it"),
+        ("stretch and shear", f"in {stretched} of {len(frames)} frames", "solved for where the residual shows it"),
         ("standard uncertainty of a displacement (noise)", quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
         ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),
         ("lost", str(int((~body["valid"].values).sum())), "frames without a value"),

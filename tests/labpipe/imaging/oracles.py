@@ -3,12 +3,11 @@
 import math
 
 import numpy as np
-from labpipe.imaging.dic._subset_kernel import compose_with_inverse
-from labpipe.imaging.dic._subset_solver import DEFAULT_ITERATIONS
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
 from labpipe.arrays import Floats
+from labpipe.imaging.dic._kernels import compose_with_inverse
 from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
 from labpipe.imaging.dic._subsets import _RIGID_FROM_AFFINE
 
@@ -41,7 +40,7 @@ def solve_oracle(
     motion: Floats,
     *,
     tolerance: float = 1e-6,
-    max_iterations: int = DEFAULT_ITERATIONS,
+    max_iterations: int = 30,
 ) -> tuple[Floats, float]:
     """Match one subset with ``scipy.ndimage`` in float64: the check on ``solve``.
 

@@ -6,6 +6,7 @@ moved there. Rigid motions only move the (round) blobs, so the mapping is exact 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,3 +160,16 @@ def _fourier_slope(grey: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     weights = frequency[:, None] if axis == 0 else frequency[None, :]
     slope = np.fft.ifft(np.fft.fft(mirrored, axis=axis) * weights, axis=axis).real
     return slope[: grey.shape[0], : grey.shape[1]]
+
+
+def waves(seed: int) -> Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]:
+    """Texture (x, y in px) of standard deviation 1 and features of some 2.5 px: a sum of waves at random."""
+    rng = np.random.default_rng(seed)
+    wave = rng.uniform(0.4, 1.6, 80)
+    angle, phase = rng.uniform(0.0, 2.0 * np.pi, (2, 80))
+
+    def grey(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        parts = zip(wave, angle, phase, strict=True)
+        return np.asarray(sum(np.sin(k * (x * np.cos(a) + y * np.sin(a)) + p) for k, a, p in parts) / np.sqrt(40.0))
+
+    return grey

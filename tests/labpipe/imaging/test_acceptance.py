@@ -7,13 +7,12 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from scipy.special import erf
 
 import instruments
 from labpipe.imaging import track
-from tests.labpipe.imaging.speckle import Motion, cramer_rao_bound, digitise, grey_levels, grid, make_speckle
+from tests.labpipe.imaging.speckle import Motion, digitise, grey_levels, grid, make_speckle, waves
 
 Floats = NDArray[np.float64]
 
@@ -143,22 +142,9 @@ def drawn(formula: Callable[[Floats, Floats], Floats], shifts: list[tuple[float,
     return np.stack([digitise(127.0 + formula(column - x, row - y), noise, 7 * k) for k, (x, y) in enumerate(shifts)])
 
 
-def grain_of(seed: int) -> Callable[[Floats, Floats], Floats]:
-    """Weak texture of standard deviation 1 and features of some 2.5 px: a sum of waves at random."""
-    rng = np.random.default_rng(seed)
-    wave = rng.uniform(0.4, 1.6, 80)
-    angle, phase = rng.uniform(0.0, 2.0 * np.pi, (2, 80))
-
-    def grey(x: Floats, y: Floats) -> Floats:
-        waves = zip(wave, angle, phase, strict=True)
-        return sum(np.sin(k * (x * np.cos(a) + y * np.sin(a)) + p) for k, a, p in waves) / np.sqrt(40.0)
-
-    return grey
-
-
 def of_edge(angle: float, grain: float, noise: float = 1.0) -> Figures:
     """One straight edge through the middle; points along it."""
-    texture = grain_of(3)
+    texture = waves(3)
 
     def grey(x: Floats, y: Floats) -> Floats:
         across = (x - 80.3) * np.cos(angle) + (y - 79.6) * np.sin(angle)
@@ -201,7 +187,7 @@ def of_turn(degrees: float, seed: int = 1) -> Figures:
 def of_bar(texture: float, subset: int = 31) -> Figures:
     """A bar that nobody stated crosses a specimen at rest and one that moves."""
     film = speckle_film("medium", "shift", 1.0, 5).astype(float)
-    speckle = 80.0 + texture * grain_of(9)(*np.meshgrid(np.arange(280.0), np.arange(260.0)))
+    speckle = 80.0 + texture * waves(9)(*np.meshgrid(np.arange(280.0), np.arange(260.0)))
     for k, frame in enumerate(film):
         frame[:, 20 + 35 * k : 34 + 35 * k] = speckle[:, 20:34] if k else frame[:, 20:34]
     points = grid(SIZE, 26, 14)

@@ -8,7 +8,6 @@ from labpipe.imaging.dic._film_window import FilmWindow, smooth
 from labpipe.imaging.dic._spline import PADDING
 
 SIZE = (200, 300)
-NOWHERE = np.zeros((0, 2), np.int64)
 
 
 def make_window(order: int, blur: float) -> FilmWindow:
@@ -21,8 +20,8 @@ def make_window(order: int, blur: float) -> FilmWindow:
 @pytest.mark.parametrize("blur", [0.0, 0.5, 2.0])
 def test_inside_its_window_a_rectangle_equals_the_whole_frame(order: int, blur: float) -> None:
     film = make_window(order, blur)
-    whole = film.load(0, film.whole, NOWHERE).coefficients.copy()
-    loaded = film.load(0, (64, 256, 0, 128), NOWHERE)
+    whole = film.load(0, film.whole).coefficients.copy()
+    loaded = film.load(0, (64, 256, 0, 128))
     left, right, top, bottom = loaded.window
     assert (top, left > 64, right < 255, bottom < 127) == (-0.5, True, True, True)
     x = np.arange(int(np.ceil(left)), int(right) + 1)
@@ -45,9 +44,9 @@ def test_the_box_holds_its_margins_and_stays_in_the_frame() -> None:
 
 def test_the_frame_before_survives_the_next_load() -> None:
     film = make_window(3, 0.0)
-    first = film.load(0, film.whole, NOWHERE).coefficients
+    first = film.load(0, film.whole).coefficients
     kept = first.copy()
-    film.load(1, film.whole, NOWHERE)
+    film.load(1, film.whole)
     assert np.array_equal(first, kept)
     assert film.frames_read == 2
     assert film.pixels_read == 2 * SIZE[0] * SIZE[1]

@@ -5,8 +5,8 @@ import pytest
 
 from labpipe.errors import InputError
 from labpipe.imaging import track
-from pipelines.bench.film_scenes import digitised
 from pipelines.rig.speckle import Holder, Pose, draw, make_holder
+from tests.labpipe.imaging.speckle import digitise
 
 ROWS, COLUMNS, RIM = 120, 160, 80
 POSES = [Pose(0.12 * k, 0.05 * k**2, 5e-4 * k, (40.0, 60.0)) for k in range(7)]
@@ -28,7 +28,7 @@ def falling_before_a_wall(wall: str = "speckled") -> np.ndarray:
         share = 0.5 * (1.0 + np.tanh((rim - across) / 0.8))
         whole = Holder(holder.x, holder.y, holder.width, holder.offset, holder.gain, -50.0, COLUMNS + 50.0)
         frames.append(share * draw(whole, ROWS, COLUMNS, pose) + (1.0 - share) * behind)
-    return digitised(frames, 2.0, 23)
+    return np.stack([digitise(frame, 2.0, 23 + k) for k, frame in enumerate(frames)])
 
 
 def truth(points: list[tuple[float, float]]) -> np.ndarray:

@@ -283,3 +283,16 @@ def test_velocity_follows_a_change_of_units(displacement_of, scale, shift, stret
     base = velocity(displacement_of(time, values))
     other = velocity(displacement_of(time * stretch, (values + shift) * scale))
     np.testing.assert_allclose(other * stretch / scale, base, atol=1e-4 * np.abs(base.values).max())
+
+
+@pytest.mark.parametrize(
+    ("record", "remedy"),
+    [
+        (np.zeros(20), "xr.DataArray"),
+        (xr.Dataset({"out1": ("time", np.zeros(20), {"units": "m"})}), 'readings\\["out1"\\]'),
+        (xr.Dataset({"force": ("time", np.zeros(20), {"units": "N"})}), "none of them is a length"),
+    ],
+)
+def test_other_than_a_displacement_is_refused_with_a_remedy(record, remedy):
+    with pytest.raises(InputError, match=remedy):
+        velocity(record)

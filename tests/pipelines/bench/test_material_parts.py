@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from pipelines.bench import interconversion, master_curve, prony, rheology_peers
+from pipelines.bench import master_curve, rheology_peers
 from pipelines.bench.rheology_scenes import scenes
 from pipelines.bench.rheology_truth import FRACTIONAL, MAXWELL, measured
-from tests.rounding import rounding
 
 
 @pytest.mark.parametrize("truth", [MAXWELL, FRACTIONAL])
@@ -41,25 +40,6 @@ def test_the_pairwise_procedure_recovers_overlapping_sweeps_without_noise() -> N
     made = measured(FRACTIONAL, 1, temperatures=25, noise=1e-6, points=21)
     for is_vertical in (False, True):
         assert made.error(rheology_peers.pairwise_shifts(made, is_vertical)) < 0.02
-
-
-@pytest.mark.slow
-def test_only_the_secular_equation_keeps_weak_terms() -> None:
-    points = {p.setting: p for p in interconversion.run(quick=True).points}
-    for point in points.values():
-        assert (point.error < rounding(20 * 50)) == (point.group == "")  # a sum over fifty terms
-    (default,) = [p for p in points.values() if p.is_default]
-    assert default.setting == "secular equation, 50 terms"
-
-
-@pytest.mark.slow
-def test_three_terms_a_decade_serve_both_truths() -> None:
-    for suite in prony.run(quick=True):
-        found = {p.setting: p for p in suite.points}
-        (default,) = [p for p in suite.points if p.is_default]
-        assert default.error < 1.0
-        assert default.error < found["1 terms/decade"].error
-        assert default.error < found["3 terms/decade, no smoothing, no bounds"].error
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipelines.bench import laser_events, velocity
+from pipelines.bench import velocity
 from pipelines.bench.laser_truth import Record, record
 
 
@@ -25,21 +25,8 @@ def test_the_readings_differ_from_the_truth_by_the_noise(bouncing: Record) -> No
     assert np.std(height - integral) == pytest.approx(1e-6, rel=0.3)
 
 
-def test_crossings_of_the_level_are_found_near_the_touches(bouncing: Record) -> None:
-    found = laser_events.crossings(bouncing, 15, bouncing.level)
-    assert np.abs(found.touch[0] - bouncing.touch[0]) < 1e-4
-
-
 @pytest.mark.slow
 def test_the_default_spline_beats_every_moving_average() -> None:
     points = velocity.run(quick=True).points
     (ours,) = [p.error for p in points if p.is_default]
     assert ours < min(p.error for p in points if p.group)
-
-
-@pytest.mark.slow
-def test_fitted_events_beat_crossings_of_the_rest_level_and_none_is_invented() -> None:
-    for suite in laser_events.run(quick=True):
-        (ours,) = [p for p in suite.points if p.is_default]
-        assert ours.error < 0.2 * min(p.error for p in suite.points if p.group == "thesis")
-        assert ours.extra.get("touches invented", 0) == 0

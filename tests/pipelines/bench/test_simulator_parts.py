@@ -4,7 +4,7 @@ import importlib.util
 
 import pytest
 
-from pipelines.bench import collision, contact_peers, drop, impact_peer, indentation
+from pipelines.bench import contact_peers, drop, impact_peer, indentation
 from pipelines.bench.measure import OURS, THESIS, Suite
 from tests.rounding import rounding
 
@@ -50,13 +50,6 @@ def test_indentation_converges_and_names_a_missing_peer() -> None:
         assert by_name(suite)["adaptive, rtol 1e-05"] < 3e-5
     has_peer = importlib.util.find_spec("tamaas") is not None
     assert has_peer != any("tamaas" in note for note in line.notes)
-
-
-def test_collision_by_events_is_exact() -> None:
-    errors = by_name(collision.run(True))
-    assert errors["events, eighth order"] < 1e-6
-    assert errors["closed form (Padé)"] < 1e-2
-    assert errors["velocity Verlet, step 1e-06 s"] < errors["velocity Verlet, step 1e-05 s"]
 
 
 def test_the_peer_finds_westergaard_and_hertz() -> None:

@@ -1,6 +1,7 @@
 """Many sessions as one table: what is listed, what is read again, and what a query may do."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -47,6 +48,16 @@ def test_a_condition_selects(sessions: Path) -> None:
     assert len(query(sessions / CATALOGUE, where, names)) == 2
     assert len(query(sessions / CATALOGUE, f"height > {1.1 * height!r}", names)) == 0
     assert list(query(sessions / CATALOGUE, "", names).columns) == names
+
+
+def test_a_material_from_dma_is_found_by_the_polymer(sessions: Path, tmp_path: Path) -> None:
+    shutil.copytree(sessions / "monday", tmp_path / "monday", ignore=shutil.ignore_patterns("labpipe"))
+    toml = tmp_path / "monday" / "session.toml"
+    text = toml.read_text("utf-8")
+    dma = '\n[experiments.pmma_sweep]\nkind = "dma"\nrheometer = ["sweep.csv"]\nmode = "tension"\nnu = 0.35\n'
+    toml.write_text(re.sub(r"(?m)^material = .*$", 'material_from = "pmma_sweep"', text, count=1) + dma, "utf-8")
+    (tmp_path / "monday" / "sweep.csv").touch()
+    assert set(catalogue([tmp_path], where="material = 'acrylic'").table["kind"]) == {"ball_drop"}
 
 
 def test_verdicts_and_findings_are_columns(sessions: Path, tmp_path: Path) -> None:

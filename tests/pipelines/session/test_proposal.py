@@ -80,10 +80,10 @@ def test_a_film_without_content_says_so(tmp_path: Path, content: bytes, said: st
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_a_template_waits_for_its_values_and_makes_no_mistake(kind: str, tmp_path: Path) -> None:
-    found = init(tmp_path, template=[kind])
+    found = init(tmp_path / "tomorrow", template=[kind])  # the folder is made
     assert found.experiments == [kind]
     with pytest.raises(ConfigError) as caught:  # every experiment waits
-        open_session(tmp_path)
+        open_session(tmp_path / "tomorrow")
     assert caught.value.problems
     assert all("to be filled in" in problem for problem in caught.value.problems)
     assert len(found.gaps) == len(caught.value.problems)
@@ -92,6 +92,11 @@ def test_a_template_waits_for_its_values_and_makes_no_mistake(kind: str, tmp_pat
 def test_a_template_of_no_kind_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match='no kind of experiment "drop"'):
         init(tmp_path, template=["drop"])
+
+
+def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no such folder"):
+        init(tmp_path / "tomorow")
 
 
 def test_a_session_file_is_not_overwritten_unasked(pile: Path) -> None:

@@ -8,7 +8,7 @@ import xarray as xr
 from labpipe import contact, materials
 from labpipe.variables import variable
 from labpipe.workflow.context import Context, Failed
-from pipelines.experiments.dic_validation import _view_checks, checks, measured, page
+from pipelines.experiments.dic_validation import _view_checks, checks, measured
 from pipelines.experiments.dic_validation._jumps import left_out
 from pipelines.experiments.dic_validation.comparison import comparison
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
@@ -196,10 +196,11 @@ def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
 def test_what_stands_before_the_holder_is_noted_with_the_remedy(motion, laser):
     track = tracked()
     assert not checks.seen_whole(track, SETTINGS).level
-    track.attrs |= {"standing": [3, 9, 0, 40], "standing_told": "something stands still within x 3 to 9 px"}
+    codes = np.where(np.arange(track.sizes["frame"]) < 7, 9, 0)[:, None]
+    track["status"] = (("frame", "point"), codes, {"flag_values": [0, 9], "flag_meanings": "ok occluded"})
     found = checks.seen_whole(track, SETTINGS)
     assert found.level == "note"
-    assert "within x 3 to 9 px" in found.message
+    assert "in 7 frames something hides a part of the holder" in found.message
     assert found.setting == "tracking.obstructions"
 
 
@@ -312,16 +313,6 @@ def test_what_a_step_failed_over_is_told_by_its_reason_not_by_its_words(reason, 
     assert (told.setting, told.cause.startswith(cause)) == (setting, True)
 
 
-def test_an_interlaced_film_is_named_as_one():
-    track = tracked(share=0.1)
-    codes = np.where(track["valid"].values, 0, 8)
-    track["status"] = (("frame", "point"), codes, {"flag_values": [0, 8], "flag_meanings": "ok interlaced"})
-    told = checks._found(track, SETTINGS)
-    assert (told.level, told.file) == ("doubtful", SETTINGS.film)
-    assert "progressive" in told.cause
-    assert measured.statuses(track).tolist() == ["ok"] * 100 + ["interlaced"] * 900
-
-
 def _moves(of_time):
     time = np.arange(0.0, 0.1, 1e-4)
     noise = np.random.default_rng(3).normal(0.0, 2e-8, time.size)
@@ -343,23 +334,3 @@ def test_what_was_not_dropped_is_said_to_vibrate_or_to_be_driven(of_time, words)
     said = _view_checks.no_fall(_moves(of_time), 9.81)
     assert words in said
     assert bool(said) == bool(words)
-
-
-def test_what_was_found_before_the_holder_is_drawn():
-    keys = xr.Dataset(
-        {
-            "image": (("key", "row", "column"), np.full((1, 60, 80), 9, np.uint8)),
-            "key_time": ("key", [0.0]),
-            "key_status": ("key", ["ok"]),
-            "turn": (("key", "point"), [[0.0]]),
-        }
-        | {f"{of}_{axis}": (("key", "point"), [[40.0]]) for of in ("point", "start") for axis in "xy"},
-        {"key": [0], "point": [0], "frame": ("key", [0]), "reduction": 1.0, "subset": ("point", [21])},
-    )
-    drawn = [
-        page._key_frames(keys, DicValidation(kind="dic_validation", film="a", camera="b"), None, track).blocks[0]
-        for track in (None, xr.Dataset(attrs={"standing": [20, 26, 5, 29]}))
-    ]
-    assert drawn[0].frames[0].data != drawn[1].frames[0].data
-    assert "Violet frame" in drawn[1].caption
-    assert "Violet frame" not in drawn[0].caption

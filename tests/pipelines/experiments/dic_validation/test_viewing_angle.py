@@ -12,13 +12,13 @@ import xarray as xr
 
 from labpipe import files
 from labpipe.units import Quantity
-from pipelines.bench.film_scenes import perlin
 from pipelines.experiments.dic_validation import measured
 from pipelines.experiments.dic_validation._view_checks import sideways
 from pipelines.experiments.dic_validation.page import camera_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.dic_validation.viewing_angle import Seen, along, seen, sources
 from pipelines.rig.session_text import front_record
+from tests.labpipe.imaging.speckle import waves
 
 PIXEL = 30e-3 / 386
 ROWS, COLUMNS, TRAVEL, RATE, STILL = 160, 90, 50.0, 1000.0, 6
@@ -37,7 +37,7 @@ def filmed(folder: Path, roll: float, tilt: float, distance: float, frames: int 
     slope by which the body moves towards the camera.
     """
     folder.mkdir()
-    pattern = perlin(5.0, 3)
+    pattern = waves(3)
     rng = np.random.default_rng(4)
     row, column = np.mgrid[:ROWS, :COLUMNS].astype(float)
     far = distance / PIXEL
@@ -47,7 +47,7 @@ def filmed(folder: Path, roll: float, tilt: float, distance: float, frames: int 
     moved = fall(frames)
     for k, down in enumerate(moved):
         depth = (far * math.cos(tilt) - sink * down) / z
-        grey = 127 + pattern(depth * x + 200, depth * y + far * math.sin(tilt) - down + 200)
+        grey = 127 + 40.0 * pattern(depth * x + 200, depth * y + far * math.sin(tilt) - down + 200)
         noisy = grey + rng.standard_normal(grey.shape)
         cv2.imwrite(str(folder / f"{k:04d}.png"), np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
     return -moved * PIXEL

@@ -1,0 +1,174 @@
+"""A session as one object: its experiments, readings, results, verdicts and plots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labpipe.errors import InputError, UsageError
+from labpipe.notebook import Shown, ShownAsTable
+from labpipe.workflow.fields import suggest
+from labpipe.workflow.session import Experiment, Session
+from pipelines.session._opening import reopen_session
+from pipelines.session._processing import verdict
+from pipelines.session._results import result, results
+from pipelines.session._session_checks import named_files
+from pipelines.session._verdicts import Verdicts
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+    from labpipe.frames import FrameSource
+
+_BAND = 2.0  # standard uncertainties, about 95 %
+_CONFIGURATION = ".toml"  # calibration records and materials, which are no recordings
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class OpenSession(ShownAsTable):
+    """A session folder to look at from Python; every property shows the folder as it is now.
+
+    Attributes
+    ----------
+    folder : Path
+        The session folder.
+    """
+
+    folder: Path
+
+    @property
+    def session(self) -> Session:
+        """``session.toml``, checked: title, operator, experiments."""
+        return reopen_session(self.folder)
+
+    @property
+    def experiments(self) -> Mapping[str, Experiment]:
+        """Experiments by name, each with its kind and typed settings."""
+        return self.session.experiments
+
+    @property
+    def verdicts(self) -> Verdicts:
+        """Verdicts on all experiments; steps that are out of date are processed first."""
+        return verdict(self.folder)
+
+    def readings(self, experiment: str) -> dict[str, xr.Dataset | FrameSource]:
+        """Read the raw files of an experiment as they were recorded, before any calibration.
+
+        Parameters
+        ----------
+        experiment : str
+            Its name.
+
+        Returns
+        -------
+        dict
+            Name of each instrument file in the session to a Dataset, or to a FrameSource for a film.
+
+        Raises
+        ------
+        UsageError
+            There is no such experiment.
+        LabpipeError
+            A file cannot be read.
+        """
+        import instruments
+
+        session = self.session
+        if experiment not in session.experiments:
+            known = list(session.experiments)
+            raise UsageError(f'no experiment "{experiment}"{suggest(experiment, known)}')
+        named = [one for one in named_files(session) if one.experiment == experiment]
+        return {one.name: instruments.read(one.path) for one in named if one.path.suffix != _CONFIGURATION}
+
+    def results(self, experiment: str | None = None) -> xr.DataTree:
+        """Return the results of an experiment, or of all, as one tree, see :func:`labpipe.results`."""
+        return results(self.folder, experiment)
+
+    def result(self, experiment: str, stage: str, recording: str | None = None) -> xr.Dataset:
+        """Return one result, see :func:`labpipe.result`."""
+        return result(self.folder, experiment, stage, recording)
+
+    def plot(
+        self, experiment: str, stage: str, variable: str, recording: str | None = None, *, ax: Axes | None = None
+    ) -> Axes:
+        """Draw one variable of a result with its 95 % band.
+
+        Parameters
+        ----------
+        experiment, stage, variable : str
+            Names, for example ``"acrylic_7mm"``, ``"repeats"`` and ``"restitution"``.
+        recording : str, optional
+            The file, for stages that run once per recording.
+        ax : matplotlib Axes, optional
+            By default that of a new figure.
+
+        Returns
+        -------
+        Axes
+            The variable over its dimension, shaded within two standard uncertainties where they are known.
+
+        Raises
+        ------
+        UsageError
+            There is no such experiment, stage or variable; the message names those that there are.
+        InputError
+            The result is out of date, or the variable is not a curve.
+        """
+        import matplotlib.pyplot as plt
+        import numpy as np
+
+        found = self.result(experiment, stage, recording)
+        if variable not in found:
+            known = list(map(str, found.data_vars))
+            raise UsageError(
+                f'{stage} has no variable "{variable}"{suggest(variable, known)}; it has {", ".join(known)}'
+            )
+        curve = found[variable]
+        if curve.ndim != 1:
+            raise InputError(f"{variable} is over {curve.dims}; choose one curve of it with result(...) and plot that")
+        along = curve.coords.get(str(curve.dims[0]), np.arange(curve.size))
+        axes = plt.subplots()[1] if ax is None else ax
+        (line,) = axes.plot(along, curve.values, label=experiment)
+        if (u := found.get(f"u_{variable}")) is not None and u.shape == curve.shape:
+            low, high = curve.values - _BAND * u.values, curve.values + _BAND * u.values
+            axes.fill_between(np.asarray(along), low, high, color=line.get_color(), alpha=0.25, linewidth=0.0)
+        for setter, what in ((axes.set_xlabel, along), (axes.set_ylabel, curve)):
+            attributes = getattr(what, "attrs", {})
+            name, unit = attributes.get("long_name", getattr(what, "name", "")), attributes.get("units", "")
+            setter(f"{name} [{unit}]" if unit not in ("", "1") else str(name))
+        return axes
+
+    def _shown(self) -> Shown:
+        return self.session._shown()
+
+
+def open_session(folder: str | Path) -> OpenSession:
+    """Open a session folder as one object.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder, with its ``session.toml``.
+
+    Returns
+    -------
+    OpenSession
+        With ``experiments``, ``verdicts``, ``readings()``, ``results()``, ``result()`` and ``plot()``.
+
+    Raises
+    ------
+    SourceError
+        The folder holds no session.toml.
+    ConfigError
+        No experiment can be processed; every mistake is listed with its line.
+
+    Examples
+    --------
+    >>> session = open_session("my-session")  # doctest: +SKIP
+    >>> session.plot("acrylic_7mm", "repeats", "restitution")  # doctest: +SKIP
+    """
+    reopen_session(folder)  # every mistake is said at once
+    return OpenSession(Path(folder))
