@@ -18,9 +18,9 @@ from labpipe.frames import FrameSource, ShownFrames
 _FRAMES = 8
 #: Standard deviations of noise by which a stuck pixel stands out, and by which its surroundings change and it does not.
 _STANDS_OUT, _CHANGES = 8.0, 4.0
-#: Multiple of the height that 3 % of the pixels of a scene exceed from which one stands out as no scene does, and the
+#: Multiple of the height that 3 % of the pixels of a scene exceed from which one is looked at, and the
 #: share of its height by which the level of a stuck pixel may change.
-_BEYOND_SCENE, _SAME = 3.0, 0.5
+_BEYOND_SCENE, _SAME = 1.5, 0.5
 
 
 class RepairedFrames(ShownFrames):

@@ -33,9 +33,9 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     """Measure how bright frames are, and how many of their pixels lie at one highest level, as JSON.
 
     Frames that are wanted matter; others all over the film are added. There are ``brightness`` by frame over that of
-    the film, ``clipped``, the share of pixels at the grey level ``level``, above which there is none, ``view``, rows and
-    columns, ``used``, the grey levels from black to bright places, and, if any are, ``written``, the share of the rows
-    that are written over.
+    the film, ``clipped``, the share of pixels at the highest grey level ``level``, ``view``, rows and columns,
+    ``used``, the grey levels from black to bright places, and, if any are, ``written``, the share of the rows that are
+    written over.
     """
     sound = np.asarray(film.valid, bool)
     spread = np.linspace(0, len(film) - 1, min(_MOST, len(film))).round().astype(int)

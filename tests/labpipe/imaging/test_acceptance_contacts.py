@@ -1,7 +1,6 @@
 """Contact radii against stored and computed truth: errors, coverage, false and missed contacts."""
 
 import json
-import warnings
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -56,7 +55,10 @@ def of_film(film: Film, **options: float) -> Score:
     return score(contact_radius(film.frames, *given, **options), film.radius, film.largest)
 
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*measured by the edge of the spot:UserWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:.*measured by the edge of the spot:UserWarning"),
+    pytest.mark.filterwarnings("ignore:.*(frames were dropped|recording pauses):UserWarning"),
+]
 
 
 @cache
@@ -129,10 +131,7 @@ def of_session(path: Path) -> tuple[Score, xr.Dataset]:
     The rings are the sphere's, not those of the paraboloid: 0.03 % of a radius of a ninth of the sphere's.
     """
     truth = json.loads((path.parents[1] / "truth" / f"{path.stem}.json").read_text())
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # films are recorded in bursts
-        film = instruments.read(path)
-    given = truth["pixel_size"], 9.525e-3, truth["wavelength"]
+    film, given = instruments.read(path), (truth["pixel_size"], 9.525e-3, truth["wavelength"])
     found = contact_radius(film, *given, u_pixel_size=truth["pixel_size"] / 461, u_sphere_radius=5e-6)
     radius = np.array(truth["contact_radius"])
     return score(found, radius, radius, np.hypot(truth["resolution"] / np.sqrt(3.0), 3e-4 * radius)), found
