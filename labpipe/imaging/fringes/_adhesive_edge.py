@@ -1,12 +1,10 @@
 """The edge of a contact that adhesion holds, from the Hertz gap that its fringes show.
 
-Adhesion opens the gap beside a contact by that of a flat punch, √(2πaw/E*) (2/π) arccos(a/r). The
-derivative of Hertz's gap by its radius, -4a arccos(a/r)/(πR), has the same shape: fringes cannot
-tell an adhesive contact from a Hertz contact that is smaller by R √(πw/(2aE*)). The fitted radius
-is therefore that of the Hertz gap, and the edge follows from it with w and E*.
-
-The two shapes part where the shift s is no longer small against the distance d of the first bright ring
-from the edge: to second order they are equal for a shift of s (1 + s/(4d)).
+Adhesion opens the gap beside a contact by that of a flat punch, √(2πaw/E*) (2/π) arccos(a/r). The derivative of
+Hertz's gap by its radius, -4a arccos(a/r)/(πR), has the same shape: fringes do not distinguish an adhesive contact from
+a Hertz contact that is smaller by s = R √(πw/(2aE*)). The fitted radius is that of the Hertz gap, and the edge follows
+from it with w and E*. To second order the shapes are equal for a shift of s (1 + s/(4d)), d being the distance of the
+first bright ring from the edge.
 """
 
 import numpy as np
@@ -17,8 +15,7 @@ from labpipe.errors import InputError
 
 #: Wavelength (m) where none is stated: the middle of white light.
 NOMINAL_WAVELENGTH = 550e-9
-#: Work of adhesion (J/m²) where none is stated: a clean smooth polymer on glass or sapphire, the
-#: most to expect; roughness and dust take away most of it.
+#: Work of adhesion (J/m²) where none is stated: a clean smooth polymer on glass or sapphire, the most to expect.
 USUAL_WORK = 0.05
 #: The closed form holds to this share of the difference, and to as much of it again as it is of the radius.
 _CLOSED_FORM = 0.03
@@ -54,14 +51,12 @@ def adhesive_edge(
     work_of_adhesion : float, optional [J/m²]
         w; 0 is Hertz. By default that of a clean smooth polymer.
     wavelength : float, optional [m]
-        Of the light; with it the second order is added, 5 to 10 % of the difference where
-        this is 1 % of the radius.
+        Of the light; with it the second order is added, 5 to 10 % of a difference of 1 % of the radius.
 
     Returns
     -------
     array [m]
-        a = a_Hertz + s (1 + s/(4d)) with s = R √(πw/(2aE*)), and d the distance of the first bright ring
-        from the edge; without a wavelength a = a_Hertz + s. On images of exact JKR contacts (E* 1 to
+        a = a_Hertz + s (1 + s/(4d)); without a wavelength a = a_Hertz + s. On images of exact JKR contacts (E* 1 to
         5 GPa, w 2 to 50 mJ/m², difference up to 1.8 % of the radius) right to 2 % of the difference.
 
     Raises

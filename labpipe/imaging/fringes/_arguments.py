@@ -31,13 +31,7 @@ class FilmOptions:
 
 
 def check_film(film: FrameSource, options: FilmOptions) -> None:
-    """Refuse arguments outside their range.
-
-    Raises
-    ------
-    InputError
-        With what was found and what was expected.
-    """
+    """Refuse arguments outside their range with an InputError that names what was found and what was expected."""
     lengths = {"pixel_size": (options.pixel_size, 1e-9, 1e-3), "sphere_radius": (options.sphere_radius, 1e-6, 10.0)}
     if options.wavelength is not None:
         lengths["wavelength"] = (options.wavelength, 100e-9, 20e-6)

@@ -165,9 +165,9 @@ def _searched(attempt: Attempt, known: Calibration, best: Trial, name: str) -> t
         return None, known
     values = sorted(tried)
     place = values.index(at)
-    if 0 < place < len(values) - 1:
-        x = np.array(values[place - 1 : place + 2])
-        bend, slope, _ = np.polyfit(x - at, [tried[value] for value in x.tolist()], 2)
+    around = values[max(place - 1, 0) : place + 2]
+    if len(around) == 3 and all(math.isfinite(tried[value]) for value in around):
+        bend, slope, _ = np.polyfit(np.array(around) - at, [tried[value] for value in around], 2)
         squares(at - float(slope / (2.0 * bend)))
         at = min(tried, key=lambda value: tried[value])
     found = with_value(at)

@@ -26,12 +26,9 @@ def fit_circle(points: Floats) -> tuple[float, float, float]:
 
     Notes
     -----
-    Taubin's fit: the algebraic distance is normalised by the mean of its squared gradient, which takes away most of
-    the pull to small circles that short arcs have. OpenCV has no fit of circles.
-
-    References
-    ----------
-    G. Taubin, IEEE Trans. PAMI 13 (1991) 1115-1138, https://doi.org/10.1109/34.103273
+    Taubin's fit (IEEE Trans. PAMI 13 (1991) 1115, https://doi.org/10.1109/34.103273): the algebraic distance is
+    normalised by the mean of its squared gradient, which takes away most of the pull to small circles that short arcs
+    have. OpenCV has no fit of circles.
 
     Examples
     --------

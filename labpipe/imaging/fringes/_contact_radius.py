@@ -14,10 +14,6 @@ from labpipe.units import Measure, Quantity, si
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Fringes used, half a wavelength of gap each. The first three hold nearly all that is known
-#: about the radius; more of them multiply the effect of an error in R or the wavelength.
-DEFAULT_FRINGES = 3.0
-
 
 def contact_radius(
     frames: FrameSource | NDArray[np.generic],
@@ -28,7 +24,7 @@ def contact_radius(
     *,
     phase: float | None = None,
     shape: Literal["auto", "circle", "ellipse"] = "auto",
-    fringes: float = DEFAULT_FRINGES,
+    fringes: float = 3.0,
     full: bool = False,
     windows: Sequence[tuple[float, float]] | None = None,
     any_disc: bool = False,
@@ -64,7 +60,8 @@ def contact_radius(
         Whether circles are ellipses (oblique view, unequal scales): when the largest contacts of the film say so,
         never, or free in every frame.
     fringes : float
-        Number of fringes used.
+        Number of fringes used, half a wavelength of gap each. Three hold nearly all that is known about the radius;
+        more multiply the effect of an error in R or the wavelength.
     full : bool
         Read and fit every frame: no shortcuts.
     windows : sequence of (start, end), optional [s]
@@ -151,9 +148,7 @@ def contact_radius(
 
     References
     ----------
-    K. L. Johnson, Contact Mechanics (1985), section 4.2, https://doi.org/10.1017/CBO9781139171731;
-    A. Ovcharenko et al., Tribol. Lett. 23 (2006) 55-63,
-    https://doi.org/10.1007/s11249-006-9113-9
+    A. Ovcharenko et al., Tribol. Lett. 23 (2006) 55-63, https://doi.org/10.1007/s11249-006-9113-9
     """
     from labpipe.imaging.films import in_grey_levels
     from labpipe.imaging.fringes._arguments import FilmOptions, check_film

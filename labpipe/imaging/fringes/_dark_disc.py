@@ -1,17 +1,16 @@
 """Dark (or bright) discs without usable fringes, which are contacts only where they grow and shrink as one."""
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 
 from labpipe.imaging.fringes._edge import Edge, find_edge
 from labpipe.imaging.fringes._film_result import Blank, FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
+from labpipe.imaging.fringes._hough_centre import reduce_frame
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._ring_fit import Parameter
 from labpipe.imaging.fringes._ring_model import edge_width
-from labpipe.imaging.fringes._spots import Spot, reduce_frame
 
 #: Share of its largest radius by which a disc must grow or shrink to be a contact: blur and noise change the edge of
 #: one that stays as it is by a hundredth.
@@ -26,13 +25,11 @@ def look_without_fringes(features: FrameFeatures, view: View) -> Blank:
     if not features.has_structure:
         return Blank(level=float(np.median(reduce_frame(frame)[0])))
 
-    def edges_of(spots: Iterable[Spot]) -> tuple[Edge, ...]:
-        # a sphere that touches without load shows a spot of its own
-        least = view.optics.newton_spot
-        edges = (find_edge(frame, spot.x, spot.y, spot.radius, view.black) for spot in spots if spot.radius >= least)
-        return tuple(edge for edge in edges if edge is not None and edge.half_radius >= 1.5 * least)
-
-    return Blank(edges_of(features.spots) or edges_of(features.centres))
+    # a sphere that touches without load shows a spot of its own
+    least = view.optics.newton_spot
+    spots = (spot for spot in features.centres if spot.radius >= least)
+    edges = (find_edge(frame, spot.x, spot.y, spot.radius, view.black) for spot in spots)
+    return Blank(tuple(edge for edge in edges if edge is not None and edge.half_radius >= 1.5 * least))
 
 
 def choose_edges(result: FilmResult, *, any_disc: bool) -> None:

@@ -17,7 +17,7 @@ from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._open_gap import has_free_gap
 from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
 from labpipe.imaging.fringes._ring_model import has_resolved_fringes
-from labpipe.imaging.fringes._uncertainty import SOURCES, adhesive_edges, edge_systematic, radius_deviation, systematic
+from labpipe.imaging.fringes._uncertainty import SOURCES, adhesive_edges, radius_deviation, systematic
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -80,7 +80,8 @@ def make_dataset(
         values["radius"][index], values["u_radius"][index] = radius * pixel, deviation * pixel
         values["centre_x"][index], values["centre_y"][index] = edge.x, edge.y
         values["u_centre_x"][index] = values["u_centre_y"][index] = edge.scatter * math.sqrt(2.0 / edge.points)
-        parts[index] = edge_systematic(radius, uncertainties)
+        # only the pixel size counts in addition to the uncertainty of the estimate
+        parts[index] = np.where(np.array(SOURCES) == "pixel_size", radius * uncertainties["pixel_size"], 0.0)
     for index, bound in result.undecided.items():
         values["radius_bound"][index] = max(bound, result.view.least_radius) * pixel
     adhesive_edges(values, parts, method == EDGE, options, uncertainties["work_of_adhesion"])
@@ -142,48 +143,48 @@ def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.in
 
 def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
     """Sentences that a reader of the results must know."""
-    texts = []
+    texts, view, found = [], result.view, result.calibration
+    fine = (
+        not has_resolved_fringes(e.half_radius, view.optics, view.settings.least_spacing) for e in result.edges.values()
+    )
+    spots, scale = sum(bool(blank.edges) for blank in result.blanks.values()), math.expm1(found.log_scale)
     if result.damaged:
         texts.append(f"{len(result.damaged)} damaged frames were left out")
     if options.wavelength is None:
         texts.append(
-            "no wavelength is given: the contact radius is measured from the edge of the spot, "
-            "to a few micrometres; give the wavelength of a monochromatic light to use the fringes"
+            "no wavelength is given: the contact radius is measured from the edge of the spot, to some µm; give "
+            "the wavelength of a monochromatic light to use the fringes"
         )
-    elif not result.has_fringes or _has_fine_fringes(result):
+    elif not result.has_fringes or any(fine):
         texts.append(
-            "fringes next to the contact are finer than two pixels: the contact radius is then "
-            "measured by the edge of the spot; a higher magnification would resolve them"
+            "fringes next to the contact are finer than two pixels: the contact radius is then measured by the edge of "
+            "the spot; a higher magnification would resolve them"
         )
     elif result.edges:
         texts.append(
-            f"{_frames_by_edge(result)} measured by the edge of the spot, to a few micrometres: no fringes "
-            "of a contact explain them; check wavelength, sphere_radius, pixel_size, phase, focus and what hides rings"
+            f"{_frames_by_edge(result)} measured by the edge of the spot, to some micrometres: no fringes of a contact "
+            "explain them; check wavelength, sphere_radius, pixel_size, phase, focus and what hides rings"
         )
-    spots = sum(bool(blank.edges) for blank in result.blanks.values())
     if spots and not (result.fits or result.edges or result.undecided):
         texts.append(
-            f"spots in {spots} frame{'' if spots == 1 else 's'} have no fringes and neither grow nor shrink as a "
-            "contact does: they count as no contact; check wavelength, sphere_radius, pixel_size and focus, or state "
-            "any_disc if each of them is a contact"
+            f"discs in {spots} of the frames have no fringes and neither grow nor shrink as contacts do, and count as "
+            "none; check wavelength, sphere_radius, pixel_size and focus, or state any_disc if each is a contact"
         )
-    scale = math.expm1(result.calibration.log_scale)
     if abs(scale) > _NOTABLE_SCALE:
         texts.append(
-            f"the fringes are {'narrower' if scale > 0 else 'wider'} than R, wavelength and pixel "
-            f"size say, as if R times wavelength were {-100 * scale / (1 + scale):+.2f} % off; the scale "
-            "of the fringes was used: check sphere_radius, wavelength and pixel_size"
+            f"the fringes are {'narrower' if scale > 0 else 'wider'} than R, wavelength and pixel say, as if R times "
+            f"wavelength were {-100 * scale / (1 + scale):+.2f} % off; the scale of the fringes was used: check "
+            "sphere_radius, wavelength and pixel_size"
         )
-    if result.view.optics.flat > 0.0:
-        size = result.view.optics.flat * options.pixel_size * 1e6
+    if view.optics.flat > 0.0:
+        size = view.optics.flat * options.pixel_size * 1e6
         texts.append(
-            f"the gap around the contacts is that of a sphere with a flat of {size:.0f} µm radius, as if worn; "
-            "the contact radius allows for it: turn or replace the sphere"
+            f"the gap around the contacts is that of a sphere with a flat of {size:.0f} µm radius, as if worn; the "
+            "contact radius allows for it: turn or replace the sphere"
         )
-    doubted = result.calibration.doubted_phase
-    if math.isfinite(doubted):
+    if math.isfinite(found.doubted_phase):
         texts.append(
-            f"the fringes show a phase of {doubted:.3f} rad in the contact, not the given "
+            f"the fringes show a phase of {found.doubted_phase:.3f} rad in the contact, not the given "
             f"{options.phase:.3f} rad, which was kept; leave phase out to use what the film shows"
         )
     return texts
@@ -197,13 +198,6 @@ def _frames_by_edge(result: FilmResult) -> str:
     if len(frames) == 1:
         return f"1 of {seen} frames in contact (frame {named}) was"
     return f"{len(frames)} of {seen} frames in contact (frames {named}) were"
-
-
-def _has_fine_fringes(result: FilmResult) -> bool:
-    """Tell whether edges were measured where fringes are too fine for the pixels."""
-    view = result.view
-    spacing = view.settings.least_spacing
-    return any(not has_resolved_fringes(edge.half_radius, view.optics, spacing) for edge in result.edges.values())
 
 
 def _note(options: FilmOptions, result: FilmResult) -> str:

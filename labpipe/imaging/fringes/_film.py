@@ -165,7 +165,7 @@ def _follow(reader: FilmReader, result: FilmResult, read: Flags, known: dict[int
         fit = known.get(index)
         if fit is None:
             features = FrameFeatures(reader.whole(index))
-            fit = _next_fit(features, result.view, last, fits.get(index - 1), fits.get(index - 2))
+            fit = _next_fit(features, result.view, last, fits.get(index - 1))
             if fit is None:
                 result.blanks[index] = look_without_fringes(features, result.view)
                 continue
@@ -174,14 +174,12 @@ def _follow(reader: FilmReader, result: FilmResult, read: Flags, known: dict[int
     return fits
 
 
-def _next_fit(
-    features: FrameFeatures, view: View, last: RingFit | None, one: RingFit | None = None, two: RingFit | None = None
-) -> RingFit | None:
-    """Fit a frame as the one or two before it predict, from the centre of the last contact, or from nothing."""
+def _next_fit(features: FrameFeatures, view: View, last: RingFit | None, one: RingFit | None = None) -> RingFit | None:
+    """Fit a frame as the one before it, from the centre of the last contact, or from nothing."""
     if last is None:
         return search_contact(features, view)
     if one is not None:
-        fit = _warm_fit(features.frame, view, one, two)
+        fit = _warm_fit(features.frame, view, one)
         if fit is not None:
             return fit
     if last.free == view.settings.free:
@@ -190,11 +188,10 @@ def _next_fit(
     return search_contact(features, view, last.centre)
 
 
-def _warm_fit(frame: NDArray[np.generic], view: View, one: RingFit, two: RingFit | None) -> RingFit | None:
-    """Fit from the prediction by the frames before; None when the contact has changed by more than a third fringe."""
-    start = one.parameters.copy()
+def _warm_fit(frame: NDArray[np.generic], view: View, one: RingFit) -> RingFit | None:
+    """Fit from the frame before; None when the contact has changed by more than two pixels."""
     settings = replace(view.settings, free=one.free, max_iterations=8)
-    fit = fit_contact(frame, start, view.optics, settings, view.white)
+    fit = fit_contact(frame, one.parameters, view.optics, settings, view.white)
     if fit is None or not fit.is_converged:
         return None
     is_like = abs(fit.radius - one.radius) < 2.0 and fit.misfit <= max(GOOD_MISFIT, 1.2 * one.misfit)

@@ -372,43 +372,25 @@ def compare_templates(
     Returns (travel, template) the share of the variance that is explained, the amplitude, and the light; no share for
     templates of which less than ``least_seen`` lies in the frame.
     """
-    travels, size, rings = values.shape
-    shares, amplitudes, lights = np.zeros((travels, size)), np.zeros((travels, size)), np.zeros((travels, size))
-    steps, greys, weights = np.empty(rings), np.empty(rings), np.empty(rings)
-    for row in range(size):
+    shape = values.shape[:2]
+    shares, amplitudes, lights = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for row in range(shape[1]):
         first, length = first_bins[row], lengths[row]
-        seen, total, step, grey = 0, 0.0, 0.0, 0.0
-        for j in range(length):
-            weights[j] = counts[first + j]
-            seen += 1 if weights[j] > 0.0 else 0
-            total += weights[j]
-            step += weights[j] * j
-            grey += weights[j] * profile[first + j]
-        if total <= 0.0 or seen < least_seen * length:
+        weights, grey, step = counts[first : first + length], profile[first : first + length], 1.0 * np.arange(length)
+        total = weights.sum()
+        if total <= 0.0 or (weights > 0.0).sum() < least_seen * length:
             continue
-        step, grey, least = step / total, grey / total, 1e-6 * total
-        square, slope, variance = 0.0, 0.0, 0.0
-        for j in range(length):
-            steps[j] = weights[j] * (j - step)
-            square += steps[j] * (j - step)
-            slope += steps[j] * (profile[first + j] - grey)
-        square = max(square, least)
-        slope /= square
-        for j in range(length):
-            off = profile[first + j] - grey - slope * (j - step)
-            greys[j] = weights[j] * off
-            variance += greys[j] * off
-        for travel in range(travels):
-            mean, by_grey, by_step, own = 0.0, 0.0, 0.0, 0.0
-            for j in range(length):
-                value = values[travel, row, j]
-                mean += weights[j] * value
-                by_grey += greys[j] * value
-                by_step += steps[j] * value
-                own += weights[j] * value * value
-            mean /= total
-            own = max(own - total * mean * mean - by_step * by_step / square, least)
-            shares[travel, row] = by_grey * by_grey / (own * max(variance, least))
-            amplitudes[travel, row] = by_grey / own
-            lights[travel, row] = grey - amplitudes[travel, row] * mean
+        least, light = 1e-6 * total, (weights * grey).sum() / total
+        step -= (weights * step).sum() / total
+        square = max((weights * step * step).sum(), least)
+        off = grey - light
+        off -= (weights * step * off).sum() / square * step
+        variance = max((weights * off * off).sum(), least)
+        for travel in range(shape[0]):
+            term = values[travel, row, :length]
+            middle, along = (weights * term).sum() / total, (weights * off * term).sum()
+            own = (weights * term * term).sum() - total * middle**2 - (weights * step * term).sum() ** 2 / square
+            amplitudes[travel, row] = along / max(own, least)
+            shares[travel, row] = along * amplitudes[travel, row] / variance
+            lights[travel, row] = light - amplitudes[travel, row] * middle
     return shares, amplitudes, lights

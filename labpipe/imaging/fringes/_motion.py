@@ -32,10 +32,7 @@ _LONG_CONTACT, _LASTS = 5, 3
 def fit_from_neighbours(
     reader: FilmReader, result: FilmResult, time: Floats, exposure: Floats | None, read: Flags
 ) -> None:
-    """Fit frames again from what the frames around them predict: blurred ones, and those of an open gap.
-
-    Blurred ones twice, because a repaired frame helps its neighbours.
-    """
+    """Fit frames again from what the frames around them predict: blurred ones (twice), and those of an open gap."""
     frames = list(map(int, np.flatnonzero(read)))
     for _ in range(2):
         for index in frames:
@@ -64,10 +61,8 @@ def fit_from_neighbours(
 
 def _near(result: FilmResult, index: int) -> dict[int, RingFit]:
     """Believable fits of three frames before and after, when one of them is next to the frame."""
-    near = {
-        other: result.fits[other] for other in range(index - 3, index + 4) if other != index and other in result.fits
-    }
-    near = {other: fit for other, fit in near.items() if fit.misfit <= GOOD_MISFIT}
+    others = (other for other in range(index - 3, index + 4) if other != index and other in result.fits)
+    near = {other: result.fits[other] for other in others if result.fits[other].misfit <= GOOD_MISFIT}
     return near if {index - 1, index + 1} & near.keys() else {}
 
 

@@ -1,8 +1,7 @@
 """Contacts with a gap that is not Hertz's: on a surface that still recovers from its dent.
 
 Beside any contact that does not stick the gap opens like (r - a)^(3/2); only the factor depends on the history of the
-body. A contact that recedes faster than the surface recovers, or that comes back before it has, opens more slowly than
-Hertz's. Its radius follows from the first fringes with that factor free. Higher powers of r - a show in the difference
+body. Its radius follows from the first fringes with that factor free; higher powers of r - a show in the difference
 between fits of fewer and of more fringes.
 """
 

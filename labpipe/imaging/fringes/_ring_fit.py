@@ -255,7 +255,8 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
             break
         trial = best.copy()
         trial[free] += step
-        if not _is_possible(trial) or trial[Parameter.RADIUS] > ring.outer:
+        has_run_away = abs(trial[Parameter.SCALE]) > 1.0 or np.abs(trial[list(AXES)]).max() > 0.5
+        if has_run_away or not (np.isfinite(trial).all() and 0.0 <= trial[Parameter.RADIUS] <= ring.outer):
             damping = max(damping * _MORE, _BAD_DAMPING)
             continue
         # The iteration ends when a step gains less than a hundredth of the variance of a pixel: it is then within a
@@ -278,13 +279,6 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         sums = ring_sums(ring, best, reported, optics, len(free))
         evaluations += 1
     return _result(best, sums, settings.free, is_settled, evaluations)
-
-
-def _is_possible(parameters: Floats) -> bool:
-    """Tell whether an iteration has not run away: far beyond any view or stated scale."""
-    oblique = np.abs(parameters[list(AXES)]).max()
-    is_scaled = abs(parameters[Parameter.SCALE]) <= 1.0
-    return bool(np.isfinite(parameters).all() and parameters[Parameter.RADIUS] >= 0.0 and is_scaled and oblique <= 0.5)
 
 
 def _solve(sums: Sums, damping: float) -> Floats | None:
@@ -322,14 +316,6 @@ def inverse_of(normal: Floats) -> Floats:
     return np.asarray(np.linalg.pinv(normal / outer) / outer)
 
 
-def ring_of(
-    frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, ceiling: float
-) -> Ring | None:
-    """Cut the ring of a fit around a start from a frame; None outside the frame."""
-    inner, outer = ring_limits(float(start[Parameter.RADIUS]), optics, settings.fringes, settings.least_spacing)
-    return cut_ring(frame, start, inner, outer, ceiling, settings.max_pixels)
-
-
 def fit_contact(
     frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, ceiling: float = math.inf
 ) -> RingFit | None:
@@ -337,7 +323,8 @@ def fit_contact(
 
     ``ceiling`` is the grey level from which a pixel is saturated and left out.
     """
-    ring = ring_of(frame, start, optics, settings, ceiling)
+    limits = ring_limits(float(start[Parameter.RADIUS]), optics, settings.fringes, settings.least_spacing)
+    ring = cut_ring(frame, start, *limits, ceiling, settings.max_pixels)
     if ring is None:
         return None
     fit = fit_ring(ring, start, optics, settings)

@@ -5,12 +5,12 @@ number, ``phase_scale`` = 4π px² / (λ R), which turns the square of a length 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import brentq
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -18,8 +18,6 @@ from labpipe.errors import InputError
 #: Samples of the radial tables per pixel: fringes are at least two pixels wide, so that linear interpolation
 #: between samples is right to 0.3 % of the modulation.
 SAMPLES_PER_PIXEL = 16
-#: Halvings that locate a gap to 1e-12 of the bracket.
-_HALVINGS = 40
 
 
 @dataclass(frozen=True)
@@ -74,12 +72,8 @@ def hertz_gap(distance: ArrayLike, contact_radius: float, sphere_radius: float) 
 
     Notes
     -----
-    g = [a √(r² - a²) - (2a² - r²) arccos(a/r)] / (π R) for r > a: it opens like (r - a)^(3/2), so that the image
-    shows no edge at r = a. For a = 0 it is the parabola r²/2R.
-
-    References
-    ----------
-    K. L. Johnson, Contact Mechanics (1985), section 4.2, https://doi.org/10.1017/CBO9781139171731
+    g = [a √(r² - a²) - (2a² - r²) arccos(a/r)] / (π R) for r > a, the parabola r²/2R for a = 0 (K. L. Johnson, Contact
+    Mechanics (1985), section 4.2, https://doi.org/10.1017/CBO9781139171731).
 
     Examples
     --------
@@ -88,11 +82,8 @@ def hertz_gap(distance: ArrayLike, contact_radius: float, sphere_radius: float) 
     [0.0, 0.0, 79.2]
     """
     if contact_radius < 0.0 or sphere_radius <= 0.0:
-        message = (
-            "contact_radius must be 0 or more and sphere_radius positive, found "
-            f"{contact_radius} m and {sphere_radius} m"
-        )
-        raise InputError(message)
+        found = f"{contact_radius} m and {sphere_radius} m"
+        raise InputError(f"contact_radius must be 0 or more and sphere_radius positive, found {found}")
     r = np.maximum(np.asarray(distance, float), contact_radius)
     root = np.sqrt(np.maximum(r * r - contact_radius**2, 0.0))
     angle = np.arctan2(root, contact_radius)
@@ -115,7 +106,7 @@ def distance_at_phase(phase_change: float, contact_radius: float, optics: Optics
     """Distance from the centre (px) where the gap has changed the phase by so much; 2π is one fringe."""
     # The gap is never below that of the sphere less its approach a²/R.
     high = math.sqrt(2.0 * phase_change / optics.phase_scale + 2.0 * contact_radius**2) + contact_radius + 1.0
-    return _bisected(contact_radius, high, lambda r: phase_of_gap(r, contact_radius, optics)[0] < phase_change)
+    return float(brentq(lambda r: phase_of_gap(r, contact_radius, optics)[0] - phase_change, contact_radius, high))
 
 
 def ring_limits(contact_radius: float, optics: Optics, fringes: float, least_spacing: float) -> tuple[float, float]:
@@ -127,15 +118,8 @@ def ring_limits(contact_radius: float, optics: Optics, fringes: float, least_spa
     outer = distance_at_phase(2.0 * math.pi * fringes, contact_radius, optics)
     steepest = 2.0 * math.pi / least_spacing
     if phase_of_gap(outer, contact_radius, optics)[1] > steepest:
-        outer = _bisected(contact_radius, outer, lambda r: phase_of_gap(r, contact_radius, optics)[1] < steepest)
+        outer = float(brentq(lambda r: phase_of_gap(r, contact_radius, optics)[1] - steepest, contact_radius, outer))
     return max(0.0, contact_radius - max(outer - contact_radius, 8.0)), outer
-
-
-def _bisected(low: float, high: float, is_below: Callable[[float], bool]) -> float:
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if is_below(middle) else (low, middle)
-    return 0.5 * (low + high)
 
 
 def edge_width(radius: float, optics: Optics) -> float:

@@ -35,14 +35,9 @@ def search_contact(features: FrameFeatures, view: View, centre: tuple[float, flo
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    sights = [(match, spot) for spot in features.spots[:4] for match in _matches_at(frame, view, spot.x, spot.y)]
+    sights = [(match, spot) for spot in features.centres for match in _matches_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
-    for match, spot in sights[:3]:
-        found = _fit_match(frame, view, match, spot.x, spot.y)
-        if found is not None:
-            return found
-    # Perhaps there is a spot that no threshold separates from uneven light.
-    fits = (fit_at(frame, view, spot.x, spot.y) for spot in features.centres)
+    fits = (_fit_match(frame, view, match, spot.x, spot.y) for match, spot in sights[:3])
     return next((found for found in fits if found is not None), None)
 
 

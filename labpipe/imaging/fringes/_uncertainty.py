@@ -44,11 +44,6 @@ def systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertain
     )
 
 
-def edge_systematic(radius: float, uncertainties: dict[str, float]) -> Floats:
-    """Parts for an edge: only the pixel size counts in addition to the uncertainty of the estimate."""
-    return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0, 0.0])
-
-
 def adhesive_edges(
     values: dict[str, Floats], parts: Floats, is_spot: Flags, options: FilmOptions, u_work: float
 ) -> None:

@@ -5,14 +5,9 @@ import pytest
 
 from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes._motion import _second_derivative
-from labpipe.imaging.fringes._uncertainty import edge_systematic
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, fringe_film
 
 SMALL = Scene(rows=160, columns=224, pixel_size=4e-6)
-
-
-def test_of_an_edge_only_the_scale_is_uncertain() -> None:
-    assert edge_systematic(1e-3, {"pixel_size": 2e-3}).tolist() == [0.0, 0.0, 2e-6, 0.0, 0.0]
 
 
 def test_the_second_derivative_of_a_cubic_is_exact() -> None:
