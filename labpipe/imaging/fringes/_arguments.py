@@ -57,15 +57,11 @@ def check_film(film: FrameSource, options: FilmOptions) -> None:
         exposure = np.asarray(options.exposure, float)
         is_shaped = exposure.shape in {(), (len(film),)}
         if not is_shaped or not (np.isfinite(exposure) & (exposure >= 0.0)).all():
-            message = (
-                f"exposure must be one time in s or one per frame ({len(film)}), not negative; found {options.exposure}"
-            )
-            raise InputError(message)
+            found = f"one per frame ({len(film)}), not negative; found {options.exposure}"
+            raise InputError(f"exposure must be one time in s or {found}")
 
 
 def exposure_times(film: FrameSource, options: FilmOptions) -> Floats | None:
     """Exposure time of every frame in s, from the caller or the film; None when unknown."""
     exposure = film.exposure if options.exposure is None else options.exposure
-    if exposure is None:
-        return None
-    return np.broadcast_to(np.asarray(exposure, float), (len(film),))
+    return None if exposure is None else np.broadcast_to(np.asarray(exposure, float), (len(film),))

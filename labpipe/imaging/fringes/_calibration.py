@@ -26,8 +26,6 @@ _LADDERS = {
     "beams": (-0.35, -0.2, -0.1, -0.05, 0.05, 0.1),
     "flat": (0.3, 0.5, 0.65, 0.8, 0.9),
 }
-#: Greatest logarithm of the phase scale that is believed: beyond it, R or the wavelength is wrong.
-_MOST_SCALE = 0.1
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,7 @@ def _best_alternative(
     scaled, phased = attempt(known, Parameter.SCALE), attempt(known, Parameter.PHASE)
     if scaled is not None:
         value, u = scaled.mean(Parameter.SCALE)
-        if abs(known.log_scale + value) <= _MOST_SCALE:
+        if abs(known.log_scale + value) <= 0.1:  # beyond it, R or the wavelength is wrong
             candidates.append((scaled, replace(known, log_scale=known.log_scale + value, u_log_scale=u)))
     if phased is not None:
         value, u = phased.mean(Parameter.PHASE)

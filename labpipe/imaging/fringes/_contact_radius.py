@@ -116,8 +116,8 @@ def contact_radius(
     Warns
     -----
     UserWarning
-        The fringes contradict R, wavelength or pixel size; frames were measured by the edge of the spot; the sphere is
-        worn flat; the light's wavelength is not known; fringes are finer than pixels; damaged frames.
+        The fringes contradict R, wavelength or pixel size; frames were measured by the edge of the spot or damaged; the
+        sphere is worn flat; the wavelength is not known; fringes are finer than pixels.
 
     Notes
     -----

@@ -52,9 +52,9 @@ def choose_edges(result: FilmResult, *, any_disc: bool) -> None:
         result.edges |= sharp
     elif not result.fits:
         for run in runs_of(sorted(sharp)):
-            radii = [sharp[index].half_radius for index in run]
-            is_apart = max(radii) - min(radii) > _GROWTH * max(radii)
-            if len(run) > 1 and is_apart and _is_steady(run, sharp):
+            x, y, radii = np.array([(sharp[i].x, sharp[i].y, sharp[i].half_radius) for i in run]).T
+            is_steady = bool((np.hypot(x - np.median(x), y - np.median(y)) < _SAME_CENTRE * radii).all())
+            if len(run) > 1 and is_steady and np.ptp(radii) > _GROWTH * radii.max():
                 result.edges |= {index: sharp[index] for index in run}
     for _ in range(4):  # an edge confirms those in the frames before and after it
         found = {
@@ -80,13 +80,6 @@ def runs_of(frames: list[int]) -> list[list[int]]:
         return []
     cuts = np.flatnonzero(np.diff(frames) > 1) + 1
     return [run.tolist() for run in np.split(np.array(frames), cuts)]
-
-
-def _is_steady(run: list[int], edges: dict[int, Edge]) -> bool:
-    """Tell whether the discs of a run of frames lie around one centre."""
-    x, y = (np.array([getattr(edges[index], axis) for index in run]) for axis in "xy")
-    away = np.hypot(x - np.median(x), y - np.median(y))
-    return bool((away < _SAME_CENTRE * np.array([edges[index].half_radius for index in run])).all())
 
 
 def _continues(edge: Edge, index: int, result: FilmResult) -> bool:

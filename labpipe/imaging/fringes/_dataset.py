@@ -17,7 +17,7 @@ from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._open_gap import has_free_gap
 from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
 from labpipe.imaging.fringes._ring_model import has_resolved_fringes
-from labpipe.imaging.fringes._uncertainty import SOURCES, adhesive_edges, radius_deviation, systematic
+from labpipe.imaging.fringes._uncertainty import SOURCES, adhesive_edges, systematic
 from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
@@ -32,8 +32,6 @@ _METHODS = {
     FILLED: "wider_than_frame",
     OPEN_GAP: "fringe_fit_open_gap",
 }
-#: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
-_NOTABLE_SCALE = 0.003
 
 _TEXTS = {
     "radius": ("m", "Hertz-equivalent contact radius"),
@@ -114,7 +112,8 @@ def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmRe
     unequal = math.hypot(stretch, shear)
     radius = fit.radius * pixel
     values["radius"][index] = radius / math.sqrt(1.0 - unequal**2)
-    values["u_radius"][index] = radius_deviation(fit, result.motion.get(index, 0.0)) * pixel
+    own = fit.deviation(Parameter.RADIUS), fit.model_deviation
+    values["u_radius"][index] = pixel * math.hypot(*own, result.motion.get(index, 0.0))
     values["semi_axis_major"][index] = radius / (1.0 - unequal)
     values["semi_axis_minor"][index] = radius / (1.0 + unequal)
     # Lengths along this direction are shortened least.
@@ -170,7 +169,7 @@ def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
             f"discs in {spots} of the frames have no fringes and neither grow nor shrink as contacts do, and count as "
             "none; check wavelength, sphere_radius, pixel_size and focus, or state any_disc if each is a contact"
         )
-    if abs(scale) > _NOTABLE_SCALE:
+    if abs(scale) > 0.003:
         texts.append(
             f"the fringes are {'narrower' if scale > 0 else 'wider'} than R, wavelength and pixel say, as if R times "
             f"wavelength were {-100 * scale / (1 + scale):+.2f} % off; the scale of the fringes was used: check "
@@ -210,13 +209,8 @@ def _note(options: FilmOptions, result: FilmResult) -> str:
     elif not (result.fits or result.edges or result.filled):
         note = f"no contact found; one of less than {1e6 * least:.2g} µm in radius is not told from a touch"
     else:
-        note = "fringes fitted" if result.fits else "no fringes fitted"
-        blank = len(result.blanks.keys() - result.fits.keys() - result.edges.keys() - result.filled)
-        if blank and result.fits:
-            others = "1 other shows" if blank == 1 else f"{blank} others show"
-            note += f" in {len(result.fits)} of the frames looked at; {others} no contact"
-        if result.edges:
-            note += f"; {_frames_by_edge(result)} measured by the edge of the spot"
+        note = f"fringes fitted in {len(result.fits)} of the frames looked at"
+        note += f"; {_frames_by_edge(result)} measured by the edge of the spot" if result.edges else ""
     if result.undecided:
         count = len(result.undecided)
         note += (

@@ -23,8 +23,6 @@ from labpipe.imaging.fringes._search import GOOD_MISFIT, is_contact, search_cont
 
 #: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
 _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
-#: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
-_REST_CHANGE = 0.01
 
 
 def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
@@ -122,7 +120,7 @@ def _doubtful_rest(result: FilmResult) -> Flags:
             around = [result.fits[k] for k in (*range(first - 6, first), *range(end, end + 6)) if k in result.fits]
             u = [math.hypot(fit.deviation(Parameter.RADIUS), before.deviation(Parameter.RADIUS)) for fit in around]
             moves = any(abs(fit.radius - before.radius) > 5.0 * u[k] for k, fit in enumerate(around))
-            is_rest = abs(before.radius - after.radius) < _REST_CHANGE * before.radius and not moves
+            is_rest = abs(before.radius - after.radius) < 0.01 * before.radius and not moves
         doubtful[first:end] = not is_rest
     return doubtful
 

@@ -21,23 +21,19 @@ _CELL, _MARGIN = 2.0, 0.5
 #: Voters whose line passes within these distances (reduced px) place the centre, in turn; the fewest that must do so.
 _NEAR, _LEAST_VOTERS = (6.0, 3.0, 1.5), 12
 
-#: Shorter side of the reduced image (px): a spot of a twentieth of it is still some pixels wide.
-_REDUCED_SIDE = 120
-
 
 @dataclass(frozen=True)
 class Spot:
-    """A centre of rings with the radius of the steepest one, in px of the full frame; +1 bright inside, -1 dark."""
+    """A centre of rings with the radius of the steepest one, in px of the full frame."""
 
     x: float
     y: float
     radius: float
-    polarity: int
 
 
 def reduce_frame(frame: NDArray[np.generic]) -> tuple[Floats32, int]:
-    """Average a frame over squares of pixels; return it with the width of the squares."""
-    factor = max(1, min(8, min(frame.shape) // _REDUCED_SIDE))
+    """Average a frame over squares of pixels to 120 px on its shorter side; return it with the width of the squares."""
+    factor = max(1, min(8, min(frame.shape) // 120))
     rows, columns = (size // factor for size in frame.shape)
     cut = frame[: rows * factor, : columns * factor]
     known = cut if cut.dtype in (np.uint8, np.uint16) else cut.astype(np.float32)
@@ -76,8 +72,7 @@ def find_centres(frame: NDArray[np.generic]) -> list[Spot]:
         votes[max(row - 5, 0) : row + 6, max(column - 5, 0) : column + 6] = 0.0
         found = _placed(x, y, along, weight, start)
         if found is not None:
-            centre = found.x * factor + shift, found.y * factor + shift
-            spots.append(Spot(*centre, found.radius * factor, found.polarity))
+            spots.append(Spot(found.x * factor + shift, found.y * factor + shift, found.radius * factor))
     return spots
 
 
@@ -94,7 +89,7 @@ def _votes(x: Floats, y: Floats, along: Floats, weight: Floats, shape: tuple[int
 
 
 def _placed(x: Floats, y: Floats, along: Floats, weight: Floats, start: tuple[float, float]) -> Spot | None:
-    """Centre by least squares of the distances to the lines; radius and polarity of the steepest ring."""
+    """Centre by least squares of the distances to the lines; radius of the steepest ring."""
     at_x, at_y = start
     for near in _NEAR:
         across = (x - at_x) * along[1] - (y - at_y) * along[0]
@@ -106,7 +101,4 @@ def _placed(x: Floats, y: Floats, along: Floats, weight: Floats, start: tuple[fl
         (at_x, at_y), *_ = np.linalg.lstsq(matrix, matrix[:, 0] * x[used] + matrix[:, 1] * y[used])
     outward = ((x - at_x) * along[0] + (y - at_y) * along[1])[used]
     counts = np.bincount(np.abs(outward).astype(np.int64), weight[used])
-    steepest = int(counts.argmax())
-    near_ring = np.abs(np.abs(outward) - steepest - 0.5) < 2.0
-    polarity = -1 if float((np.sign(outward) * weight[used])[near_ring].sum()) > 0.0 else 1
-    return Spot(float(at_x), float(at_y), steepest + 0.5, polarity)
+    return Spot(float(at_x), float(at_y), int(counts.argmax()) + 0.5)

@@ -22,8 +22,6 @@ from labpipe.imaging.fringes._search import QUICK, is_contact
 _NEAR_FRINGES, _FAR_FRINGES = 2.0, 3.0
 #: Factors of the gap that are tried, and between which it must come out.
 _FACTORS, _LEAST_FACTOR, _MOST_FACTOR = (1.0, 0.7, 0.45), 0.3, 1.1
-#: Misfit from which a fit of Hertz's gap is doubted, and greatest one of a fit of another gap.
-_DOUBTFUL_MISFIT, _MOST_MISFIT = 0.02, 0.03
 
 
 def has_free_gap(fit: RingFit) -> bool:
@@ -33,7 +31,7 @@ def has_free_gap(fit: RingFit) -> bool:
 
 def is_doubtful(fit: RingFit) -> bool:
     """Tell whether the gap in a frame seems not to be Hertz's, beyond chance."""
-    return (fit.misfit > _DOUBTFUL_MISFIT and fit.is_doubtful) or has_free_gap(fit)
+    return (fit.misfit > 0.02 and fit.is_doubtful) or has_free_gap(fit)
 
 
 def fit_open_gap(
@@ -83,4 +81,4 @@ def _is_right(fit: RingFit) -> bool:
     """Tell whether a fit explains the frame by a factor that a contact can have, and that is not Hertz's."""
     factor = math.exp(fit.value(Parameter.SCALE))
     is_other = abs(factor - 1.0) > 0.02
-    return is_other and _LEAST_FACTOR < factor < _MOST_FACTOR and fit.misfit <= _MOST_MISFIT
+    return is_other and _LEAST_FACTOR < factor < _MOST_FACTOR and fit.misfit <= 0.03

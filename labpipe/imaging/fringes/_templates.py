@@ -16,8 +16,6 @@ from labpipe.imaging.fringes._ring_model import (
     ring_limits,
 )
 
-#: Rings per distance from the contact to the first bright ring: enough to follow it, few enough to be quick.
-_RINGS_PER_EDGE = 6.0
 #: Travels of the radius in the exposure that are tried, in widths of the first bright ring.
 _TRAVELS = (0.0, 1.5, 4.0)
 
@@ -65,7 +63,7 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
 
     reach = math.hypot(*shape)
     edge = edge_width(0.5 * reach, optics)
-    width = max(0.5, 0.5 * math.floor(2.0 * edge / _RINGS_PER_EDGE))
+    width = max(0.5, 0.5 * math.floor(edge / 3.0))  # six rings up to the first bright one
     # Two rings from template to template are a third of the first bright ring.
     radii = np.array(
         [

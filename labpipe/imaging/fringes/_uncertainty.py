@@ -1,4 +1,4 @@
-"""Uncertainty of a contact radius: what each frame has of its own, and what all frames share."""
+"""Uncertainty that all radii of a film share; that of single frames is in :mod:`._ring_fit` and :mod:`._motion`."""
 
 import math
 
@@ -12,15 +12,6 @@ from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
 
 #: Sources of the systematic budget, in the order of the coordinate.
 SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "adhesion")
-
-
-def radius_deviation(fit: RingFit, by_motion: float) -> float:
-    """Return the standard uncertainty of a radius (px) by noise, errors of the model, and acceleration in the exposure.
-
-    Noise is the sandwich estimate of the fit, errors of the model are seen by the jackknife over parts of the ring
-    (:mod:`._ring_fit`), the acceleration is estimated from the frames around (:mod:`._motion`).
-    """
-    return math.hypot(fit.deviation(Parameter.RADIUS), fit.model_deviation, by_motion)
 
 
 def systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]) -> Floats:
