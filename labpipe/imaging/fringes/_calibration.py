@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from labpipe.imaging.fringes._model_selection import Trial, fit_frames
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._ring_fit import AXES, LIGHT, Parameter, RingFit
-from labpipe.imaging.fringes._search import QUICK
 
 #: Frames that are used, the best known of the larger contacts first, and how many of them search a scale of values.
 _FRAMES, _FEW = 8, 4
@@ -87,7 +86,7 @@ def calibrate(
     def attempt(known: Calibration, *extra: Parameter, is_quick: bool = False) -> Trial | None:
         seen = known.applied(view)
         if is_quick:
-            seen = replace(seen, settings=replace(seen.settings, **QUICK))
+            seen = replace(seen, settings=seen.settings.quick)
             return fit_frames(images[:_FEW], starts[:_FEW], seen, extra)
         return fit_frames(images, starts, seen, extra)
 

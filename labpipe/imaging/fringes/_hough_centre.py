@@ -5,40 +5,21 @@ frame cuts them, or fringes too fine for the pixels make patterns of their own.
 """
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats, Floats32
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._spots import Spot, reduce_frame
 
 #: Steepest places of the reduced frame that vote, and the centres that are returned at most.
-_VOTERS, _MOST_CENTRES = 1500, 3
+_VOTERS, _MOST_CENTRES = 1500, 2
 #: Width (reduced px) of the cells in which votes are counted, and the share of the longer side of the frame up to
 #: which centres are looked for outside it.
 _CELL, _MARGIN = 2.0, 0.5
 #: Voters whose line passes within these distances (reduced px) place the centre, in turn; the fewest that must do so.
 _NEAR, _LEAST_VOTERS = (6.0, 3.0, 1.5), 12
-
-
-@dataclass(frozen=True)
-class Spot:
-    """A centre of rings with the radius of the steepest one, in px of the full frame."""
-
-    x: float
-    y: float
-    radius: float
-
-
-def reduce_frame(frame: NDArray[np.generic]) -> tuple[Floats32, int]:
-    """Average a frame over squares of pixels to 120 px on its shorter side; return it with the width of the squares."""
-    factor = max(1, min(8, min(frame.shape) // 120))
-    rows, columns = (size // factor for size in frame.shape)
-    cut = frame[: rows * factor, : columns * factor]
-    known = cut if cut.dtype in (np.uint8, np.uint16) else cut.astype(np.float32)
-    small = cv2.resize(np.asarray(known), (columns, rows), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.float32), factor
 
 
 def find_centres(frame: NDArray[np.generic]) -> list[Spot]:

@@ -16,7 +16,7 @@ from labpipe.arrays import Floats
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._ring_fit import FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_model import edge_width
-from labpipe.imaging.fringes._search import QUICK, is_contact
+from labpipe.imaging.fringes._search import is_contact
 
 #: Fringes of Hertz's gap over which the power law is taken to hold, and over which its error shows.
 _NEAR_FRINGES, _FAR_FRINGES = 2.0, 3.0
@@ -61,7 +61,6 @@ def fit_open_gap(
 
 def _best_trial(frame: NDArray[np.generic], view: View, starts: Sequence[Floats], near: FitSettings) -> RingFit | None:
     """Fit some of the pixels from every start, and keep what leaves least."""
-    quick = replace(near, **QUICK)
     best: RingFit | None = None
     for start in starts:
         width = edge_width(float(start[Parameter.RADIUS]), view.optics)
@@ -71,7 +70,7 @@ def _best_trial(frame: NDArray[np.generic], view: View, starts: Sequence[Floats]
                 trial[Parameter.RADIUS] = max(trial[Parameter.RADIUS] - below * width, 1.0)
                 trial[Parameter.SCALE] = math.log(factor)
                 trial[Parameter.SMEAR] = min(trial[Parameter.SMEAR], (0.3 * width) ** 2)
-                fit = fit_contact(frame, trial, view.optics, quick, view.white)
+                fit = fit_contact(frame, trial, view.optics, near.quick, view.white)
                 if fit is not None and _is_right(fit) and (best is None or fit.misfit < best.misfit):
                     best = fit
     return best

@@ -79,6 +79,11 @@ class FitSettings:
     max_pixels: int = 100_000
     max_iterations: int = 25
 
+    @property
+    def quick(self) -> "FitSettings":
+        """The same on fewer pixels, for a first look."""
+        return replace(self, max_pixels=12_000, max_iterations=12)
+
 
 @dataclass(frozen=True)
 class RingFit:

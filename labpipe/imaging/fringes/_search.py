@@ -14,10 +14,7 @@ from labpipe.imaging.fringes._ring_fit import AXES, Parameter, RingFit, fit_cont
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, edge_width, ring_limits
 from labpipe.imaging.fringes._templates import Match, best_matches
 
-#: Pixels and evaluations of the fits that find out what a frame shows.
-QUICK = {"max_pixels": 12_000, "max_iterations": 12}
-#: Residual beyond the noise, as a share of the modulation, from which another explanation is looked for, and from
-#: which a fit is not believed: 0.03 for R 2 % wrong, 0.04 for light of low coherence, 0.1 and more for other things.
+#: Misfit from which another explanation is looked for, and from which a fit is not believed: 0.1 for other things.
 GOOD_MISFIT, MOST_MISFIT = 0.04, 0.1
 #: Radius, in Newton spots, up to which a contact is compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
@@ -35,10 +32,15 @@ def search_contact(features: FrameFeatures, view: View, centre: tuple[float, flo
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    sights = [(match, spot) for spot in features.centres for match in _matches_at(frame, view, spot.x, spot.y)]
+    sights = [(match, spot) for spot in features.spots[:4] for match in _matches_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
     fits = (_fit_match(frame, view, match, spot.x, spot.y) for match, spot in sights[:3])
-    return next((found for found in fits if found is not None), None)
+    found = next((fit for fit in fits if fit is not None), None)
+    if found is not None:
+        return found
+    # Perhaps there is a spot that no threshold separates from uneven light.
+    others = (fit_at(frame, view, spot.x, spot.y) for spot in features.centres)
+    return next((fit for fit in others if fit is not None), None)
 
 
 def _matches_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> list[Match]:
@@ -106,7 +108,7 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
 
 
 def _fit_outwards(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
-    quick = replace(view.settings, free=free, **QUICK)
+    quick = replace(view.settings.quick, free=free)
     first = fit_contact(frame, start, view.optics, replace(quick, fringes=1.0), view.white)
     if first is None or first.pixels < 200:
         return None
