@@ -15,7 +15,7 @@ from labpipe.imaging.fringes._dark_disc import look_without_fringes, runs_of
 from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
-from labpipe.imaging.fringes._open_gap import fit_open_gap, has_free_gap, is_doubtful
+from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._ring_fit import Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_model import edge_width
@@ -25,8 +25,8 @@ from labpipe.imaging.fringes._search import GOOD_MISFIT, fit_at, fit_from, is_co
 _BEYOND_DOUBT = 2.0
 #: Share of the usual visibility of the fringes of a film below which those of a small contact are no contact's.
 _FAINT = 0.3
-#: Frames of the longest contact from which one of a single frame is none, and frames that show a small one.
-_LONG_CONTACT, _LASTS = 5, 3
+#: Frames that a small contact lasts, and frames with fringes that tell their usual visibility.
+_LASTS, _SEVERAL = 3, 5
 
 
 def fit_from_neighbours(
@@ -120,21 +120,19 @@ def decide_contacts(reader: FilmReader, result: FilmResult, time: Floats) -> Non
     A contact grows from nothing and returns to it within its duration. In coherent light a sphere that hovers differs
     from one that touches by the phase of its rings only, so that a single frame does not decide: a contact of up to two
     Newton spots counts when it lasts for three frames or belongs to one that grows larger, and its fringes are as
-    clear as those of the other contacts. A contact of a single frame is none where others last for five.
+    clear as those of the other contacts.
     """
     view = result.view
     runs = runs_of(sorted(result.fits.keys() | set(map(int, np.flatnonzero(result.resting)))))
-    longest = max((len(run) for run in runs), default=0)
     visibility = {index: fit.visibility(view.black) for index, fit in result.fits.items()}
-    usual = float(np.median(list(visibility.values()))) if len(visibility) >= _LONG_CONTACT else 0.0
+    usual = float(np.median(list(visibility.values()))) if len(visibility) >= _SEVERAL else 0.0
     for run in runs:
         fitted = [index for index in run if index in result.fits]
         largest = max((result.fits[index].radius for index in fitted), default=math.inf)
         is_small = largest < _BEYOND_DOUBT * view.optics.newton_spot
-        is_brief = len(run) < _LASTS < len(time) if is_small else len(run) == 1 and longest >= _LONG_CONTACT
-        for index in fitted:
-            is_faint = is_small and visibility[index] < _FAINT * usual
-            if (is_brief or is_faint) and not has_free_gap(result.fits[index]):
+        is_brief = len(run) < _LASTS < len(time)
+        for index in fitted if is_small else ():
+            if is_brief or visibility[index] < _FAINT * usual:
                 fit = result.fits.pop(index)
                 result.undecided[index] = fit.radius + 2.0 * fit.deviation(Parameter.RADIUS)
                 result.blanks[index] = look_without_fringes(FrameFeatures(reader.whole(index)), view)
@@ -156,7 +154,7 @@ def allow_for_acceleration(reader: FilmReader, result: FilmResult, time: Floats,
         far = (fit.travel / width) ** 4
         share = (1.0 / 6.0 + far / (1.0 + far) / 3.0) / max(fit.radius, 1.0)
         moved = fit
-        if fit.travel > 0.25 * width and abs(bend) > 0.0:
+        if fit.travel > 0.25 * width and abs(bend) > 0.0 and not has_free_gap(fit):
             start = fit.parameters.copy()
             start[Parameter.BEND] = bend
             settings = replace(result.view.settings, free=fit.free)
@@ -182,7 +180,7 @@ def _bend(fits: dict[int, RingFit], index: int, time: Floats, half: float, fit: 
     near = sorted((other for other in range(index - 3, index + 4) if other in fits), key=lambda k: (abs(k - index), k))
     usual = float(np.median(np.diff(time))) if len(time) > 1 else math.inf
     near = [other for other in near if abs(time[other] - time[index]) < 8.0 * max(usual, 2.0 * half)][:4]
-    if len(near) < 3 or not half > 0.0:
+    if len(near) < 3 or not half > 0.0 or len({time[other] for other in near}) < len(near):
         return 0.0, 0.25 * fit.travel**2
     t = np.array([(time[other] - time[index]) / half for other in near])
     squares = np.array([fits[other].radius ** 2 for other in near])
