@@ -15,7 +15,7 @@ from labpipe.imaging.fringes._dark_disc import look_without_fringes, runs_of
 from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
-from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
+from labpipe.imaging.fringes._open_gap import fit_open_gap, has_free_gap, is_doubtful
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._ring_fit import Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_model import edge_width
