@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import Self
 
-INTERLACED, EXCHANGED, IN_MOTION, MARKER = "interlaced", "width and height", "in motion", "marker"
+EXCHANGED, IN_MOTION, MARKER = "width and height", "in motion", "marker"
 UNKNOWN_FORMAT, NO_FILM, NO_MATERIAL, MATERIAL_FILE = "unknown format", "no film", "no material", "material file"
 UNREADABLE, UNSAID, NO_INPUT = "unreadable", "left unsaid", "no input"
 """Reasons: rows of two instants; width and height exchanged; a record that begins in motion; a marker in place of a

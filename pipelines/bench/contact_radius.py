@@ -27,8 +27,6 @@ _MICROMETRE = 1e-6
 _MEAN, _VISIBILITY, _NOISE, _WHITE = 120.0, 0.8, 5.0, 255.0
 #: Period of stray fringes, and size of the grains of speckle (px).
 _STRAY_PERIOD, _GRAIN = 23.0, 2.0
-#: Rows and columns by which a ghost is shifted, and the lesser width of a lens that is not round (px).
-_GHOST, _ROUND = (9, 17), 0.8
 #: Step of the radial table of light (px), and samples along a pixel's side.
 _TABLE_STEP, _SAMPLES = 0.01, 4
 #: Nodes of the integral for the surface, and moments of an exposure.
@@ -65,11 +63,7 @@ class Scene:
     beams: float = 0.0
     flat: float = 0.0
     black: float = 0.0
-    delay: float = 0.0
     beam: float = 0.0
-    haze: float = 0.0
-    ghost: float = 0.0
-    oval: float = 0.0
 
 
 def run(quick: bool) -> list[Suite]:
@@ -236,11 +230,7 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         "ellipse, 4 %": replace(scene, stretch=0.04),
         "light ± 40 %, dark corners": replace(scene, slope=0.4, vignette=0.3),
         "many beams, faces that reflect 30 %": replace(scene, beams=0.3),
-        "many beams, coatings that absorb": replace(scene, beams=0.3, delay=0.5),
         "light of a bell-shaped beam": replace(scene, beam=0.6),
-        "haze that weakens fringes unevenly": replace(scene, haze=0.5),
-        "ghost image of 8 %": replace(scene, ghost=0.08),
-        "astigmatic lens, 2 and 0.8 px": replace(scene, oval=2.0),
         "sphere worn flat, 120 µm": replace(scene, flat=120e-6),
         "darker than the black level": replace(scene, black=45.0),
         "blur of 2.5 px": replace(scene, blur=2.5),
@@ -250,7 +240,6 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         "ellipse, blur, sloping light": replace(scene, stretch=0.04, blur=2.0, slope=0.4),
         "ellipse, gamma, dark corners": replace(scene, stretch=0.02, gamma=0.8, vignette=0.4),
         "ellipse, phase of 2.2 rad": replace(scene, stretch=0.02, phase=2.2),
-        "ellipse, coatings that absorb": replace(scene, stretch=0.02, beams=0.3, delay=0.5),
     }
     rows: list[Point] = []
     plain = 0.0  # of the first row, the ideal one
@@ -346,10 +335,6 @@ def make_image(scene: Scene) -> Floats:
         )
     if scene.beam:
         grey *= np.exp(-((across - 0.3) ** 2 + (down / scene.rows + 0.1) ** 2) / scene.beam)
-    if scene.haze:
-        grey += scene.haze * _MEAN * (1.0 + 0.8 * across)
-    if scene.ghost:
-        grey += scene.ghost * np.roll(grey, _GHOST, axis=(0, 1))
     if scene.stray:
         along = 0.76 * np.arange(scene.columns) + 0.65 * np.arange(scene.rows)[:, None]
         grey *= 1.0 + scene.stray * np.cos(2.0 * math.pi * along / _STRAY_PERIOD)
@@ -358,20 +343,15 @@ def make_image(scene: Scene) -> Floats:
         grey *= 1.0 + scene.speckle * grain / grain.std()
     if scene.blur:
         grey = gaussian_filter(grey, scene.blur, mode="nearest")
-    if scene.oval:
-        grey = gaussian_filter(grey, (scene.oval, _ROUND), mode="nearest")
     return np.asarray(_WHITE * (np.clip(grey, 0.0, None) / _WHITE) ** scene.gamma)
 
 
 def _interference(phase: Floats, scene: Scene) -> Floats:
-    """Light, about 1 in the mean, of two beams or of many between faces that reflect alike.
-
-    What goes to and fro may be delayed in the faces.
-    """
+    """Light, about 1 in the mean, of two beams or of many between faces that reflect alike."""
     if not scene.beams:
         return 1.0 + _VISIBILITY * np.cos(phase)
     wave = np.exp(1j * (phase - math.pi))
-    through = np.abs(1.0 - scene.beams * wave * np.exp(1j * scene.delay)) ** 2
+    through = np.abs(1.0 - scene.beams * wave) ** 2
     return np.asarray(0.1 + 1.5 * scene.beams * np.abs(1.0 - wave) ** 2 / through)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.installation import __version__
-from pipelines.guide import _gallery, _reference, _tutorial
+from pipelines.guide import _films, _gallery, _reference, _tutorial
 from pipelines.guide._loaded import loaded
 from pipelines.guide._texts import GUIDES, PARTS, PICTURES, linked
 
@@ -72,6 +72,7 @@ def build(site: Path, sessions: Iterable[Path] = (), *, keep: bool = False) -> P
         for guide in source.glob("*.md"):
             files.write_text(guide, _within(guide.read_text("utf-8"), source))
         (source / "pictures").mkdir(exist_ok=True)
+        _films.write(source / "pictures")
         _tutorial.write(source)
         _gallery.write(source, sessions)
         _reference.write(source)

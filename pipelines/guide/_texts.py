@@ -10,7 +10,7 @@ GUIDES = Path(files.__file__).parent / "documentation"
 PICTURES = GUIDES / "pictures"
 """Drawn while the site is built, and kept for those who have the package alone."""
 
-_FIRST = ("tutorial", "page", "experimenter", "files", "analyst", "rheology", "films", "fringes", "gallery")
+_FIRST = ("tutorial", "page", "experimenter", "files", "analyst", "rheology", "films", "gallery")
 _METHODS = ("simulator", "evidence", "scale")
 _REFERENCE = ("settings", "commands", "python")
 _OTHERS = ("developer", "architecture")

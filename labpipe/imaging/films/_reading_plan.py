@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
-from labpipe.imaging.films._lost_rows import fill_lost_rows
 
 #: Rows of a band.
 _BAND_ROWS = 16
@@ -43,7 +42,6 @@ class FilmReader:
     ``film``: The film. ``frames_read``, ``bands_read``: Frames read whole, and bands of rows. ``pixels_read``,
     ``bytes_read``: What that amounts to, decoded. ``repeats``: Frames that were read again because they were no
     longer at hand. ``damaged``: Frames that hold numbers that are not finite; they are returned all black.
-    ``lost_rows``: By frame, rows that repeat the row before and are interpolated.
     """
 
     film: FrameSource
@@ -53,7 +51,6 @@ class FilmReader:
     bytes_read: int = 0
     repeats: int = 0
     damaged: set[int] = field(default_factory=set)
-    lost_rows: dict[int, int] = field(default_factory=dict)
     _seen: set[int] = field(default_factory=set)
     _parts: dict[tuple[int, int], FrameSource] = field(default_factory=dict)
     _kept: OrderedDict[int, NDArray[np.generic]] = field(default_factory=OrderedDict)
@@ -73,8 +70,6 @@ class FilmReader:
         if image.dtype.kind == "f" and not np.isfinite(image).all():
             self.damaged.add(index)
             image = np.zeros_like(image)
-        elif lost := fill_lost_rows(image):
-            self.lost_rows[index] = lost
         self.pixels_read += image.size
         self.bytes_read += image.nbytes
         self._kept[index] = image

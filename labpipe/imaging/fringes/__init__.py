@@ -3,6 +3,6 @@
 from labpipe.imaging.fringes._adhesive_edge import USUAL_WORK, adhesive_edge, edge_shift
 from labpipe.imaging.fringes._circle import fit_circle
 from labpipe.imaging.fringes._contact_radius import contact_radius
-from labpipe.imaging.fringes._interference import hertz_gap
+from labpipe.imaging.fringes._ring_model import hertz_gap
 
 __all__ = ["USUAL_WORK", "adhesive_edge", "contact_radius", "edge_shift", "fit_circle", "hertz_gap"]

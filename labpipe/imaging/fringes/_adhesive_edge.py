@@ -1,13 +1,10 @@
 """The edge of a contact that adhesion holds, from the Hertz gap that its fringes show.
 
-Adhesion opens the gap beside a contact by that of a flat punch, √(2πaw/E*) (2/π) arccos(a/r). The
-derivative of Hertz's gap by its radius, -4a arccos(a/r)/(πR), has the same shape: fringes cannot
-tell an adhesive contact from a Hertz contact that is smaller by R √(πw/(2aE*)). The fitted radius
-is therefore that of the Hertz gap, and the edge follows from it with w and E*.
-
-The two shapes part where the shift s is no longer small against the distance d of the first bright ring
-from the edge: to second order they are alike for a shift of s (1 + s/(4d)). A dark spot whose rings no pixel
-resolves tells where the gap is an eighth of a wavelength, and no more.
+Adhesion opens the gap beside a contact by that of a flat punch, √(2πaw/E*) (2/π) arccos(a/r). The derivative of
+Hertz's gap by its radius, -4a arccos(a/r)/(πR), has the same shape: fringes do not distinguish an adhesive contact from
+a Hertz contact that is smaller by s = R √(πw/(2aE*)). The fitted radius is that of the Hertz gap, and the edge follows
+from it with w and E*. To second order the shapes are equal for a shift of s (1 + s/(4d)), d being the distance of the
+first bright ring from the edge.
 """
 
 import numpy as np
@@ -18,14 +15,12 @@ from labpipe.errors import InputError
 
 #: Wavelength (m) where none is stated: the middle of white light.
 NOMINAL_WAVELENGTH = 550e-9
-#: Work of adhesion (J/m²) where none is stated: a clean smooth polymer on glass or sapphire, the
-#: most to expect; roughness and dust take away most of it.
+#: Work of adhesion (J/m²) where none is stated: a clean smooth polymer on glass or sapphire, the most to expect.
 USUAL_WORK = 0.05
 #: The closed form holds to this share of the difference, and to as much of it again as it is of the radius.
 _CLOSED_FORM = 0.03
-#: Pixels within which the first bright ring must lie from the edge for the spot alone to tell a radius, and how well
-#: it then tells the difference: exact JKR contacts of 3 to 10 MPa in pixels of 10 µm, to 5 to 20 %.
-_UNRESOLVED, _BY_SPOT = 2.0, 0.1
+#: The same where the edge of a dark spot determined the radius: exact JKR contacts of 3 to 10 MPa lie within it.
+_BY_SPOT = 0.3
 #: How far apart (m) surfaces still attract each other, at most: a third of a nanometre where they are clean and smooth,
 #: and about one over roughness.
 _REACH = 1e-9
@@ -56,14 +51,12 @@ def adhesive_edge(
     work_of_adhesion : float, optional [J/m²]
         w; 0 is Hertz. By default that of a clean smooth polymer.
     wavelength : float, optional [m]
-        Of the light; with it the second order is added, which tells of 5 to 10 % of the difference where
-        this is 1 % of the radius.
+        Of the light; with it the second order is added, 5 to 10 % of a difference of 1 % of the radius.
 
     Returns
     -------
     array [m]
-        a = a_Hertz + s (1 + s/(4d)) with s = R √(πw/(2aE*)), and d the distance of the first bright ring
-        from the edge; without a wavelength a = a_Hertz + s. On images of exact JKR contacts (E* 1 to
+        a = a_Hertz + s (1 + s/(4d)); without a wavelength a = a_Hertz + s. On images of exact JKR contacts (E* 1 to
         5 GPa, w 2 to 50 mJ/m², difference up to 1.8 % of the radius) right to 2 % of the difference.
 
     Raises
@@ -82,18 +75,14 @@ def adhesive_edge(
     300.44
     """
     found = np.asarray(hertz_radius, float)
-    if not (np.isfinite(sphere_radius) and sphere_radius > 0.0):
-        message = f"sphere_radius must be positive, found {sphere_radius} m"
-        raise InputError(message)
-    if not (np.isfinite(reduced_modulus) and reduced_modulus > 0.0):
-        message = f"reduced_modulus must be positive, found {reduced_modulus} Pa"
-        raise InputError(message)
+    given = {"sphere_radius": (sphere_radius, "m"), "reduced_modulus": (reduced_modulus, "Pa")}
+    for name, (value, unit) in given.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} must be positive, found {value} {unit}")
     if not (np.isfinite(work_of_adhesion) and work_of_adhesion >= 0.0):
-        message = f"work_of_adhesion must be 0 or more, found {work_of_adhesion} J/m2"
-        raise InputError(message)
+        raise InputError(f"work_of_adhesion must be 0 or more, found {work_of_adhesion} J/m2")
     if np.any(found <= 0.0):
-        message = "hertz_radius must be positive"
-        raise InputError(message)
+        raise InputError("hertz_radius must be positive")
     scale = sphere_radius * np.sqrt(0.5 * np.pi * work_of_adhesion / reduced_modulus)
     edge = found + 0.0
     for _ in range(_ROUNDS):
@@ -109,27 +98,6 @@ def _first_ring(hertz_radius: Floats, sphere_radius: float, wavelength: float) -
     return np.asarray(a * (3.0 * np.pi * sphere_radius * wavelength / (32.0 * np.sqrt(2.0) * a**2)) ** (2.0 / 3.0))
 
 
-def _of_spot(found: Floats, sphere_radius: float, reduced_modulus: float, work: float, wavelength: float) -> Floats:
-    """Return the radius of a JKR contact whose circle of half brightness is that of a Hertz contact."""
-
-    def hertz(a: Floats, r: Floats) -> Floats:
-        gap = a * np.sqrt(r**2 - a**2) - (2.0 * a**2 - r**2) * np.arccos(a / r)
-        return np.asarray(gap / (np.pi * sphere_radius))
-
-    low, high = found, found + np.sqrt(sphere_radius * wavelength)
-    for _ in range(_ROUNDS):
-        r = 0.5 * (low + high)
-        is_wide = hertz(found, r) > wavelength / 8.0
-        low, high = np.where(is_wide, low, r), np.where(is_wide, r, high)
-    low, r = found, high
-    for _ in range(_ROUNDS):
-        a = 0.5 * (low + high)
-        beyond = np.sqrt(2.0 * np.pi * a * work / reduced_modulus) * (2.0 / np.pi) * np.arccos(a / r)
-        is_wide = hertz(a, r) + beyond > wavelength / 8.0
-        low, high = np.where(is_wide, a, low), np.where(is_wide, high, a)
-    return np.asarray(0.5 * (low + high))
-
-
 def edge_shift(
     radius: Floats,
     sphere_radius: float,
@@ -137,22 +105,12 @@ def edge_shift(
     work: float | None,
     u_work: float,
     wavelength: float | None,
-    pixel_size: float,
     is_spot: ArrayLike = False,
 ) -> tuple[Floats, Floats]:
     """Return how far an edge lies outside Hertz's radius, and the standard uncertainty of that.
 
-    Parameters
-    ----------
-    radius : array [m]
-        Hertz-equivalent; positive.
-    sphere_radius, reduced_modulus : float [m, Pa]
-    work : float or None [J/m²]
-        As it is stated; None: the edge lies anywhere up to where :data:`USUAL_WORK` puts it.
-    u_work, pixel_size : float [J/m², m]
-    wavelength : float or None [m]
-    is_spot : bool or array
-        Whether the edge of a dark spot told the radius instead of rings.
+    ``radius`` [m] is Hertz-equivalent, ``work`` [J/m²] as stated, or None: the edge then lies anywhere up to where
+    :data:`USUAL_WORK` puts it. ``is_spot`` tells where the edge of a dark spot determined the radius instead of rings.
 
     Notes
     -----
@@ -162,14 +120,13 @@ def edge_shift(
     """
     w, light = USUAL_WORK if work is None else work, wavelength or NOMINAL_WAVELENGTH
     bodies = sphere_radius, reduced_modulus, w, light
-    spot = np.logical_or(is_spot, _first_ring(radius, sphere_radius, light) < _UNRESOLVED * pixel_size)
-    shift = np.where(spot, _of_spot(radius, *bodies), adhesive_edge(radius, *bodies)) - radius
+    shift = adhesive_edge(radius, *bodies) - radius
     if work is None:
         return 0.5 * shift, shift / np.sqrt(12.0)
     if work == 0.0:
         return 0.0 * radius, 0.0 * radius
     r = _REACH * np.sqrt(np.pi * reduced_modulus / (4.0 * w * np.maximum(shift, 1e-15)))
     # of what lies evenly on one side, the root mean square
-    form = np.where(spot, _BY_SPOT, np.hypot(_CLOSED_FORM, shift / radius))
+    form = np.where(is_spot, _BY_SPOT, np.hypot(_CLOSED_FORM, shift / radius))
     shares = (np.full_like(shift, 0.5 * u_work / w), form, r / (r + _BY_REACH) / np.sqrt(3.0))
     return shift, shift * np.sqrt(sum(share**2 for share in shares))

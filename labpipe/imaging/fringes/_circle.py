@@ -26,14 +26,9 @@ def fit_circle(points: Floats) -> tuple[float, float, float]:
 
     Notes
     -----
-    Taubin's fit: the algebraic distance is normalised by the mean of its squared gradient, which
-    takes away most of the pull to small circles that short arcs have. Solved as a generalised
-    singular value problem in centred coordinates.
-
-    References
-    ----------
-    G. Taubin, IEEE Trans. PAMI 13 (1991) 1115-1138, https://doi.org/10.1109/34.103273;
-    N. Chernov, Circular and Linear Regression (2010), https://doi.org/10.1201/EBK1439835906
+    Taubin's fit (IEEE Trans. PAMI 13 (1991) 1115, https://doi.org/10.1109/34.103273): the algebraic distance is
+    normalised by the mean of its squared gradient, which takes away most of the pull to small circles that short arcs
+    have. OpenCV has no fit of circles.
 
     Examples
     --------
@@ -43,24 +38,19 @@ def fit_circle(points: Floats) -> tuple[float, float, float]:
     [3.0, -1.0, 5.0]
     """
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
-        message = f"a circle needs three or more points (x, y), found shape {points.shape}"
-        raise InputError(message)
+        raise InputError(f"a circle needs three or more points (x, y), found shape {points.shape}")
     middle = points.mean(axis=0)
     centred = points - middle
     square = (centred**2).sum(axis=1)
     mean_square = float(square.mean())
     if mean_square == 0.0:
-        message = "the points are all the same; a circle needs three different ones"
-        raise InputError(message)
+        raise InputError("the points are all the same; a circle needs three different ones")
     root = np.sqrt(mean_square)
-    columns = np.column_stack([(square - mean_square) / (2.0 * root), centred])
-    *_, vectors = np.linalg.svd(columns, full_matrices=False)
-    curvature, slope_x, slope_y = vectors[-1]
+    *_, vectors = np.linalg.svd(np.column_stack([(square - mean_square) / (2.0 * root), centred]), full_matrices=False)
+    curvature, *slope = vectors[-1]
     curvature /= 2.0 * root
-    if abs(curvature) * root < 1e-9 * np.hypot(slope_x, slope_y):
-        message = "the points lie on one line; no circle passes through them"
-        raise InputError(message)
-    offset = -mean_square * curvature
-    x, y = -np.array([slope_x, slope_y]) / (2.0 * curvature) + middle
-    gradient = slope_x**2 + slope_y**2 - 4.0 * curvature * offset
-    return float(x), float(y), float(np.sqrt(gradient) / (2.0 * abs(curvature)))
+    if abs(curvature) * root < 1e-9 * np.hypot(*slope):
+        raise InputError("the points lie on one line; no circle passes through them")
+    x, y = -np.array(slope) / (2.0 * curvature) + middle
+    radius = np.sqrt(slope[0] ** 2 + slope[1] ** 2 + 4.0 * curvature**2 * mean_square) / (2.0 * abs(curvature))
+    return float(x), float(y), float(radius)

@@ -14,10 +14,6 @@ from labpipe.units import Measure, Quantity, si
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Fringes used, half a wavelength of gap each. The first three hold nearly all that is known
-#: about the radius; more of them multiply the effect of an error in R or the wavelength.
-DEFAULT_FRINGES = 3.0
-
 
 def contact_radius(
     frames: FrameSource | NDArray[np.generic],
@@ -28,9 +24,10 @@ def contact_radius(
     *,
     phase: float | None = None,
     shape: Literal["auto", "circle", "ellipse"] = "auto",
-    fringes: float = DEFAULT_FRINGES,
+    fringes: float = 3.0,
     full: bool = False,
     windows: Sequence[tuple[float, float]] | None = None,
+    any_disc: bool = False,
     reduced_modulus: Measure | None = None,
     work_of_adhesion: Measure | None = None,
     u_work_of_adhesion: Measure = 0.0,
@@ -52,30 +49,33 @@ def contact_radius(
     sphere_radius : float [m]
         Effective radius of curvature.
     wavelength : float or None [m]
-        Wavelength of the light; None for white or unknown light: then only the edge of the spot
-        is measured, for a nominal wavelength of 550 nm.
+        Wavelength of the light; None for white or unknown light: then only the edge of the spot is measured, for a
+        nominal wavelength of 550 nm.
     exposure : float or array (frame,), optional [s]
-        Exposure time; by default what the film says. It tells how far the radius moves while the
-        shutter is open, from where the fit of a blurred frame starts.
+        Exposure time; by default that of the film. It determines how far the radius moves while the shutter is open,
+        and its acceleration shifts the mean over the exposure.
     phase : float, optional [rad]
-        Phase in the contact, π where it is dark, 0 where it is bright. By default found from the
-        film.
+        Phase in the contact, π where it is dark, 0 where it is bright. By default found from the film.
     shape : "auto", "circle" or "ellipse"
-        Whether circles are ellipses (oblique view, unequal scales): when the largest contacts of
-        the film say so, never, or free in every frame.
+        Whether circles are ellipses (oblique view, unequal scales): when the largest contacts of the film say so,
+        never, or free in every frame.
     fringes : float
-        Number of fringes used.
+        Number of fringes used, half a wavelength of gap each. Three hold nearly all that is known about the radius;
+        more multiply the effect of an error in R or the wavelength.
     full : bool
         Read and fit every frame: no shortcuts.
     windows : sequence of (start, end), optional [s]
-        Times in which a contact may be (from a laser record, say). Frames outside are not read
-        and count as out of contact.
+        Times in which a contact may be (from a laser record, say). Frames outside are not read and count as out of
+        contact.
+    any_disc : bool
+        Whether every sharp disc without fringes is a contact. By default one is only when it lies where fringes show
+        contacts in the frames around it, or, where none are resolved, when it grows or shrinks as a contact does.
     reduced_modulus : float, optional [Pa]
-        E* = E/(1 - ν²). With it the edge of an adhesive contact is told, and adhesion stands in the
-        systematic budget.
+        E* = E/(1 - ν²). With it the edge of an adhesive contact is determined, and adhesion enters the systematic
+        budget.
     work_of_adhesion : float, optional [J/m2]
-        w of the surfaces; by default anything up to 50 mJ/m², that of a clean smooth polymer. 0 for
-        surfaces that do not stick.
+        w of the surfaces; by default anything up to 50 mJ/m², that of a clean smooth polymer. 0 for surfaces that do
+        not stick.
     u_work_of_adhesion : float, optional [J/m2]
         Its standard uncertainty.
     u_pixel_size, u_sphere_radius, u_wavelength : float, optional [m]
@@ -86,38 +86,27 @@ def contact_radius(
     Returns
     -------
     Dataset over ``frame``
-        ``radius`` : Hertz-equivalent radius in the middle of the exposure, that of the Hertz
-        contact with the same gap around it; for ellipses of the circle of equal area [m]; NaN
-        where there is none;
-        ``u_radius`` : its standard uncertainty from noise, and from what the fit leaves beyond
-        noise where that is not by chance (with "edge": that of the estimate) [m];
-        ``radius_systematic`` : standard uncertainty that all frames share, and
-        ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
-        ``edge_radius``, ``u_edge_radius`` : of the edge of the contact by JKR, farther out where the
-        surfaces stick, with its whole standard uncertainty, also if they attract each other across up to a
-        nanometre (Maugis), where it lies nearer to Hertz's; NaN without a modulus [m];
-        ``centre_x``, ``centre_y`` [px] with ``u_``;
-        ``in_contact`` : whether there is a contact;
-        ``valid`` : False for damaged frames;
-        ``method`` : 0 none, 1 fringe fit, 2 edge, 3 between equal frames (a frame at rest that
-        was not read whole; the radius is interpolated), 4 wider than the frame (in contact, without
-        a radius), 5 fringe fit of a gap that is not Hertz's (on a body that still recovers);
-        ``travel`` : change of the radius during the exposure as the blur shows it, without
-        sign [m];
-        ``misfit`` : residual beyond noise as a share of the modulation [1];
-        ``gap_factor`` : factor of the gap beside the contact against Hertz's, 1 unless fitted [1];
-        ``own_scale``, ``u_own_scale`` : phase scale by this frame alone over that of the film, in the
-        largest frames of each contact, NaN in others: apart where the lens was changed [1];
-        ``residual_ratio`` : residual divided by noise [1]; ``visibility`` [1];
-        ``semi_axis_major``, ``semi_axis_minor`` [m], ``axis_angle`` (major axis, from x towards
-        y) [rad];
-        ``static_radius``, ``u_static_radius`` : mean over the rest at the end of the film, NaN
-        when it does not end at rest in contact [m].
-        Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given
-        of 1/(λ R)), ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur``
-        (of the lens) [px], ``least_radius`` (below it a contact is not told from a touch in the light
-        and noise of the film, and counts as none) [m], ``harmonics`` (ratio of each to the one before, its
-        imaginary part, and a third beside), ``wavelength_used``, ``note``, ``work`` (counts).
+        ``radius`` : Hertz-equivalent radius in the middle of the exposure, that of the Hertz contact with the same gap
+        around it; for ellipses of the circle of equal area [m]; NaN where there is none; ``u_radius`` : its standard
+        uncertainty from noise, from errors of the model where the residual exceeds noise, and from the acceleration
+        within the exposure (with "edge": that of the estimate) [m]; ``radius_systematic`` : standard uncertainty that
+        all frames share, and ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
+        ``edge_radius``, ``u_edge_radius`` : of the edge of the contact by JKR, farther out where the surfaces stick,
+        with its whole standard uncertainty, also if they attract each other across up to a nanometre (Maugis), where it
+        lies nearer to Hertz's; NaN without a modulus [m]; ``centre_x``, ``centre_y`` [px] with ``u_``; ``in_contact`` :
+        whether there is a contact; ``radius_bound`` : where the sphere touches or hovers, which counts as no contact,
+        the radius that one would not exceed [m]; ``valid`` : False for damaged frames; ``method`` : 0 none, 1 fringe
+        fit, 2 edge, 3 between equal frames (a frame at rest that was not read whole; the radius is interpolated), 4
+        wider than the frame (in contact, without a radius), 5 fringe fit of a gap that is not Hertz's (on a body that
+        still recovers); ``travel`` : change of the radius during the exposure as the blur shows it, without sign [m];
+        ``misfit`` : residual beyond noise as a share of the modulation [1]; ``gap_factor`` : factor of the gap beside
+        the contact against Hertz's, 1 unless fitted [1]; ``residual_ratio`` : residual divided by noise [1];
+        ``visibility`` [1]; ``semi_axis_major``, ``semi_axis_minor`` [m], ``axis_angle`` (major axis, from x towards y)
+        [rad]. Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` with
+        ``u_`` (found / given of 1/(λ R), 1 where the film does not contradict),
+        ``flat_radius`` (of a flat worn into the sphere, 0 for none) [m], ``blur`` (of the lens) [px], ``least_radius``
+        (below it a contact cannot be distinguished from a touch, and counts as none) [m], ``wavelength_used``,
+        ``note``, ``work`` (counts).
 
     Raises
     ------
@@ -127,34 +116,29 @@ def contact_radius(
     Warns
     -----
     UserWarning
-        The fringes contradict R, wavelength or pixel size; frames were measured by the edge of the
-        spot; the sphere is worn flat; the light's wavelength is not known; fringes are finer than
-        pixels; damaged frames.
+        The fringes contradict R, wavelength or pixel size; frames were measured by the edge of the spot or damaged; the
+        sphere is worn flat; the wavelength is not known; fringes are finer than pixels.
 
     Notes
     -----
-    Adhesion opens the gap in the same shape as a smaller Hertz contact, so that fringes show a
-    Hertz-equivalent radius: that which a model without adhesion should be compared with. The edge
-    of a contact that sticks lies R √(πw/(2aE*)) farther out (:func:`.adhesive_edge`).
+    Adhesion opens the gap in the same shape as a smaller Hertz contact, so that fringes show a Hertz-equivalent radius:
+    that which a model without adhesion should be compared with. The edge of a contact that sticks lies R √(πw/(2aE*))
+    farther out (:func:`.adhesive_edge`).
 
-    The gap of a Hertz contact opens like (r - a)^(3/2), so that the image shows no edge at r = a.
-    The radius follows from a fit of the interference pattern of the first fringes to all pixels
-    of a ring, with centre, light and its slopes, visibility and the blur by the motion of the
-    radius as further unknowns. Phase, scale, blur of the lens (a bell, a disc, or between), oblique
-    view, harmonics of the fringes (many beams, coatings that absorb, a camera that is not linear),
-    a band of colours or a second one, a flat worn into the sphere, and whether light is bell-shaped or fringes weak in
-    places are found once per film where they explain it beyond doubt. What a fit leaves that changes
-    along the rings is noise, also where pixels share it (speckle, stray fringes); what does not is an
-    error of the model and widens ``u_radius`` by what it makes of the radius, told by how that changes
-    as quarters of fringes are left out (B. Efron's jackknife).
-    Beside every contact that does not stick the gap opens with the power 3/2, with Hertz's factor
-    unless the body still recovers from a dent: where Hertz's gap does not explain a frame, the
-    factor is fitted too. A dark centre alone is no contact: a sphere that touches without load, or
-    hovers, shows one as well and is distinguished by its fringes.
+    The gap of a Hertz contact opens like (r - a)^(3/2), so that the image shows no edge at r = a. The radius follows
+    from a fit of the interference pattern of the first fringes to all pixels of a ring, with centre, light and its
+    slopes, visibility and the blur by the motion of the radius as further unknowns. Phase, scale, blur of the lens,
+    oblique view, coherence, harmonics of many beams, uneven light and a flat worn into the sphere are determined once
+    per film, where they explain its largest contacts better by the Bayesian information criterion. An error of the
+    model that remains widens ``u_radius`` by the jackknife over parts of the ring. Next to every contact that does not
+    stick the gap opens with the power 3/2, with Hertz's factor unless the body still recovers from a dent: where
+    Hertz's gap does not explain a frame, the factor is fitted too. A dark centre alone is no contact: in coherent light
+    a sphere that touches without load, or hovers, differs from a small contact by the phase of the gap only. A contact
+    must agree with the frames around it: it grows from nothing and returns to it within its duration.
 
     Examples
     --------
-    >>> from labpipe.imaging.fringes._interference import hertz_gap
+    >>> from labpipe.imaging.fringes._ring_model import hertz_gap
     >>> y, x = np.mgrid[:128, :160]
     >>> gap = hertz_gap(4e-6 * np.hypot(x - 80.2, y - 63.7), 150e-6, 9.525e-3)
     >>> image = 120.0 * (1.0 - 0.8 * np.cos(4.0 * np.pi * gap / 633e-9))
@@ -164,14 +148,12 @@ def contact_radius(
 
     References
     ----------
-    K. L. Johnson, Contact Mechanics (1985), section 4.2, https://doi.org/10.1017/CBO9781139171731;
-    A. Ovcharenko et al., Tribol. Lett. 23 (2006) 55-63,
-    https://doi.org/10.1007/s11249-006-9113-9
+    A. Ovcharenko et al., Tribol. Lett. 23 (2006) 55-63, https://doi.org/10.1007/s11249-006-9113-9
     """
     from labpipe.imaging.films import in_grey_levels
     from labpipe.imaging.fringes._arguments import FilmOptions, check_film
     from labpipe.imaging.fringes._dataset import make_dataset
-    from labpipe.imaging.fringes._every_frame import measure_film
+    from labpipe.imaging.fringes._film import measure_film
 
     film = as_frames(frames)
     options = FilmOptions(
@@ -186,6 +168,7 @@ def contact_radius(
         None if windows is None else tuple((float(a), float(b)) for a, b in windows),
         None if reduced_modulus is None else si(reduced_modulus, "Pa", "reduced_modulus"),
         None if work_of_adhesion is None else si(work_of_adhesion, "J/m2", "work_of_adhesion"),
+        any_disc,
     )
     check_film(film, options)
     uncertainties = {

@@ -1,70 +1,76 @@
-"""Fit the interference pattern around a Hertz contact to the pixels of one frame."""
+"""Least-squares fit of the interference pattern around a Hertz contact to the pixels of one frame."""
 
+import itertools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
-from labpipe.imaging.fringes._interference import Optics, part_limits, ring_limits
-from labpipe.imaging.fringes._ring_noise import clustered, slow_power, unsteadiness
-from labpipe.imaging.fringes._ring_parameters import ASSUMED, LIGHT, USUAL, Parameter
-from labpipe.imaging.fringes._ring_pixels import Ring, cut_ring
-from labpipe.imaging.fringes._ring_sums import Cells, Sums, ring_cells, ring_sums
+from labpipe.arrays import Floats, Floats32, Integers
+from labpipe.imaging.fringes._ring_model import (
+    Optics,
+    distance_at_phase,
+    exposure_nodes,
+    phase_of_gap,
+    pixel_weights,
+    ring_limits,
+    table_distances,
+)
 from labpipe.uncertainty import excess_uncertainty
 
-#: Damping at the start (so small that a radius which hardly differs from a shift of the centre is
-#: not held back), least after a bad step, and its change after good and bad steps.
+
+class Parameter(IntEnum):
+    """Places in the vector of parameters; lengths in px, angles in rad, light in grey levels.
+
+    The light is (GAIN + MODULATION · term) (1 + SLOPE_X x + SLOPE_Y y + BOWL b + SADDLE (x² - y²) + CROSS x y), x and
+    y and b of order 1 over the ring. STRETCH and SHEAR make circles elliptic. SMEAR is the square of the change of
+    the radius during the exposure (px²), SCALE the logarithm of a factor of the phase scale. BEND, which is never
+    fitted, is half the second derivative of a² by time, times the square of half the exposure (px²).
+    """
+
+    RADIUS = 0
+    X = 1
+    Y = 2
+    GAIN = 3
+    MODULATION = 4
+    SLOPE_X = 5
+    SLOPE_Y = 6
+    BOWL = 7
+    PHASE = 8
+    STRETCH = 9
+    SHEAR = 10
+    SMEAR = 11
+    SCALE = 12
+    SADDLE = 13
+    CROSS = 14
+    BEND = 15
+
+
+CIRCLE = (Parameter.RADIUS, Parameter.X, Parameter.Y)
+#: Parameters that are fitted in every frame.
+_OWN_LIGHT = (Parameter.GAIN, Parameter.MODULATION, Parameter.SLOPE_X, Parameter.SLOPE_Y, Parameter.BOWL)
+USUAL = (*CIRCLE, *_OWN_LIGHT, Parameter.SMEAR)
+AXES = (Parameter.STRETCH, Parameter.SHEAR)
+LIGHT = (Parameter.SADDLE, Parameter.CROSS)
+#: Parameters that are taken as known in a frame; the fit returns how the radius depends on them.
+ASSUMED = (Parameter.PHASE, Parameter.SCALE)
+
+#: Damping at the start (so small that a radius which hardly differs from a shift of the centre is not held back),
+#: least after a bad step, and its change after good and bad steps.
 _DAMPING, _BAD_DAMPING, _LESS, _MORE, _MOST_DAMPING = 1e-8, 1e-3, 0.01, 10.0, 1e6
-#: Pixels left out at the border of the frame, in standard deviations of the blur.
-_BORDER = 2.0
-#: Expected gain of a step, in variances of a pixel, below which the iteration ends: the fit is then
-#: within a tenth of its uncertainty of the minimum, and the step itself is still made.
-_SMALL_GAIN = 0.01
-#: The same where only what is left counts: the squares fall as expected to a tenth of that.
-_ROUGH_GAIN = 1.0
-#: Share of the errors of the model that noise with a memory must reach to be told from them.
-_OWN_SHARE = 0.3
-#: Misfit from which noise with a memory is looked for, and from which nothing is explained.
-_NOTABLE_MISFIT, _HOPELESS_MISFIT = 0.01, 0.35
-#: Standard deviations by which the residual exceeds the noise before that counts as an error of
-#: the model; their ratio, squared, scatters by one over the root of the number of pixels.
-_BY_CHANCE = 5.0
-#: Greatest logarithm of the phase scale, stretch and shear, and square of the blur (px²) in an
-#: iteration: far beyond any view.
-_MOST_LOG_SCALE, _MOST_OBLIQUE, _MOST_BLUR = 1.0, 0.5, 150.0
-#: Greatest ratio of a harmonic to the one before.
-_MOST_RATIO = 0.9
+#: Travel (px) below which the effect of the smear is taken as proportional to its square, so that noise may also
+#: make it negative.
+_LEAST_TRAVEL = 0.3
 
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How a frame is fitted.
+    """Settings of the fit of a frame.
 
-    Attributes
-    ----------
-    fringes : float
-        Fringes used, half a wavelength of gap each. Three hold nearly all that is known about
-        the radius; more of them multiply the effect of an error in R or the wavelength.
-    least_spacing : float [px]
-        Finest fringes used; below two pixels they alias.
-    free : tuple of Parameter
-        What is fitted.
-    max_pixels : int
-        Rows are left out evenly when the ring holds more pixels.
-    max_iterations : int
-        Evaluations of the ring.
-    tolerance : float [px]
-        Step of radius and centre at which the iteration ends even where there is no noise.
-    tells_memory : bool
-        Tell noise with a memory from errors of the model; a fit of which only the residual counts
-        needs it not.
-    is_rough : bool
-        Whether only what is left counts, and where: the last step is taken, but not what is left there summed.
-    asks : tuple of Parameter
-        What is not fitted but told of: how the radius depends on it, and what fitting it would gain.
+    ``fringes``, half a wavelength of gap each, are used down to a ``least_spacing`` (px): below two pixels they alias.
+    Rows are left out evenly when a ring holds more than ``max_pixels``. An iteration is an evaluation of the ring.
     """
 
     fringes: float = 3.0
@@ -72,59 +78,22 @@ class FitSettings:
     free: tuple[Parameter, ...] = USUAL
     max_pixels: int = 100_000
     max_iterations: int = 25
-    tolerance: float = 2e-4
-    tells_memory: bool = True
-    is_rough: bool = False
-    asks: tuple[Parameter, ...] = ASSUMED
+
+    @property
+    def quick(self) -> "FitSettings":
+        """The same on fewer pixels, for a first look."""
+        return replace(self, max_pixels=12_000, max_iterations=12)
 
 
 @dataclass(frozen=True)
 class RingFit:
     """Result of a fit.
 
-    Attributes
-    ----------
-    parameters : array (parameter,)
-        See :class:`Parameter`.
-    free : tuple of Parameter
-        Those that were fitted.
-    covariance : array (free, free)
-        From the residuals, pixel by pixel, so that it holds for any noise without memory.
-    sensitivity : dict
-        Change of the radius (px) per change of each of :data:`ASSUMED` that was not fitted.
-    residual, noise : float [grey levels]
-        Root mean square residual, and the noise seen between neighbours along the rings.
-    pixels : int
-        Pixels used.
-    leverage : float [px per grey level]
-        Change of the radius by a pattern of errors of unit length that pulls at it most: its
-        uncertainty is this times the noise.
-    is_converged : bool
-        False when the iteration did not settle or left the frame.
-    evaluations : int
-        Evaluations of the ring.
-    inverse : array (free, free)
-        Of the normal matrix.
-    between : float [grey levels]
-        Noise between neighbours along the rings, also where noise has a memory.
-    slow : float or None [grey levels]
-        Root mean square of the residual that changes slowly along the rings, an error of the
-        model; None where the noise between neighbours tells it.
-    curvature : float [px²]
-        Half the difference of the squares of the ring's limits, in which BOWL is told.
-    unsteady : float or None [px]
-        What errors of the model make of the radius, from how it changes as parts of the ring are left
-        out; None where this was not asked for.
-    spread : float [px]
-        What is known from elsewhere about errors of the model, as a standard uncertainty.
-    doubts : dict
-        What errors of the model make of phase, scale and focus where these were fitted, from parts of the ring.
-    asked : tuple of Parameter
-        What was not fitted but asked for.
-    slope, bend : arrays (asked,), (asked, asked)
-        How the squares fall, and how that changes, with what was asked for and all else following.
-    by_memory : array (asked,) or None
-        Standard deviation of the slope by noise with a memory, where there is some.
+    ``covariance`` (free, free): sandwich estimate from the residuals, summed over blocks of pixels that may share their
+    noise. ``sensitivity``: change of the radius (px) per change of each of :data:`ASSUMED` that was not fitted.
+    ``residual``, ``noise`` [grey levels]: root mean square residual, and the noise between neighbours along the rings.
+    ``is_converged``: False when the iteration did not settle or left the frame. ``evaluations``: of the ring.
+    ``model_deviation`` [px]: standard uncertainty of the radius from errors of the model.
     """
 
     parameters: Floats
@@ -134,203 +103,187 @@ class RingFit:
     residual: float
     noise: float
     pixels: int
-    leverage: float
     is_converged: bool
     evaluations: int
-    inverse: Floats
-    between: float
-    curvature: float
-    slow: float | None = None
-    unsteady: float | None = None
-    spread: float = 0.0
-    doubts: dict[Parameter, float] = field(default_factory=dict)
-    asked: tuple[Parameter, ...] = ()
-    slope: Floats | None = None
-    bend: Floats | None = None
-    by_memory: Floats | None = None
+    model_deviation: float = 0.0
 
-    def expected_gain(self, parameters: tuple[Parameter, ...]) -> float:
-        """Return by how many variances the squares would fall, to first order, with these fitted as well."""
-        return explained([self.along(parameters, max(self.noise, 1e-6) ** 2)])
+    def value(self, parameter: Parameter) -> float:
+        """Return one parameter."""
+        return float(self.parameters[parameter])
 
-    def along(self, parameters: Iterable[Parameter], unit: float) -> tuple[Floats, Floats]:
-        """Return how the squares fall, and how that changes, in a unit of squares, along some of what was asked for."""
-        rows = [self.asked.index(p) for p in dict.fromkeys(parameters) if p in self.asked]
-        if self.slope is None or self.bend is None:
-            return np.zeros(0), np.zeros((0, 0))
-        return self.slope[rows] / unit, self.bend[np.ix_(rows, rows)] / unit
+    @property
+    def radius(self) -> float:
+        """Contact radius [px]."""
+        return float(self.parameters[Parameter.RADIUS])
 
-    def deviation(self, parameter: Parameter, known: tuple[Parameter, ...] = ()) -> float:
-        """Return the standard uncertainty from noise, some others being known; 0 for what was not fitted."""
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Column and row of the centre [px]."""
+        return float(self.parameters[Parameter.X]), float(self.parameters[Parameter.Y])
+
+    @property
+    def travel(self) -> float:
+        """Change of the radius during the exposure, without sign [px]."""
+        return math.sqrt(max(float(self.parameters[Parameter.SMEAR]), 0.0))
+
+    def visibility(self, black: float) -> float:
+        """Return the visibility of the fringes, for a grey level of darkness."""
+        return abs(self.value(Parameter.MODULATION)) / max(self.value(Parameter.GAIN) - black, 1e-12)
+
+    def deviation(self, parameter: Parameter) -> float:
+        """Return the standard uncertainty from noise; 0 for a parameter that was not fitted."""
         if parameter not in self.free:
             return 0.0
-        places = [self.free.index(p) for p in (parameter, *known) if p in self.free]
-        if len(places) == 1:
-            return math.sqrt(max(float(self.covariance[places[0], places[0]]), 0.0))
-        return 1.0 / math.sqrt(max(float(np.linalg.pinv(self.covariance[np.ix_(places, places)])[0, 0]), 1e-300))
+        place = self.free.index(parameter)
+        return math.sqrt(max(float(self.covariance[place, place]), 0.0))
 
     @property
-    def worst_deviation(self) -> float:
-        """Shift of the radius (px) by errors of the model at worst, 0 when none are seen.
-
-        Errors as large as what the fit leaves beyond noise, in the pattern that moves the radius
-        most.
-        """
-        if self.slow is not None:
-            return self.slow * math.sqrt(self.pixels) * self.leverage
-        by_chance = _BY_CHANCE / math.sqrt(max(self.pixels, 1))
-        excess = self.residual**2 - self.noise**2 * (1.0 + by_chance)
-        return math.sqrt(max(excess, 0.0) * self.pixels) * self.leverage
-
-    @property
-    def model_deviation(self) -> float:
-        """Shift of the radius (px) that errors of the model are expected to cause, 0 when none are seen."""
-        expected = self.worst_deviation
-        if self.unsteady is not None:
-            expected = min(expected, self.unsteady)
-        return math.hypot(expected, self.spread)
-
-    @property
-    def has_negative_light(self) -> bool:
-        """Whether the light falls off so steeply that a plane would make it negative within the ring."""
-        slope = math.hypot(*(float(self.parameters[p]) for p in (Parameter.SLOPE_X, Parameter.SLOPE_Y)))
-        return slope > 1.0 and LIGHT[0] not in self.free
+    def is_doubtful(self) -> bool:
+        """Whether the residual exceeds the noise by more than chance: the square of their ratio scatters by √(2/n)."""
+        by_chance = 5.0 / math.sqrt(max(self.pixels, 1))
+        return self.residual**2 > self.noise**2 * (1.0 + by_chance)
 
     @property
     def misfit(self) -> float:
         """Residual beyond the noise as a share of the modulation [1]."""
-        modulation = abs(float(self.parameters[Parameter.MODULATION]))
-        excess = excess_uncertainty(self.residual, self.noise)
-        return excess / max(modulation, 1e-12)
+        modulation = abs(self.value(Parameter.MODULATION))
+        return excess_uncertainty(self.residual, self.noise) / max(modulation, 1e-12)
 
 
-def explained(along: Iterable[tuple[Floats, Floats]]) -> float:
-    """Return by how much the squares of several frames would fall, to first order: see :meth:`RingFit.along`."""
-    return sum(float(slope @ np.linalg.lstsq(bend, slope)[0]) for slope, bend in along if len(slope))
+@dataclass(frozen=True)
+class Ring:
+    """Pixels of one fit: a piece of the frame with its corner and stride, two distances, and units of the light."""
+
+    image: Floats32
+    corner: tuple[int, int, int]
+    inner: float
+    outer: float
+    origin: Floats
+    ceiling: float
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over the ring: normal equations, products of scores, residuals, differences of neighbours."""
+
+    normal: Floats
+    right: Floats
+    middle: Floats
+    squares: float
+    pixels: int
+    differences: float
+    pairs: int
+
+
+def cut_ring(
+    frame: NDArray[np.generic], start: Floats, inner: float, outer: float, ceiling: float, max_pixels: int
+) -> Ring | None:
+    """Cut the piece of a frame (row, column) that holds a ring, or None when they do not meet."""
+    rows, columns = frame.shape
+    x, y = float(start[Parameter.X]), float(start[Parameter.Y])
+    slack = 2.0 + outer * (abs(start[Parameter.STRETCH]) + abs(start[Parameter.SHEAR]))
+    top, bottom = max(0, math.floor(y - outer - slack)), min(rows, math.ceil(y + outer + slack) + 1)
+    left, right = max(0, math.floor(x - outer - slack)), min(columns, math.ceil(x + outer + slack) + 1)
+    if bottom - top < 2 or right - left < 2:
+        return None
+    dy = np.arange(rows) - y
+    count = 0.0
+    for distance, sign in ((outer, 1.0), (inner, -1.0)):
+        half = np.sqrt(np.maximum(distance**2 - dy**2, 0.0))
+        width = np.minimum(x + half, columns - 0.5) - np.maximum(x - half, -0.5)
+        count += sign * float(np.maximum(width, 0.0).sum())
+    stride = max(1, math.ceil(count / max_pixels))
+    piece = np.ascontiguousarray(frame[top:bottom, left:right], np.float32)
+    middle, spread = 0.5 * (outer**2 + inner**2), 0.5 * (outer**2 - inner**2)
+    origin = np.array([x, y, outer, middle / outer**2, outer**2 / spread])
+    return Ring(piece, (top, left, stride), inner, outer, origin, ceiling)
+
+
+def tabulate(limits: tuple[float, float], parameters: Floats, optics: Optics) -> tuple[float, Floats]:
+    """Radial table (5, sample) of the interference term and its derivatives, with the distance of its first sample.
+
+    The derivatives are by distance, contact radius, phase, and the square of the travel, from which the term is
+    extrapolated to small travels.
+    """
+    from labpipe.imaging.fringes._kernels import fill_table
+
+    inner, outer = limits
+    radius, smear = float(parameters[Parameter.RADIUS]), float(parameters[Parameter.SMEAR])
+    travel = math.sqrt(max(smear, _LEAST_TRAVEL**2))
+    start, distance = table_distances(inner, outer, optics.blur)
+    spacing = 2.0 * math.pi / max(phase_of_gap(outer, radius, optics)[1], 1e-12)
+    nodes, weights = exposure_nodes(travel, spacing)
+    # Stretch and shear reduce areas: the gap is that of equal area.
+    area = 1.0 - float(parameters[Parameter.STRETCH]) ** 2 - float(parameters[Parameter.SHEAR]) ** 2
+    phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / area
+    wave = phase_scale, float(parameters[Parameter.PHASE]), optics.flat, optics.spread, optics.beams
+    motion = travel, float(parameters[Parameter.BEND])
+    table = fill_table(distance, radius, motion, nodes, weights, wave, pixel_weights(optics.blur))
+    table[4] /= 2.0 * travel
+    table[0] += (smear - travel**2) * table[4]
+    return start, table
+
+
+def ring_sums(
+    ring: Ring,
+    parameters: Floats,
+    active: Integers,
+    optics: Optics,
+    scored: int = 0,
+    part: tuple[float, float] | None = None,
+) -> Sums:
+    """Sum over the ring, or over a part of it between two distances; scores and noise where some are ``scored``."""
+    from labpipe.imaging.fringes._kernels import accumulate
+
+    limits = ring.inner, ring.outer
+    start, table = tabulate(limits, parameters, optics)
+    normal, right, middle, totals = accumulate(
+        ring.image, ring.corner, part or limits, parameters, ring.origin, table, start, active, ring.ceiling, scored
+    )
+    return Sums(normal, right, middle, totals[0], int(totals[1]), totals[2], int(totals[3]))
 
 
 def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -> RingFit:
-    """Least squares over the pixels of a ring, by damped Gauss–Newton steps from what is right to a third of a fringe.
+    """Least squares over the pixels of a ring, by damped Gauss–Newton steps.
 
-    The phase of the optics is replaced by that of the parameters.
+    The start must be right to a third of a fringe; the phase of the optics is replaced by that of the parameters.
     """
     free = np.array(settings.free, np.int64)
-    asked = () if settings.is_rough else tuple(p for p in settings.asks if p not in settings.free)
-    reported = np.array([*settings.free, *asked], np.int64)
-    moves = np.isin(free, (Parameter.RADIUS, Parameter.X, Parameter.Y))
+    reported = np.array([*settings.free, *(p for p in ASSUMED if p not in settings.free)], np.int64)
+    moves = np.isin(free, CIRCLE)
     best = start.astype(float).copy()
-    is_all = settings.max_iterations <= 1
-    damping, evaluations, is_settled, is_small = _DAMPING, 1, False, is_all
-    first = (reported, optics, len(free)) if is_all else (free, optics)
-    sums = ring_sums(ring, best, *first)
-    if not _is_finite(sums):
-        # A field of light told by fewer pixels can run out of all numbers beyond them.
-        best[[Parameter.SLOPE_X, Parameter.SLOPE_Y, Parameter.BOWL, *LIGHT]] = 0.0
-        sums = ring_sums(ring, best, *first)
-    least_gain = _ROUGH_GAIN if settings.is_rough else _SMALL_GAIN
-    while evaluations < settings.max_iterations and damping < _MOST_DAMPING:
-        if sums.pixels <= len(free):
-            break
+    damping, evaluations, is_settled, is_reported = _DAMPING, 1, False, False
+    sums = ring_sums(ring, best, free, optics)
+    while evaluations < settings.max_iterations and damping < _MOST_DAMPING and sums.pixels > len(free):
         step = _solve(sums, damping)
         if step is None:
             break
         trial = best.copy()
         trial[free] += step
-        if not _is_possible(trial) or trial[Parameter.RADIUS] > ring.outer:
+        has_run_away = abs(trial[Parameter.SCALE]) > 1.0 or np.abs(trial[list(AXES)]).max() > 0.5
+        if has_run_away or not (np.isfinite(trial).all() and 0.0 <= trial[Parameter.RADIUS] <= ring.outer):
             damping = max(damping * _MORE, _BAD_DAMPING)
             continue
+        # The iteration ends when a step gains less than a hundredth of the variance of a pixel: it is then within a
+        # tenth of its uncertainty of the minimum. The step itself is still made.
         gain = float(sums.right @ step) * sums.pixels
-        is_small = damping < _BAD_DAMPING and (
-            gain < least_gain * sums.squares or np.abs(step[moves]).max() < settings.tolerance
-        )
-        if is_small and settings.is_rough:
-            best, sums, is_settled = trial, replace(sums, squares=sums.squares - float(sums.right @ step)), True
-            break
+        is_small = damping < _BAD_DAMPING and (gain < 0.01 * sums.squares or np.abs(step[moves]).max() < 2e-4)
         tried = ring_sums(ring, trial, reported if is_small else free, optics, len(free) if is_small else 0)
         evaluations += 1
-        if not _is_finite(tried):
-            is_small, damping = False, max(damping * _MORE, _BAD_DAMPING)
-            continue
         # The pixels at the limits change with the centre: means are compared, not sums.
         if is_small or tried.squares * sums.pixels <= sums.squares * tried.pixels:
             best, sums, damping = trial, tried, damping * _LESS
+            is_reported = is_settled = is_small
         elif gain < sums.squares:
-            # What is left is less than one variance: pixels that come and go at the limits.
-            is_settled = True
-            break
+            is_settled = True  # what is left is less than one variance: pixels that come and go at the limits
         else:
             damping = max(damping * _MORE, _BAD_DAMPING)
-        if is_small:
-            is_settled = True
+        if is_settled:
             break
-    curvature = 0.5 * (ring.outer**2 - ring.inner**2)
-    if not (is_small or settings.is_rough):
+    if not is_reported:
         sums = ring_sums(ring, best, reported, optics, len(free))
         evaluations += 1
-    found = _result(best, sums, settings.free, asked, is_settled, evaluations, curvature)
-    return _with_doubts(_with_memory(found, ring, optics, sums), ring, optics) if settings.tells_memory else found
-
-
-def _with_doubts(fit: RingFit, ring: Ring, optics: Optics) -> RingFit:
-    """Tell what errors of the model make of phase, scale and focus: they are held for all frames."""
-    told = [p for p in (*ASSUMED, Parameter.FOCUS) if p in fit.free]
-    if fit.worst_deviation == 0.0 or not told:
-        return fit
-    cells = cells_of_parts(fit, ring, optics)
-    places = [fit.free.index(p) for p in told]
-    along = clustered(cells.scores, fit.inverse)[places, places]
-    across = np.array([unsteadiness(cells.normals, cells.pulls, place) for place in places])
-    by_noise = fit.noise**2 * fit.inverse[places, places]
-    doubts = np.sqrt(np.maximum(across - by_noise, 0.0) + np.maximum(along - by_noise, 0.0))
-    return replace(fit, doubts=dict(zip(told, doubts.tolist(), strict=True)))
-
-
-def _with_memory(fit: RingFit, ring: Ring, optics: Optics, sums: Sums) -> RingFit:
-    """Count as noise what changes along the rings, where more is left than pixels scatter alone."""
-    if not _NOTABLE_MISFIT <= fit.misfit < _HOPELESS_MISFIT or fit.worst_deviation == 0.0:
-        return fit
-    cells = ring_cells(ring, fit.parameters, np.array([*fit.free, *fit.asked], np.int64), optics)
-    power = slow_power(cells.sums, cells.counts)
-    beyond = fit.residual**2 - fit.noise**2
-    if power is None or beyond - power < _OWN_SHARE * power:
-        return fit  # errors of the model make up nearly all of it
-    noise, count = math.sqrt(fit.residual**2 - power), len(fit.free)
-    own = cells.scores[:, :count]
-    rest = cells.scores[:, count:] - own @ (fit.inverse @ sums.normal[:count, count:])
-    covariance = shared_covariance(fit, own)
-    by_memory = np.sqrt(np.diag(clustered(rest, np.eye(len(fit.asked)))))
-    return replace(fit, noise=noise, covariance=covariance, slow=math.sqrt(power), by_memory=by_memory)
-
-
-def cells_of_parts(fit: RingFit, ring: Ring, optics: Optics) -> Cells:
-    """Sum what a fit leaves over the cells of its ring, and over the quarters of its fringes."""
-    limits = part_limits(float(fit.parameters[Parameter.RADIUS]), ring.inner, ring.outer, optics)
-    return ring_cells(ring, fit.parameters, np.array(fit.free, np.int64), optics, limits)
-
-
-def shared_covariance(fit: RingFit, scores: Floats) -> Floats:
-    """Covariance of a fit for noise that neighbouring pixels share, where that tells the radius worse."""
-    covariance = clustered(scores, fit.inverse)
-    place = fit.free.index(Parameter.RADIUS) if Parameter.RADIUS in fit.free else 0
-    return fit.covariance if covariance[place, place] < fit.covariance[place, place] else covariance
-
-
-def _is_possible(parameters: Floats) -> bool:
-    """Tell whether an iteration has not run away."""
-    oblique = np.abs(parameters[[Parameter.STRETCH, Parameter.SHEAR]]).max()
-    return bool(
-        np.isfinite(parameters).all()
-        and parameters[Parameter.RADIUS] >= 0.0
-        and abs(parameters[Parameter.SCALE]) <= _MOST_LOG_SCALE
-        and oblique <= _MOST_OBLIQUE
-        and parameters[Parameter.BLUR] <= _MOST_BLUR
-        and math.hypot(parameters[Parameter.SECOND], parameters[Parameter.TURNED]) <= _MOST_RATIO
-    )
-
-
-def _is_finite(sums: Sums) -> bool:
-    """Tell whether the model is finite in all pixels."""
-    return bool(np.isfinite(sums.normal).all()) and math.isfinite(sums.squares)
+    return _result(best, sums, settings.free, is_settled, evaluations)
 
 
 def _solve(sums: Sums, damping: float) -> Floats | None:
@@ -345,69 +298,65 @@ def _solve(sums: Sums, damping: float) -> Floats | None:
 
 
 def _result(
-    parameters: Floats,
-    sums: Sums,
-    free: tuple[Parameter, ...],
-    asked: tuple[Parameter, ...],
-    is_converged: bool,
-    evaluations: int,
-    curvature: float,
+    parameters: Floats, sums: Sums, free: tuple[Parameter, ...], is_converged: bool, evaluations: int
 ) -> RingFit:
     """Covariance, residuals and sensitivities at the end of an iteration."""
     count = len(free)
-    spare = max(sums.pixels - count, 1)
-    residual = math.sqrt(sums.squares / spare)
+    residual = math.sqrt(sums.squares / max(sums.pixels - count, 1))
     noise = math.sqrt(sums.differences / (2.0 * sums.pairs)) if sums.pairs else residual
-    scale = np.sqrt(np.maximum(np.diag(sums.normal)[:count], 1e-300))
-    outer = np.outer(scale, scale)
-    inverse = np.linalg.pinv(sums.normal[:count, :count] / outer) / outer
-    covariance = inverse @ sums.weighted @ inverse if len(sums.weighted) else residual**2 * inverse
+    inverse = inverse_of(sums.normal[:count, :count])
+    covariance = inverse @ sums.middle @ inverse
     changes = inverse @ sums.normal[:count, count:]
-    place = free.index(Parameter.RADIUS) if Parameter.RADIUS in free else None
     sensitivity = dict.fromkeys(ASSUMED, 0.0)
-    if place is not None:
-        sensitivity |= {p: float(changes[place, k]) for k, p in enumerate(asked)}
-    return RingFit(
-        parameters,
-        free,
-        covariance,
-        sensitivity,
-        residual,
-        noise,
-        sums.pixels,
-        0.0 if place is None else math.sqrt(max(float(inverse[place, place]), 0.0)),
-        is_converged,
-        evaluations,
-        inverse,
-        noise,
-        curvature,
-        asked=asked,
-        slope=sums.right[count:] - changes.T @ sums.right[:count],
-        bend=sums.normal[count:, count:] - sums.normal[count:, :count] @ changes,
-    )
+    if Parameter.RADIUS in free:
+        row = changes[free.index(Parameter.RADIUS)]
+        sensitivity |= {p: float(row[k]) for k, p in enumerate(p for p in ASSUMED if p not in free)}
+    return RingFit(parameters, free, covariance, sensitivity, residual, noise, sums.pixels, is_converged, evaluations)
+
+
+def inverse_of(normal: Floats) -> Floats:
+    """Inverse of a normal matrix, scaled by its diagonal."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    outer = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(normal / outer) / outer)
 
 
 def fit_contact(
-    frame: NDArray[np.generic],
-    start: Floats,
-    optics: Optics,
-    settings: FitSettings,
-    levels: tuple[float, float] = (-math.inf, math.inf),
+    frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, ceiling: float = math.inf
 ) -> RingFit | None:
-    """Fit one frame with the ring laid around the start; None when that lies outside the frame.
+    """Fit one frame (row, column) with the ring laid around the start (parameter,); None where it lies outside.
 
-    Pixels are left out where they are clipped at one of the grey ``levels``.
+    ``ceiling`` is the grey level from which a pixel is saturated and left out.
     """
-    ring = ring_around(frame, start, optics, settings, levels)
-    return None if ring is None else fit_ring(ring, start, optics, settings)
+    limits = ring_limits(float(start[Parameter.RADIUS]), optics, settings.fringes, settings.least_spacing)
+    ring = cut_ring(frame, start, *limits, ceiling, settings.max_pixels)
+    if ring is None:
+        return None
+    fit = fit_ring(ring, start, optics, settings)
+    if fit.is_doubtful and settings.max_pixels == FitSettings.max_pixels and Parameter.RADIUS in settings.free:
+        return replace(fit, model_deviation=_model_deviation(ring, fit, optics))
+    return fit
 
 
-def ring_around(
-    frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, levels: tuple[float, float]
-) -> Ring | None:
-    """Cut the ring around a contact; None when it lies outside the frame."""
-    radius = float(start[Parameter.RADIUS])
-    inner, outer = ring_limits(radius, optics, settings.fringes, settings.least_spacing)
-    # A filter of the camera or of a program makes up what lies beyond the border.
-    margin = math.ceil(_BORDER * optics.blur)
-    return cut_ring(frame, start, inner, outer, levels, settings.max_pixels, margin)
+def _model_deviation(ring: Ring, fit: RingFit, optics: Optics) -> float:
+    """Return u (px) of the radius by errors of the model, from how it changes as parts of the ring are left out.
+
+    The parts are quarters of fringes, and the dark inside. Errors of the model that differ from part to part pull at
+    the radius in the parts as they do in the whole: the jackknife (B. Efron 1982, chapter 3,
+    https://doi.org/10.1137/1.9781611970319).
+    """
+    steps = int(phase_of_gap(ring.outer, fit.radius, optics)[0] / (0.5 * math.pi)) + 1
+    limits = [ring.inner, fit.radius]
+    limits += [distance_at_phase(0.5 * math.pi * k, fit.radius, optics) for k in range(1, steps)] + [ring.outer]
+    free = np.array(fit.free, np.int64)
+    parts = [
+        ring_sums(ring, fit.parameters, free, optics, part=(low, high))
+        for low, high in itertools.pairwise(limits)
+        if high > low
+    ]
+    place = fit.free.index(Parameter.RADIUS)
+    total = np.sum([part.normal for part in parts], axis=0)
+    ridge = 1e-9 * np.diag(np.diag(total))
+    changes = [float((inverse_of(total - part.normal + ridge) @ part.right)[place]) for part in parts if part.pixels]
+    variance = sum(change**2 for change in changes) * (len(changes) - 1) / max(len(changes), 1)
+    return math.sqrt(max(variance - fit.deviation(Parameter.RADIUS) ** 2, 0.0))

@@ -24,8 +24,7 @@ def frame_checks(radius: xr.Dataset, whole: Check, settings: ContactArea) -> lis
 
     ``whole`` tells what the file lacks.
     """
-    is_interlaced = bool(radius.attrs.get("interlaced", False))
-    sound = sound_frames(radius["valid"].values.astype(bool), whole, settings.film, is_interlaced=is_interlaced)
+    sound = sound_frames(radius["valid"].values.astype(bool), whole, settings.film)
     checks = [of(radius, settings) for of in (_times, _blanked, _copies, _in_order)]
     return [*checks, sound]
 

@@ -1,25 +1,21 @@
-"""Whether the images of a contact are of one view: its place, the shape and scale of its rings, dark or bright."""
+"""Whether the images of a contact are of one view: its place, the shape of its rings, dark or bright."""
 
 import json
 from collections.abc import Iterator
-from dataclasses import replace
-from math import acos, cos, degrees, hypot, isfinite, nan, sqrt
+from math import acos, cos, degrees, isfinite, sqrt
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.judging import Check, Level, compared, in_words, not_made, stated
+from labpipe.judging import Check, Level, in_words, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.contact_area._axes import axes_ratio
 from pipelines.experiments.contact_area.measured import FRINGE_FIT, OPEN_GAP, READ, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_light import LIGHT
 
-ONE_SCALE = "one scale of the fringes"
-_FRINGES = 3e-3
-"""Relative uncertainty of the scale of fringes found in a film."""
 _FEWEST = 8  # frames whose centres make a place
 _STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
 _PLAY, _WANDERS = 25e-6, 4.0
@@ -27,10 +23,6 @@ _PLAY, _WANDERS = 25e-6, 4.0
 _MANY, _EACH, _ALIKE = 6, 3.0, 4.0
 """Frames of a contact that tell whether it moves in the image, and standard uncertainties by which each does and by
 which their speeds may differ where the image creeps."""
-_RECOVERS = 0.03
-"""Relative change of the gap's scale that a body may show which recovers from its dents."""
-_RECEDES = 0.02  # of the radius in the frame before, by which a contact is smaller that recedes
-_LIKE_LARGEST = 0.5  # of the largest radius, from which contacts are compared
 _SMEARED, _TOO_SHARP = 4, 0.4  # frames with a smear to compare, and the share of the stated one that says it is wrong
 _MATTERS, _DECIDES = 0.5, 2.0
 """Of the uncertainty of the scale, by which unequal axes may change a radius untold, and from which on they are most of
@@ -38,8 +30,8 @@ what is not known of it."""
 
 
 def image_checks(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
-    """Look for contacts beside the image, that move in it or are bright, and rings of several scales or no circles."""
-    yield from (check(radius, settings) for check in (in_view, _stays, _shutter, _round, _one_scale, _positive))
+    """Look for contacts beside the image, that move in it or are bright, and rings that are no circles."""
+    yield from (check(radius, settings) for check in (in_view, _stays, _shutter, _round, _positive))
 
 
 def in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
@@ -178,40 +170,6 @@ def _creep(time: Floats, place: Floats, own: Floats, runs: list[NDArray[np.int64
         for speed, square in told
     )
     return size if is_told else None
-
-
-def _one_scale(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Hold the scale of the fringes in each contact against that in the others."""
-    name, law = ONE_SCALE, "lens and light stay: the fringes of all contacts have one scale"
-    if "own_scale" not in radius:
-        return not_made(name, law, "fringes in two contacts")
-    told = np.isfinite(radius["own_scale"].values) & np.isfinite(radius["u_own_scale"].values)
-    # at rest a small contact creeps on in the dent of larger ones, and its gap is not Hertz's
-    size = np.nan_to_num(radius["radius"].values)
-    # beside a contact that recedes the surface still recovers
-    seen = np.flatnonzero(size > 0.0)
-    grows = np.ones(size.size, bool)
-    grows[seen[1:]] = size[seen[1:]] > (1.0 - _RECEDES) * size[seen[:-1]]
-    at = np.flatnonzero(told & grows & (size > _LIKE_LARGEST * size.max(initial=0.0)))
-    if at.size < 2:
-        return not_made(name, law, "fringes in two contacts")
-    scale, u, frame = (radius[n].values[at] for n in ("own_scale", "u_own_scale", "frame"))
-    low, high = int(np.argmin(scale)), int(np.argmax(scale))
-    first, second = sorted((low, high), key=lambda k: frame[k])
-    ratio = float(scale[second] / scale[first])
-    message = (
-        f"{settings.film}: lengths in frame {frame[second]} are {1 / sqrt(ratio):.4g} times as many px as in frame "
-        f"{frame[first]}, by the fringes"
-    )
-    both = hypot(float(u[second] / scale[second]), float(u[first] / scale[first]))
-    found = compared(
-        name, law, message, ratio, ratio * hypot(both, _FRINGES), 1.0, _FRINGES, allowance=_RECOVERS, file=settings.film
-    )
-    cause = (
-        "zoom, focus or distance of the lens changed within the film, something came into the view, or two films were "
-        "joined"
-    )
-    return replace(found, cause=cause, log_ratio=nan, u_log_ratio=nan)
 
 
 def _positive(radius: xr.Dataset, settings: ContactArea) -> Check:

@@ -33,8 +33,7 @@ from pipelines.experiments.contact_area._flight_checks import (
     restitution_by_radii,
 )
 from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, none_lost, summits_seen
-from pipelines.experiments.contact_area._image_checks import ONE_SCALE, image_checks, in_view
-from pipelines.experiments.contact_area._scale import fringe_scale
+from pipelines.experiments.contact_area._image_checks import image_checks, in_view
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
 from pipelines.experiments.contact_area.measured import LATER, brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
@@ -43,7 +42,7 @@ from pipelines.experiments.shared.alternatives import of_drop
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.film_frames import CAUSES, explained, not_smoothed, whole_film
-from pipelines.experiments.shared.film_light import exposed, lit, no_mosaic, not_written
+from pipelines.experiments.shared.film_light import exposed, lit, not_written
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, times_over
@@ -76,6 +75,7 @@ _NEAR, _OF_HEIGHT = 3.0, ", or the drop is of another height than stated"
 _UNSEEN = "frames of the flights were lost or left out, as by bursts, and those after them numbered on, or are repeated"
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _STICKS = 1.0  # J/m²
+_OF_FORM = 1.5e-3  # relative, by which a sphere differs from a paraboloid, and a cone of light from a ray
 _ANEW = 0.75  # of the first largest radius, from which a contact after the third impact is of another drop
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
 _MENDS = {"region": "region"}  # setting, by the reason of the error
@@ -112,16 +112,13 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     if radius is not None:
         checks += stated_twice(radius, settings.film, settings.frame_rate, settings.exposure)
         checks += given.each((_fringes, _visible, _method, _flies, image_checks))
-        mosaic = no_mosaic(radius, settings.film)
         checks += [
             lit(settings.film, brightness(radius), radius["in_contact"].values.astype(bool), radius["time"].values),
             exposed(radius, settings.film),
-            mosaic,
         ]
         written = not_written(radius, settings.film)
         checks += [written] if written.level else []
         checks += frame_checks(radius, whole, settings)
-        checks = judgements.because(checks, mosaic.cause if mosaic.level else "", "step impacts")
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
         checks += given.each((contacts_whole, none_lost, none_missed, flights_alike))
@@ -129,8 +126,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         alike = checks[-1]
         checks = judgements.because(checks, alike.cause if alike.level else "", FLIGHT, log_ratio=nan)
         summits = summits_seen(radius, impacts, settings)
-        # a largest contact that was not seen is taken to be that before it, and one that recedes for one that grows
-        checks = judgements.because(checks, summits.cause if summits.level else "", ONE_SCALE, level=summits.level)
         checks.append(summits)
         checks = judgements.because(checks, written.cause if written.level else "", FLIGHT, DURATION, log_ratio=nan)
         # where impacts do not follow each other, what is held against the stated height is another one
@@ -188,17 +183,18 @@ def _inputs(
 def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
     law = "fringes lie where radius of the sphere, wavelength and scale of the image put them"
     light, body = settings.wavelength, settings.sphere.radius
-    found = None if light is None or impacts is None else fringe_scale(radius, impacts, body.value, open_too=True)
-    if light is None or found is None:
-        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves in its first contact")
+    ratio = float(radius.attrs.get("phase_scale_ratio", nan))
+    if light is None or not isfinite(ratio) or not edges_only(radius)[1]:
+        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves")
     scale = 2 * float(radius.attrs["u_systematic_relative"])
     u = hypot(scale, light.u / light.value, body.u / body.value)
     message = (
-        f"{settings.film}: R times wavelength is {in_words(1 / found.ratio, 4)} times what is stated, by the fringes "
-        f"(in this light a sphere of {in_words(1e3 * body.value / found.ratio, 4)} mm in radius, stated are "
-        f"{in_words(1e3 * body.value, 4)} mm), or else a pixel {in_words(sqrt(found.ratio), 4)} times as long"
+        f"{settings.film}: R times wavelength is {in_words(1 / ratio, 4)} times what is stated, by the fringes "
+        f"(in this light a sphere of {in_words(1e3 * body.value / ratio, 4)} mm in radius, stated are "
+        f"{in_words(1e3 * body.value, 4)} mm), or else a pixel {in_words(sqrt(ratio), 4)} times as long"
     )
-    return compared(FRINGE, law, message, found.ratio, found.u, 1.0, u, file=settings.film)
+    u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
+    return compared(FRINGE, law, message, ratio, u_ratio, 1.0, u, file=settings.film)
 
 
 def _sticks(settings: ContactArea) -> Check:

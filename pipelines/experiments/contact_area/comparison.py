@@ -2,8 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from math import hypot, sqrt
-from typing import Any
+from math import sqrt
 
 import numpy as np
 import xarray as xr
@@ -14,7 +13,6 @@ from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._form import Form
 from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
-from pipelines.experiments.contact_area._scale import fringe_scale
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.material_inputs import material_slopes
@@ -25,7 +23,6 @@ SCALE = "scale of the image"
 WAVELENGTH = "wavelength"
 FRAMES = "radius in all frames alike"
 """Of the rows: what frames have in common beside the length of a pixel, as the light's phase."""
-PIXEL = "length of a pixel, by the fringes"
 PLATE = f"{OF_PLATE}mass"
 
 _MOST_SHIFT = 2.0
@@ -110,7 +107,6 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             ),
             "model_peak_time": variable("impact", np.array(peak_times), "s", "time of the model's largest radius"),
             **curve_table("impact", agreed),
-            **_pixel(radius, impacts, settings),
         },
         coords={"impact": np.arange(1, count + 1)},
     )
@@ -132,24 +128,6 @@ def _alike(time: Floats, shared: Floats, form: Form, relative: float) -> tuple[F
     """Return what all radii (m) of a contact have in common: scale, size of the model, and how long it lasts."""
     longer = -2.0 * relative * form.rate(time) * (time - float(np.mean(time)))
     return shared, relative * form(time), longer
-
-
-def _pixel(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> dict[str, Any]:
-    """Return the length of a pixel as the fringes tell it with sphere and wavelength, and as it is stated."""
-    light, sphere = settings.wavelength, settings.sphere.radius
-    found = None if light is None else fringe_scale(radius, impacts, sphere.value)
-    if light is None or found is None:
-        return {}
-    given = float(radius["pixel_size"])
-    u_given = given * float(radius.attrs["u_systematic_relative"])
-    # 4 pi px² / (lambda R) is what the fit finds: a pixel stated too long makes it too small
-    seen = given * sqrt(found.ratio)
-    u = 0.5 * seen * hypot(found.u / found.ratio, light.u / light.value, sphere.u / sphere.value)
-    return {
-        **with_u("pixel_by_fringes", (), seen, u, "m", PIXEL),
-        **with_u("pixel_stated", (), given, u_given, "m", "length of a pixel as it is stated"),
-        "fringe_frames": variable((), float(found.n), "1", "frames whose fringes tell the length of a pixel"),
-    }
 
 
 def _time_shift(time: Floats, radius: Floats, shared: Floats, form: Form, relative: float) -> tuple[float, float]:
@@ -265,21 +243,3 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
             | material_slopes(model, expected, i)
             | ({} if plate is None else {PLATE: -expected * _of_plate(i, plate.value, sphere.mass.value, model)}),
         )
-    if "pixel_by_fringes" not in comparison or settings.wavelength is None:
-        return
-    seen, stated = float(comparison["pixel_by_fringes"]), float(comparison["pixel_stated"])
-    u_seen, u_stated = float(comparison["u_pixel_by_fringes"]), float(comparison["u_pixel_stated"])
-    yield row(
-        PIXEL,
-        "m",
-        int(comparison["fringe_frames"]),
-        against="the ruler",
-        measured=(seen, u_seen),
-        model=(stated, u_stated),
-        difference=(seen - stated, hypot(u_seen, u_stated)),
-        slopes={
-            SCALE: -stated,
-            "radius": 0.5 * seen / sphere.radius.value,
-            WAVELENGTH: 0.5 * seen / settings.wavelength.value,
-        },
-    )

@@ -10,7 +10,7 @@ _STAGES = (
         ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "channel", "region"),
         shortcuts=True,
-        imports=("labpipe.imaging.fringes._every_frame", "labpipe.compilation"),
+        imports=("labpipe.imaging.fringes._film", "labpipe.compilation"),
         summary="fit the fringes around the contact",
     ),
     stage(

@@ -16,15 +16,14 @@ import calibration
 from calibration import camera as camera_scale
 from labpipe import imaging
 from labpipe.arrays import Floats
-from labpipe.errors import INTERLACED, InputError
-from labpipe.imaging.films import MOSAIC
+from labpipe.errors import InputError
 from labpipe.uncertainty import Source, budget_rows
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import about_contacts, key_frames, open_film, recorded_on, spoiled
-from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of, mosaic_seen, mosaic_text
+from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
 from pipelines.experiments.shared.film_stated import said_by_file
 
 FRINGE_FIT, EDGE, OPEN_GAP = READ = (1, 2, 5)
@@ -119,12 +118,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
     runs = _contacts(time, seen, unknown & ~seen)
     if not any(np.isfinite(a[run]).any() for run in runs):
-        apart = mosaic_seen(radius) or 0.0
-        if apart >= MOSAIC:
-            raise InputError(f"no contact found; {mosaic_text(apart)}")
-        raise InputError(
-            f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength"
-        ).because(INTERLACED if radius.attrs.get("interlaced") else "")
+        raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
     brief = _brief_contacts(time, a, runs)
     later = [[float(time[run[0]]), float(np.nanmax(a[run]))] for run in brief[_IMPACTS:]]
     brief = brief[:_IMPACTS]

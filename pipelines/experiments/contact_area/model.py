@@ -128,9 +128,9 @@ def _edge_beyond(
     reduced = abs(complex(solid.complex_modulus(omega))) / (1 - float(solid.nu) ** 2)
     given, light = settings.work_of_adhesion, settings.wavelength
     work, u_work = (None, 0.0) if given is None else (given.value, given.u)
-    wavelength, pixel = None if light is None else light.value, float(radius["pixel_size"])
+    wavelength = None if light is None else light.value
     is_spot = bool(np.greater(*edges_only(radius)))
-    return edge_shift(largest, settings.sphere.radius.value, reduced, work, u_work, wavelength, pixel, is_spot)
+    return edge_shift(largest, settings.sphere.radius.value, reduced, work, u_work, wavelength, is_spot)
 
 
 def _of_body(settings: ContactArea) -> list[Source]:

@@ -53,7 +53,6 @@ _SOURCES = {
     "wavelength": "wavelength",
     "pixel_size": "length of one pixel",
     "phase": "phase in the contact",
-    "optics": "blur, harmonics and wear, found in the film",
 }
 _AROUND = (
     "Film and model around each largest radius: both are aligned there, and the model then shifted in time to fit all "

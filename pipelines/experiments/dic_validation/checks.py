@@ -42,7 +42,7 @@ from pipelines.experiments.shared.film_frames import (
     sound_frames,
     whole_film,
 )
-from pipelines.experiments.shared.film_light import LIGHT, exposed, lit, no_mosaic
+from pipelines.experiments.shared.film_light import LIGHT, exposed, lit
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
@@ -94,15 +94,13 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     checks.append(not_smoothed(context, settings.film))
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
-        found, mosaic = _found(track, settings), no_mosaic(track, settings.film)
+        found = _found(track, settings)
         if settings.tracking.masks:
             names = " and ".join(f"tracking.{name}" for name in settings.tracking.masks)
             also = f"; or {names} leave too little of it, or what does not move with it"
             found = replace(found, cause=found.cause + also)
         if whole.level and found.level:  # frames that the file lacks show no holder
             found = replace(found, cause=whole.cause, setting="")
-        elif mosaic.level and found.level:
-            found = replace(found, cause=mosaic.cause, file=settings.film, setting="")
         # of a holder that is not found, what the images show is the better cause
         blamed = ["step motion", *["step bounces"] * bool(track.attrs.get("moves_instead"))]
         checks = judgements.because(checks, found.cause if found.level else "", *blamed)
@@ -110,7 +108,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
         checks += [sound_frames(_is_sound(track), whole, settings.film), sideways(track, settings)]
         checks.append(seen_whole(track, settings))
-        checks += [_lit(track, settings), exposed(track, settings.film), mosaic]
+        checks += [_lit(track, settings), exposed(track, settings.film)]
     if motion is not None:
         steady = _steady(track, motion, bounces, settings)
         # where no bounce was found, what the displacement itself shows is the better cause

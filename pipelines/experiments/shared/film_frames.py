@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import instruments
-from labpipe.errors import EXCHANGED, INTERLACED, InputError
+from labpipe.errors import EXCHANGED, InputError
 from labpipe.frames import FrameSource, IncompleteFilmWarning, SmoothedFilmWarning
 from labpipe.judging import Check, Level, stated
 from labpipe.units import Quantity
@@ -25,10 +25,8 @@ _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the cam
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and how far
 beside their distance, relative, nothing alike may lie: rows that are alike all along are a pattern."""
-FIELDS = "odd and even rows were exposed one after the other: record progressive frames, or keep every second row"
 CAUSES = {
-    INTERLACED: FIELDS,
-    EXCHANGED: "width and height are exchanged in the header of the film, which was edited or damaged: export it again",
+    EXCHANGED: "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
 }
 """What is wrong with a film, by the reason of the error that it ends in."""
 _MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
@@ -106,7 +104,7 @@ def _warned(context: Context, category: type[Warning], film: str) -> str:
     return next(texts, "").removeprefix(f"{Path(film).name}: ")
 
 
-def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, *, is_interlaced: bool = False) -> Check:
+def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
     """Count damaged frames of a film; ``whole`` tells of few of them better."""
     name, law = "sound frames", "every frame of a film can be read"
     bad = np.flatnonzero(~is_sound)
@@ -114,12 +112,11 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str, *, is_int
     if whole.level and share < _MANY:
         return whole
     frames = "frame" if bad.size == 1 else "frames"
-    how, cause = ("interlaced", FIELDS) if is_interlaced else ("damaged", _NOT_WHOLE)
-    text = f"{film}: {bad.size} {how} {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
+    text = f"{film}: {bad.size} damaged {frames}" + (f", the first is frame {bad[0]}" if bad.size else "")
     level: Level | None = "note" if bad.size else None
     if share >= _MANY:
         level = "impossible" if share > _MOST else "doubtful"
-    return stated(name, law, text, level, cause=cause, file=film)
+    return stated(name, law, text, level, cause=_NOT_WHOLE, file=film)
 
 
 def explained(failed: Check, whole: Check) -> Check:

@@ -9,7 +9,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.frames import FrameSource
-from labpipe.imaging.films import MOSAIC, mosaic_of
 from labpipe.judging import Check, in_words, not_made, stated
 from labpipe.report import quantity
 
@@ -34,8 +33,7 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     """Measure how bright frames are, and how many of their pixels lie at one highest level, as JSON.
 
     Frames that are wanted matter; others all over the film are added. There are ``brightness`` by frame over that of
-    the film, ``clipped``, the share of pixels at the grey level ``level``, above which there is none, ``mosaic``, how
-    far the four pixels of each square of two by two differ throughout, over their mean, ``view``, rows and columns,
+    the film, ``clipped``, the share of pixels at the highest grey level ``level``, ``view``, rows and columns,
     ``used``, the grey levels from black to bright places, and, if any are, ``written``, the share of the rows that are
     written over.
     """
@@ -52,9 +50,8 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     usual = float(np.median(list(bright.values()))) if bright else 0.0
     seen = np.stack(images) if images else np.empty((0, 0, 0), np.uint8)
     share, level = _heap(seen)
-    middle = np.asarray(film[chosen[len(chosen) // 2]], float) - black if chosen else np.empty((0, 0))
     shown: dict[str, Any] = {"brightness": {str(i): b / usual for i, b in bright.items()} if usual > 0.0 else {}}
-    shown |= {"clipped": share, "level": level, "mosaic": mosaic_of(middle), "view": list(film.shape[1:])}
+    shown |= {"clipped": share, "level": level, "view": list(film.shape[1:])}
     written = _written(seen, usual)
     shown |= {"written": written} if written else {}
     return json.dumps(shown | ({"used": usual / _apart(seen)} if seen.dtype.kind in "iu" else {}))
@@ -121,30 +118,6 @@ def not_written(found: xr.Dataset, film: str) -> Check:
     text = f"{film}: {in_words(100 * share, 2)} % of the rows, at the border, hold what is the same in all frames"
     cause = "a caption or the time is written over the images, which hides small contacts: state a region without it"
     return stated(name, law, text, "note", cause=cause, file=film, setting="region")
-
-
-def no_mosaic(found: xr.Dataset, film: str) -> Check:
-    """Look for the colour filter of a camera: every second pixel and row of another brightness."""
-    name, law = "one sensitivity", "pixels of a grey camera see alike, whatever their row and column"
-    apart = mosaic_seen(found)
-    if apart is None:
-        return not_made(name, law, "the frames")
-    if apart < MOSAIC:
-        return stated(name, law, f"{film}: rows and columns are equally bright", None, file=film)
-    text = f"{film}: {mosaic_text(apart)}"
-    cause = "a colour camera's filter (Bayer pattern) lies over its raw images: export them as grey, interpolated"
-    return stated(name, law, text, "note", cause=cause, file=film)
-
-
-def mosaic_seen(found: xr.Dataset) -> float | None:
-    """Return how far the pixels of each square of two by two differ, over their mean."""
-    apart = json.loads(found.attrs.get(LIGHT, "{}")).get("mosaic")
-    return None if apart is None else float(apart)
-
-
-def mosaic_text(apart: float) -> str:
-    """Say that a colour filter lies over the pixels, by how far they differ."""
-    return f"pixels of even and odd rows and columns differ by {in_words(100 * apart, 2)} % in brightness throughout"
 
 
 def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time: NDArray[np.float64]) -> Check:

@@ -66,13 +66,11 @@ def film(drop: xr.Dataset) -> xr.Dataset:
         "centre_y": random.normal(60.0, 0.01, count),
         "u_centre_x": np.full(count, 0.01),
         "u_centre_y": np.full(count, 0.01),
-        "own_scale": np.where(seen, 1.0, np.nan),
-        "u_own_scale": np.full(count, 1e-3),
     }
     return xr.Dataset(
         {name: ("frame", array) for name, array in values.items()},
         {"time": ("frame", 1e-4 * np.arange(count)), "frame": np.arange(count), "pixel_size": 2.17e-6},
-        {"phase_scale_ratio": 1.0, "u_systematic_relative": 2.2e-3},
+        {"phase_scale_ratio": 1.0, "u_phase_scale_ratio": 1e-3, "u_systematic_relative": 2.2e-3},
     )
 
 
@@ -155,34 +153,6 @@ def test_rings_that_a_camera_sees_aslant_are_told_and_make_the_radius_uncertain(
     wide = with_uneven_scale(film.assign(systematic_part=parts), 0.01)
     np.testing.assert_allclose(wide["systematic_part"].sel(source="pixel_size"), 0.01 * radius)
     np.testing.assert_allclose(wide["radius_systematic"], np.hypot(film["radius_systematic"], 0.01 * radius))
-
-
-def test_a_contact_that_recedes_tells_no_other_scale(film):
-    a = film["radius"].values
-    recedes = np.append(False, np.diff(a) < -0.05 * a[1:])
-    film["own_scale"].values[recedes] = 0.94
-    film["method"].values[recedes] = 5
-    assert judged(film)[0].believable == "yes"
-    film["own_scale"].values[film["time"].values > 0.05] *= 0.94
-    assert finding(judged(film)[0], "one scale of the fringes").level == "impossible"
-
-
-@pytest.mark.parametrize(("spread", "level"), [(2e-3, "doubtful"), (0.03, None)])
-def test_gaps_wider_by_one_factor_while_a_contact_grows_tell_a_wrong_length(film, spread, level):
-    seen = film["method"].values == 1
-    film["method"].values[seen] = 5
-    film["own_scale"].values[seen] = 1.0477
-    film["gap_factor"] = 1.0477 + spread * np.sin(film["frame"])
-    checks = judged(film, wavelength=Quantity(663e-9, 0.0, "m"))[0].findings
-    told = [(f.level, "probably 633 nm, not 663 nm" in f.cause) for f in checks if f.check == "spacing of the fringes"]
-    assert told == ([] if level is None else [(level, True)])
-
-
-def test_few_fringes_beside_edges_tell_no_wavelength(film):
-    seen = np.flatnonzero(film["method"].values == 1)
-    film["method"].values[seen[2:]] = 2
-    film["own_scale"].values[seen[:2]] = 1.048
-    assert not [f for f in judged(film)[0].findings if f.check == "spacing of the fringes"]
 
 
 def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):

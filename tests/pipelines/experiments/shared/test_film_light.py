@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from labpipe.frames import as_frames
-from pipelines.experiments.shared.film_light import LIGHT, exposed, light_of, lit, no_mosaic, not_written
+from pipelines.experiments.shared.film_light import LIGHT, exposed, light_of, lit, not_written
 
 COUNT, SHAPE = 60, (64, 96)
 
@@ -83,22 +83,12 @@ def test_a_dark_film_is_told_by_its_few_grey_levels() -> None:
 def test_a_film_without_readable_frames_is_not_judged() -> None:
     assert lit("a.cine", {}, np.ones(3, bool), np.arange(3.0)).needs
     assert exposed(xr.Dataset(), "a.cine").needs
-    assert no_mosaic(xr.Dataset(), "a.cine").needs
 
 
 def test_a_camera_of_fewer_bits_than_its_file_is_not_over_exposed() -> None:
     images = np.clip(np.rint(4 * film()), 0, 1023).astype(np.uint16)
     assert judged(images << 6).level is None
     assert judged(np.minimum(images, 720) << 6).level == "note"
-
-
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.1, 0.4])
-def test_a_colour_filter_over_the_image_is_named(share: float) -> None:
-    images = film()
-    images[:, ::2, ::2] *= 1.0 - share
-    light = xr.Dataset(attrs={LIGHT: light_of(as_frames(digitised(images)), ())})
-    found = no_mosaic(light, "a.cine")
-    assert (found.level, "Bayer" in found.cause) == (("note", True) if share > 0.05 else (None, False))
 
 
 @pytest.mark.parametrize("rows", [0, 8])

@@ -1,0 +1,85 @@
+"""Common centre of the rings in a frame, or of a disc, by a Hough transform of the directions of its slopes.
+
+The directions in which the light changes pass through the centre of the rings, also where the light is uneven, the
+frame cuts them, or fringes too fine for the pixels make patterns of their own.
+"""
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Floats
+from labpipe.imaging.fringes._spots import Spot, reduce_frame
+
+#: Steepest places of the reduced frame that vote, and the centres that are returned at most.
+_VOTERS, _MOST_CENTRES = 1500, 2
+#: Width (reduced px) of the cells in which votes are counted, and the share of the longer side of the frame up to
+#: which centres are looked for outside it.
+_CELL, _MARGIN = 2.0, 0.5
+#: Voters whose line passes within these distances (reduced px) place the centre, in turn; the fewest that must do so.
+_NEAR, _LEAST_VOTERS = (6.0, 3.0, 1.5), 12
+
+
+def find_centres(frame: NDArray[np.generic]) -> list[Spot]:
+    """Find the centres of rings in a frame (row, column), those with the most votes first.
+
+    Their radius is that at which the light changes most. OpenCV's Hough transform of circles looks for one radius and
+    needs edges; here all rings vote together.
+    """
+    small, factor = reduce_frame(frame)
+    smooth = cv2.GaussianBlur(small, (0, 0), 1.0)
+    slope_y, slope_x = np.gradient(np.asarray(smooth, np.float64))
+    steep = np.hypot(slope_x, slope_y)
+    # Beyond the border the light is made up, and slopes there point along the border's normal.
+    steep[[0, -1]] = 0.0
+    steep[:, [0, -1]] = 0.0
+    places = np.argpartition(steep, -min(_VOTERS, steep.size), axis=None)[-_VOTERS:]
+    largest = float(np.percentile(steep.ravel()[places], 90.0))
+    places = places[steep.ravel()[places] > 0.1 * largest]
+    if len(places) < _LEAST_VOTERS or largest == 0.0:
+        return []
+    y, x = (axis.astype(float) for axis in np.unravel_index(places, steep.shape))
+    weight = steep.ravel()[places]
+    along = np.stack([slope_x.ravel()[places], slope_y.ravel()[places]]) / weight
+    weight = np.minimum(weight, largest)
+    margin = _MARGIN * max(steep.shape)
+    votes = _votes(x, y, along, weight, steep.shape, margin)
+    shift, spots = 0.5 * (factor - 1), []
+    for _ in range(_MOST_CENTRES):
+        row, column = map(int, np.unravel_index(int(votes.argmax()), votes.shape))
+        start = ((column + 0.5) * _CELL - margin, (row + 0.5) * _CELL - margin)
+        votes[max(row - 5, 0) : row + 6, max(column - 5, 0) : column + 6] = 0.0
+        found = _placed(x, y, along, weight, start)
+        if found is not None:
+            spots.append(Spot(found.x * factor + shift, found.y * factor + shift, found.radius * factor))
+    return spots
+
+
+def _votes(x: Floats, y: Floats, along: Floats, weight: Floats, shape: tuple[int, ...], margin: float) -> Floats:
+    """Add up in cells the weights of the lines through them, counted once a cell width."""
+    rows, columns = (math.ceil((size + 2.0 * margin) / _CELL) for size in shape)
+    steps = _CELL * np.arange(-math.ceil(math.hypot(*shape) / _CELL), math.ceil(math.hypot(*shape) / _CELL) + 1)
+    column = ((x + steps[:, None] * along[0] + margin) / _CELL).astype(np.int32)
+    row = ((y + steps[:, None] * along[1] + margin) / _CELL).astype(np.int32)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    weights = np.broadcast_to(weight, column.shape)[inside]
+    votes = np.bincount((row * columns + column)[inside], weights, minlength=rows * columns)
+    return np.asarray(cv2.GaussianBlur(votes.reshape(rows, columns), (0, 0), 0.75))
+
+
+def _placed(x: Floats, y: Floats, along: Floats, weight: Floats, start: tuple[float, float]) -> Spot | None:
+    """Centre by least squares of the distances to the lines; radius of the steepest ring."""
+    at_x, at_y = start
+    for near in _NEAR:
+        across = (x - at_x) * along[1] - (y - at_y) * along[0]
+        used = np.abs(across) < near
+        if used.sum() < _LEAST_VOTERS:
+            return None
+        root = np.sqrt(weight[used])
+        matrix = np.stack([along[1][used] * root, -along[0][used] * root], axis=1)
+        (at_x, at_y), *_ = np.linalg.lstsq(matrix, matrix[:, 0] * x[used] + matrix[:, 1] * y[used])
+    outward = ((x - at_x) * along[0] + (y - at_y) * along[1])[used]
+    counts = np.bincount(np.abs(outward).astype(np.int64), weight[used])
+    return Spot(float(at_x), float(at_y), int(counts.argmax()) + 0.5)

@@ -1,0 +1,396 @@
+"""Compiled loops of the fringe fit: radial tables, sums over the pixels of a ring, profiles, templates.
+
+They stand in one file because compiled code is cached by file. Importing it imports numba.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from labpipe.arrays import Floats, Floats32, Integers
+from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL
+
+# Sums over pixels may be reordered and fused.
+FAST = {"reassoc", "contract", "nsz", "arcp"}
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def fill_table(
+    distance: Floats,
+    contact_radius: float,
+    motion: tuple[float, float],
+    nodes: Floats,
+    weights: Floats,
+    wave: tuple[float, float, float, float, float],
+    kernel: Floats,
+) -> Floats:
+    """Tabulate the interference term, its derivatives by distance, contact radius and phase, and by the travel.
+
+    ``motion`` is the travel and the bend of a²(t) = a² + a travel t + bend t² for t in -1 .. 1, which are the
+    ``nodes``; ``wave`` is phase scale, phase, flat, spread and beams of :class:`.Optics`.
+    """
+    travel, bend = motion
+    phase_scale, phase, flat, spread, beams = wave
+    scale, count = phase_scale / math.pi, len(distance)
+    is_plain = spread == 0.0 and beams == 0.0
+    raw = np.zeros((5, count))
+    for k in range(len(nodes)):
+        node, weight = nodes[k], weights[k]
+        square = max(contact_radius * contact_radius + node * contact_radius * travel + node * node * bend, 0.0)
+        a = math.sqrt(square)
+        divisor = 2.0 * max(a, 1e-6)
+        to_radius = (2.0 * contact_radius + node * travel) / divisor
+        to_travel = node * contact_radius / divisor
+        inner = min(flat, 0.995 * a) ** 2
+        side = math.sqrt(square - inner)
+        bow = (square - 0.5 * inner) / (a * side) if inner > 0.0 else 1.0
+        for i in range(count):
+            r = distance[i]
+            lag, slope, change = 0.0, 0.0, 0.0
+            if r > a:
+                root = math.sqrt(r * r - square)
+                angle = math.atan2(root, a)
+                turn = math.atan2(root, side) if inner > 0.0 else angle
+                lag = scale * ((r * r - inner) * turn + side * root - 2.0 * a * side * angle)
+                slope = 2.0 * scale * (side * root / r + r * turn)
+                change = -4.0 * a * bow * scale * angle
+            cosine, sine = math.cos(lag + phase), math.sin(lag + phase)
+            term, by_phase, by_lag = cosine, -sine, -sine
+            if not is_plain:
+                fade = math.exp(-0.5 * spread * lag * lag)
+                z = complex(fade * cosine, fade * sine)
+                share = 1.0 / (1.0 - beams * z)
+                turned = z * share * share
+                term, by_phase = (z * share).real, -turned.imag
+                by_lag = by_phase - spread * lag * turned.real
+            by_lag *= weight
+            raw[0, i] += weight * term
+            raw[1, i] += slope * by_lag
+            raw[2, i] += change * by_lag * to_radius
+            raw[3, i] += weight * by_phase
+            raw[4, i] += change * by_lag * to_travel
+    width = len(kernel)
+    result = np.zeros((5, count - width + 1))
+    for line in range(5):
+        for j in range(width):
+            weight = kernel[j]
+            for i in range(count - width + 1):
+                result[line, i] += weight * raw[line, i + j]
+    return result
+
+
+# Lines of the work array of a row: geometry, light, and the table at every pixel.
+_DX, _U, _V, _R, _ACROSS, _CURVE, _LIGHT, _TERM, _CORE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+_BY_R, _BY_RADIUS, _BY_PHASE, _BY_SMEAR, _RESIDUAL, _COLUMN = 9, 10, 11, 12, 13, 14
+_LINES, _SLOPES = 15, 15
+# Side (px) of the blocks of pixels that may share their noise.
+_BLOCK = 16
+
+
+@njit(cache=True, fastmath=FAST)
+def _find_pixels(
+    line: Floats32, first_column: int, dy: float, inner: float, outer: float, p: Floats, ceiling: float, work: Floats
+) -> int:
+    """List the pixels of a row that lie in the ring, with their places and grey levels."""
+    columns = len(line)
+    centre = p[1] - first_column
+    stretch, shear = p[9], p[10]
+    size = 1.0 + abs(stretch) + abs(shear)
+    reach = (outer * size) ** 2 - dy * dy
+    if reach <= 0.0:
+        return 0
+    reach = math.sqrt(reach)
+    hole = math.sqrt(max((inner / size) ** 2 - dy * dy, 0.0))
+    column = max(0, math.ceil(centre - reach))
+    end = min(columns - 1, math.floor(centre + reach))
+    count = 0
+    while column <= end:
+        dx = column - centre
+        if abs(dx) < hole and dx <= 0.0:
+            # Over the hole to its far side.
+            column = max(column + 1, math.ceil(centre + hole))
+            continue
+        u = dx * (1.0 + stretch) + dy * shear
+        v = dy * (1.0 - stretch) + dx * shear
+        r = math.sqrt(u * u + v * v)
+        if r >= inner and r <= outer and line[column] < ceiling:
+            work[_DX, count] = dx
+            work[_U, count] = u
+            work[_V, count] = v
+            work[_R, count] = r
+            work[_RESIDUAL, count] = line[column]
+            work[_COLUMN, count] = column
+            count += 1
+        column += 1
+    return count
+
+
+@njit(cache=True, fastmath=FAST)
+def _evaluate(
+    count: int, offset: float, down: float, p: Floats, origin: Floats, table: Floats, start: float, work: Floats
+) -> None:
+    """Model and residual of the listed pixels; the table is interpolated linearly."""
+    last = table.shape[1] - 2
+    for i in range(count):
+        at = (work[_R, i] - start) * SAMPLES_PER_PIXEL
+        cell = min(max(int(at), 0), last)
+        t = at - cell
+        work[_TERM, i] = table[0, cell] + t * (table[0, cell + 1] - table[0, cell])
+        work[_BY_R, i] = table[1, cell] + t * (table[1, cell + 1] - table[1, cell])
+        work[_BY_RADIUS, i] = table[2, cell] + t * (table[2, cell + 1] - table[2, cell])
+        work[_BY_PHASE, i] = table[3, cell] + t * (table[3, cell + 1] - table[3, cell])
+        work[_BY_SMEAR, i] = table[4, cell] + t * (table[4, cell + 1] - table[4, cell])
+    for i in range(count):
+        x = (work[_DX, i] + offset) / origin[2]
+        curve = (x * x + down * down - origin[3]) * origin[4]
+        light = 1.0 + p[5] * x + p[6] * down + p[7] * curve
+        light += p[13] * (x * x - down * down) + p[14] * x * down
+        core = p[3] + p[4] * work[_TERM, i]
+        work[_ACROSS, i] = x
+        work[_CURVE, i] = curve
+        work[_LIGHT, i] = light
+        work[_CORE, i] = core
+        work[_RESIDUAL, i] -= light * core
+
+
+@njit(cache=True, fastmath=FAST)
+def _differentiate(count: int, dy: float, down: float, p: Floats, work: Floats, slopes: Floats) -> None:
+    """Differentiate the model by every parameter at the listed pixels."""
+    radius, modulation = p[0], p[4]
+    stretch, shear = p[9], p[10]
+    for i in range(count):
+        dx, u, v, r = work[_DX, i], work[_U, i], work[_V, i], work[_R, i]
+        light, core, x = work[_LIGHT, i], work[_CORE, i], work[_ACROSS, i]
+        bright = modulation * light
+        steep = bright * work[_BY_R, i] / max(r, 1e-9)
+        slopes[0, i] = bright * work[_BY_RADIUS, i]
+        slopes[1, i] = -steep * (u * (1.0 + stretch) + v * shear)
+        slopes[2, i] = -steep * (v * (1.0 - stretch) + u * shear)
+        slopes[3, i] = light
+        slopes[4, i] = light * work[_TERM, i]
+        slopes[5, i] = x * core
+        slopes[6, i] = down * core
+        slopes[7, i] = work[_CURVE, i] * core
+        slopes[8, i] = bright * work[_BY_PHASE, i]
+        slopes[9, i] = steep * (u * dx - v * dy)
+        slopes[10, i] = steep * (u * dy + v * dx)
+        slopes[11, i] = bright * work[_BY_SMEAR, i]
+        # The gap is homogeneous of degree 2 in distance and contact radius.
+        slopes[12, i] = 0.5 * bright * (r * work[_BY_R, i] + radius * work[_BY_RADIUS, i])
+        slopes[13, i] = (x * x - down * down) * core
+        slopes[14, i] = x * down * core
+
+
+@njit(cache=True, fastmath=FAST)
+def _add(count: int, active: Integers, residual: Floats, slopes: Floats, normal: Floats, right: Floats) -> None:
+    """Add a row to the normal equations, three columns at a time."""
+    for p in range(len(active)):
+        one = slopes[active[p]]
+        total = 0.0
+        for i in range(count):
+            total += one[i] * residual[i]
+        right[p] += total
+        q = 0
+        while q < p - 1:
+            first, second, third = slopes[active[q]], slopes[active[q + 1]], slopes[active[q + 2]]
+            with_first, with_second, with_third = 0.0, 0.0, 0.0
+            for i in range(count):
+                with_first += one[i] * first[i]
+                with_second += one[i] * second[i]
+                with_third += one[i] * third[i]
+            normal[p, q] += with_first
+            normal[p, q + 1] += with_second
+            normal[p, q + 2] += with_third
+            q += 3
+        while q <= p:
+            other = slopes[active[q]]
+            total = 0.0
+            for i in range(count):
+                total += one[i] * other[i]
+            normal[p, q] += total
+            q += 1
+
+
+@njit(cache=True)
+def _add_scores(count: int, active: Integers, work: Floats, slopes: Floats, scores: Floats) -> None:
+    """Add residuals times slopes of a row to the sums of its blocks (block, parameter)."""
+    for i in range(count):
+        block, residual = int(work[_COLUMN, i]) // _BLOCK, work[_RESIDUAL, i]
+        for p in range(scores.shape[1]):
+            scores[block, p] += residual * slopes[active[p], i]
+
+
+@njit(cache=True)
+def _add_differences(
+    count: int, dy: float, stride: int, work: Floats, above: Floats, here: Floats, totals: Floats
+) -> None:
+    """Add squared differences of residuals between neighbours along the rings.
+
+    Errors of the model change across the rings, hardly along them; noise changes everywhere. Above and below the
+    centre the neighbour stands in the row, to its left and right in the row above, and on the diagonals in the row
+    above as many columns outwards as that row is away.
+    """
+    here[:] = np.nan
+    for i in range(count):
+        column = int(work[_COLUMN, i])
+        dx, residual = work[_DX, i], work[_RESIDUAL, i]
+        here[column] = residual
+        difference = math.nan
+        if abs(dy) > 2.0 * abs(dx):
+            if i > 0 and work[_COLUMN, i - 1] == column - 1:
+                difference = residual - work[_RESIDUAL, i - 1]
+        else:
+            if abs(dx) <= 2.0 * abs(dy):
+                column += stride if dx * dy > 0.0 else -stride
+            if 0 <= column < len(above):
+                difference = residual - above[column]
+        if not math.isnan(difference):
+            totals[2] += difference * difference
+            totals[3] += 1.0
+    for column in range(len(here)):
+        above[column] = here[column]
+
+
+@njit(cache=True, nogil=True)
+def accumulate(
+    image: Floats32,
+    corner: tuple[int, int, int],
+    limits: tuple[float, float],
+    parameters: Floats,
+    origin: Floats,
+    table: Floats,
+    table_start: float,
+    active: Integers,
+    ceiling: float,
+    scored: int,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Sum the normal equations over the pixels between two distances.
+
+    ``corner`` is the first row and column of the image, and every how many rows are used. Returns the normal matrix,
+    its right side, the sum over blocks of pixels of the products of their scores (of the first parameters, as many as
+    are ``scored``), and (sum of squares, pixels, and, where any are scored, sum of squared differences of
+    neighbouring residuals along the rings, their number).
+    """
+    rows, columns = image.shape
+    first_row, first_column, stride = corner
+    inner, outer = limits
+    size = len(active)
+    normal, middle = np.zeros((size, size)), np.zeros((scored, scored))
+    right, totals = np.zeros(size), np.zeros(4)
+    work, slopes = np.empty((_LINES, columns)), np.empty((_SLOPES, columns))
+    above, here = np.full(columns, np.nan), np.full(columns, np.nan)
+    scores = np.zeros((columns // _BLOCK + 1, scored))
+    for number in range((rows + stride - 1) // stride):
+        row = number * stride
+        dy = row + first_row - parameters[2]
+        down = (row + first_row - origin[1]) / origin[2]
+        count = _find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
+        _evaluate(count, parameters[1] - origin[0], down, parameters, origin, table, table_start, work)
+        _differentiate(count, dy, down, parameters, work, slopes)
+        residual = work[_RESIDUAL]
+        _add(count, active, residual, slopes, normal, right)
+        for i in range(count):
+            totals[0] += residual[i] * residual[i]
+        totals[1] += count
+        if scored:
+            _add_differences(count, dy, stride, work, above, here, totals)
+            _add_scores(count, active, work, slopes, scores)
+            if row // _BLOCK != (row + stride) // _BLOCK or row + stride >= rows:
+                for block in range(len(scores)):
+                    for p in range(scored):
+                        for q in range(scored):
+                            middle[p, q] += scores[block, p] * scores[block, q]
+                scores[:] = 0.0
+    for p in range(size):
+        for q in range(p):
+            normal[q, p] = normal[p, q]
+    return normal, right, middle, totals
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def radial_sums(
+    image: Floats32, x: float, y: float, row_step: float, width: float, bins: int, stretch: float, shear: float
+) -> tuple[Floats, Floats]:
+    """Sum grey levels and count pixels in rings of equal width around a point, circles or ellipses.
+
+    The rows of the image are ``row_step`` pixels apart.
+    """
+    sums, counts = np.zeros(bins), np.zeros(bins)
+    rows, columns = image.shape
+    reach = bins * width * (1.0 + abs(stretch) + abs(shear))
+    for row in range(rows):
+        dy = row * row_step - y
+        half = reach * reach - dy * dy
+        if half <= 0.0:
+            continue
+        half = math.sqrt(half)
+        for column in range(max(0, math.ceil(x - half)), min(columns, math.floor(x + half) + 1)):
+            dx = column - x
+            u, v = dx * (1.0 + stretch) + dy * shear, dy * (1.0 - stretch) + dx * shear
+            place = int(math.sqrt(u * u + v * v) / width)
+            if place < bins:
+                sums[place] += image[row, column]
+                counts[place] += 1.0
+    return sums, counts
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def fill_templates(
+    radii: Floats,
+    first_bins: Integers,
+    lengths: Integers,
+    width: float,
+    travel: float,
+    nodes: Floats,
+    weights: Floats,
+    phase_scale: float,
+    phase: float,
+) -> Floats32:
+    """Interference term in rings of equal width for many contact radii, one row each."""
+    result = np.zeros((len(radii), lengths.max()), np.float32)
+    for row in range(len(radii)):
+        for k in range(len(nodes)):
+            square = max(radii[row] * radii[row] + nodes[k] * radii[row] * travel, 0.0)
+            a = math.sqrt(square)
+            for j in range(2 * lengths[row]):
+                r = (first_bins[row] + 0.5 * j + 0.25) * width
+                gap = 0.0
+                if r > a:
+                    root = math.sqrt(r * r - square)
+                    gap = (a * root - (2.0 * square - r * r) * math.atan2(root, a)) / math.pi
+                result[row, j // 2] += 0.5 * weights[k] * math.cos(phase_scale * gap + phase)
+    return result
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def compare_templates(
+    profile: Floats, counts: Floats, values: Floats32, first_bins: Integers, lengths: Integers, least_seen: float
+) -> tuple[Floats, Floats, Floats]:
+    """Explain a profile by each template, a mean and a trend of its own, weighted by pixels.
+
+    Returns (travel, template) the share of the variance that is explained, the amplitude, and the light; no share for
+    templates of which less than ``least_seen`` lies in the frame.
+    """
+    shape = values.shape[:2]
+    shares, amplitudes, lights = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for row in range(shape[1]):
+        first, length = first_bins[row], lengths[row]
+        weights, grey, step = counts[first : first + length], profile[first : first + length], 1.0 * np.arange(length)
+        total = weights.sum()
+        if total <= 0.0 or (weights > 0.0).sum() < least_seen * length:
+            continue
+        least, light = 1e-6 * total, (weights * grey).sum() / total
+        step -= (weights * step).sum() / total
+        square = max((weights * step * step).sum(), least)
+        off = grey - light
+        off -= (weights * step * off).sum() / square * step
+        variance = max((weights * off * off).sum(), least)
+        for travel in range(shape[0]):
+            term = values[travel, row, :length]
+            middle, along = (weights * term).sum() / total, (weights * off * term).sum()
+            own = (weights * term * term).sum() - total * middle**2 - (weights * step * term).sum() ** 2 / square
+            amplitudes[travel, row] = along / max(own, least)
+            shares[travel, row] = along * amplitudes[travel, row] / variance
+            lights[travel, row] = light - amplitudes[travel, row] * middle
+    return shares, amplitudes, lights
