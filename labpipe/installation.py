@@ -105,8 +105,8 @@ def kernel_digest(*folders: Path) -> str:
     kernels = {name for name, text in sources.items() if _KERNELS.search(text)}
     imported = {name for kernel in kernels for name in _IMPORTED.findall(sources[kernel])}
     digest = hashlib.sha256()
-    for name in sorted(kernels | (imported & sources.keys())):
-        digest.update(sources[name])
+    for module_name in sorted(kernels | (imported & sources.keys())):
+        digest.update(sources[module_name])
     return digest.hexdigest()[:16]
 
 
