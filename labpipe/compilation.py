@@ -4,17 +4,27 @@ The machine code is kept in ``NUMBA_CACHE_DIR``, which labpipe sets when it is i
 (:func:`labpipe.installation.keep_compiled_code`).
 """
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from numba import njit
 
-njit(lambda: None)()  # fills the tables of the compiler, which processes that are forked from this one then share
+njit()(lambda: None)()  # fills the tables of the compiler, which processes that are forked from this one then share
 
-#: A kernel that Python calls; its machine code is kept.
-compiled = partial(njit, cache=True)
+_Decorator = Callable[[Callable[..., Any]], Any]
+
+
+def compiled(**options: Any) -> _Decorator:
+    """Compile a kernel that Python calls, and keep its machine code; ``options`` are those of ``numba.njit``."""
+    return njit(cache=True, **options)  # type: ignore[no-any-return]
+
+
+def part(**options: Any) -> _Decorator:
+    """Compile a function that only kernels call: each of them holds its code."""
+    return njit(**options)  # type: ignore[no-any-return]
+
+
 #: The same where a division by zero gives infinity, as in NumPy.
-lean = partial(compiled, error_model="numpy", no_cfunc_wrapper=True)
-#: A function that only kernels call: each holds its code.
-part = partial(njit, no_cfunc_wrapper=True, no_cpython_wrapper=True)
-#: The same where a division by zero gives infinity.
+lean = partial(compiled, error_model="numpy")
 inner = partial(part, error_model="numpy")

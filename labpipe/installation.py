@@ -1,11 +1,13 @@
 """The installation: version, packages and their names, compiled code, and the folder for caches."""
 
 import ast
+import contextlib
 import hashlib
 import importlib.util
 import os
 import re
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -85,29 +87,56 @@ def keep_compiled_code(*folders: Path) -> None:
         sys.modules["numba"].config.CACHE_DIR = str(base / name)
 
 
-_KERNELS = re.compile(rb"\bnjit\b|labpipe\.compilation")
-_IMPORTED = re.compile(rb"^from ((?:labpipe|pipelines)[\w.]*) import", re.MULTILINE)
+_KERNELS = re.compile(r"\bnjit\b|labpipe\.compilation")
+_IMPORTED = re.compile(r"^from ((?:labpipe|pipelines)[\w.]*) import", re.MULTILINE)
+_DIGEST = re.compile(r"[0-9a-f]{16}")
+_RACE = 2_000_000_000
+"""ns in which a file may change again without another time of modification."""
 _ROOM = 50_000_000
 """Bytes; all kernels together take a tenth of it."""
 
 
 def kernel_digest(*folders: Path) -> str:
-    """Digest of the source of all kernels and of the modules that they import."""
-    sources: dict[bytes, bytes] = {}
-    for folder in folders:
-        above = folder.parent if folder.name == "labpipe" else folder.parents[1]
-        for at, _, names in os.walk(folder):
-            module = os.path.relpath(at, above).replace(os.sep, ".")
-            for name in names:
-                if name.endswith(".py"):
-                    with open(f"{at}/{name}", "rb", 0) as file:  # noqa: PTH123 (hundreds of files, at every start)
-                        sources[f"{module}.{name[:-3]}".encode()] = file.read()
+    """Digest of the source of all kernels and of the modules that they import, remembered while no file changes."""
+    paths = {name: status for folder in folders for name, status in _modules(str(folder))}
+    seen = repr([(name, status.st_size, status.st_mtime_ns) for name, status in sorted(paths.items())])
+    signature = hashlib.sha256(seen.encode()).hexdigest()
+    memory = cache_folder() / f"kernels-at-{hashlib.sha256(repr(folders).encode()).hexdigest()[:16]}"
+    try:
+        known, _, digest = memory.read_text("utf-8").partition(" ")
+    except (OSError, UnicodeDecodeError):
+        known = digest = ""
+    if known == signature and _DIGEST.fullmatch(digest):
+        return digest
+    digest = _read_kernels(folders, sorted(paths))
+    if max((status.st_mtime_ns for status in paths.values()), default=0) < time.time_ns() - _RACE:
+        from labpipe.errors import StorageError
+        from labpipe.files import write_text
+
+        with contextlib.suppress(StorageError):  # it only saves time
+            write_text(memory, f"{signature} {digest}")
+    return digest
+
+
+def _modules(folder: str) -> Iterator[tuple[str, os.stat_result]]:
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.endswith(".py"):
+                yield entry.path, entry.stat()
+            elif not entry.name.startswith((".", "__")) and entry.is_dir():
+                yield from _modules(entry.path)
+
+
+def _read_kernels(folders: Sequence[Path], paths: Sequence[str]) -> str:
+    above = [folder.parent if folder.name == "labpipe" else folder.parents[1] for folder in folders]
+    sources: dict[str, str] = {}
+    for path in map(Path, paths):
+        root = next(root for root in above if path.is_relative_to(root))
+        sources[".".join(path.relative_to(root).with_suffix("").parts)] = path.read_text("utf-8", "replace")
     kernels = {name for name, text in sources.items() if _KERNELS.search(text)}
     imported = {name for kernel in kernels for name in _IMPORTED.findall(sources[kernel])}
-    digest = hashlib.sha256()
-    for name in sorted(kernels | (imported & sources.keys())):
-        digest.update(sources[name])
-    return digest.hexdigest()[:16]
+    texts = [sources[name] for name in sorted(kernels | (imported & sources.keys()))]
+    return hashlib.sha256("".join(texts).encode("utf-8", "replace")).hexdigest()[:16]
 
 
 def _has_room(folder: Path) -> bool:

@@ -327,14 +327,12 @@ class _Run:
             warnings.simplefilter("ignore", PluginWarning)  # of the installation, not of the result
             try:
                 result = function(*arguments, **keywords)
-            except Exception:
+            finally:
+                code.refuse_changed()
                 self._refuse_changed(task, key)
-                raise
-        self._refuse_changed(task, key)
         return result, self._caught(raised)
 
     def _refuse_changed(self, task: Task, key: Key) -> None:
-        code.refuse_changed()
         for argument in key.ingredients["inputs"]:
             for known in argument.get("files", ()):
                 found = describe_file(self.job.session.root, known["name"], self.store.index)

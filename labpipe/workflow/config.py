@@ -27,8 +27,7 @@ import msgspec
 from labpipe.errors import InputError
 from labpipe.files import files_below, safe_join
 from labpipe.units import Quantity, quantity
-from labpipe.workflow import _toml_lines
-from labpipe.workflow.document import LARGEST_FILE, Document, parse
+from labpipe.workflow.document import LARGEST_FILE, Document, Place, parse
 from labpipe.workflow.fields import (
     GAP,
     REFERENCE,
@@ -90,22 +89,22 @@ class Checker:
 
     document: Document
     root: Path
-    origins: Mapping[_toml_lines.Path, _toml_lines.Path] = field(default_factory=dict)
+    origins: Mapping[Place, Place] = field(default_factory=dict)
     may_wait: bool = False
     gaps: list[str] | None = None
 
-    def report(self, place: _toml_lines.Path, message: str) -> Any:
+    def report(self, place: Place, message: str) -> Any:
         """Report at the place in the file that a merged value came from; return what stands for no value."""
         self.document.report(self._written(place), message)
         return _BAD
 
-    def _written(self, place: _toml_lines.Path) -> _toml_lines.Path:
+    def _written(self, place: Place) -> Place:
         nearest = place
         while nearest and nearest not in self.origins:
             nearest = nearest[:-1]
         return (*self.origins.get(nearest, nearest), *place[len(nearest) :])
 
-    def structure(self, kind: type[msgspec.Struct], value: Any, place: _toml_lines.Path, partial: bool = False) -> Any:
+    def structure(self, kind: type[msgspec.Struct], value: Any, place: Place, partial: bool = False) -> Any:
         """Convert a table; with ``partial``, required fields may be missing."""
         if not isinstance(value, dict):
             return self.report(place, f"expected a table, found {found(value)}")
@@ -125,7 +124,7 @@ class Checker:
         except (ValueError, TypeError) as error:  # raised by the structure's own __post_init__
             return self.report(place, str(error))
 
-    def value(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool = False) -> Any:
+    def value(self, kind: Any, value: Any, place: Place, partial: bool = False) -> Any:
         """Convert one value to the type of its field."""
         bare, marks = split(kind)
         if self.gaps is not None and is_gap(value):
@@ -146,7 +145,7 @@ class Checker:
             return self._long_enough(marks, self._collection(kind, bare, value, place, partial), place)
         return self._in_range(marks, self._plain(kind, bare, value, place), place)
 
-    def _union(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool) -> Any:
+    def _union(self, kind: Any, value: Any, place: Place, partial: bool) -> Any:
         options = [option for option in typing.get_args(kind) if option is not type(None)]
         if len(options) == 1:
             return self.value(options[0], value, place, partial)
@@ -159,7 +158,7 @@ class Checker:
         expected = " or ".join(map(describe, options))
         return self.report(place, f"expected {expected}, found {found(value)}")
 
-    def _collection(self, kind: Any, bare: Any, value: Any, place: _toml_lines.Path, partial: bool) -> Any:
+    def _collection(self, kind: Any, bare: Any, value: Any, place: Place, partial: bool) -> Any:
         arguments = typing.get_args(bare)
         if typing.get_origin(bare) is dict:
             if not isinstance(value, dict):
@@ -183,19 +182,19 @@ class Checker:
             return _BAD
         return tuple(items) if typing.get_origin(bare) is tuple else items
 
-    def _long_enough(self, marks: tuple[Any, ...], value: Any, place: _toml_lines.Path) -> Any:
+    def _long_enough(self, marks: tuple[Any, ...], value: Any, place: Place) -> Any:
         bounds = mark(marks, msgspec.Meta)
         least = (bounds.min_length if bounds is not None else None) or 0
         if value is _BAD or len(value) >= least:
             return value
         return self.report(place, f"expected at least {least} item{'s' * (least != 1)}, found {len(value)}")
 
-    def _refuse_repeated(self, names: Sequence[Any], place: _toml_lines.Path) -> None:
+    def _refuse_repeated(self, names: Sequence[Any], place: Place) -> None:
         for position, name in enumerate(names):
             if name in names[:position]:
                 self.report((*place, position), f'"{name}" is listed twice; remove one')
 
-    def _quantity(self, dimension: Dimension, value: Any, place: _toml_lines.Path) -> Any:
+    def _quantity(self, dimension: Dimension, value: Any, place: Place) -> Any:
         expected = describe_dimension(dimension)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if is_number and dimension.si == "1":
@@ -215,7 +214,7 @@ class Checker:
             return self.report(place, f'expected a finite number, found "{value}"')
         return parsed
 
-    def _in_range(self, marks: tuple[Any, ...], value: Any, place: _toml_lines.Path) -> Any:
+    def _in_range(self, marks: tuple[Any, ...], value: Any, place: Place) -> Any:
         bounds = mark(marks, Range)
         if bounds is None or value is _BAD:
             return value
@@ -227,7 +226,7 @@ class Checker:
         unit = f" {value.si}" if has_unit else ""
         return self.report(place, f"must be {bounds}{unit}, found {shown}")
 
-    def _file(self, value: Any, place: _toml_lines.Path) -> Any:
+    def _file(self, value: Any, place: Place) -> Any:
         if not isinstance(value, str):
             return self.report(place, f"expected the name of a file, found {found(value)}")
         try:
@@ -244,7 +243,7 @@ class Checker:
             self.gaps += _gaps_of_file(place_on_disk, value)
         return value
 
-    def _plain(self, kind: Any, bare: Any, value: Any, place: _toml_lines.Path) -> Any:
+    def _plain(self, kind: Any, bare: Any, value: Any, place: Place) -> Any:
         if typing.get_origin(bare) is Literal and value not in typing.get_args(bare):
             alike = [a for a in typing.get_args(bare) if isinstance(value, str) and a == value.lower()]
             if alike:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from labpipe.errors import ConfigError, SourceError
-from labpipe.workflow import _toml_lines
 
 LARGEST_FILE = 1_000_000
 """Bytes; no configuration written by a person is longer."""
@@ -23,26 +22,30 @@ _TOO_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST}}}{_PA
 """A dotted key deeper than that: the time that the parser takes grows with the square of it."""
 
 
+Place = tuple[str | int, ...]
+"""Where a value is: keys, and positions in arrays counted from 0."""
+
+
 @dataclass(slots=True)
 class Document:
     """A TOML file as a tree, with the line of every value, and of the mistakes found so far."""
 
     path: Path
     tree: dict[str, Any]
-    lines: dict[_toml_lines.Path, int]
+    lines: dict[Place, int]
     problems: dict[str, int] = field(default_factory=dict)
 
-    def line(self, place: _toml_lines.Path) -> int:
+    def line(self, place: Place) -> int:
         """Line of a value, or of the nearest table around it."""
         while place not in self.lines:
             place = place[:-1]
         return self.lines[place]
 
-    def report(self, place: _toml_lines.Path, message: str) -> None:
+    def report(self, place: Place, message: str) -> None:
         """Note a mistake once."""
         self.problems[self.at(place, message)] = self.line(place)
 
-    def at(self, place: _toml_lines.Path, message: str) -> str:
+    def at(self, place: Place, message: str) -> str:
         """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
         shown = f"{dotted(place)}: " if place else ""
         return f"{self.path.name}:{self.line(place)}: {shown}{message}"
@@ -53,7 +56,7 @@ class Document:
             raise ConfigError(sorted(self.problems, key=self.problems.__getitem__))
 
 
-def dotted(place: _toml_lines.Path) -> str:
+def dotted(place: Place) -> str:
     """Write a place as ``experiments.acrylic.laser[2]``."""
     text = ""
     for key in place:
@@ -93,7 +96,7 @@ def parse(path: Path, text: str | None = None) -> Document:
         raise ConfigError([f"{path.name}:1: cannot be read as TOML: {error}"]) from None
     if _depth(tree) > DEEPEST:
         raise ConfigError([f"{path.name}:1: nested deeper than {DEEPEST} levels; flatten it"])
-    document = Document(path, tree, _toml_lines.index(text))
+    document = Document(path, tree, line_index(text))
     _refuse_not_finite(document, (), tree)
     return document
 
@@ -170,9 +173,115 @@ def nodes(tree: Any) -> Iterator[Any]:
         yield from nodes(child)
 
 
-def _refuse_not_finite(document: Document, place: _toml_lines.Path, node: Any) -> None:
+def _refuse_not_finite(document: Document, place: Place, node: Any) -> None:
     if isinstance(node, float) and not math.isfinite(node):
         document.report(place, f"expected a finite number, found {node}")
     pairs = node.items() if isinstance(node, dict) else enumerate(_children(node))
     for key, child in pairs:
         _refuse_not_finite(document, (*place, key), child)
+
+
+# --- lines, which the standard parser does not say -----------------------------------------------
+
+_TOKEN = re.compile(
+    r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|\n|[\[\]{}=,.]|[^\s\[\]{}=,.#"\']+',
+    re.DOTALL,
+)
+
+
+def line_index(text: str) -> dict[Place, int]:
+    r"""Map the place of every key and array item to its line, counted from 1; the empty place is line 1.
+
+    The text has been accepted by :mod:`tomllib`, so that only its tokens have to be followed.
+
+    Examples
+    --------
+    >>> line_index('a = 1\n[b]\nc = [1,\n 2]')[("b", "c", 1)]
+    4
+    """
+    tokens, line = [], 1
+    for token in _TOKEN.findall(text.replace("\r\n", "\n")):
+        if not token.startswith("#"):
+            tokens.append((token, line))
+        line += token.count("\n")
+    scanner = _Scanner(tokens)
+    scanner.document()
+    return scanner.lines
+
+
+class _Scanner:
+    """A position among the tokens, and the lines found so far."""
+
+    def __init__(self, tokens: list[tuple[str, int]]) -> None:
+        self.tokens = [*tokens, ("", 0)]
+        self.at = 0
+        self.lines: dict[Place, int] = {(): 1}
+        self.sizes: dict[Place, int] = {}
+
+    def next(self) -> str:
+        self.at += 1
+        return self.tokens[self.at - 1][0]
+
+    def goes_on(self, end: str, separator: str = "\n") -> bool:
+        """Pass over separators; tell whether something else than the end follows, and pass over the end."""
+        while self.tokens[self.at][0] and self.tokens[self.at][0] in f"{separator}\n":
+            self.at += 1
+        if self.tokens[self.at][0] == end:
+            self.at += 1
+            return False
+        return True
+
+    def document(self) -> None:
+        prefix: Place = ()
+        while self.goes_on(""):
+            if self.tokens[self.at][0] == "[":
+                prefix = self.header()
+            else:
+                self.assignment(prefix)
+
+    def header(self) -> Place:
+        line = self.tokens[self.at][1]
+        is_array = self.tokens[self.at + 1][0] == "["
+        self.at += 1 + is_array
+        keys = self.key()
+        self.at += 1 + is_array
+        place: Place = ()
+        for position, key in enumerate(keys):
+            place = (*place, key)
+            self.lines.setdefault(place, line)
+            if is_array and position == len(keys) - 1:
+                self.sizes[place] = self.sizes.get(place, 0) + 1
+            if place in self.sizes:
+                place = (*place, self.sizes[place] - 1)
+        self.lines[place] = line
+        return place
+
+    def assignment(self, place: Place) -> None:
+        line = self.tokens[self.at][1]
+        for key in self.key():
+            place = (*place, key)
+            self.lines.setdefault(place, line)
+        self.at += 1  # the equals sign
+        self.value(place)
+
+    def key(self) -> list[str]:
+        keys = [self.next()]
+        while self.tokens[self.at][0] == ".":
+            self.at += 1
+            keys.append(self.next())
+        return [str(tomllib.loads(f"k = {key}")["k"]) if key[0] in "\"'" else key for key in keys]
+
+    def value(self, place: Place) -> None:
+        first = self.next()
+        if first == "[":
+            position = 0
+            while self.goes_on("]", ","):
+                self.lines[*place, position] = self.tokens[self.at][1]
+                self.value((*place, position))
+                position += 1
+        elif first == "{":
+            while self.goes_on("}", ","):
+                self.assignment(place)
+        elif first[0] not in "\"'":
+            while self.tokens[self.at][0] not in ("", ",", "]", "}", "\n"):
+                self.at += 1

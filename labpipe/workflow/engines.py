@@ -44,6 +44,8 @@ _ENVIRONMENT = {
 """Of every local process."""
 _METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 """How processes begin; never a fork of this one, which may run threads."""
+_PATIENCE = 10.0
+"""Seconds that local processes get to end."""
 _CALLS_PER_THREAD, _FEWEST_CALLS = 4, 16
 """Calls that a cluster holds, so that no thread of it waits for this process."""
 
@@ -362,9 +364,9 @@ class _Pool:
 
     def end(self) -> None:
         self.life.close()
-        self.executor.shutdown(cancel_futures=True)
-        self.mouth.close()  # all other ends of it have ended with the processes
-        self.listener.join()
+        self.executor.shutdown(wait=False, cancel_futures=True)
+        self.mouth.close()
+        self.listener.join(_PATIENCE)  # its pipe ends with the last process
         self.ear.close()
         self.held.close()
 

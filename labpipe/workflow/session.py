@@ -17,9 +17,8 @@ import msgspec
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.workflow import _toml_lines
 from labpipe.workflow.config import Checker
-from labpipe.workflow.document import Document, dotted, nodes, parse
+from labpipe.workflow.document import Document, Place, dotted, nodes, parse
 from labpipe.workflow.fields import REFERENCE, found, suggest
 
 VERSION = 1
@@ -275,7 +274,7 @@ class _Experiments:
             return None
         has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(self.kinds[kind]))
         own = {key: value for key, value in table.items() if key != "kind" or has_field}
-        origins: dict[_toml_lines.Path, _toml_lines.Path] = {}
+        origins: dict[Place, Place] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
         open_ones: list[str] = []
         checker = Checker(self.document, self.root, origins, self.may_wait or name in self.may_lack, open_ones)
@@ -314,9 +313,7 @@ class _Experiments:
             return "it contains /"
         return "it begins with a full stop" if name.startswith(".") else None
 
-    def _check_references(
-        self, name: str, node: Any, place: _toml_lines.Path, names: list[str], checker: Checker
-    ) -> None:
+    def _check_references(self, name: str, node: Any, place: Place, names: list[str], checker: Checker) -> None:
         """Every text "experiment:NAME" must name another experiment of this session."""
         pairs: Any = ()
         if isinstance(node, dict):
@@ -340,12 +337,7 @@ def _folded(name: str) -> str:
 
 
 def _merge(
-    base: Any,
-    base_place: _toml_lines.Path,
-    over: Any,
-    over_place: _toml_lines.Path,
-    place: _toml_lines.Path,
-    origins: dict[_toml_lines.Path, _toml_lines.Path],
+    base: Any, base_place: Place, over: Any, over_place: Place, place: Place, origins: dict[Place, Place]
 ) -> Any:
     """Lay one table over another, key by key, and note where each value was written."""
     origins[place] = over_place
@@ -363,9 +355,7 @@ def _merge(
     return merged
 
 
-def _note(
-    node: Any, written: _toml_lines.Path, place: _toml_lines.Path, origins: dict[_toml_lines.Path, _toml_lines.Path]
-) -> None:
+def _note(node: Any, written: Place, place: Place, origins: dict[Place, Place]) -> None:
     origins[place] = written
     pairs: Any = node.items() if isinstance(node, dict) else ()
     pairs = enumerate(node) if isinstance(node, list) else pairs

@@ -1,8 +1,5 @@
 """One look for charts and figures: roles, widths, files that repeat."""
 
-import re
-import zlib
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -76,23 +73,6 @@ def test_figures_have_the_width_of_a_journal_column(columns, millimetres):
 def test_three_columns_are_refused():
     with pytest.raises(InputError, match="expected 1 or 2 columns"), figure_style(3):
         pass
-
-
-def test_fonts_are_embedded_without_the_tables_that_set_text():
-    from fontTools.subset import Options
-    from fontTools.ttLib import TTFont
-
-    usual = list(Options._drop_tables_default)
-    figure = Figure()
-    figure.text(0.1, 0.5, "office $E''$")
-    found = figure_bytes(figure, "pdf")
-    assert Options._drop_tables_default == usual  # the next user's fonts are whole
-    streams = [
-        zlib.decompress(s) for s in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", found, re.DOTALL) if s[:1] == b"x"
-    ]
-    fonts = [set(TTFont(BytesIO(s)).keys()) for s in streams if s[:4] == b"\0\1\0\0"]
-    assert len(fonts) > 1
-    assert all("glyf" in tables and not tables & {"GDEF", "GPOS", "GSUB", "MATH", "kern"} for tables in fonts)
 
 
 @pytest.mark.parametrize("file_format", by_day(["pdf", "svg", "png"], 2))

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from labpipe.workflow import _toml_lines
+from labpipe.workflow.document import line_index
 
 DOCUMENT = '''\
 # a comment with [brackets] and = signs
@@ -75,17 +75,17 @@ def places(node: Any, place: tuple[str | int, ...] = ()) -> set[tuple[str | int,
 
 @pytest.mark.parametrize("ends", ["\n", "\r\n"])
 def test_each_value_is_on_its_line(ends: str) -> None:
-    found = _toml_lines.index(DOCUMENT.replace("\n", ends))
+    found = line_index(DOCUMENT.replace("\n", ends))
     assert {place: found[place] for place in LINES} == LINES
 
 
 def test_every_place_of_the_document_has_a_line() -> None:
-    assert places(tomllib.loads(DOCUMENT)) <= _toml_lines.index(DOCUMENT).keys()
+    assert places(tomllib.loads(DOCUMENT)) <= line_index(DOCUMENT).keys()
 
 
 def test_an_empty_document_has_one_line() -> None:
-    assert _toml_lines.index("") == {(): 1}
-    assert _toml_lines.index("# only a comment") == {(): 1}
+    assert line_index("") == {(): 1}
+    assert line_index("# only a comment") == {(): 1}
 
 
 @given(st.text("a=[]{}\"'#.,\n\\ 1", max_size=40))
@@ -94,4 +94,4 @@ def test_whatever_the_parser_accepts_is_indexed_whole(text: str) -> None:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         return
-    assert places(tree) <= _toml_lines.index(text).keys()
+    assert places(tree) <= line_index(text).keys()
