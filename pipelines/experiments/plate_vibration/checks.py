@@ -36,7 +36,7 @@ from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
-from pipelines.experiments.shared.fall_checks import Fall, shown
+from pipelines.experiments.shared.fall_checks import Fall, matched, shown
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, line_of, times_over
 from pipelines.experiments.shared.trace_checks import Trace
@@ -104,7 +104,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, displacement, settings)
     failed = judgements.failed_steps(context, _FAILED)
-    checks = [trace_checks.explained(check, of_traces, settings.calibration) for check in failed]
+    checks = [trace_checks.placed(check, settings.calibration) for check in failed]
     statements = list(_statements(settings))
     checks += [*of_traces, *statements, fall_checks.gravity_stated(settings.model.gravity)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
@@ -247,7 +247,8 @@ def _one_plate(found: dict[str, xr.Dataset]) -> list[Check]:
             worst = int(np.argmax(u))
             centre, u_centre = float(values[1 - worst]), float(u[1 - worst])
         file, others = list(found)[worst], "the other" if len(found) == 2 else "all others"
-        message = f"{file}: {shown(float(values[worst]), float(u[worst]), unit)}, {others} {quantity(centre, unit)}"
+        seen, own = float(values[worst]), float(u[worst])
+        message = f"{file}: {shown(seen, own, unit)}, {others} {matched(centre, own, unit)}"
         # the damping of a real plate depends on how it lies and how far it swings
         allowance = _ANOTHER_PLATE * centre if variable == "natural_frequency" else 0.2 * centre
         check = compared(

@@ -12,7 +12,7 @@ import xarray as xr
 from calibration.record import UNDATED
 from labpipe import errors
 from labpipe.judging import Check, Level, not_made, stated, unfinished
-from labpipe.report import quantity
+from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 
@@ -42,7 +42,8 @@ def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Chec
     """Hold stated uncertainties, each with its setting, against the values to which they belong."""
     law = "an uncertainty is far smaller than what it belongs to"
     for setting, value in given:
-        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
+        text = f"{setting} is stated as {value_with_uncertainty(value.value, value.u, value.si)}"
+        text += "" if value.u else ", without ±"
         level: Level | None = None
         cause, share = "", value.u / abs(value.value) if value.value else 0.0
         if share > _LARGE:

@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 import xarray as xr
-from labpipe.judging._causes import in_turn
 
 from labpipe import contact, materials
 from labpipe.judging import explain
+from labpipe.judging._cause import in_turn
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.contact_area import _image_checks, checks
@@ -86,7 +86,7 @@ def judged(film, context=CONTEXT, **changes):
 
 
 def finding(found, check):
-    return next(f for f in found.findings if f.check == check)
+    return next(c for c in found.checks if c.level and c.name == check)
 
 
 def enlarged(film, factor):
@@ -147,7 +147,7 @@ def test_rings_that_a_camera_sees_aslant_are_told_and_make_the_radius_uncertain(
     radius = film["radius"]
     axes = {"semi_axis_major": radius / np.sqrt(ratio), "semi_axis_minor": radius * np.sqrt(ratio)}
     film = film.assign(axes | {"axis_angle": radius * 0.0, "u_pixel_size": 2.2e-3 * film["pixel_size"]})
-    told = [f for f in judged(film)[0].findings if f.check == "shape of the rings"]
+    told = [c for c in judged(film)[0].checks if c.level and c.name == "shape of the rings"]
     assert [f.level for f in told] == ([] if level is None else [level])
     assert all(f"at {tilt:g}° from straight" in f.message and "aslant" in f.cause for f in told)
     assert u_of_view(film) == pytest.approx((1.0 - np.sqrt(ratio)) / np.sqrt(3.0))
@@ -173,8 +173,9 @@ def test_gaps_wider_by_one_factor_while_a_contact_grows_tell_a_wrong_length(film
     film["method"].values[seen] = 5
     film["own_scale"].values[seen] = 1.0477
     film["gap_factor"] = 1.0477 + spread * np.sin(film["frame"])
-    checks = judged(film, wavelength=Quantity(663e-9, 0.0, "m"))[0].findings
-    told = [(f.level, "probably 633 nm, not 663 nm" in f.cause) for f in checks if f.check == "spacing of the fringes"]
+    checks = judged(film, wavelength=Quantity(663e-9, 0.0, "m"))[0].checks
+    gaps = [c for c in checks if c.level and c.name == "spacing of the fringes"]
+    told = [(c.level, "probably 633 nm, not 663 nm" in c.cause) for c in gaps]
     assert told == ([] if level is None else [(level, True)])
 
 
@@ -182,7 +183,7 @@ def test_few_fringes_beside_edges_tell_no_wavelength(film):
     seen = np.flatnonzero(film["method"].values == 1)
     film["method"].values[seen[2:]] = 2
     film["own_scale"].values[seen[:2]] = 1.048
-    assert not [f for f in judged(film)[0].findings if f.check == "spacing of the fringes"]
+    assert not [c for c in judged(film)[0].checks if c.level and c.name == "spacing of the fringes"]
 
 
 def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):
@@ -230,7 +231,7 @@ def test_an_impact_that_no_frame_shows_is_named_by_the_flight_across_it(film):
     assert missed.level == found.believable == "doubtful"
     assert f"between frames {round(1e4 * tops[0])} and {round(1e4 * tops[2])} was not recorded" in missed.cause
     whole, _ = judged(film)
-    assert not any(f.check == "impacts in turn" and f.level for f in whole.findings)
+    assert not any(c.name == "impacts in turn" and c.level for c in whole.checks)
 
 
 @pytest.mark.parametrize("about", [None, 20])
@@ -279,7 +280,7 @@ def test_a_second_drop_after_the_third_impact_is_noted(film):
     twice = twice.assign_coords(frame=np.arange(twice.sizes["frame"]))
     twice["time"] = ("frame", np.arange(twice.sizes["frame"]) * 1e-4)
     assert finding(judged(twice.assign_attrs(film.attrs))[0], checks.ORDER).level == "note"
-    assert not any(f.check == checks.ORDER for f in judged(film)[0].findings)
+    assert not any(c.level and c.name == checks.ORDER for c in judged(film)[0].checks)
 
 
 def test_another_polymer_is_told_beside_the_mass(film):
