@@ -519,4 +519,6 @@ def _of_unit(i: int, settings: PlateVibration, factor: float) -> str:
 def _of_height(i: int, settings: PlateVibration, factor: float) -> str:
     drops = settings.drops[i]
     right, given = quantity(drops.height.value / factor, "m"), quantity(drops.height.value, "m")
-    return f"the height of {drops.material} is probably {right}, not {given} (drops[{i}] in session.toml)"
+    return (
+        f"the height of {drops.material} is probably {right}, not {given} (height of drops no. {i + 1} in session.toml)"
+    )
