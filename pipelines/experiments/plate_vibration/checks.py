@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise, repeat
-from math import hypot, log, nan, pi, sqrt
+from math import expm1, hypot, log, nan, pi, sqrt
 
 import numpy as np
 import xarray as xr
@@ -408,9 +408,10 @@ def _blows(comparison: xr.Dataset | None, model: xr.Dataset | None, settings: Pl
     # what else a plate can swing in moves it more, never less, while it is struck
     others = _OTHER_MODES if gap > 0.0 else 0.0
     u = hypot(random, hypot(others, fall_checks.MEASURED if any(known) else fall_checks.BY_NAME))
-    text = (
-        f"the blows last {in_words(np.exp(gap), 2)} times as long as those of the stated sphere on a plate of this mass"
-    )
+    longer = f"{in_words(np.exp(gap), 2)} times as long as"
+    if abs(gap) < _OTHER_MODES:
+        longer = f"{in_words(100 * abs(expm1(gap)), 2)} % {'longer' if gap > 0.0 else 'shorter'} than"
+    text = f"the blows last {longer} those of the stated sphere on a plate of this mass"
     level: Level | None = "doubtful" if abs(gap) > DOUBTFUL * u else None
     cause, setting = fall_checks.of_body(gap, u, body.radius.value, body.mass.value) if level else ("", "")
     check = Check(name, law, text, level, gap / u, gap, u, cause=cause, setting=setting or "sphere.mass")
