@@ -54,10 +54,8 @@ if TYPE_CHECKING:
     )
     from labpipe.judging._suspects import (
         SLIPS as SLIPS,
-        Factor as Factor,
         Slip as Slip,
         Suspect as Suspect,
-        best_factor as best_factor,
         slips as slips,
         suspects as suspects,
     )

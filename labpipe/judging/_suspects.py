@@ -1,7 +1,7 @@
 """Which input, stated wrongly, would explain a difference between measurement and model."""
 
 from collections.abc import Sequence
-from math import exp, log
+from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -40,10 +40,8 @@ _LEFT = 0.1
 _CLOSE = 6.0
 """Twice the logarithm of a likelihood ratio within which two slips cannot be told apart."""
 _SMALLER = 1.5  # times the logarithm of a slip that explains as much, beyond which a larger one is not told beside it
-_FARTHEST = log(1e9)  # of a factor; no unit that is written by mistake differs by more
 _VAGUE = 0.3
 """Relative uncertainty of the logarithm of a factor beyond which a slip cannot be told from others."""
-_STEPS = 4  # in which a factor, and by how much it is bent, settle
 
 
 class Suspect(NamedTuple):
@@ -189,39 +187,3 @@ def slips(
 
 def _bent(shift: Floats) -> Floats:
     return np.diag((_BENT * shift) ** 2 + (_STRAY * np.max(np.abs(shift))) ** 2)
-
-
-class Factor(NamedTuple):
-    """By what an input is stated too small, and what share of chi square that explains."""
-
-    factor: float
-    share: float
-
-
-def best_factor(measured: ArrayLike, predicted: ArrayLike, powers: ArrayLike, covariance: ArrayLike) -> Factor | None:
-    """Return the factor of one input that explains most; None where the rows do not tell it, or only an absurd one.
-
-    Parameters
-    ----------
-    measured, predicted, covariance
-        As for :func:`slips`.
-    powers : array (row,)
-        Derivatives of the logarithm of what is predicted to that of the input.
-
-    Examples
-    --------
-    >>> best_factor([1.15, 1.32], [1.0, 1.0], [0.2, 0.4], np.diag([1e-4, 1e-4])).factor.__round__(1)
-    2.0
-    """
-    seen, p = np.log(np.asarray(measured, float) / np.asarray(predicted, float)), np.asarray(powers, float)
-    C = np.atleast_2d(np.asarray(covariance, float))
-    size, before = 0.0, float(seen @ np.linalg.pinv(C, hermitian=True) @ seen)
-    for _ in range(_STEPS):
-        weight = np.linalg.pinv(C + _bent(size * p), hermitian=True)
-        known = float(p @ weight @ p)
-        if not known * before > 0.0:
-            return None
-        size = float(p @ weight @ seen) / known
-    left = seen - size * p
-    is_told = size**2 * known > _VAGUE**-2 and abs(size) < _FARTHEST
-    return Factor(exp(size), 1.0 - float(left @ weight @ left) / before) if is_told else None

@@ -148,8 +148,8 @@ def plan(
         return
     echo(f"{made.summary}")
     _show_waiting(made.session.waiting)
-    for values, names in exact.items():
-        echo(f"counted as exact, since stated without ±: {values} ({', '.join(names)})")
+    for values, stating in exact.items():
+        echo(f"counted as exact, since stated without ±: {values} ({', '.join(stating)})")
     for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
         echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
         _show_steps(list(own))

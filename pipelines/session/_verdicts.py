@@ -7,7 +7,6 @@ before it failed or was not asked for, it is made again from what is there.
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
@@ -26,7 +25,6 @@ from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store, key_of
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
-from pipelines.session._exchanged import exchanged
 from pipelines.session._gaps import library_names
 from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._results import opened
@@ -70,8 +68,6 @@ class Verdict:
         What would explain the findings, the likeliest first.
     suspects : tuple of str
         What would explain a model that differs, or why it cannot be held against the record.
-    stiffness : float or None
-        How many times the stated modulus of its material would explain what differs; None where none would.
     n_of_session : int
         How many of the findings, the last ones, the session as a whole tells.
     """
@@ -85,7 +81,6 @@ class Verdict:
     checks: int = 0
     causes: tuple[str, ...] = ()
     suspects: tuple[str, ...] = ()
-    stiffness: float | None = None
     n_of_session: int = 0
 
     @property
@@ -119,7 +114,7 @@ class Verdict:
         texts = {"causes": list(self.causes), "suspects": list(self.suspects)}
         made = asdict(self) | {"findings": _documents(self.findings)} | texts
         # what the session as a whole tells is a finding like the others
-        return {name: value for name, value in made.items() if name not in ("stiffness", "n_of_session")}
+        return {name: value for name, value in made.items() if name != "n_of_session"}
 
     def __getitem__(self, name: str) -> Any:
         """Return a field as it stands in the JSON of ``process``, so that one code reads both."""
@@ -358,7 +353,6 @@ def _of_result(session: Session, experiment: Experiment, state: str, result: xr.
         judged.n_made,
         judged.causes,
         tuple(suspected(result)),
-        json.loads(result.attrs.get("stiffness", "null")),
     )
 
 
@@ -414,8 +408,6 @@ def _with_session(session: Session, verdicts: Iterable[Verdict]) -> tuple[Verdic
     """Add what the session as a whole tells of its experiments."""
     found = tuple(verdicts)
     more = session_findings(session)
-    for owner, finding in exchanged(session, {v.experiment: v.stiffness for v in found}):
-        more.setdefault(owner, []).append(finding)
     placed = {n: [_placed(session, session.experiments[n], f) for f in own] for n, own in more.items()}
     return tuple(_added(v, placed.get(v.experiment, ())) for v in found)
 

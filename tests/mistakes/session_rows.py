@@ -125,7 +125,7 @@ ROWS = (
     SessionMistake("name through the parent", _named(f"laser/../{_FIRST}"), "refused", "", ("..",), TOML),
     SessionMistake("recording of another experiment", _named(_FIRST), "doubtful", _TWICE, ("acrylic_low",), _FIRST),
     SessionMistake("listed twice", setting(_PAIR, f'{_PAIR}  "{_FIRST}",\n'), "refused", "", ("twice",), TOML),
-    SessionMistake("clock runs ahead", _dated("2099/05/14"), "note", "day of the recording", ("2099-05-14",), ""),
+    SessionMistake("clock runs ahead", _dated("2099/05/14"), "note", "calibration", ("2099-05-14",), ""),
     SessionMistake("recording forgotten", _another, "note", _UNUSED, ("forgotten_1.csv",), "laser/forgotten_1.csv"),
     SessionMistake(
         "record of the year before left",

@@ -123,7 +123,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     sphere = settings.sphere
     stated = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
     failed = judgements.failed_steps(context, _FAILED)
-    checks = [trace_checks.explained(check, of_traces, settings.calibration) for check in failed]
+    checks = [trace_checks.placed(check, settings.calibration) for check in failed]
     checks += [*of_traces, *judgements.uncertainties_stated(stated), fall_checks.gravity_stated(settings.model.gravity)]
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
     moved = dict(zip(settings.laser, displacement or (), strict=False))

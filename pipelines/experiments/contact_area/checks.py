@@ -45,7 +45,7 @@ from pipelines.experiments.shared.film_frames import CAUSES, explained, not_smoo
 from pipelines.experiments.shared.film_light import exposed, lit, not_written
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, times_over
+from pipelines.experiments.shared.judgements import Scene, Title, times_over
 from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
@@ -89,6 +89,33 @@ RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "
 
 
 _SOURCES = ("material_file", "fitted", "plate")
+TITLES = {
+    **judgements.OF_FILM,
+    "fringes": Title(
+        "Sphere, wavelength and image scale determine the spacing of the fringes.",
+        (
+            "spacing of the fringes", "visibility of the fringes", "fringes are resolved", "shape of the rings",
+            "one scale of the fringes",
+        ),
+    ),
+    "contacts": Title(
+        "A contact stays in place, grows, then shrinks, without gaps.",
+        (
+            "contact and flight", "middle of the contacts", "place of the contacts", "growth of the contact",
+            "contacts without gaps", "course of the contacts", "frames of the contacts", "contacts in view",
+        ),
+    ),
+    "contact radius": Title(
+        "Hertz: a ∝ R^0.4 (m h)^0.2 E^-0.2; a contact is smaller than its sphere.",
+        ("largest radius", "contact radius over the sphere's", "radius at rest", "work of adhesion"),
+    ),
+    "contact duration": Title("The first contact lasts as long as its radius tells.", ("duration of the contact",)),
+    "flights": Title(
+        "Each flight lasts 2 v/g, with v from the stated height and the radii of the contacts.",
+        ("first flight", "impacts in turn", "durations of the flights", "end of the film"),
+    ),
+    "order of the impacts": Title("No impact is harder than the one before.", (ORDER,)),
+}  # fmt: skip
 
 
 @judgements.judging(
@@ -98,6 +125,7 @@ _SOURCES = ("material_file", "fitted", "plate")
     "comparison",
     *_SOURCES,
     rests_on=("sphere.material_from", "plate_from"),
+    titles=TITLES,
     plate_from=OF_PLATE,
 )
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
@@ -458,7 +486,7 @@ def _causes(
             + (", of another view" if abs(log(k)) > log(3.0) else _ASLANT if _MOST_ASLANT < k < 1.0 else "")
         ),
         SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],
-        u=float(radius.attrs["u_systematic_relative"]) or inf,
+        u=inf if radius is None else float(radius.attrs["u_systematic_relative"]) or inf,
         file=settings.camera,
         setting="values.pixel_length",
     )

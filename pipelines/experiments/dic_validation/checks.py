@@ -46,7 +46,7 @@ from pipelines.experiments.shared.film_light import LIGHT, exposed, lit
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene
+from pipelines.experiments.shared.judgements import Scene, Title
 
 _GRAVITY = Quantity(9.81, 0.0, "m/s2")
 _BETWEEN_DAYS = 0.01
@@ -84,7 +84,34 @@ _BY_JUMPS = ("heights of the rebounds", "coefficients of restitution", HEIGHT, S
 _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 
 
-@judgements.judging(*_STEPS, rests_on=("laser_experiment",), expected=("comparison", "laser"))
+TITLES = {
+    **judgements.OF_FILM,
+    "view of the holder": Title(
+        "The holder is found in every frame, moves straight up and down, and keeps its size.",
+        (
+            "holder is found", "motion across the fall", "view of the holder", "direction of the motion",
+            "tilt of the camera", "one scale along the motion",
+        ),
+    ),
+    "rest before the release": Title(
+        "Before its release the holder is at rest.",
+        ("vibration before the release", "level before the release", "beginning of the film", "level between frames"),
+    ),
+    "free fall": Title(
+        "Every flight is a parabola with the acceleration of gravity.",
+        ("direction of the fall", G, SPEED, "durations of the flights"),
+    ),
+    "order of the bounces": Title(
+        "0 < e < 1: every rebound is lower than the one before.",
+        ("coefficients of restitution", "heights of the rebounds"),
+    ),
+    "comparison with the laser": Title(
+        "Film and laser show one height, one scale of length and one restitution.", (HEIGHT, SAME, GAIN)
+    ),
+}  # fmt: skip
+
+
+@judgements.judging(*_STEPS, rests_on=("laser_experiment",), expected=("comparison", "laser"), titles=TITLES)
 def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, context: Context) -> Scene:
     """Judge one film; what gave no result is judged by that."""
     track, motion, bounces, comparison, laser = map(given.get, _STEPS)

@@ -19,7 +19,7 @@ from pipelines.experiments.dma._temperature_checks import (
 )
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
-from pipelines.experiments.shared.judgements import Scene
+from pipelines.experiments.shared.judgements import Scene, Title
 
 _FAILED = {
     "sweeps": "the exports hold no sweeps at several temperatures, or a column has the wrong unit",
@@ -27,7 +27,46 @@ _FAILED = {
 }
 
 
-@judgements.judging("readings", "sweeps", "master_curve", "published")
+TITLES = {
+    "whole file": Title(
+        "An export holds all declared points, each once.", ("whole file", "readings of another interval")
+    ),
+    "columns": Title(
+        "Loss factor, stress over strain and frequency are consistent with the moduli.",
+        ("loss factor", "stress over strain", "frequency", "signs of the moduli"),
+    ),
+    "single values": Title(
+        "Moduli change steadily with frequency, and readings follow each other in time.",
+        ("single values", "times of the readings", "readings of one condition", "rise with frequency"),
+    ),
+    "size of the moduli": Title(
+        "Moduli lie in the range of polymers for the stated mode of loading.",
+        ("modulus of a polymer", "mode of loading", "scale of the moduli"),
+    ),
+    "causality": Title(
+        "Storage and loss of a linear solid determine each other (Kramers and Kronig).",
+        ("storage and loss belong together", "loss of each sweep"),
+    ),
+    "temperature": Title(
+        "Temperature is constant within a sweep, and moduli fall as it rises.",
+        (
+            "temperature within an interval", "temperature during a sweep", "temperature sweep", "temperatures",
+            "temperature is measured", "order with temperature", "temperatures of the files",
+        ),
+    ),
+    "one specimen": Title(
+        "All sweeps are of one specimen: repeated temperatures agree.",
+        ("one specimen throughout", "repeated temperatures", "files of one specimen"),
+    ),
+    "superposition": Title(
+        "One master curve describes all temperatures, with shifts in order.",
+        ("superposition", "order of the shifts", "published shifts"),
+    ),
+    "Poisson's ratio": Title("K = E/(3 (1 − 2ν)) of a polymer is a few GPa.", ("Poisson's ratio", "bulk modulus")),
+}  # fmt: skip
+
+
+@judgements.judging("readings", "sweeps", "master_curve", "published", titles=TITLES)
 def judgement(
     settings: Dma,
     context: Context,

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise, repeat
-from math import hypot, log, nan, pi, sqrt
+from math import expm1, hypot, log, nan, pi, sqrt
 
 import numpy as np
 import xarray as xr
@@ -36,7 +36,7 @@ from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, trace_checks
-from pipelines.experiments.shared.fall_checks import Fall, shown
+from pipelines.experiments.shared.fall_checks import Fall, matched, shown
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, line_of, times_over
 from pipelines.experiments.shared.trace_checks import Trace
@@ -104,7 +104,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     names = [name for drops in settings.drops for name in drops.laser]
     of_traces = _of_traces(names, readings, displacement, settings)
     failed = judgements.failed_steps(context, _FAILED)
-    checks = [trace_checks.explained(check, of_traces, settings.calibration) for check in failed]
+    checks = [trace_checks.placed(check, settings.calibration) for check in failed]
     statements = list(_statements(settings))
     checks += [*of_traces, *statements, fall_checks.gravity_stated(settings.model.gravity)]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
@@ -247,7 +247,8 @@ def _one_plate(found: dict[str, xr.Dataset]) -> list[Check]:
             worst = int(np.argmax(u))
             centre, u_centre = float(values[1 - worst]), float(u[1 - worst])
         file, others = list(found)[worst], "the other" if len(found) == 2 else "all others"
-        message = f"{file}: {shown(float(values[worst]), float(u[worst]), unit)}, {others} {quantity(centre, unit)}"
+        seen, own = float(values[worst]), float(u[worst])
+        message = f"{file}: {shown(seen, own, unit)}, {others} {matched(centre, own, unit)}"
         # the damping of a real plate depends on how it lies and how far it swings
         allowance = _ANOTHER_PLATE * centre if variable == "natural_frequency" else 0.2 * centre
         check = compared(
@@ -407,9 +408,10 @@ def _blows(comparison: xr.Dataset | None, model: xr.Dataset | None, settings: Pl
     # what else a plate can swing in moves it more, never less, while it is struck
     others = _OTHER_MODES if gap > 0.0 else 0.0
     u = hypot(random, hypot(others, fall_checks.MEASURED if any(known) else fall_checks.BY_NAME))
-    text = (
-        f"the blows last {in_words(np.exp(gap), 2)} times as long as those of the stated sphere on a plate of this mass"
-    )
+    longer = f"{in_words(np.exp(gap), 2)} times as long as"
+    if abs(gap) < _OTHER_MODES:
+        longer = f"{in_words(100 * abs(expm1(gap)), 2)} % {'longer' if gap > 0.0 else 'shorter'} than"
+    text = f"the blows last {longer} those of the stated sphere on a plate of this mass"
     level: Level | None = "doubtful" if abs(gap) > DOUBTFUL * u else None
     cause, setting = fall_checks.of_body(gap, u, body.radius.value, body.mass.value) if level else ("", "")
     check = Check(name, law, text, level, gap / u, gap, u, cause=cause, setting=setting or "sphere.mass")
@@ -518,4 +520,6 @@ def _of_unit(i: int, settings: PlateVibration, factor: float) -> str:
 def _of_height(i: int, settings: PlateVibration, factor: float) -> str:
     drops = settings.drops[i]
     right, given = quantity(drops.height.value / factor, "m"), quantity(drops.height.value, "m")
-    return f"the height of {drops.material} is probably {right}, not {given} (drops[{i}] in session.toml)"
+    return (
+        f"the height of {drops.material} is probably {right}, not {given} (height of drops no. {i + 1} in session.toml)"
+    )

@@ -10,7 +10,6 @@ from labpipe.judging import (
     SLIPS,
     Cause,
     agreement,
-    best_factor,
     bounded,
     compared,
     detectable,
@@ -278,11 +277,6 @@ def test_the_cause_of_the_worst_finding_comes_first() -> None:
         stated("direction", "law", "upwards", "impossible", cause="wrong sign"),
     ]
     assert judge(checks).causes == ("wrong sign", "few digits")
-
-
-def test_a_factor_beyond_any_unit_is_none() -> None:
-    """Rows that hardly know an input ask for an absurd factor of it, whose number nobody could hold."""
-    assert best_factor([3.0, 3.0], [1.0, 1.0], [1e-4, 1e-4], np.diag([1e-12, 1e-12])) is None
 
 
 @pytest.mark.parametrize(("beside", "named"), [(1.3, True), (3.0, False)])

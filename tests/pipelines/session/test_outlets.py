@@ -12,7 +12,7 @@ import xarray as xr
 from click.testing import CliRunner
 
 import labpipe as lp
-from labpipe.judging import FLAGS, Finding
+from labpipe.judging import FLAGS
 from pipelines.commands.session import process as command
 from pipelines.session import PAGE, process, verdict_on
 
@@ -88,22 +88,13 @@ def _of_index(index: str, name: str) -> str:
 _EDITS = {
     "clean": ((lambda _: None), {}, ""),
     "a copy for a repeat": (_copied, {"drop": "doubtful"}, "holds the same bytes as laser/drop_1.csv"),
-    "what others say of a material": ((lambda _: None), {"nbr": "doubtful"}, "acrylic is too stiff (session.toml:"),
     "height of another drop": (_in_toml('height = "1.5', 'height = "15'), {"drop": "impossible"}, ""),
 }
 
 
 @pytest.mark.parametrize("edit", _EDITS)
-def test_all_outlets_say_the_same(
-    edit: str, session_copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_outlets_say_the_same(edit: str, session_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     change, expected, text = _EDITS[edit]
-    if edit == "what others say of a material":
-        finding = Finding(
-            "exchanged materials", "doubtful", "acrylic is too stiff", "the files, probably", setting="kind"
-        )
-        monkeypatch.setattr("pipelines.session._verdicts.exchanged", lambda *_: [("nbr", finding)])
-        (session_copy / "labpipe/store/verdicts.json").unlink()
     change(session_copy)
     told = _told(session_copy, capsys)
     whole = dict.fromkeys(told["json"], "yes") | expected

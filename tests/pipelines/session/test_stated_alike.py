@@ -8,6 +8,7 @@ from labpipe import files
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from pipelines.session import open_session
 from pipelines.session._session_checks import session_findings
+from pipelines.session._stated_alike import stated_as_exact
 
 
 def findings(folder: Path, *frequencies: str, height: str = "1.5 ± 0.005 mm") -> list[tuple[str, str, str]]:
@@ -46,7 +47,7 @@ def test_a_slip_in_one_of_several_is_told(tmp_path: Path, slipped: str) -> None:
     assert told == [("drop_2", "one plate, two values", "plate.frequency")]
 
 
-def test_a_quantity_that_alone_has_no_uncertainty_is_told(tmp_path: Path) -> None:
-    one = "390 ± 20 Hz"
-    assert findings(tmp_path, one, one, one, height="1.5 mm") == [("drop_2", "stated uncertainty", "height")]
-    assert findings(tmp_path, one, one, height="1.5 mm") == []
+def test_values_without_uncertainty_are_listed_with_the_experiments_that_state_them(tmp_path: Path) -> None:
+    assert findings(tmp_path, "390 ± 20 Hz", "390 ± 20 Hz", height="1.5 mm") == []
+    exact = stated_as_exact(open_session(tmp_path))
+    assert exact == {"damping ratio": ["drop_0"], "height, damping ratio": ["drop_1"]}

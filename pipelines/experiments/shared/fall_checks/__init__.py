@@ -24,6 +24,7 @@ from pipelines.experiments.shared.fall_checks._contact import (
 from pipelines.experiments.shared.fall_checks._fall import (
     Fall as Fall,
     gravity_stated as gravity_stated,
+    matched as matched,
     shown as shown,
 )
 from pipelines.experiments.shared.fall_checks._flights import (

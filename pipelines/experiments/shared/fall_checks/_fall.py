@@ -1,7 +1,7 @@
 """One record of a drop as it was measured, and the acceleration with which it falls."""
 
 from dataclasses import dataclass
-from math import isfinite
+from math import floor, isfinite, log10
 from typing import Any
 
 import xarray as xr
@@ -40,6 +40,19 @@ class Fall:
 def shown(value: float, u: float, unit: str) -> str:
     """Write a value with its uncertainty."""
     return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
+
+
+def matched(value: float, u: float, unit: str) -> str:
+    """Write a value with the digits of another one whose standard uncertainty is u, to compare both.
+
+    Examples
+    --------
+    >>> matched(9.81, 5e-4, "m/s2")
+    '9.8100 m/s²'
+    """
+    if not (value and isfinite(value) and isfinite(u) and u > 0.0):
+        return quantity(value, unit)
+    return quantity(value, unit, max(2, floor(log10(abs(value))) - floor(log10(u)) + 1))
 
 
 def gravity_stated(gravity: Quantity) -> Check:

@@ -10,7 +10,7 @@ from labpipe.judging import Check, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.fall_checks._fall import Fall, shown
+from pipelines.experiments.shared.fall_checks._fall import Fall, matched, shown
 
 SPEED = "speed of the first impact"
 GUIDE = 5e-3
@@ -62,7 +62,7 @@ def speed(fall: Fall, gravity: Quantity) -> Check:
     expected = sqrt(2 * gravity.value * max(h, 0.0))
     # the scale of length is in both, once in v and half in the root of h
     u = hypot(own, seen * hypot(0.5 * fall.relative, CLOCK))
-    message = f"{fall.name}: {shown(seen, u, 'm/s')} seen, {quantity(expected, 'm/s')} expected"
+    message = f"{fall.name}: {shown(seen, u, 'm/s')} seen, {matched(expected, u, 'm/s')} expected"
     u_expected = 0.5 * expected * u_h / h if h > 0 else nan
     return compared(name, law, message, seen, u, expected, u_expected, allowance=GUIDE * expected, file=fall.name)
 

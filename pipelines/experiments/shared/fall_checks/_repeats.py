@@ -9,7 +9,7 @@ from scipy import special
 
 from labpipe.judging import DOUBTFUL, Check, compared, in_words, not_made, stated
 from labpipe.report import quantity
-from pipelines.experiments.shared.fall_checks._fall import Fall, shown
+from pipelines.experiments.shared.fall_checks._fall import Fall, matched, shown
 
 LEAST_ROUGH = 2e-3  # of the fall, by which repeats may differ where they touch
 _ENOUGH = 3  # repeats: of two nobody knows which is off
@@ -46,7 +46,7 @@ def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
         others = np.delete(np.arange(len(values)), worst)
         message = (
             f"{falls[worst].name}: {shown(float(values[worst]), float(u[worst]), unit)}, the other "
-            f"repeats {quantity(float(np.median(values[others])), unit)}"
+            f"repeats {matched(float(np.median(values[others])), float(u[worst]), unit)}"
         )
         seen, u_seen, file = float(values[worst]), float(scale[worst]), falls[worst].name
         allowance = 0.02 * abs(centre)
@@ -96,7 +96,7 @@ def _pair(
     (first, u_first), (second, u_second) = pairs
     message = (
         f"{falls[1].name}: {shown(second, u_second, unit)}, {falls[0].name} "
-        f"{quantity(first, unit)}, where repeats should agree"
+        f"{matched(first, u_second, unit)}, where repeats should agree"
     )
     least = min(abs(first), abs(second))
     check = compared(

@@ -13,7 +13,7 @@ from labpipe.variables import variable
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements._exact import undecided_by
 from pipelines.experiments.shared.judgements._scene import Scene
-from pipelines.experiments.shared.judgements._suspects import explanations, stiffness_of
+from pipelines.experiments.shared.judgements._suspects import explanations
 from pipelines.experiments.shared.judgements._titles import Titles, entitled, laws
 from pipelines.experiments.shared.material_choice import is_of_spectrum
 
@@ -41,9 +41,10 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     known = {**scene.inputs, **scene.shared}
     # a change of a rheometer's spectrum is no value that could have been stated wrongly
     names = sorted(name for name in named & set(scene.inputs) if not is_of_spectrum(name))
-    found, smallest, stiffness = None, np.full(len(names), np.inf), None
+    found, smallest = None, np.full(len(names), np.inf)
     told: list[str] = []
-    own = covariance = None
+    own: Any = None
+    covariance: Any = None
     if rows:
         every = [*names, *sorted(named & set(known) - set(names))]
         slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
@@ -51,7 +52,6 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
         found = agreement([row.difference or 0.0 for row in rows], covariance, slack)
         smallest = detectable(slopes[:, : len(names)], covariance, slack=slack) if names else smallest
         own = slopes[:, : len(names)]
-        stiffness = stiffness_of(names, scene.inputs, rows, own, covariance)
     # an error of an input that is 0 has no size to be compared with, nor has that of a temperature in °C
     values = np.array([0.0 if scene.inputs[name].si == "degC" else scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
@@ -73,7 +73,7 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
         first = f"{scene.basis.reason}: see there first" if scene.basis.reason else ""
         told = [text for text in (first, exact, doubted, scene.unstated) if text]
         told += explanations(scene, judged, names, rows, own, covariance) if rows else []
-    return made.assign_attrs(suspects=json.dumps(told), stiffness=json.dumps(stiffness))
+    return made.assign_attrs(suspects=json.dumps(told))
 
 
 def _doubted(judged: Judgement, inputs: Set[str]) -> str:

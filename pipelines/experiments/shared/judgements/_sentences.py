@@ -23,7 +23,14 @@ from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements._judgement import MATTERS
 from pipelines.experiments.shared.judgements._stored import believed, counted_as_exact, suspected
-from pipelines.experiments.shared.judgements._words import TIED, capitalised, chance, of_error, with_minus
+from pipelines.experiments.shared.judgements._words import (
+    TIED,
+    capitalised,
+    chance,
+    counted_from_one,
+    of_error,
+    with_minus,
+)
 
 VERDICT = "verdict"
 """Anchor of the sentence on a page that tells its verdict."""
@@ -158,7 +165,11 @@ def written_place(finding: Finding) -> str:
     """Write where to look as a stored page does, which knows settings but not their lines."""
     if finding.line is not None or (finding.file and not finding.setting):
         return finding.place
-    return f"{finding.file or FILE_NAME}, {finding.setting}" if finding.setting or not finding.file else finding.file
+    return (
+        f"{finding.file or FILE_NAME}, {counted_from_one(finding.setting)}"
+        if finding.setting or not finding.file
+        else finding.file
+    )
 
 
 def noticed(result: xr.Dataset) -> str:

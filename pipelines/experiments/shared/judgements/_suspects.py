@@ -6,18 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labpipe.judging import (
-    DOUBTFUL,
-    IMPOSSIBLE,
-    SLIPS,
-    Judgement,
-    Suspect,
-    agreement,
-    best_factor,
-    in_words,
-    slips,
-    suspects,
-)
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, SLIPS, Judgement, Suspect, agreement, in_words, slips, suspects
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
@@ -233,17 +222,6 @@ class _PowerLaws(NamedTuple):
             slopes[straight] * values / moved[:, None],
             covariance[np.ix_(straight, straight)] / np.outer(mean, mean),
         )
-
-
-def stiffness_of(
-    names: Sequence[str], known: Mapping[str, Quantity], rows: Sequence[Row], slopes: Any, covariance: Any
-) -> float | None:
-    """Return how many times the stated modulus would explain the rows; None where no modulus does, or tells."""
-    laws = _PowerLaws.of(names, known, rows, slopes, covariance)
-    if _MODULUS not in names or not laws.measured.size:
-        return None
-    found = best_factor(laws.measured, laws.model, -laws.powers[:, names.index(_MODULUS)], laws.spread)
-    return found.factor if found is not None and found.share > _TELLS else None
 
 
 def _slipped(

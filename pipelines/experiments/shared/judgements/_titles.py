@@ -8,6 +8,8 @@ from labpipe.judging import Check
 
 STEPS = "references and processing steps"
 """Title of the check of all that an experiment is based on."""
+REPEATS = "repeats"
+"""Title of the check of recordings against each other."""
 
 
 class Title(NamedTuple):
@@ -38,10 +40,25 @@ OF_LASER: Titles = {
 }  # fmt: skip
 """Checks of the readings of a displacement sensor."""
 
+OF_FILM: Titles = {
+    "frames": Title(
+        "A film holds every frame once, whole, unaltered and in order.",
+        (
+            "detail of the frames", "times of the frames", "whole frames", "whole film", "whole images",
+            "frames differ", "order of the frames", "sound frames", "frame rate stated", "one sensitivity",
+        ),
+    ),
+    "light and exposure": Title(
+        "The light is steady, and no frame is over- or under-exposed.",
+        ("light of the frames", "exposure", "dark contacts"),
+    ),
+}  # fmt: skip
+"""Checks of the frames of a film."""
+
 COMMON: Titles = {
     "calibration": Title(
         "The calibration record belongs to the instrument and was valid on the day of the recording.",
-        ("day of the recording", "line of sight", "uncertainty of the scale"),
+        ("day of the recording", "line of sight", "uncertainty of the scale", "date of the cell"),
     ),
     "stated values": Title(
         "Stated values are physically possible, and their uncertainties are small compared with them.",
@@ -72,7 +89,9 @@ def entitled(checks: Iterable[Check], titles: Titles) -> list[Check]:
     found = []
     for check in checks:
         title = next((title for name, title in longest if check.name.startswith(name)), check.title)
-        found.append(replace(check, title=title, recording=check.recording or check.file))
+        # repeats are compared with each other: no recording passes by itself
+        recording = "" if title == REPEATS else check.recording or check.file
+        found.append(replace(check, title=title, recording=recording))
     return found
 
 

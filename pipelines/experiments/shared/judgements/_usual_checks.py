@@ -12,9 +12,10 @@ import xarray as xr
 from calibration.record import UNDATED
 from labpipe import errors
 from labpipe.judging import Check, Level, not_made, stated, unfinished
-from labpipe.report import quantity
+from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.shared.judgements._words import counted_from_one
 
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
@@ -42,14 +43,16 @@ def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Chec
     """Hold stated uncertainties, each with its setting, against the values to which they belong."""
     law = "an uncertainty is far smaller than what it belongs to"
     for setting, value in given:
-        text = f"{setting} is stated as {quantity(value.value, value.si)} with u = {quantity(value.u, value.si)}"
+        named = counted_from_one(setting)
+        text = f"{named} is stated as {value_with_uncertainty(value.value, value.u, value.si)}"
+        text += "" if value.u else ", without ±"
         level: Level | None = None
         cause, share = "", value.u / abs(value.value) if value.value else 0.0
         if share > _LARGE:
             level, cause = "doubtful", "the uncertainty was typed in another unit or with a lost decimal"
         elif share > _VAGUE:
             level = "note"
-            cause = f"{setting} is known too vaguely to judge by: a difference of {400 * share:.0f} % would pass"
+            cause = f"{named} is known too vaguely to judge by: a difference of {400 * share:.0f} % would pass"
         yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
 
 

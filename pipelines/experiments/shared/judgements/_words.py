@@ -46,6 +46,21 @@ def with_minus(text: str) -> str:
     return _NEGATIVE.sub("\N{MINUS SIGN}", text)
 
 
+def counted_from_one(setting: str) -> str:
+    """Write the name of a setting as people count.
+
+    Examples
+    --------
+    >>> counted_from_one("drops[0].height"), counted_from_one("sphere.mass")
+    ('height of drops no. 1', 'sphere.mass')
+    """
+    listed = re.fullmatch(r"(\w+)\[(\d+)\](?:\.(.+))?", setting)
+    if listed is None:
+        return setting
+    item = f"{listed[1]} no. {int(listed[2]) + 1}"
+    return f"{listed[3]} of {item}" if listed[3] else item
+
+
 def of_error(unit: str) -> str:
     """Return the unit of an error of what is stated in a unit: a difference of temperatures is one in kelvin."""
     return "K" if unit == "degC" else unit

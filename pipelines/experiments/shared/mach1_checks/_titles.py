@@ -61,5 +61,4 @@ TITLES = {
         "A recording holds every reading once; readings have inertia and noise.",
         (mach1_traces.SPIKE, mach1_traces.QUIET, mach1_traces.LEAP, mach1_traces.HELD, "rows of another file"),
     ),
-    "calibration date": Title("The cell was calibrated before the test.", (CALIBRATED,)),
 }

@@ -7,7 +7,7 @@ cable or the file, and it is told with its place in time.
 
 from pipelines.experiments.shared.trace_checks._checks import checks_of as checks_of, speed_of_swing as speed_of_swing
 from pipelines.experiments.shared.trace_checks._copies import repeated_rows as repeated_rows, shared_rows as shared_rows
-from pipelines.experiments.shared.trace_checks._failed import CAUSES as CAUSES, explained as explained, placed as placed
+from pipelines.experiments.shared.trace_checks._failed import CAUSES as CAUSES, placed as placed
 from pipelines.experiments.shared.trace_checks._inertia import SINGLE_ROWS as SINGLE_ROWS
 from pipelines.experiments.shared.trace_checks._range import (
     held_readings as held_readings,

@@ -1,7 +1,6 @@
 """What readings tell of a step that failed."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
 from labpipe.errors import IN_MOTION, MARKER
@@ -11,16 +10,6 @@ from pipelines.experiments.shared.trace_checks._rest import MOVES
 
 CAUSES = {MARKER: OUT_OF_RANGE, IN_MOTION: MOVES}
 """What is wrong with a recording, by the reason of the error that a step ends in."""
-
-
-def explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
-    """Give a step that failed its place, and the cause that the readings themselves show."""
-    failed = placed(failed, record)
-    if not failed.is_made or failed.file == record:
-        return failed
-    worst = [c for c in of_traces if c.file == failed.file and c.level in ("impossible", "doubtful")]
-    worst.sort(key=lambda check: check.level != "impossible")
-    return replace(failed, cause=worst[0].cause) if worst else failed
 
 
 def placed(failed: Check, record: str, recording: str = "") -> Check:

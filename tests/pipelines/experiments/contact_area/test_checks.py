@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 import pytest
 import xarray as xr
-from labpipe.judging._causes import in_turn
 
 from labpipe import contact, materials
 from labpipe.judging import explain
+from labpipe.judging._cause import in_turn
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.contact_area import _image_checks, checks
@@ -84,7 +84,7 @@ def judged(film, context=CONTEXT, **changes):
 
 
 def finding(found, check):
-    return next(f for f in found.findings if f.check == check)
+    return next(c for c in found.checks if c.level and c.name == check)
 
 
 def enlarged(film, factor):
@@ -145,7 +145,7 @@ def test_rings_that_a_camera_sees_aslant_are_told_and_make_the_radius_uncertain(
     radius = film["radius"]
     axes = {"semi_axis_major": radius / np.sqrt(ratio), "semi_axis_minor": radius * np.sqrt(ratio)}
     film = film.assign(axes | {"axis_angle": radius * 0.0, "u_pixel_size": 2.2e-3 * film["pixel_size"]})
-    told = [f for f in judged(film)[0].findings if f.check == "shape of the rings"]
+    told = [c for c in judged(film)[0].checks if c.level and c.name == "shape of the rings"]
     assert [f.level for f in told] == ([] if level is None else [level])
     assert all(f"at {tilt:g}° from straight" in f.message and "aslant" in f.cause for f in told)
     assert u_of_view(film) == pytest.approx((1.0 - np.sqrt(ratio)) / np.sqrt(3.0))
@@ -200,7 +200,7 @@ def test_an_impact_that_no_frame_shows_is_named_by_the_flight_across_it(film):
     assert missed.level == found.believable == "doubtful"
     assert f"between frames {round(1e4 * tops[0])} and {round(1e4 * tops[2])} was not recorded" in missed.cause
     whole, _ = judged(film)
-    assert not any(f.check == "impacts in turn" and f.level for f in whole.findings)
+    assert not any(c.name == "impacts in turn" and c.level for c in whole.checks)
 
 
 @pytest.mark.parametrize("about", [None, 20])
@@ -249,7 +249,7 @@ def test_a_second_drop_after_the_third_impact_is_noted(film):
     twice = twice.assign_coords(frame=np.arange(twice.sizes["frame"]))
     twice["time"] = ("frame", np.arange(twice.sizes["frame"]) * 1e-4)
     assert finding(judged(twice.assign_attrs(film.attrs))[0], checks.ORDER).level == "note"
-    assert not any(f.check == checks.ORDER for f in judged(film)[0].findings)
+    assert not any(c.level and c.name == checks.ORDER for c in judged(film)[0].checks)
 
 
 def test_another_polymer_is_told_beside_the_mass(film):

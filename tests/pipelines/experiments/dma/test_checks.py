@@ -61,7 +61,7 @@ def judged(datasets, name="acrylic", curve=None, **changes):
 
 
 def finding(found, check):
-    return next(f for f in found.findings if f.check == check)
+    return next(c for c in found.checks if c.level and c.name == check)
 
 
 @pytest.mark.parametrize("name", sorted(SOLIDS))
@@ -69,7 +69,7 @@ def finding(found, check):
 def test_a_clean_export_is_believed(tmp_path, name, seed):
     found = judged([written(tmp_path, name, seed)], name)
     assert found.believable == "yes", found.findings
-    assert found.n_made >= 10
+    assert 6 < found.n_made <= 12
 
 
 def test_exchanged_columns_are_named_from_the_loss_factor_and_from_causality(acrylic):
@@ -181,7 +181,7 @@ def test_a_second_file_of_another_polymer_is_impossible_and_a_repeat_is_not(expo
 @pytest.mark.parametrize(("nu", "level"), [(0.049, "doubtful"), (0.3, None), (0.5, None)])
 def test_an_implausible_poisson_ratio_is_doubtful(acrylic, nu, level):
     found = judged([acrylic], nu=Quantity(nu, 0.0, "1"))
-    levels = {f.check: f.level for f in found.findings}
+    levels = {c.name: c.level for c in found.checks if c.level}
     assert levels.get("Poisson's ratio") == level
     assert ("0.49" in " ".join(found.causes)) == (level is not None)
 
