@@ -113,6 +113,10 @@ def _spike(place: int, size: float) -> Callable[[Floats], Floats]:
     return change
 
 
+def _run(place: int, count: int, size: float) -> Callable[[Floats], Floats]:
+    return lambda x: x + size * ((np.arange(x.size) >= place) & (np.arange(x.size) < place + count))
+
+
 def _every(count: int, size: float) -> Callable[[Floats], Floats]:
     """Return what adds a spike to each so many readings."""
     return lambda x: x + size * (np.arange(x.size) % count == 37)
@@ -484,6 +488,8 @@ ROWS = (
     Mistake("ends after first contact", cells(lambda t: t[:820]), "impossible", ("ends",)),
     Mistake("one spike of 3 mm", values(_spike(900, 3.0)), "note", ("spike",)),
     Mistake("spike before release", values(_spike(150, 3.0)), "note", ("spike",)),
+    Mistake("two wild readings in a flight", values(_run(900, 2, 1.0), FIRST), "note", ("901-902",), FIRST[0]),
+    Mistake("thirty wild readings", values(_run(900, 30, 1.0), FIRST), "impossible", ("too long to be",), FIRST[0]),
     Mistake("spike in the contact", values(_spike(775, -3.0)), "note", ("spike",)),
     Mistake("hum of 5 um", values(_hum(0.005)), "note", ("hum",)),
     Mistake("hum of 20 um, as any phase of it begins", values(_hum(0.02, 60.0)), "note", ("hum of 2",), FIRST[0]),
