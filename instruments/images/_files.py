@@ -25,7 +25,6 @@ from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
 
 _NUMBER = re.compile(r"[-+]?\d+")
 _COUNT = "Where names hold times, number the images in the order they were taken: frame_0001.png, …"
-_ROUNDED = 0.1  # of the steps between frames, from which those that are no multiple of the least are a clock's
 #: Bits of 16 that cameras of 14, 12 and 10 bits leave empty, fewest last; and images that are looked at for it.
 _UNUSED_BITS, _LOOKED_AT = (6, 4, 2), 9
 
@@ -87,42 +86,35 @@ def pages(path: Path, channel: Channel | None = None) -> "ImageFiles":
 def _numbers(paths: Sequence[Path]) -> list[int]:
     """Read the places of images from their names: the last of the numbers that counts them.
 
-    Names may end in what holds for the whole film, such as its frame rate or its bits.
+    Names may end in a number that holds for the whole film, such as its frame rate or its bits, and may hold the times
+    of a clock. The numbers of frames are multiples of one step apart; times of a clock are rounded, and do not count.
     """
     has_plus = any(match.group()[0] == "+" for path in paths for match in _NUMBER.finditer(path.stem))
     found = [[_signed(path.stem, match, has_plus) for match in _NUMBER.finditer(path.stem)] for path in paths]
-    for path, values in zip(paths, found, strict=True):
-        if not values:
-            raise SourceError(
-                path,
-                "the image has no number in its name, so its place in the film is unknown",
-                hint="Name images like frame_0001.png; move what is no image of the film out of the folder.",
-            )
+    unnumbered = next((path for path, values in zip(paths, found, strict=True) if not values), None)
+    if unnumbered is not None:
+        raise SourceError(
+            unnumbered,
+            "the image has no number in its name, so its place in the film is unknown",
+            hint="Name images like frame_0001.png; move what is no image of the film out of the folder.",
+        )
     shared = min(map(len, found))
-    columns = [[values[k] for values in found] for k in range(-1, -shared - 1, -1)]
-    varying = [column for column in columns if len(set(column)) > 1]
-    if not varying:
-        return columns[0]
+    columns = [[values[-k] for values in found] for k in range(1, shared + 1)]
     wholly = [tuple(values[-shared:]) for values in found]
+    varying = [column for column in columns if len(set(column)) > 1] or columns[:1]
     counted = next((column for column in varying if _counts(column, wholly)), None)
     if counted is None and len(set(varying[0])) == len(found):
         text = f"no number in the names counts the frames, as times of a clock do not; before it comes {paths[0].name}"
-        raise SourceError(paths[1], text, hint=_COUNT)
+        raise SourceError(paths[-1], text, hint=_COUNT)
     return counted or varying[0]
 
 
 def _counts(column: list[int], wholly: list[tuple[int, ...]]) -> bool:
-    """Tell whether numbers count frames, as a part of a clock's time does not.
-
-    The frames of a camera are as far apart as each other or, where some are missing, multiples of it.
-    Times of a clock are rounded, and their parts begin anew.
-    """
+    """Whether numbers are multiples of one step apart, and in the order of all numbers of their names."""
     order = sorted(range(len(column)), key=column.__getitem__)
     steps = np.diff(np.array([column[i] for i in order], dtype=object))
-    if min(steps) == max(steps) > 0:
-        return True
-    in_time = order == sorted(order, key=wholly.__getitem__)
-    return bool(min(steps) > 0 and np.mean(steps % min(steps) > 0) < _ROUNDED and in_time)
+    is_even = not len(steps) or bool(min(steps) > 0 and not any(steps % min(steps)))
+    return is_even and order == sorted(order, key=wholly.__getitem__)
 
 
 def _header(path: Path) -> ImageHeader | CutOffError:

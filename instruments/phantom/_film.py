@@ -225,7 +225,7 @@ class CineFrames(ShownFrames):
 
     def _fault(self, index: int) -> str | None:
         """Say what is wrong with a frame's place in the file, or None."""
-        return self._own_fault(index) or self._overlap(index) or self._exchange(index)
+        return self._own_fault(index) or self._overlap(index)
 
     def _overlap(self, index: int) -> str | None:
         """Say which sound frame holds the same bytes; two frames cannot share any."""
@@ -244,20 +244,6 @@ class CineFrames(ShownFrames):
             return "the table of offsets points into it again and again"
         runs_into = (int(i) for i in inside if self._own_fault(int(i)) is None)
         return next((f"it runs into frame {i}" for i in runs_into), None)
-
-    def _exchange(self, index: int) -> str | None:
-        """Say with which frame this one has exchanged its entry in the table of offsets.
-
-        A camera writes the frames of a film one behind the other. A file that holds most of them in
-        another order was written so on purpose.
-        """
-        rank = self._rank
-        other = int(rank[index])
-        if other == index or rank[other] != index or self._own_fault(other) or self._overlap(other):
-            return None
-        if 2 * np.count_nonzero(rank != np.arange(len(self))) > len(self):
-            return None
-        return f"its entry in the table of offsets is exchanged with that of frame {other}"
 
     def _own_fault(self, index: int) -> str | None:
         start, size = int(self._header.offsets[index]), self._window.size

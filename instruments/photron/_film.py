@@ -8,6 +8,7 @@ import os
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from datetime import UTC
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments._clock import moment
 from instruments.photron import frames_of, header_of
 from labpipe.arrays import Flags, Floats
 from labpipe.binary import Window
@@ -36,13 +38,17 @@ _KEYS = {
     "bits": ("color bit", "imagedatainfo/colorinfo/bit"),
     "depth": ("effectivebit depth", "imagedatainfo/effectivebit/depth"),
     "side": ("effectivebit side", "imagedatainfo/effectivebit/side"),
+    "date": ("date", "fileinfo/date"),
     "format": ("file format", "imagefileinfo/fileformat"),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """Description of the frames: counts, size [px], bits of a pixel, rate [1/s], exposure [s] or None, levels."""
+    """Description of the frames: counts, size [px], bits of a pixel, rate [1/s], exposure [s] or None, white level.
+
+    ``trigger`` is the day of the recording, its midnight UTC since 1970 in 2⁻³² s; 0 where it is not known.
+    """
 
     count: int
     start: int
@@ -52,6 +58,7 @@ class Header:
     rate: float
     exposure: float | None
     white: float
+    trigger: int
 
     @property
     def frame_bytes(self) -> int:
@@ -143,7 +150,9 @@ def _header(path: Path) -> Header:
     if bits == 16 and depth < bits:
         white = 2.0**bits - 2.0 ** (bits - depth) if word("side") == "higher" else 2.0**depth - 1.0
     count, start = int(number("count", 1, 2**31)), int(number("start", -(2**31), 2**31, 0))
-    return Header(count, start, height, width, bits, rate, _exposure(values, rate), white)
+    day = moment(word("date"))
+    trigger = int(day.replace(tzinfo=UTC).timestamp()) << 32 if day else 0
+    return Header(count, start, height, width, bits, rate, _exposure(values, rate), white, trigger)
 
 
 def _of_text(data: bytes) -> dict[str, str]:

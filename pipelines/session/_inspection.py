@@ -393,10 +393,11 @@ def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:
     if is_timed and interval is not None and (np.abs(steps - interval) > 0.5 * interval).any():
         problems.append(f"frames are missing: the longest step is {np.nanmax(steps):.4g} s")
     exposure = frames.exposure
+    origin = "trigger" if hasattr(frames, "header") else "first image"
     timing = {
         "interval": "unknown" if interval is None else f"{interval:.6g} s",
         "rate": "unknown" if interval is None else f"{1.0 / interval:.6g} Hz",
-        "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the {'trigger' if axis is not None else 'first image'}",
+        "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the {origin}",
     }
     return {
         "frames": count,

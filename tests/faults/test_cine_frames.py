@@ -82,17 +82,6 @@ def test_offsets_backwards_are_frames_in_another_order(tmp_path: Path, images: l
     assert all(np.array_equal(frames[i], images[COUNT - 1 - i]) for i in range(COUNT))
 
 
-@pytest.mark.parametrize(("one", "other"), [(2, 3), (0, 4)])
-def test_two_exchanged_entries_of_the_table_spoil_these_frames_alone(
-    tmp_path: Path, images: list[np.ndarray], one: int, other: int
-) -> None:
-    places = [(TABLE + 8 * a, "q", FIRST + b * FRAME) for a, b in ((one, other), (other, one))]
-    frames = read(film(tmp_path, *places))
-    assert sound_frames(frames, images) == [i for i in range(COUNT) if i not in (one, other)]
-    with pytest.raises(SourceError, match=f"exchanged with that of frame {other}"):
-        frames[one]
-
-
 @pytest.mark.parametrize("stated", [1, 3, 5, 7])
 def test_a_count_that_the_stamps_and_the_offsets_contradict_is_refused(tmp_path: Path, stated: int) -> None:
     with pytest.raises(SourceError, match=rf"ImageCount is {stated}, .* of {COUNT} images"):

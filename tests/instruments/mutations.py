@@ -1,7 +1,6 @@
 """Mutations of the bytes of a text export, for tests of what the readers refuse."""
 
-import random
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
 from hypothesis import HealthCheck, settings, strategies as st
 
@@ -18,20 +17,6 @@ def mutations(pieces: Sequence[bytes]):
     piece = st.one_of(st.binary(min_size=1, max_size=4), st.sampled_from(pieces))
     one = st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 20_000), piece)
     return st.lists(one, min_size=1, max_size=3)
-
-
-def drawn(pieces: Sequence[bytes], count: int) -> Iterator[list[tuple[str, int, bytes]]]:
-    """Draw mutations of the same kinds at random: cheap enough for a hundred thousand."""
-    rng = random.Random(count)
-    for _ in range(count):
-        yield [
-            (
-                rng.choice(OPERATIONS),
-                rng.randrange(20_000),
-                rng.choice([rng.randbytes(rng.randint(1, 4)), rng.choice(pieces)]),
-            )
-            for _ in range(rng.randint(1, 3))
-        ]
 
 
 def mutated(data: bytes, steps: Iterable[tuple[str, int, bytes]]) -> bytes:

@@ -12,7 +12,7 @@ from instruments import keyence
 from instruments.keyence._markers import marker_status
 from labpipe.errors import LabpipeError, SourceError
 from tests.by_day import by_day
-from tests.instruments.mutations import drawn, mutated, mutations, usual
+from tests.instruments.mutations import mutated, mutations, usual
 
 N_ROWS = 250  # more than are looked at to learn the layout
 
@@ -288,9 +288,3 @@ def check_mutation(path, steps):
 @given(MUTATIONS)
 def test_mutations_are_refused_or_read_as_they_stand(tmp_path, steps):
     check_mutation(tmp_path / "mutated.csv", steps)
-
-
-@pytest.mark.slow
-def test_many_mutations_are_refused_or_read_as_they_stand(tmp_path, amount):
-    for steps in drawn(PIECES, amount(1000, 75_000)):
-        check_mutation(tmp_path / "mutated.csv", steps)

@@ -15,7 +15,7 @@ from instruments import mach1
 from labpipe.errors import LabpipeError, SourceError
 from tests.by_day import by_day
 from tests.instruments.mach1_blocks import split_blocks
-from tests.instruments.mutations import drawn, mutated, mutations, usual
+from tests.instruments.mutations import mutated, mutations, usual
 
 
 def _blocks():
@@ -356,9 +356,3 @@ def check_mutation(path, steps):
 @given(MUTATIONS)
 def test_mutations_are_refused_or_read_as_they_stand(tmp_path, steps):
     check_mutation(tmp_path / "mutated.txt", steps)
-
-
-@pytest.mark.slow
-def test_many_mutations_are_refused_or_read_as_they_stand(tmp_path, amount):
-    for steps in drawn(PIECES, amount(1000, 75_000)):
-        check_mutation(tmp_path / "mutated.txt", steps)

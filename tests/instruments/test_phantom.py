@@ -85,6 +85,8 @@ def patched(path: Path, offset: int, layout: str, *values: float) -> Path:
 
 
 STAMPS_AT = 84 + 10412 + 8
+FRAME = 8 + 12 * 32 * 2
+FIRST = 84 + 10412 + 8 + 48 + 8 + 24 + 48
 
 
 def test_a_corrupt_last_stamp_is_replaced_and_flagged(tmp_path: Path) -> None:
@@ -158,74 +160,39 @@ def test_a_refusal_names_what_was_found(tmp_path: Path, offset: int, layout: str
     assert caught.value.hint
 
 
-HEADER_FIELDS = {
-    "Type": (0, "H"),
-    "Compression": (4, "H"),
-    "Version": (6, "H"),
-    "FirstImageNo": (16, "i"),
-    "ImageCount": (20, "I"),
-    "OffImageHeader": (24, "I"),
-    "OffSetup": (28, "I"),
-    "OffImageOffsets": (32, "I"),
-    "TriggerFraction": (36, "I"),
-    "TriggerSeconds": (40, "I"),
-    "biSize": (44, "I"),
-    "biWidth": (48, "i"),
-    "biHeight": (52, "i"),
-    "biBitCount": (58, "H"),
-    "biCompression": (60, "I"),
-    "biSizeImage": (64, "I"),
-    "biClrImportant": (80, "I"),
-    "Mark": (84 + 140, "H"),
-    "Length": (84 + 142, "H"),
-    "FrameRate": (84 + 768, "I"),
-    "Shutter": (84 + 772, "I"),
-    "CFA": (84 + 808, "I"),
-    "ShutterNs": (84 + 1568, "I"),
-    "BlackLevel": (84 + 5732, "i"),
-    "WhiteLevel": (84 + 5736, "i"),
-    "Decimation": (84 + 10388, "I"),
-    "TimesSize": (10496, "I"),
-    "TimesType": (10500, "H"),
-    "FirstStamp": (10504, "I"),
-    "FirstSeconds": (10508, "I"),
-    "ExposuresSize": (10552, "I"),
-    "FirstOffset": (10584, "q"),
-}
-
-
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("field", sorted(HEADER_FIELDS))
-@pytest.mark.parametrize("kind", ["zero", "one", "largest", "negative", "off by one"])
-def test_any_header_field_may_lie_without_harm(tmp_path: Path, field: str, kind: str) -> None:
-    """225 mutations: either an error that names the file, or frames of the declared size."""
-    images = film(tmp_path / "f.cine")
-    offset, layout = HEADER_FIELDS[field]
-    bits = struct.calcsize(layout) * 8
-    signed = layout in "iq"
-    old = struct.unpack_from("<" + layout, (tmp_path / "f.cine").read_bytes(), offset)[0]
-    top = 2 ** (bits - 1) - 1 if signed else 2**bits - 1
-    value = {"zero": 0, "one": 1, "largest": top, "off by one": min(old + 1, top)}.get(kind, -1 if signed else top - 1)
-    path = patched(tmp_path / "f.cine", offset, layout, value)
+def test_damaged_headers_are_errors_that_name_the_file_or_frames_of_the_declared_size(tmp_path: Path) -> None:
+    """Three hundred damages of the headers, the settings that are read, the tags, the table and the frames."""
+    film(tmp_path / "f.cine")
+    data, generator = (tmp_path / "f.cine").read_bytes(), np.random.default_rng(1)
+    settings = [84 + at for at in (140, 142, 768, 772, 808, 896, 1568, 1588, 1592, 5732, 5736, 10388)]
+    places = [*range(0, 84, 2), *settings, *range(STAMPS_AT - 8, FIRST, 4), FIRST, FIRST + 4]
     tracemalloc.start()
-    try:
-        frames = read(path)
-        good = np.flatnonzero(frames.valid)
-        for i in good:
-            assert frames[int(i)].shape == frames.shape[1:]
-        assert frames.time.shape == (len(frames),)
-        assert np.isfinite(frames.time).all()
-        if frames.shape == images.shape and frames.dtype == images.dtype and good.size == 6:
-            assert frames[3].shape == images[3].shape
-    except SourceError as error:
-        assert "f.cine" in str(error)  # noqa: PT017 - either outcome is right, none is silent
-    peak = tracemalloc.get_traced_memory()[1]
+    for _ in range(300):
+        damaged = bytearray(data)
+        at, size = int(generator.choice(places)), int(generator.choice([1, 2, 4, 8]))
+        old = int.from_bytes(damaged[at : at + size], "little")
+        values = (
+            0,
+            1,
+            2 ** (8 * size) - 1,
+            2 ** (8 * size - 1) - 1,
+            old + 1,
+            old ^ 1 << int(generator.integers(8 * size)),
+        )
+        damaged[at : at + size] = (int(generator.choice(6)) and values[int(generator.choice(6))]).to_bytes(
+            size + 1, "little"
+        )[:size]
+        (tmp_path / "g.cine").write_bytes(bytes(damaged))
+        try:
+            frames = read(tmp_path / "g.cine")
+            assert all(frames[int(i)].shape == frames.shape[1:] for i in np.flatnonzero(frames.valid))
+            assert frames.time.shape == (len(frames),)
+            assert np.isfinite(frames.time).all()
+        except LabpipeError as error:
+            assert "g.cine" in str(error)  # noqa: PT017 - either outcome is right, none is silent
+    assert tracemalloc.get_traced_memory()[1] < 64e6
     tracemalloc.stop()
-    assert peak < 64e6
-
-
-FRAME = 8 + 12 * 32 * 2
-FIRST = 84 + 10412 + 8 + 48 + 8 + 24 + 48
 
 
 @pytest.mark.parametrize("frame", range(6))
@@ -253,24 +220,6 @@ def test_one_damaged_frame_is_flagged_and_the_others_are_used(
         assert np.array_equal(frames[int(i)], images[i])
 
 
-@pytest.mark.filterwarnings("ignore:.*lies? beyond the end of the file:UserWarning")
-@pytest.mark.parametrize("frame", range(6))
-@pytest.mark.parametrize("value", [-1, 0, 2**40, 2**63 - 1])
-def test_an_offset_out_of_range_damages_one_frame_only(tmp_path: Path, frame: int, value: int) -> None:
-    images = film(tmp_path / "f.cine")
-    table = FIRST - 48
-    frames = read(patched(tmp_path / "f.cine", table + 8 * frame, "q", value))
-    assert not frames.valid[frame]
-    good = (frame + 3) % 6
-    assert np.array_equal(frames[good], images[good])
-
-
-def test_two_frames_that_share_their_bytes_are_not_both_valid(tmp_path: Path) -> None:
-    film(tmp_path / "f.cine")
-    frames = read(patched(tmp_path / "f.cine", FIRST - 48 + 8, "q", FIRST))
-    assert frames.valid.sum() == 5
-
-
 def test_a_truncated_film_keeps_its_complete_frames_at_every_cut(tmp_path: Path) -> None:
     images = film(tmp_path / "f.cine")
     data = (tmp_path / "f.cine").read_bytes()
@@ -291,27 +240,6 @@ def test_a_file_cut_inside_its_header_names_the_missing_field(tmp_path: Path) ->
         (tmp_path / "g.cine").write_bytes(data[:cut])
         with pytest.raises(SourceError, match=r"g\.cine"):
             read(tmp_path / "g.cine")
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_two_thousand_random_bit_flips_are_never_worse_than_an_error(tmp_path: Path) -> None:
-    film(tmp_path / "f.cine")
-    data = (tmp_path / "f.cine").read_bytes()
-    generator = np.random.default_rng(1)
-    for _ in range(2000):
-        damaged = bytearray(data)
-        at = int(generator.integers(0, FIRST)) if generator.random() < 0.8 else 0
-        at = at or int(generator.integers(0, len(data)))
-        damaged[at] ^= 1 << int(generator.integers(8))
-        (tmp_path / "g.cine").write_bytes(bytes(damaged))
-        try:
-            frames = read(tmp_path / "g.cine")
-            for i in np.flatnonzero(frames.valid):
-                frames[int(i)]
-            assert np.isfinite(frames.time).all()
-        except LabpipeError as error:
-            assert "g.cine" in str(error)  # noqa: PT017
 
 
 def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path: Path) -> None:

@@ -8,10 +8,12 @@ import pytest
 import instruments
 from labpipe.errors import SourceError
 from labpipe.frames import FrameSource, IncompleteFilmWarning
+from pipelines.experiments.shared.film_frames import recorded_on
 
 ROWS, COLUMNS, COUNT = 6, 10, 5
 FILM = np.random.default_rng(2).integers(0, 2**12, (COUNT, ROWS, COLUMNS)).astype(np.uint16)
 TEXT = """#Camera Information Header
+Date : 2018/12/17
 Record Rate(fps) : 20000
 Shutter Speed(s) : 1/40000
 Total Frame : {count}
@@ -29,7 +31,7 @@ Comment Text : held : by hand
 PFV.exe : 3.6.8.1
 """
 XML = """\x01\x02<?xml version="1.0" encoding="utf-8"?>
-<cih><recordInfo><recordRate>20000</recordRate><shutterSpeed>40000</shutterSpeed></recordInfo>
+<cih><fileInfo><date>2018/12/17</date></fileInfo><recordInfo><recordRate>20000</recordRate><shutterSpeed>40000</shutterSpeed></recordInfo>
 <frameInfo><totalFrame>{count}</totalFrame><startFrame>-2</startFrame></frameInfo>
 <imageDataInfo><resolution><width>{columns}</width><height>{rows}</height></resolution>
 <colorInfo><type>{colour}</type><bit>{bits}</bit></colorInfo>
@@ -72,6 +74,7 @@ def test_pixels_times_and_levels_are_the_cameras(tmp_path: Path, bits: int, side
     np.testing.assert_allclose(film.time, np.arange(-2, 3) / 20e3)
     np.testing.assert_allclose(film.exposure, 25e-6)
     assert film.valid.all()
+    assert recorded_on(film) == "2018-12-17"
 
 
 def test_an_odd_width_of_twelve_bits_is_cut_at_any_pixel(tmp_path: Path) -> None:

@@ -102,6 +102,10 @@ def _spike(place: int, size: float) -> Callable[[Floats], Floats]:
     return change
 
 
+def _run(place: int, count: int, size: float) -> Callable[[Floats], Floats]:
+    return lambda x: x + size * ((np.arange(x.size) >= place) & (np.arange(x.size) < place + count))
+
+
 def _turned_round(folder: Path) -> None:
     """Sort the rows of a file by their number, downwards."""
     lines = (folder / FIRST[0]).read_text("utf-8").splitlines()
@@ -277,6 +281,8 @@ ROWS = (
     Mistake("begins in mid-fall", cells(lambda t: t[600:]), "impossible", ("mid-fall",)),
     Mistake("ends after first contact", cells(lambda t: t[:820]), "impossible", ("ends",)),
     Mistake("one spike of 3 mm", values(_spike(900, 3.0)), "note", ("spike",)),
+    Mistake("two wild readings in a flight", values(_run(900, 2, 1.0), FIRST), "note", ("901-902",), FIRST[0]),
+    Mistake("thirty wild readings", values(_run(900, 30, 1.0), FIRST), "impossible", ("too long to be",), FIRST[0]),
     Mistake("hum of 5 um", values(_hum(0.005)), "note", ("hum",)),
     Mistake("hum of 50 um", values(_hum(0.05)), "note", ("hum of 51",)),
     Mistake("resolution 10 um", values(_rounded(0.01)), "note", ("resolution",)),

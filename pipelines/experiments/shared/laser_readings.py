@@ -50,7 +50,7 @@ def without_outliers(readings: xr.Dataset) -> xr.Dataset:
         if state in readings:
             codes = readings[state]
             made[state] = codes.copy(data=np.where(found.flags, OUTLIER, codes.values).astype(codes.dtype))
-    return made.assign_attrs(outliers=json.dumps(left_out)) if left_out else made
+    return made.assign_attrs(outliers=json.dumps(left_out)) if left_out else readings
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:

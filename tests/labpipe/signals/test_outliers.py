@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.signals import outliers
+from labpipe.errors import InputError
+from labpipe.signals import bounces, outliers
 
 
 @pytest.fixture
@@ -70,3 +71,19 @@ def test_uneven_times_and_missing_readings(smooth_record):
     values = 1e3 * np.sin(2 * np.pi * time / 300) + np.random.default_rng(5).standard_normal(2000)
     values[[300, 301, 302]] = [np.nan, 5e3, np.nan]
     assert outliers(values, time).runs == [(301, 301)]
+
+
+@pytest.mark.filterwarnings("ignore:the record ends before:UserWarning")
+def test_wild_readings_change_no_bounce_and_longer_ones_are_named_as_the_cause(bouncing, displacement_of):
+    time = np.arange(0.0, 0.2, 5e-5)
+    position, _ = bouncing(loss=0.5).sample(time)
+    noisy = position + 1e-6 * np.random.default_rng(1).standard_normal(time.size)
+    expected = bounces(displacement_of(time, noisy))
+    wild = noisy.copy()
+    wild[[1500, 1501]] += 1e-3
+    found = bounces(displacement_of(time, wild))
+    difference = np.abs(found["restitution"] - expected["restitution"]) / expected["u_restitution"]
+    assert float(difference.max()) < 0.2
+    wild[2000:2400] += 2e-3
+    with pytest.raises(InputError, match=r"readings 2001-2400 .* leave the record"):
+        bounces(displacement_of(time, wild))

@@ -416,3 +416,32 @@ def test_the_height_is_proposed_where_a_name_tells_one_length(name: str, height:
 )
 def test_the_polymer_is_known_by_what_laboratories_call_it(name: str, known: str | None) -> None:
     assert material_word(name) == known
+
+
+def test_one_odd_file_never_stops_a_scan_and_keeps_its_advice(pile: Path) -> None:
+    (pile / "~$gel.xlsx").write_bytes(b"\x05user" + bytes(160))
+    (pile / "Thumbs.db").write_bytes(b"\xd0\xcf\x11\xe0" + bytes(99))
+    np.savez(pile / "a.npz", x=np.zeros(3))
+    (pile / "short.cine").write_bytes(b"CI\x2c\x00")
+    (pile / "x.cih").write_text("#Camera Information Header\n")
+    for number in range(4):
+        cv2.imwrite(str(pile / f"img_{number}.png"), np.zeros((8, 8), np.uint8))
+    found = init(pile)
+    assert {"acrylic_7mm", "punch_on_nbr"} <= set(found.experiments)
+    unused = "\n".join(found.unused)
+    assert "~$" not in unused
+    assert "Thumbs" not in unused
+    assert "a.npz: no instrument recognises the content. It is a NumPy archive (.npz) of the arrays x" in unused
+    assert "img_0.png and 3 more beside it: images of a film directly in the session folder: move them" in unused
+    names = {row.name for row in survey(pile)}
+    assert "img_0.png" in names
+    assert "~$gel.xlsx" not in names
+
+
+def test_a_pair_of_photron_is_one_film(tmp_path: Path) -> None:
+    (tmp_path / "under.cih").write_text(
+        "#Camera Information Header\nRecord Rate(fps) : 1000\nTotal Frame : 2\nImage Width : 4\nImage Height : 2\n"
+        "Color Bit : 8\n"
+    )
+    (tmp_path / "under.mraw").write_bytes(bytes(16))
+    assert recognise(tmp_path).of("film") == ["under.mraw"]

@@ -143,5 +143,5 @@ def test_a_film_without_impacts_is_shown_all_over(tmp_path, monkeypatch) -> None
         values | {"method": ("frame", np.zeros(frames, int)), "valid": ("frame", film.valid), "pixel_size": 1e-6},
         {"frame": np.arange(frames)},
     )
-    found = keys(tmp_path / "a.cine", radius, None, settings=SimpleNamespace(frame_rate=None))
+    found = keys(tmp_path / "a.cine", radius, None, settings=SimpleNamespace(frame_rate=None, channel=None))
     assert found["frame"].values.tolist() == [1, 7, 14, 20, 26, 33, 39]
