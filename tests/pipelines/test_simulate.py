@@ -103,24 +103,15 @@ def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureF
     assert document["thermal properties"].startswith("estimate")
 
 
-def test_adhesion_and_amplitude_are_simulated_drawn_and_kept(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_adhesion_is_simulated_drawn_and_kept(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out, picture = tmp_path / "jkr.nc", tmp_path / "jkr.svg"
-    code, text, _ = run(
-        capsys, "adhesion", "--theory", "maugis", "--out", str(out), "--picture", str(picture), "--json"
-    )
+    code, text, _ = run(capsys, "adhesion", "--out", str(out), "--picture", str(picture), "--json")
     document = json.loads(text)
     assert code == 0
     assert document["regime"] == "JKR"
     assert document["Pull-off force"] == pytest.approx(2.2443e-3, rel=1e-3)
     assert files.read_dataset(out)["force"].dims == ("state",)
     assert b"<svg" in picture.read_bytes()
-    code, text, _ = run(capsys, "amplitude", "--storage-floor", "0.4", "--json")
-    document = json.loads(text)
-    stiffness = [document[f"storage stiffness, {end} swing"] for end in ("smallest", "largest")]
-    assert code == 0
-    assert 0.4 < stiffness[1] / stiffness[0] < 0.8
 
 
 @pytest.mark.parametrize(
@@ -128,8 +119,6 @@ def test_adhesion_and_amplitude_are_simulated_drawn_and_kept(
     [
         (["adhesion", "--work", "50 mJ"], 2, "is in J; expected for example"),
         (["adhesion", "--load", "1e9 N"], 3, "reduce the load"),
-        (["amplitude", "--storage-floor", "2"], 3, "at most 1"),
-        (["amplitude", "--storage-floor", "0.5", "--least", "1 mm"], 2, "0 < least < most"),
         (["drop", "--duration", "0.01 s", "--adhesion", "50 mJ/m2"], 3, "no completed impact"),
         (["drop", "--duration", "0.01 s", "--heating"], 3, "at least one completed impact"),
         (["indent", "--frequency", "0 Hz"], 2, "--frequency is 0"),
