@@ -118,7 +118,8 @@ def drop(
         (downwards positive) and ``plate_energy``.
         Over ``impact``, one row per completed bounce: ``impact_time``, ``lift_off_time``,
         ``contact_duration`` [s], ``impact_speed``, ``rebound_speed`` [m/s], ``restitution``,
-        ``peak_force`` [N], ``peak_contact_radius``, ``peak_approach`` of sphere and substrate,
+        ``peak_force`` [N], ``peak_pressure`` [Pa], Hertz's 3F/(2πa²) of the largest force and radius,
+        ``peak_contact_radius``, ``peak_approach`` of sphere and substrate,
         ``penetration`` of the sphere below its level at touch [m], ``energy_dissipated``,
         ``energy_stored`` (still held by the dent at lift-off) [J].
         Scalars: ``final_contact_time``, the touch after which it never lifts off again, and
