@@ -5,8 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from labpipe.contact.lumped._collision import collision, contact_stiffness
-from labpipe.contact.lumped._motion import CollisionLaw, Motion
+from labpipe.contact.lumped import collision, contact_stiffness
 from labpipe.errors import InputError
 
 RADIUS, MASS = 9.525e-3, 0.505
@@ -86,17 +85,6 @@ def test_values_outside_the_domain_are_refused(wrong) -> None:
     arguments = {"radius": RADIUS, "mass": MASS, "height": 1.5e-3} | wrong
     with pytest.raises(InputError):
         collision(**arguments)
-
-
-def test_at_rest_the_flat_carries_the_weight() -> None:
-    law = CollisionLaw(1e9, 0.0, np.inf, 1.3, False)
-    motion = Motion(law, MASS, 9.81, 1e-11)
-    phase = motion._at_rest(0.5, 2e-6, 0.7)
-    height, speed, force = phase.motion(np.array([0.5, 0.7]))
-    np.testing.assert_allclose(force, MASS * 9.81)
-    np.testing.assert_array_equal(speed, 0.0)
-    overlap = -height - 2e-6
-    np.testing.assert_allclose(1.3 * 1e9 * overlap**1.5, MASS * 9.81, rtol=1e-12)
 
 
 def test_the_first_impacts_are_those_of_the_whole_run() -> None:
