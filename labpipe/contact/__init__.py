@@ -5,23 +5,26 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.contact.beyond import (
+    from labpipe.contact.adhesion import (
         AdhesionEstimate as AdhesionEstimate,
-        Heating as Heating,
         adhesion_in_impact as adhesion_in_impact,
-        adhesive_indentation as adhesive_indentation,
-        adhesive_pull_off as adhesive_pull_off,
-        amplitude_sweep as amplitude_sweep,
-        dmt as dmt,
-        flash_temperature as flash_temperature,
         jkr as jkr,
         jkr_at_force as jkr_at_force,
-        maugis as maugis,
         pull_off as pull_off,
-        self_heating as self_heating,
         tabor as tabor,
     )
-    from labpipe.contact.impact import Plate as Plate, Shortcuts as Shortcuts, drop as drop, impacts as impacts
+    from labpipe.contact.heating import (
+        Heating as Heating,
+        flash_temperature as flash_temperature,
+        self_heating as self_heating,
+    )
+    from labpipe.contact.impact import (
+        Plate as Plate,
+        Shortcuts as Shortcuts,
+        compile_drop as compile_drop,
+        drop as drop,
+        impacts as impacts,
+    )
     from labpipe.contact.line import (
         dissipated_power as dissipated_power,
         dissipated_work as dissipated_work,

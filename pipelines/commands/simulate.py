@@ -7,7 +7,7 @@ import click
 
 from pipelines.commands import quantities
 from pipelines.commands.options import json_option
-from pipelines.commands.simulate_beyond import adhesion, amplitude
+from pipelines.commands.simulate_beyond import adhesion
 from pipelines.commands.simulation_output import (
     adhesion_rows,
     deliver,
@@ -163,7 +163,6 @@ def indent(
 
 
 simulate.add_command(adhesion)
-simulate.add_command(amplitude)
 
 
 def _require_positive(**values: float) -> None:

@@ -93,9 +93,8 @@ def drop_summary(found: "xr.Dataset", extra: "dict[str, tuple[Any, str]] | None"
         if name in found:
             document[f"{name.replace('_', ' ')} {ledger}"] = float(last[name])
             units[f"{name.replace('_', ' ')} {ledger}"] = "J"
-    for name in ("energy_identity_error", "energy_error"):
-        if name in found.attrs:
-            document[name.replace("_", " ")] = float(found.attrs[name])
+    if "energy_error" in found.attrs:
+        document["energy error"] = float(found.attrs["energy_error"])
     for name, (value, unit) in (extra or {}).items():
         document[name], units[name] = value, unit
     return document | {"units": units, "work": json.loads(found.attrs["work"])}
@@ -132,7 +131,7 @@ def heating_rows(
     import numpy as np
 
     from labpipe.contact import self_heating
-    from labpipe.contact.beyond import NOTICEABLE
+    from labpipe.contact.heating import NOTICEABLE
 
     estimate = self_heating(found, material, thermal, temperature)
     over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= NOTICEABLE)

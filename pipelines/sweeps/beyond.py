@@ -1,26 +1,23 @@
-"""Simulators beyond the thesis: adhesion, self-heating, amplitude-dependent modulus."""
+"""Simulators beyond the thesis: adhesion and self-heating."""
 
 from collections.abc import Mapping
 
 from pipelines.simulator_inputs import thermal_of
-from pipelines.sweeps.parameters import FALL, OSCILLATION, RUBBER, Outputs, Parameter, Simulator, Value, numbers, solid
+from pipelines.sweeps.parameters import FALL, RUBBER, Outputs, Parameter, Simulator, Value, numbers, solid
 
 
 def adhesion(point: Mapping[str, Value]) -> Outputs:
-    """Pull-off of a sphere after Maugis, with the relaxed modulus."""
+    """Adhesion of a sphere after JKR, with the relaxed modulus."""
     from labpipe import contact
-    from labpipe.contact.beyond import cohesive_stress, lost_energy, maugis_parameter
+    from labpipe.contact.adhesion import lost_energy
 
     number, material = numbers(point), solid(point)
     modulus = material.factor("contact") * material.E_relaxed
     sphere = (number["radius"], modulus, number["work"])
-    stress = cohesive_stress(number["work"], number["distance"])
     return {
-        "pull_off": contact.pull_off(*sphere, "maugis", stress),
-        "pull_off_jkr": contact.pull_off(*sphere),
+        "pull_off": contact.pull_off(*sphere),
         "radius_at_no_load": float(contact.jkr_at_force(0.0, *sphere).contact_radius),
         "tabor": contact.tabor(*sphere, number["distance"]),
-        "transition": maugis_parameter(*sphere, stress),
         "lost_energy": lost_energy(*sphere),
     }
 
@@ -45,20 +42,6 @@ def heating(point: Mapping[str, Value]) -> Outputs:
     }
 
 
-def amplitude(point: Mapping[str, Value]) -> Outputs:
-    """Harmonic indentation of a material that softens with the amplitude (Kraus)."""
-    from labpipe import contact
-    from labpipe.materials import Kraus
-
-    number = numbers(point)
-    softening = ("critical_strain", "storage_floor", "loss_peak", "loss_floor", "exponent")
-    kraus = Kraus(*(number[name] for name in softening))
-    loading = ("frequency", "amplitude", "mean", "tip_radius", "period", "depth")
-    found = contact.amplitude_sweep(solid(point), kraus, *(number[name] for name in loading))
-    names = ("strain", "storage_stiffness", "loss_stiffness", "phase", "work_per_cycle", "lifts_off")
-    return {name: float(found[name][0]) for name in names}
-
-
 BEYOND = {
     "adhesion": Simulator(
         adhesion,
@@ -69,11 +52,9 @@ BEYOND = {
             "distance": Parameter("m", 0.3e-9, "equilibrium distance of the surfaces"),
         },
         {
-            "pull_off": ("N", "Pull-off force after Maugis"),
-            "pull_off_jkr": ("N", "Pull-off force after JKR"),
+            "pull_off": ("N", "Pull-off force"),
             "radius_at_no_load": ("m", "Contact radius without load"),
             "tabor": ("1", "Tabor's parameter"),
-            "transition": ("1", "Maugis's transition parameter"),
             "lost_energy": ("J", "Energy lost, closing and opening"),
         },
     ),
@@ -92,25 +73,6 @@ BEYOND = {
             "train_rise": ("K", "Largest rise, with conduction"),
             "train_rise_adiabatic": ("K", "Largest rise, without conduction"),
             "modulus_change": ("1", "Relative change of the modulus"),
-        },
-    ),
-    "amplitude": Simulator(
-        amplitude,
-        {
-            **OSCILLATION,
-            "critical_strain": Parameter("1", 0.01, "shear strain at half of the decrease"),
-            "storage_floor": Parameter("1", 0.5, "storage modulus left at large strain"),
-            "loss_peak": Parameter("1", 1.0, "loss modulus at the critical strain"),
-            "loss_floor": Parameter("1", 1.0, "loss modulus left at large strain"),
-            "exponent": Parameter("1", 0.6, "of the strain"),
-        },
-        {
-            "strain": ("1", "Amplitude of the representative shear strain"),
-            "storage_stiffness": ("N/m", "Storage stiffness"),
-            "loss_stiffness": ("N/m", "Loss stiffness"),
-            "phase": ("rad", "Phase lead of the force"),
-            "work_per_cycle": ("J", "Work dissipated in a cycle"),
-            "lifts_off": ("1", "1 where the punch loses contact: the theory is not valid there"),
         },
     ),
 }

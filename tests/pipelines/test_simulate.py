@@ -27,8 +27,6 @@ def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
         "0.03 s",
         "--rtol",
         "1e-3",
-        "--map",
-        "18 ms",
         "--plate-mass",
         "30 kg",
         "--plate-frequency",
@@ -43,10 +41,8 @@ def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
     assert rows["first peak force"][1] == "N"
     assert rows["plate energy at the end"][1] == "J"
     assert float(rows["first restitution on a rigid flat"][0]) > float(rows["first restitution"][0])
-    assert float(rows["energy identity error"][0]) < 1e-10
-    found = files.read_dataset(out)
-    assert found["pressure"].dims == ("map_time", "r")
-    assert float(found["pressure"].min()) >= 0.0
+    assert float(rows["energy error"][0]) < 1e-3
+    assert files.read_dataset(out)["force"].dims == ("time",)
 
 
 def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
@@ -103,24 +99,15 @@ def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureF
     assert document["thermal properties"].startswith("estimate")
 
 
-def test_adhesion_and_amplitude_are_simulated_drawn_and_kept(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_adhesion_is_simulated_drawn_and_kept(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out, picture = tmp_path / "jkr.nc", tmp_path / "jkr.svg"
-    code, text, _ = run(
-        capsys, "adhesion", "--theory", "maugis", "--out", str(out), "--picture", str(picture), "--json"
-    )
+    code, text, _ = run(capsys, "adhesion", "--out", str(out), "--picture", str(picture), "--json")
     document = json.loads(text)
     assert code == 0
     assert document["regime"] == "JKR"
     assert document["Pull-off force"] == pytest.approx(2.2443e-3, rel=1e-3)
     assert files.read_dataset(out)["force"].dims == ("state",)
     assert b"<svg" in picture.read_bytes()
-    code, text, _ = run(capsys, "amplitude", "--storage-floor", "0.4", "--json")
-    document = json.loads(text)
-    stiffness = [document[f"storage stiffness, {end} swing"] for end in ("smallest", "largest")]
-    assert code == 0
-    assert 0.4 < stiffness[1] / stiffness[0] < 0.8
 
 
 @pytest.mark.parametrize(
@@ -128,8 +115,6 @@ def test_adhesion_and_amplitude_are_simulated_drawn_and_kept(
     [
         (["adhesion", "--work", "50 mJ"], 2, "is in J; expected for example"),
         (["adhesion", "--load", "1e9 N"], 3, "reduce the load"),
-        (["amplitude", "--storage-floor", "2"], 3, "at most 1"),
-        (["amplitude", "--storage-floor", "0.5", "--least", "1 mm"], 2, "0 < least < most"),
         (["drop", "--duration", "0.01 s", "--adhesion", "50 mJ/m2"], 3, "no completed impact"),
         (["drop", "--duration", "0.01 s", "--heating"], 3, "at least one completed impact"),
         (["indent", "--frequency", "0 Hz"], 2, "--frequency is 0"),
@@ -137,8 +122,7 @@ def test_adhesion_and_amplitude_are_simulated_drawn_and_kept(
         (["indent", "--mean", "-1 mm"], 2, "--mean is -0.001"),
         (["indent", "--mean", "5 mm"], 3, "reaches the end of the indenter"),
         (["indent", "--ramp", "5"], 2, "has no unit"),
-        (["drop", "--radius", "0 mm"], 3, "radius is 0.0"),
-        (["drop", "--map", "9 s"], 3, "maps must increase strictly and lie within"),
+        (["drop", "--radius", "0 mm"], 3, "radius is 0 m"),
         (["drop", "--picture", "x.bmp", "--duration", "0.02 s"], 3, "figure format"),
     ],
 )

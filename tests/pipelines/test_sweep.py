@@ -213,7 +213,6 @@ def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> N
     ("simulator", "swept", "fixed", "output", "rises"),
     [
         ("adhesion", "work = 10 mJ/m2, 50 mJ/m2", {}, "pull_off", True),
-        ("amplitude", "amplitude = 1 um, 5 um", {}, "storage_stiffness", False),
         ("heating", "height = 1.5 mm, 5 mm", {"duration": "0.04 s"}, "bulk_rise", True),
         ("drop", "vertical_shift = 1, 1.5", {"rtol": "1e-3"}, "peak_force", True),
         ("drop", "temperature = 20 degC, 60 degC", {"rtol": "1e-3"}, "peak_force", False),

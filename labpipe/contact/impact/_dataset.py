@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from math import nan
+from math import nan, pi
 
 import numpy as np
 import xarray as xr
@@ -39,6 +39,7 @@ ROWS = {
     "restitution": ("1", "coefficient of restitution"),
     "peak_force": ("N", "largest contact force"),
     "peak_contact_radius": ("m", "largest contact radius"),
+    "peak_pressure": ("Pa", "largest contact pressure, of Hertz's distribution"),
     "peak_approach": ("m", "largest approach"),
     "penetration": ("m", "largest depth of the sphere below its level at touch"),
     "energy_dissipated": ("J", "energy dissipated during the contact"),
@@ -150,6 +151,8 @@ def _assemble(
         "drop_height": setting.height,
         "gravity": setting.gravity,
     }
+    with np.errstate(invalid="ignore"):
+        rows["peak_pressure"] = 1.5 * rows["peak_force"] / (pi * rows["peak_contact_radius"] ** 2)
     variables: dict[str, object] = {}
     for names, dims, values in (
         (_SERIES, ("time",), series),

@@ -118,7 +118,8 @@ def drop(
         (downwards positive) and ``plate_energy``.
         Over ``impact``, one row per completed bounce: ``impact_time``, ``lift_off_time``,
         ``contact_duration`` [s], ``impact_speed``, ``rebound_speed`` [m/s], ``restitution``,
-        ``peak_force`` [N], ``peak_contact_radius``, ``peak_approach`` of sphere and substrate,
+        ``peak_force`` [N], ``peak_pressure`` [Pa], Hertz's 3F/(2πa²) of the largest force and radius,
+        ``peak_contact_radius``, ``peak_approach`` of sphere and substrate,
         ``penetration`` of the sphere below its level at touch [m], ``energy_dissipated``,
         ``energy_stored`` (still held by the dent at lift-off) [J].
         Scalars: ``final_contact_time``, the touch after which it never lifts off again, and
@@ -163,8 +164,8 @@ def drop(
         raise InputError(f"drop needs {', '.join(missing)} as well")
     assert radius is not None and mass is not None and height is not None and duration is not None  # noqa: PT018, S101
     warn_of_millimetres(radius, mass, height)
-    numbers = [exact(value, name) for name, value in (given | {"gravity": gravity}).items() if value is not None]
-    setting = Setting(*numbers[:4], solver, profile, rtol, numbers[4], plate)
+    r, m, h, t = exact(radius, "radius"), exact(mass, "mass"), exact(height, "height"), exact(duration, "duration")
+    setting = Setting(r, m, h, t, solver, profile, rtol, exact(gravity, "gravity"), plate)
     wanted = None if times is None else checked_times("times", times, setting.duration)
     creep = Creep.of(solid(material)).on(counter_compliance(substrate))
     observe = None if progress is None else _Throttle(progress, setting)

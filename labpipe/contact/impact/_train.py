@@ -119,7 +119,8 @@ class Train:
             gap = float(self.stepper.springs.gap[0]) if self.stepper else 0.0
             touch = 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap)) if gap else 0.0
         start = Motion(time=-setting.fall_time, position=-setting.height, approach=-setting.height)
-        self._keep(Flight(start, min(touch, end), *np.zeros((2, self.tables.creep.rate.size)), self.tables.creep.rate))
+        silent, rate = np.zeros(self.tables.creep.rate.size), self.tables.creep.rate
+        self._keep(Flight(start, min(touch, end), silent, silent, rate))
         now.velocity, now.acceleration = setting.speed, setting.gravity
         if touch < end:
             self._fly(touch)

@@ -1,7 +1,6 @@
-"""Shapes of a periodic indenter, as names or as arrays."""
+"""Shapes of a periodic indenter."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -10,8 +9,6 @@ PROFILES: tuple[str, ...] = ("parabola", "circle", "cosine")
 
 # Collocation at the centre of a strip sees half of what its mean sees of the curvature, dx² f''/24.
 _COLLOCATION = 1.0 / 48.0
-# Two halves of a profile are mirror images if they agree to this part of its height.
-_SYMMETRY = 1e-12
 
 
 def cosine_amplitude(tip_radius: float, period: float) -> float:
@@ -37,16 +34,16 @@ def tip_height(profile: str, x: Floats, tip_radius: float, period: float) -> Flo
     """
     if not (np.isfinite(tip_radius) and tip_radius > 0.0):
         raise InputError(f"the tip radius is {tip_radius} m, expected a positive length")
+    if not isinstance(profile, str) or profile not in PROFILES:
+        raise InputError(f'profile "{profile}" is unknown; use one of {", ".join(PROFILES)}')
     if profile == "parabola":
         return np.asarray(x**2 / (2.0 * tip_radius))
     if profile == "cosine":
         height = 2.0 * cosine_amplitude(tip_radius, period) * np.sin(np.pi * x / period) ** 2
         return np.asarray(height)
-    if profile == "circle":
-        inside = np.abs(x) < tip_radius
-        root = np.sqrt(np.where(inside, tip_radius**2 - x**2, 0.0))
-        return np.where(inside, x**2 / (tip_radius + root), np.inf)
-    raise InputError(f'profile "{profile}" is unknown; use one of {", ".join(PROFILES)}, or an array')
+    inside = np.abs(x) < tip_radius
+    root = np.sqrt(np.where(inside, tip_radius**2 - x**2, 0.0))
+    return np.where(inside, x**2 / (tip_radius + root), np.inf)
 
 
 def strip_heights(profile: str, tip_radius: float, period: float, elements: int) -> Floats:
@@ -64,40 +61,3 @@ def strip_heights(profile: str, tip_radius: float, period: float, elements: int)
         root = np.sqrt(np.maximum(tip_radius**2 - x**2, (0.25 * tip_radius) ** 2))
         return height + _COLLOCATION * spacing**2 * tip_radius**2 / root**3
     return height + _COLLOCATION * spacing**2 / tip_radius
-
-
-def sampled_heights(profile: ArrayLike) -> Floats:
-    """Heights (element,) [m] of a profile given as an array over one period.
-
-    Raises
-    ------
-    InputError
-        It is not one-dimensional, holds NaN, or no strip is finite.
-    """
-    heights = np.asarray(profile, dtype=float)
-    if heights.ndim != 1:
-        raise InputError(f"a profile is one row of heights over a period, found the shape {heights.shape}")
-    bad = np.flatnonzero(np.isnan(heights) | (heights == -np.inf))
-    if bad.size:
-        message = f"profile[{bad[0]}] is {heights[bad[0]]}; heights are metres, infinite where there is no indenter"
-        raise InputError(message)
-    if not np.any(np.isfinite(heights)):
-        raise InputError("every height of the profile is infinite: there is no indenter")
-    return heights
-
-
-def is_symmetric(heights: Floats) -> bool:
-    """Tell whether a profile is its own mirror image about its centre, index N/2.
-
-    Examples
-    --------
-    >>> is_symmetric(np.array([4.0, 1.0, 0.0, 1.0]))
-    True
-    """
-    if np.array_equal(heights[1:], heights[:0:-1]):
-        return True
-    mirrored = np.roll(heights[::-1], 1)
-    with np.errstate(invalid="ignore"):
-        difference = np.where(heights == mirrored, 0.0, np.abs(heights - mirrored))
-    finite = heights[np.isfinite(heights)]
-    return bool(np.all(difference <= _SYMMETRY * max(float(np.ptp(finite)), 1e-300)))

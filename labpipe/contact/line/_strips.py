@@ -29,35 +29,31 @@ class FoldedLine(NamedTuple):
     counts: Floats
 
 
-def line_bed(
-    kernel: LineKernel, profile: Floats, reach: float, *, is_smooth: bool, has_end: bool, limit: str
-) -> tuple[SpringBed, FoldedLine]:
+def line_bed(kernel: LineKernel, profile: Floats, reach: float, limit: str) -> tuple[SpringBed, FoldedLine]:
     """Factor the half period of a symmetric profile from the centre outwards.
 
     ``profile`` (n,) [m] is the height of the indenter above its lowest point at x = 0, Δx, 2Δx, ..., fewer values than
     ``elements/2 + 1`` when it ends before; only strips that an approach of ``reach`` [m] can touch are factored, all
-    for infinity. With ``is_smooth`` the edge correction is applied; ``has_end`` says that the indenter ends with the
-    profile (a punch), so that all of it may be in contact, and ``limit`` is the message when the contact reaches the
-    last strip. There is one spring per strip that can be touched, and the factor for :func:`line_pressure`. A layer too
-    thin for its strips, whose influence matrix is not positive definite, raises InputError.
+    for infinity; ``limit`` is the message when the contact reaches the last strip. There is one spring per strip that
+    can be touched, and the factor for :func:`line_pressure`. A layer too thin for its strips, whose influence matrix is
+    not positive definite, raises InputError.
     """
     half = kernel.elements // 2
     # Constants are in the null space of a half-plane: the last strip has no spring.
     available = half + 1 if kernel.mean_compliance > 0.0 else half
     available = min(available, profile.size)
-    # Contact grows monotonically under a smooth tip on a half-plane; a layer may bulge and a
-    # sampled profile may have a second tip, so there every strip has to be looked at.
-    is_plain = is_smooth and kernel.mean_compliance == 0.0
+    # Contact grows monotonically on a half-plane; a layer may bulge, so there every strip has to be looked at.
+    is_plain = kernel.mean_compliance == 0.0
     near = int(1.3 * np.count_nonzero(profile[:available] <= reach)) + _SPARE_SPRINGS
     n = min(available, near) if is_plain else available
     while True:
-        bed, folded = _factor(kernel, profile[:n], is_smooth=is_smooth, limit=limit)
+        bed, folded = _factor(kernel, profile[:n], limit)
         if n == available or bed.gap[-1] > reach:
             break
         n = min(available, 2 * n)
     reached = np.flatnonzero(bed.gap <= reach)
     keep = min(n, (int(reached[-1]) if reached.size else 0) + _SPARE_SPRINGS)
-    open_springs = 0 if n == half + 1 or has_end else _OPEN_STRIPS
+    open_springs = 0 if n == half + 1 else _OPEN_STRIPS
     if keep < available:
         # The rest lies beyond the reach: running into it would be a mistake of this module.
         open_springs = 1
@@ -65,7 +61,6 @@ def line_bed(
         bed.gap[:keep],
         bed.stiffness[:keep],
         bed.edge[:keep],
-        is_smooth,
         open_springs,
         limit,
         full_width=min((keep - 0.5) * kernel.spacing, 0.5 * kernel.period),
@@ -73,7 +68,7 @@ def line_bed(
     return bed, FoldedLine(folded.factor[:keep, :keep], folded.scale[:keep], folded.counts[:keep])
 
 
-def _factor(kernel: LineKernel, profile: Floats, *, is_smooth: bool, limit: str) -> tuple[SpringBed, FoldedLine]:
+def _factor(kernel: LineKernel, profile: Floats, limit: str) -> tuple[SpringBed, FoldedLine]:
     matrix, counts = folded_matrix(kernel, profile.size)
     try:
         factor = cholesky(matrix.T, lower=True, overwrite_a=True, check_finite=False)  # as LAPACK stores it
@@ -90,7 +85,6 @@ def _factor(kernel: LineKernel, profile: Floats, *, is_smooth: bool, limit: str)
         gap=reduced / scale,
         stiffness=kernel.spacing * scale**2,
         edge=kernel.spacing * np.maximum(index - EDGE_OFFSET, 0.0),
-        is_smooth=is_smooth,
         open_springs=0,
         limit=limit,
     )

@@ -27,7 +27,7 @@ is first order in the contact width (staircase) and second order in force:
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,11 +44,11 @@ _EDGE_TOLERANCE = 1e-13
 
 
 class NotNestedError(Exception):
-    """The contact is not one growing and shrinking interval; the general solver has to do it."""
+    """The contact is not one growing and shrinking interval."""
 
 
 class Answer(NamedTuple):
-    """Solution of one step: the load of every spring (or strip) and what it amounts to.
+    """Solution of one step: the load of every spring, and its sum.
 
     ``force`` and ``half_width`` belong to one tip (per unit depth for a line contact).
     """
@@ -59,43 +59,20 @@ class Answer(NamedTuple):
     half_width: float
 
 
-class Contact(Protocol):
-    """What the time stepper needs of a spatial discretisation."""
-
-    @property
-    def size(self) -> int:
-        """Length of a load vector."""
-
-    @property
-    def weights(self) -> Floats:
-        """Force per unit load (size,)."""
-
-    def press(self, history: Floats, compliance: float, displacement: float, before: float) -> Answer:
-        """Solve at a prescribed displacement."""
-
-    def push(self, history: Floats, compliance: float, force: float, before: float) -> Answer:
-        """Solve at a prescribed force."""
-
-    def inner(self, left: Floats, right: Floats) -> Floats:
-        """Energy products (...,) of load vectors (..., size): force times displacement."""
-
-
 @dataclass(frozen=True, slots=True)
 class SpringBed:
     """Springs in the order in which they come into contact, for E* = 1.
 
-    ``gap`` (spring,) [m]: Approach at which the spring is first touched (elastic contact), ascending. ``stiffness``
-    (spring,): What it adds to the stiffness, ΔS: dimensionless for a line, m for a sphere. ``edge`` (spring,) [m]:
-    Contact half width (radius) at which it is first touched. ``is_smooth``: The profile is smooth, so that the edge
-    correction applies. ``open_springs``: The contact must leave so many springs open; 0 where full contact is
-    allowed. ``limit``: What to say when it does not. ``full_width`` [m]: Contact half width with every spring in
-    contact.
+    ``gap`` (spring,) [m]: approach at which the spring is first touched (elastic contact), ascending; ``stiffness``
+    (spring,): its part of the stiffness, ΔS: dimensionless for a line, m for a sphere; ``edge`` (spring,) [m]: contact
+    half width (radius) at which it is first touched; ``open_springs``: the contact must leave so many springs open, 0
+    where full contact is allowed; ``limit``: the message when it does not; ``full_width`` [m]: contact half width with
+    every spring in contact.
     """
 
     gap: Floats
     stiffness: Floats
     edge: Floats
-    is_smooth: bool
     open_springs: int
     limit: str
     full_width: float = np.nan
@@ -104,11 +81,6 @@ class SpringBed:
     def size(self) -> int:
         """Number of springs."""
         return int(self.gap.size)
-
-    @property
-    def weights(self) -> Floats:
-        """Force per unit load (spring,)."""
-        return self.stiffness
 
     def inner(self, left: Floats, right: Floats) -> Floats:
         """Energy products (...,) of load vectors (..., spring)."""
@@ -123,7 +95,7 @@ class SpringBed:
         a contact that reaches the end of the bed InputError.
         """
         load = np.empty(self.size)
-        springs = (self.gap, self.stiffness, self.edge, self.is_smooth)
+        springs = (self.gap, self.stiffness, self.edge)
         shrinks = displacement < before
         touched, force, half_width = pressed(*springs, history, compliance, displacement, shrinks, load)
         if touched < 0:
@@ -161,7 +133,7 @@ class SpringBed:
             touched = max(int(np.searchsorted(threshold, displacement)), 1)
             slope = float(stiffness[touched - 1])
             plain = slope * displacement - float(moment[touched - 1])
-            if touched < self.size and self.is_smooth:
+            if touched < self.size:
                 plain += smooth_edge_force(self.gap, self.stiffness, self.edge, displacement - threshold, touched)
             return plain - target, slope
 
@@ -213,4 +185,4 @@ def sphere_bed(radius: float, reach: float, springs: int, gap: Callable[[Floats]
     stiffness[0] = spacing
     gaps = position**2 / radius if gap is None else gap(position)
     limit = "the contact reaches the end of the springs; give a larger reach"
-    return SpringBed(gaps, stiffness, position, True, 1, limit)
+    return SpringBed(gaps, stiffness, position, 1, limit)

@@ -22,7 +22,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.contact.memory import Creep, StepWeights, advance, history, step_weights
-from labpipe.contact.springs._bed import Answer, Contact, NotNestedError
+from labpipe.contact.springs._bed import Answer, NotNestedError, SpringBed
 from labpipe.errors import InputError
 
 Control = Literal["displacement", "force"]
@@ -74,8 +74,8 @@ class March:
 
     Attributes
     ----------
-    contact : Contact
-        Springs, or the general solver.
+    contact : SpringBed
+        The springs.
     creep : Creep
         Contact creep compliance.
     control : {"displacement", "force"}
@@ -86,7 +86,7 @@ class March:
         Keep account of work and heat.
     """
 
-    contact: Contact
+    contact: SpringBed
     creep: Creep
     control: Control
     rtol: float | None
@@ -252,7 +252,7 @@ class March:
         """
         difference = np.abs(whole.load - halves.load) + np.abs(crept) / self._softest
         force = max(halves.force, self._scale, 1e-300)
-        error = float(self.contact.weights @ difference) / force
+        error = float(self.contact.stiffness @ difference) / force
         if self.control == "force":
             # Against the deepest approach: without load the surface recovers towards none.
             self._deepest = max(self._deepest, halves.displacement)

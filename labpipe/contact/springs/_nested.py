@@ -22,7 +22,6 @@ def pressed(
     gap: Floats,
     stiffness: Floats,
     edge: Floats,
-    is_smooth: bool,
     history: Floats,
     compliance: float,
     displacement: float,
@@ -48,9 +47,8 @@ def pressed(
     if touched == size:
         half_width = math.nan
     elif touched > 0:
-        share = _share(gap, load, touched, is_smooth, shrinks)
-        if is_smooth:
-            force += _edge_force(gap, stiffness, edge, load, touched, share)
+        share = _share(gap, load, touched, shrinks)
+        force += _edge_force(gap, stiffness, edge, load, touched, share)
         half_width = _width(edge, touched, share)
     for j in range(touched, size):
         load[j] = 0.0
@@ -76,7 +74,7 @@ def smooth_edge_force(gap: Floats, stiffness: Floats, edge: Floats, trial: Float
 
 
 @inner()
-def _share(gap: Floats, trial: Floats, touched: int, is_smooth: bool, shrinks: bool) -> float:
+def _share(gap: Floats, trial: Floats, touched: int, shrinks: bool) -> float:
     """Where between two springs (0 to 1 in the gap) the load, linear in the gap, reaches zero.
 
     While the contact grows, the springs outside tell (those inside have just begun to relax,
@@ -85,7 +83,7 @@ def _share(gap: Floats, trial: Floats, touched: int, is_smooth: bool, shrinks: b
     """
     inside, outside = touched - 1, touched
     cell = gap[outside] - gap[inside]
-    if not is_smooth or cell <= 0.0:
+    if cell <= 0.0:
         share = trial[inside] / (trial[inside] - trial[outside])
     elif shrinks and inside > 0:
         share = _rest(gap, trial, inside - 1, inside) / cell

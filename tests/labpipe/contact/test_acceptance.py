@@ -63,6 +63,9 @@ def test_an_elastic_impact_is_that_of_hertz() -> None:
     assert float(found.contact_duration[0]) == pytest.approx(duration, rel=1e-8)
     assert float(found.peak_force[0]) == pytest.approx(force, rel=1e-8)
     assert float(found.restitution[0]) == pytest.approx(1.0, abs=1e-7)
+    modulus = 3.2e9 / (1 - NU**2)
+    pressure = np.cbrt(6 * force * modulus**2 / (np.pi**3 * RADIUS**2))
+    assert float(found.peak_pressure[0]) == pytest.approx(pressure, rel=1e-7)
 
 
 @pytest.mark.parametrize(("rtol", "bound"), [(1e-4, 1e-5), (1e-7, 2e-8)])

@@ -21,12 +21,6 @@ PMMA15 = Prony.from_creep(2e9, _C, _TAU, nu=NU)
 PMMA11 = Prony.from_creep(2e9, _C[4:], _TAU[4:], nu=NU)
 
 # Ting's integral, ten digits: e, F_max, delta_max, a_max, t_c
-FIRST = [
-    (SLS, 0.0015, 0.7288782966, 257.5063769, 6.721988329e-5, 8.001683500e-4, 1.115611844e-3),
-    (SLS, 0.005, 0.7470918873, 530.9392778, 1.072505593e-4, 1.010723294e-3, 9.765980559e-4),
-    (PMMA11, 0.0015, 0.938881646, 259.5168018, 7.243709307e-5, 8.306403021e-4, 1.234494800e-3),
-    (PMMA11, 0.005, 0.939395861, 527.4441732, 1.159230081e-4, 1.050793344e-3, 1.087620542e-3),
-]
 # Ting's integral without gravity, scaled units: E0, rho, e, F_max, delta_max, t_c
 SCALED = [
     (0.0, 1.0, 0.236319011, 0.686561928, 1.305792728, 3.230946474),
@@ -46,13 +40,6 @@ SLS_TRAIN = {
     3: (0.045524494, 1.309883e-3, 0.08678528, 0.70453813, 115.40150, 6.18225e-4, 4.012629e-5),
     5: (0.068560063, 1.637895e-3, 0.03816118, 0.65656622, 46.375808, 4.62386e-4, 2.244679e-5),
     6: (0.075008460, 1.973401e-3, 0.02213569, 0.58239721, 27.273076, 3.91531e-4, 1.609783e-5),
-}
-PMMA_TRAIN = {
-    1: (0.0, 1.234555e-3, 0.17155174, 0.938866, 259.514693, 8.30597e-4, 7.243673e-5),
-    2: (0.034046427, 1.251440e-3, 0.16082037, 0.938783, 240.709239, 8.10348e-4, 6.894405e-5),
-    3: (0.066052398, 1.268939e-3, 0.15072645, 0.938675, 223.234283, 7.90465e-4, 6.560317e-5),
-    4: (0.096140314, 1.286661e-3, 0.14123097, 0.938567, 207.004401, 7.71021e-4, 6.241608e-5),
-    32: (0.484611580, 2.239088e-3, 0.01555337, 0.90733, 22.415490, 3.72224e-4, 1.463209e-5),
 }
 
 
@@ -97,13 +84,6 @@ def test_scaled_impacts_agree_with_ting(E0, rho, e, F, delta, t_c, solver):
     assert relative(result, "contact_duration", t_c) < 5e-5
 
 
-def test_the_loss_of_a_weakly_damped_sphere_is_hunters():
-    """Hunter (1960): (1 - e) rho / t_Hertz tends to 4/9; 0.4441 at rho = 1000."""
-    result, _ = scaled_impact(0.0, 1000.0, rtol=1e-6)
-    loss = (1.0 - float(result.restitution[0])) * 1000.0 / 3.2180654597
-    assert loss == pytest.approx(0.4441, abs=1e-4)
-
-
 def test_sls_train_comes_to_rest_on_its_static_sag(sls_train):
     assert sls_train.sizes["impact"] == 6
     for number, (touch, _, v_in, e, F, a, delta) in SLS_TRAIN.items():
@@ -142,15 +122,6 @@ def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
         assert np.all(np.diff(result.dissipated_energy) >= 0.0)
         assert float(result.dissipated_energy[0]) == 0.0
         assert float(result.force.min()) >= 0.0
-
-
-@pytest.mark.parametrize(("material", "lost", "held"), [(SLS, 0.386, 0.096), (PMMA11, 0.1065, 0.015)])
-def test_energy_lost_and_held_at_lift_off(material, lost, held):
-    """Of the kinetic energy: SLS 38.6 % and 9.6 %, PMMA 10.65 % and 1.5 %."""
-    result = first_impact(material, 0.0015)
-    energy = M * G * 0.0015
-    assert float(result.energy_dissipated[0]) / energy == pytest.approx(lost, abs=5e-4)
-    assert float(result.energy_stored[0]) / energy == pytest.approx(held, abs=5e-4)
 
 
 def test_signs_and_origin():
@@ -211,22 +182,6 @@ def test_creep_at_rest_follows_the_compliance():
     np.testing.assert_allclose(result.force, M * G, rtol=1e-12)
 
 
-def test_starting_in_touch_sinks_to_twice_the_load_first():
-    """An elastic sphere set down at zero speed swings to F = 5/2 W (delta^(3/2) work balance)."""
-    elastic = Prony(2e9, [], [], nu=NU)
-    result = drop(elastic, R, M, 0.0, 2.5e-3)
-    assert float(result.force.max()) == pytest.approx(2.5 * M * G, rel=1e-5)
-
-
-def test_the_exact_sphere_is_a_little_softer():
-    parabola = first_impact(SLS, 0.0015)
-    sphere = first_impact(SLS, 0.0015, profile="sphere")
-    difference = 1 - float(sphere.peak_force[0]) / float(parabola.peak_force[0])
-    assert 1e-4 < difference < 1e-3
-    rings = first_impact(SLS, 0.0015, profile="sphere", solver="rings")
-    assert relative(rings, "peak_force", float(sphere.peak_force[0])) < 5e-5
-
-
 def test_a_heavy_stiff_plate_is_rigid_and_a_light_one_takes_energy():
     rigid = first_impact(SLS, 0.0015)
     heavy = first_impact(SLS, 0.0015, plate=Plate(1e7, 50.0, 0.01))
@@ -237,15 +192,6 @@ def test_a_heavy_stiff_plate_is_rigid_and_a_light_one_takes_energy():
     total = sum(light[name] for name in light.data_vars if name.endswith("_energy"))
     assert float(abs(total - M * G * 0.0015).max()) < 1e-12 * M * G * 0.0015
     assert light.attrs["energy_error"] < 1e-6
-
-
-def test_momentum_is_conserved_on_a_free_plate():
-    """A plate much heavier than soft is a free mass: the elastic two-body rebound."""
-    elastic = Prony(2e9, [], [], nu=NU)
-    plate = Plate(mass=2.0, frequency=0.5)
-    result = first_impact(elastic, 0.05, plate=plate)
-    expected = (2.0 - M) / (2.0 + M)
-    assert float(result.restitution[0]) == pytest.approx(expected, abs=3e-3)
 
 
 def test_bounces_on_a_ringing_plate_are_followed():
@@ -315,14 +261,6 @@ def test_a_contact_wider_than_the_sphere_is_refused():
 def test_an_elastic_sphere_that_never_stops_is_refused_at_once():
     with pytest.raises(InputError, match="elastic sphere never stops"):
         drop(Prony(2e9, [], [], nu=NU), R, M, 1e-9, 100.0)
-
-
-def test_an_impact_cut_off_by_the_duration_is_no_bounce():
-    result = drop(SLS, R, M, 0.0015, fall_time(0.0015) + 5e-4)
-    assert result.sizes["impact"] == 0
-    assert float(result.force[-1]) > 100.0
-    assert np.isnan(float(result.final_contact_time))
-    assert float(result.time[-1]) == pytest.approx(fall_time(0.0015) + 5e-4, rel=1e-12)
 
 
 def test_a_duration_shorter_than_the_fall_is_a_fall():

@@ -1,17 +1,13 @@
 """Spring beds: identities that need no table, and the guards."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from scipy.integrate import quad
 
 from labpipe.contact.line._kernels import line_kernel
 from labpipe.contact.line._profiles import strip_heights
 from labpipe.contact.line._strips import line_bed, line_pressure
 from labpipe.contact.springs._bed import NotNestedError, sphere_bed
-from labpipe.contact.springs._march import _heat_weights
 from labpipe.errors import InputError
 
 PERIOD, RADIUS, ELEMENTS = 8e-3, 2e-3, 256
@@ -22,7 +18,7 @@ def bed_of(thickness=np.inf, reach=4e-4, profile="parabola"):
     heights = strip_heights(profile, RADIUS, PERIOD, ELEMENTS)
     half = np.append(heights[ELEMENTS // 2 :], heights[0])
     half = half[np.isfinite(half)]
-    return kernel, half, line_bed(kernel, half, reach, is_smooth=True, has_end=False, limit="closed")
+    return kernel, half, line_bed(kernel, half, reach, "closed")
 
 
 @pytest.mark.parametrize("thickness", [np.inf, 1e-3])
@@ -40,17 +36,6 @@ def test_pressure_of_the_springs_solves_the_contact_problem(thickness, profile) 
     assert gap[~inside].min() > 0.0
     assert pressure.min() == 0.0
     assert pressure == pytest.approx(np.roll(pressure[::-1], 1), abs=1e-12)
-
-
-@given(st.lists(st.floats(0.0, 3.5e-4), min_size=2, max_size=6), st.floats(1e-3, 1e3))
-def test_force_rises_with_the_displacement_and_scales_with_the_compliance(depths, factor) -> None:
-    _, _, (bed, _) = bed_of()
-    rest = np.zeros(bed.size)
-    depths = sorted(depths)
-    forces = [bed.press(rest, 1.0, depth, 0.0).force for depth in depths]
-    assert all(b >= a for a, b in itertools.pairwise(forces))
-    softer = bed.press(rest, factor, depths[-1], 0.0)
-    assert softer.force == pytest.approx(forces[-1] / factor, rel=1e-12, abs=0.0)
 
 
 @given(st.floats(1e-9, 3.0e-4))
@@ -74,13 +59,6 @@ def test_force_and_width_have_no_staircase() -> None:
     assert np.abs(force / smooth - 1.0).max() < 1e-5
     smooth = np.polynomial.Polynomial.fit(depth, width, 4)(depth)
     assert np.abs(width - smooth).max() < 0.01 * PERIOD / ELEMENTS
-
-
-def test_only_strips_that_can_be_touched_are_factored() -> None:
-    _, _, (near, _) = bed_of(reach=1e-5)
-    _, _, (far, _) = bed_of(reach=4e-4)
-    assert near.size < far.size < ELEMENTS // 2
-    assert near.gap == pytest.approx(far.gap[: near.size], rel=1e-6, abs=0.0)
 
 
 def test_a_history_that_lifts_an_outer_spring_first_is_not_nested() -> None:
@@ -107,18 +85,3 @@ def test_hertz_at_any_edge(springs) -> None:
         answer = bed.press(rest, 1.0, width**2, 0.0)
         assert answer.force == pytest.approx(4 / 3 * width**3, rel=0.07 / springs**2)
         assert answer.half_width == pytest.approx(width, rel=1e-12)
-
-
-def test_a_reach_within_the_first_strip_keeps_that_strip() -> None:
-    _, _, (bed, _) = bed_of(reach=1e-7)
-    assert bed.size > 1
-    assert bed.gap[0] < 1e-7 < bed.gap[1]
-
-
-@pytest.mark.parametrize("x", [1e-6, 1e-3, 0.02, 0.0499, 0.0501, 0.3, 2.0, 40.0])
-def test_heat_of_a_step_is_its_integral_by_series_and_in_closed_form(x: float) -> None:
-    """A dashpot whose force decays as e^-s while the step adds 1 - e^-s, below and above where the series ends."""
-    parts = (lambda s: np.exp(-2.0 * s), lambda s: -np.exp(-s) * np.expm1(-s) / x, lambda s: np.expm1(-s) ** 2 / x**2)
-    exact = [quad(part, 0.0, x, epsabs=0.0, epsrel=1e-12)[0] for part in parts]
-    # the first term that the series leaves out is some 0.01 x^5 of the whole
-    np.testing.assert_allclose([w.item() for w in _heat_weights(np.array([x]))], exact, rtol=1e-8)

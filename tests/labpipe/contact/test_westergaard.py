@@ -6,9 +6,6 @@ from hypothesis import given, strategies as st
 
 from labpipe.contact import indent
 from labpipe.contact.line import westergaard
-from labpipe.contact.memory._creep import Creep
-from labpipe.contact.springs import SpringBed
-from labpipe.contact.springs._march import March
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
@@ -53,19 +50,6 @@ def test_pressure_adds_up_to_the_force(profile) -> None:
     assert peak == pytest.approx(float(state.peak_pressure), rel=1e-12)
 
 
-def test_small_contact_is_the_hertz_line() -> None:
-    state = westergaard.from_half_width(1e-6, 2e-3, 8e-3, 3e6)
-    assert state.force == pytest.approx(np.pi * 3e6 * 1e-12 / (4 * 2e-3), rel=1e-6)
-
-
-def test_plateaus_of_the_thesis_from_one_modulus() -> None:
-    state = westergaard.from_displacement([1e-4, 2e-4, 3e-4], 2e-3, 8e-3, 10.14e6, "cosine")
-    assert state.force * 18e-3 == pytest.approx([12.40, 30.90, 54.81], rel=5e-4)
-    assert state.half_width == pytest.approx([0.4178e-3, 0.6642e-3, 0.8928e-3], rel=2e-4)
-    measured = np.array([12.2, 31.0, 55.5])
-    assert np.abs(state.force * 18e-3 / measured - 1.0).max() < 0.03
-
-
 def test_full_contact_is_refused() -> None:
     with pytest.raises(InputError, match="closes the period"):
         westergaard.from_displacement(8e-3**2 / (24 * 2e-3), 2e-3, 8e-3)
@@ -84,27 +68,3 @@ def test_strips_agree_with_the_closed_form_at_any_edge(profile, share, bound) ->
     assert np.abs(result.force.values / exact.force - 1.0).max() < bound
     edge = np.abs(result.contact_half_width.values - width).max()
     assert edge < 0.005 * 8e-3 / 1024
-
-
-def closed_form_bed(reach: float, springs: int) -> SpringBed:
-    """Springs of the viscoelastic problem from the closed forms, without strips."""
-    tip_radius, period = 2e-3, 8e-3
-    spacing = reach / springs
-    position = spacing * np.arange(springs + 2, dtype=float)
-    gap = westergaard.from_half_width(position, tip_radius, period, 1.0, "parabola").displacement
-    # of periodic flat punches, per unit depth and E*
-    with np.errstate(divide="ignore"):
-        ends = -0.5 * np.pi / np.log(np.sin(np.pi * (position + 0.5 * spacing) / period))
-    limit = f"the contact outgrows the reach of {reach} m"
-    return SpringBed(gap, np.diff(ends, prepend=0.0), position, True, 1, limit, reach)
-
-
-def test_springs_of_strips_agree_with_closed_form_springs_in_time() -> None:
-    solid = Prony.from_creep(2e9, [0.25e-9], [0.05], nu=0.35)
-    time = np.linspace(0.0, 1.0, 401)
-    displacement = 2e-4 * (0.2 - 0.8 * np.cos(2 * np.pi * time))
-    bed = closed_form_bed(0.09 * 8e-3, 1600)
-    march = March(bed, Creep.of(solid), "displacement", None)
-    force = np.array([state.answer.force for state in march.run(time, displacement)])
-    strips = indent(solid, 2e-3, 8e-3, 1.0, time, displacement, rtol=None)
-    assert np.abs(strips.force.values - force).max() < 2e-5 * force.max()
