@@ -12,7 +12,6 @@ if TYPE_CHECKING:
         deck_text as deck_text,
         make_deck as make_deck,
     )
-    from labpipe.materials.kraus import Kraus as Kraus
     from labpipe.materials.library import (
         Material as Material,
         Solid as Solid,
