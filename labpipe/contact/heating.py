@@ -7,12 +7,12 @@ Dissipated energy Q is born where the strain is, in a region of about the contac
   ratio from 0.25 up: it bounds the rise of one impact wherever loss follows strain energy.
 - *train*: each half sphere cools by conduction, at its centre as erf(s) − (2s/√π) e^{−s²},
   s = a/(2√(κt)), and the remains add up; without cooling they add up to the upper bound.
-- *surface*: what the same energy would do if all of it were born at the interface, as by friction,
+- *surface*: the effect of the same energy if all of it were released at the interface, as by friction,
   and entered through the disc of contact, evenly while it lasts. At the centre a disc source of
   flux q on an insulated half-space reaches (2q√(κt)/k) [1/√π − ierfc(a/(2√(κt)))].
 
 Validity: order of magnitude. Friction adds heat that is not in Q; air and the flat take some away.
-If even the bound without cooling changes the modulus by less than what matters, heating does not.
+If even the bound without cooling changes the modulus by less than a noticeable part, heating does not.
 
 References
 ----------
@@ -120,7 +120,7 @@ class Heating:
 
 
 def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, temperature: float | None = None) -> Heating:
-    """Estimate the self-heating of a simulated drop, and what it does to the modulus.
+    """Estimate the self-heating of a simulated drop, and its effect on the modulus.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
         raise InputError("self-heating needs a drop with at least one completed impact and its ledger")
     radius = drop["peak_contact_radius"].values
     contact = drop["contact_duration"].values
-    # From touch to next touch: what the dent still holds at lift-off becomes heat in flight.
+    # From touch to next touch: the energy that the dent still holds at lift-off becomes heat in flight.
     ends = np.append(drop["impact_time"].values[1:], drop["time"].values[-1])
     ledger = (drop["time"].values, drop["dissipated_energy"].values)
     heat = np.interp(ends, *ledger) - np.interp(drop["impact_time"].values, *ledger)

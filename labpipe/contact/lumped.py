@@ -260,7 +260,7 @@ class CollisionLaw:
 
 
 class Dent(NamedTuple):
-    """What the flat remembers: the deepest overlap so far and the permanent one."""
+    """Memory of the flat: the deepest overlap so far and the permanent one."""
 
     deepest: float
     permanent: float

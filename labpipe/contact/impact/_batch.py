@@ -43,8 +43,8 @@ def impacts(
     """Simulate the first impacts of many drops.
 
     The same answers as :func:`drop` within ``rtol``, at a fraction of its time: nothing is made but
-    the rows of the impacts, and what a material needs is made once for all its drops. Whatever is
-    given as a sequence has an entry for each drop; the rest is shared.
+    the rows of the impacts, and the tables of a material are made once for all its drops. An argument
+    given as a sequence has an entry for each drop; the others are shared.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def impacts(
     Returns
     -------
     Dataset
-        Over (``drop``, ``impact``), NaN for what does not happen within the duration:
+        Over (``drop``, ``impact``), NaN for impacts that do not happen within the duration:
         ``impact_time``, ``lift_off_time``, ``contact_duration`` [s], ``impact_speed``,
         ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N], ``peak_contact_radius``,
         ``peak_approach``, ``penetration`` [m]. Over ``drop``: ``impacts``, how many happened;
@@ -118,11 +118,11 @@ def _follow(settings: Sequence[Setting], creep: Creep, effort: Effort, most: int
 
 
 def _side_by_side(given: dict[str, Any]) -> list[tuple[Any, ...]]:
-    """Lay out the drops from what is given for all or drop by drop."""
+    """Lay out the drops from arguments given for all or drop by drop."""
     lengths = {name: len(values) for name, values in given.items() if isinstance(values, list | tuple | np.ndarray)}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} has {n}" for name, n in lengths.items())
-        raise InputError(f"what is given drop by drop must have an entry for each: {told}")
+        counts = ", ".join(f"{name} has {n}" for name, n in lengths.items())
+        raise InputError(f"arguments given drop by drop must have an entry for each: {counts}")
     count = next(iter(lengths.values()), 1)
     columns = [values if name in lengths else [values] * count for name, values in given.items()]
     return list(zip(*columns, strict=True))

@@ -185,7 +185,7 @@ def _ledger(values: Columns, setting: Setting) -> dict[str, Floats]:
 
 
 def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
-    """Rows as far as steps of equal length can tell: a contact is a run of steps with force."""
+    """Rows as far as steps of equal length resolve them: a contact is a run of steps with force."""
     loaded = np.concatenate([[0], (run.force > 0.0).astype(int), [0]])
     starts = np.flatnonzero(np.diff(loaded) == 1).tolist()
     stops = np.flatnonzero(np.diff(loaded) == -1).tolist()

@@ -26,7 +26,7 @@ class _Dent(NamedTuple):
 
 @dataclass(slots=True)
 class Dents:
-    """What contacts left on the surface: the latest, and what reaches beyond it of earlier ones.
+    """Dents that contacts left on the surface: the latest, and the parts of earlier ones that reach beyond it.
 
     Without ``has_energy`` no account is kept of the energy that they store.
     """
@@ -44,7 +44,7 @@ class Dents:
         self.layers.append(_Dent(edge, values, shown))
 
     def cover(self, edge: float) -> None:
-        """Take away what lies within an edge [m]."""
+        """Take away the parts within an edge [m]."""
         while self.layers and self.layers[-1].edge <= edge:
             self.layers.pop()
         if self.layers and self.has_energy:

@@ -26,7 +26,7 @@ from labpipe.errors import InputError
 from labpipe.materials import Solid, load, solid
 from labpipe.units import Measure, require_positive
 
-# Progress is told at steps of this part of the duration.
+# Progress is reported at steps of this part of the duration.
 _PROGRESS_EVERY = 0.01
 MAX_STEPS = 1_000_000
 # A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
@@ -256,16 +256,16 @@ class _Throttle:
 
     progress: Callable[[float], None]
     setting: Setting
-    told: float = 0.0
+    reported: float = 0.0
 
     def __call__(self, time: float) -> None:
         done = min((self.setting.fall_time + time) / self.setting.duration, 1.0)
-        if done >= self.told + _PROGRESS_EVERY:
-            self.told = done
+        if done >= self.reported + _PROGRESS_EVERY:
+            self.reported = done
             self.progress(done)
 
 
 def compile_drop() -> None:
     """Compile the kernels of a drop where they were not yet, and keep the code for all processes."""
-    with warnings.catch_warnings(action="ignore"):  # whoever drops something is told
+    with warnings.catch_warnings(action="ignore"):  # shown to whoever drops something
         drop(load("acrylic"), 9.525e-3, 0.505, 1.5e-3, 0.03)

@@ -26,7 +26,7 @@ _UNITS = {"radius": "m", "mass": "kg", "height": "m", "duration": "s", "gravity"
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What was asked for; see :func:`labpipe.contact.drop`."""
+    """The arguments of a drop; see :func:`labpipe.contact.drop`."""
 
     radius: float
     mass: float
@@ -39,7 +39,7 @@ class Setting:
     plate: Plate | None
 
     def __post_init__(self) -> None:
-        """Refuse what is out of range, with the reason."""
+        """Refuse values out of range, with the reason."""
         for name, unit in _UNITS.items():
             value, low = getattr(self, name), "0 or positive" if name == "height" else "positive"
             if not (isfinite(value) and (value > 0.0 or (value == 0.0 and name == "height"))):
@@ -79,7 +79,7 @@ def exact(given: Measure, name: str) -> float:
 
 
 def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None:
-    """Warn of a sphere of metres, given as a bare number, and say what to write."""
+    """Warn of a sphere of metres, given as a bare number, and show the notation with units."""
     if isinstance(radius, int | float) and _MILLIMETRES[0] < radius <= _MILLIMETRES[1]:
         texts = [f'radius="{radius:g} mm"']
         texts += [f'mass="{mass:g} g"'] if isinstance(mass, int | float) and mass > 1 else []

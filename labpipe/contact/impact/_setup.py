@@ -39,7 +39,7 @@ _STEPS_PER_CONTACT = 1.7
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """What an impact and a rest of this sphere look like, before anything is computed.
+    """Estimated sizes of an impact and of the rest of this sphere.
 
     ``duration`` [s]: of the first contact; ``radius`` [m]: largest contact radius; ``rest_radius`` [m]: contact radius
     under the weight, at first; ``rest_period``, ``rest_speed`` [s, m/s]: of small oscillations on the static sag, and
@@ -54,7 +54,7 @@ class Scales:
 
 
 class Shortcuts(NamedTuple):
-    """What a drop leaves out because no result needs it; each can be switched off to see.
+    """Work that a drop leaves out because no result needs it; each can be switched off for comparison.
 
     Attributes
     ----------

@@ -73,9 +73,9 @@ COLUMNS = (
 class Train:
     """A drop from its release to its end: set up, then :meth:`run`.
 
-    ``most`` is the number of impacts after which it ends, if any; ``observe`` is told the time since first touch now
-    and then. Afterwards ``rows`` holds a row per impact by :data:`COLUMNS`, times from the release, and ``error`` the
-    largest energy that the motion mislaid over that of the drop.
+    ``most`` is the number of impacts after which it ends, if any; ``observe`` is called with the time since first
+    touch now and then. Afterwards ``rows`` holds a row per impact by :data:`COLUMNS`, times from the release, and
+    ``error`` the largest energy that the motion mislaid over that of the drop.
     """
 
     setting: Setting
@@ -309,7 +309,7 @@ class Train:
             self.segments.append(segment)
 
     def _look(self, radius: float) -> None:
-        """Refuse a contact radius [m] that the sphere does not have, and too much work; tell the progress."""
+        """Refuse a contact radius [m] that the sphere does not have, and too much work; report the progress."""
         counts, most, now = self.counts, self.effort.max_steps, self.now
         if radius > self.setting.radius:
             raise InputError(

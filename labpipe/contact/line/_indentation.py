@@ -104,8 +104,8 @@ def indent(
         into the body) over (``time``, ``x``); ``work_done``, ``stored_energy``,
         ``dissipated_energy`` [J]. Attributes: ``work`` (JSON counts), ``solver``,
         ``datum`` of displacements ("mean surface" or "rigid base (absolute)"),
-        and with energies ``energy_error``: the largest difference of the work done and what is
-        stored and dissipated, relative to the work; it is what the steps in time mislay.
+        and with energies ``energy_error``: the largest difference of the work done and the
+        stored and dissipated energy, relative to the work: the error of the steps in time.
 
     Raises
     ------
@@ -284,7 +284,7 @@ def _record(
     outputs: Sequence[Output],
     progress: Callable[[float], None] | None,
 ) -> dict[str, Floats]:
-    """March through the history and keep what is asked for, one row per sample."""
+    """March through the history and keep the requested outputs, one row per sample."""
     names = ["displacement", "force", "contact_half_width"]
     if "energy" in outputs:
         names += ["work_done", "stored_energy", "dissipated_energy"]

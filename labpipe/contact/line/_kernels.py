@@ -9,7 +9,7 @@ factor (the material is separable). In Fourier space, with z = qh,
     S = \frac{(3-4\nu)\sinh 2z - 2z}{(3-4\nu)\cosh 2z + 2z^2 + 5 - 12\nu + 8\nu^2},
 
 S = 1 for the half-plane. The sum over all wave numbers is taken exactly: the half-plane part is a
-difference of Clausen functions, and what a layer adds decays exponentially.
+difference of Clausen functions, and the contribution of a layer decays exponentially.
 
 The mean displacement of a periodically loaded half-plane is infinite. There G(0) is 0, so that
 displacements are relative to the *mean surface*; a layer has a finite G(0) and its displacements
@@ -69,7 +69,7 @@ class LineKernel:
 
     @property
     def datum(self) -> str:
-        """What displacements are relative to."""
+        """Level from which displacements count."""
         return "mean surface" if self.mean_compliance == 0.0 else "rigid base (absolute)"
 
     def displacement(self, pressure: Floats) -> Floats:
@@ -171,7 +171,7 @@ def _half_plane(period: float, elements: int) -> Floats:
 
 
 def _layer_excess(period: float, elements: int, thickness: float, nu: float) -> Floats:
-    """Return what a layer adds to the half-plane's influence, its mean (q = 0) left out."""
+    """Return the contribution of a layer to the half-plane's influence, its mean (q = 0) left out."""
     q0 = 2.0 * np.pi / period
     n_modes = int(np.ceil(_DEEP / (q0 * thickness))) + 1
     if n_modes > _MAX_MODES:

@@ -7,7 +7,7 @@ from labpipe.errors import InputError
 
 PROFILES: tuple[str, ...] = ("parabola", "circle", "cosine")
 
-# Collocation at the centre of a strip sees half of what its mean sees of the curvature, dx² f''/24.
+# Collocation at the centre of a strip sees half of the curvature that its mean sees, dx² f''/24.
 _COLLOCATION = 1.0 / 48.0
 
 

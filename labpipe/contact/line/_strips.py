@@ -1,7 +1,7 @@
 r"""Springs of a periodic line contact: the influence of its strips, factored once.
 
 The half period is folded onto the strips at 0, Δx, 2Δx, ... and ordered from the centre outwards;
-see :mod:`labpipe.contact.springs._bed` for what the factor means.
+see :mod:`labpipe.contact.springs._bed` for the meaning of the factor.
 """
 
 from typing import NamedTuple

@@ -147,7 +147,7 @@ def dissipated_work(
     mean_indentation, tip_radius, period, depth : float [m]
         As for :func:`equilibrium`.
     beyond : {"formula", "nan"}
-        What to return beyond the tapping front, where the theory does not hold.
+        Values beyond the tapping front, where the theory does not hold.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Check of a load or displacement history: which sample is wrong, and what to do."""
+"""Check of a load or displacement history: the error names the sample and the remedy."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -89,10 +89,10 @@ class SpringBed:
     def press(self, history: Floats, compliance: float, displacement: float, before: float) -> Answer:
         """Solve at a prescribed displacement.
 
-        ``history`` (spring,) [m] is what the springs would show now without load, ``compliance`` [1/Pa] that of this
-        step; ``displacement`` and ``before`` [m], the approach now and at the start of the step, tell whether the
-        contact grows. A spring that is touched before one nearer to the centre, or carries more, raises NotNestedError,
-        a contact that reaches the end of the bed InputError.
+        ``history`` (spring,) [m] is the displacement that the springs would show now without load, ``compliance``
+        [1/Pa] that of this step; ``displacement`` and ``before`` [m], the approach now and at the start of the step,
+        determine whether the contact grows. A spring that is touched before one nearer to the centre, or carries more,
+        raises NotNestedError, a contact that reaches the end of the bed InputError.
         """
         load = np.empty(self.size)
         springs = (self.gap, self.stiffness, self.edge)

@@ -57,7 +57,7 @@ class Ledger:
 class State:
     """Where the contact stands: loads, memory, and the energies since the start.
 
-    ``work`` is what the indenter did on the springs (trapezoids over the steps), and ``dissipated``
+    ``work`` is the work of the indenter on the springs (trapezoids over the steps), and ``dissipated``
     the heat of the Kelvin elements, exact for the load path taken; both per unit depth for a line,
     NaN if not asked for.
     """
@@ -79,7 +79,7 @@ class March:
     creep : Creep
         Contact creep compliance.
     control : {"displacement", "force"}
-        What the history prescribes.
+        The quantity that the history prescribes.
     rtol : float or None
         Error of force or approach over their largest values; None for one step per interval.
     has_energy : bool
