@@ -62,9 +62,9 @@ def masks_of(
     seen = 1 - _filled(obstructions or (), size, "obstructions")
     width = 2 * math.ceil(_BORDER + blur) + 1
 
-    def drawn_in(image: NDArray[np.uint8]) -> NDArray[np.generic]:
+    def drawn_in(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         # the frame itself has no border of the mask
-        return cv2.erode(image, np.ones((width, width)), borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(cv2.erode(image, np.ones((width, width)), borderType=cv2.BORDER_REPLICATE), np.uint8)
 
     return drawn_in(inside & seen) > 0, drawn_in(seen) == 0 if obstructions else None
 

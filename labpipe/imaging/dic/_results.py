@@ -123,7 +123,7 @@ def make_dataset(
         variables[name] = (dims, kept, {"units": units, "long_name": text})
     # the hypotenuse of a rotation is 1 but for rounding
     for name in ("stretch_x", "stretch_y"):
-        variables[name][1][np.abs(variables[name][1]) < 1e-9] = 0.0  # type: ignore[operator]
+        variables[name][1][np.abs(variables[name][1]) < 1e-9] = 0.0
     plain = {
         "zncc": (spread(table.quality[..., 2]), "zero-normalised cross-correlation"),
         "contrast": (spread(1.0 / gain), "contrast of the pattern over that of the reference"),
