@@ -18,13 +18,7 @@ if TYPE_CHECKING:
         flash_temperature as flash_temperature,
         self_heating as self_heating,
     )
-    from labpipe.contact.impact import (
-        Plate as Plate,
-        Shortcuts as Shortcuts,
-        compile_drop as compile_drop,
-        drop as drop,
-        impacts as impacts,
-    )
+    from labpipe.contact.impact import Plate as Plate, Shortcuts as Shortcuts, drop as drop, impacts as impacts
     from labpipe.contact.line import (
         dissipated_power as dissipated_power,
         dissipated_work as dissipated_work,

@@ -29,7 +29,7 @@ SETUP = Setup((1,), (4,), ("mm",), 1e-3)
 
 def contents(folder: Path) -> dict[str, bytes]:
     """Every file but what tells of times, and what only saves time."""
-    left_out = {"run.jsonl", "hashes.json", "index.json", "figures-code.json"}
+    left_out = {"run.jsonl", "hashes.json", "index.json"}
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in sorted(folder.rglob("*"))

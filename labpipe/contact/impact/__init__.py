@@ -6,7 +6,7 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.contact.impact._batch import impacts as impacts
-    from labpipe.contact.impact._drop import compile_drop as compile_drop, drop as drop
+    from labpipe.contact.impact._drop import drop as drop
     from labpipe.contact.impact._plate import Plate as Plate
     from labpipe.contact.impact._setting import Solver as Solver
     from labpipe.contact.impact._setup import Shortcuts as Shortcuts

@@ -23,7 +23,7 @@ from labpipe.contact.impact._train import COLUMNS, Train
 from labpipe.contact.memory import Creep
 from labpipe.contact.sphere.counter_body import Substrate, counter_compliance
 from labpipe.errors import InputError
-from labpipe.materials import Solid, load, solid
+from labpipe.materials import Solid, solid
 from labpipe.units import Measure, require_positive
 
 # Progress is reported at steps of this part of the duration.
@@ -263,9 +263,3 @@ class _Throttle:
         if done >= self.reported + _PROGRESS_EVERY:
             self.reported = done
             self.progress(done)
-
-
-def compile_drop() -> None:
-    """Compile the kernels of a drop where they were not yet, and keep the code for all processes."""
-    with warnings.catch_warnings(action="ignore"):  # shown to whoever drops something
-        drop(load("acrylic"), 9.525e-3, 0.505, 1.5e-3, 0.03)
