@@ -1,6 +1,6 @@
 """Settings of a harmonic indentation: a periodic punch oscillating in rubber (Mach-1)."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from labpipe.units import Quantity
 from labpipe.workflow.fields import POSITIVE, File, Length, Range, Time
@@ -25,6 +25,7 @@ class Harmonic(Table, frozen=True, kw_only=True):
     ``columns`` names time, position and force of another tester's table, one oscillation.
     """
 
+    function: ClassVar[str] = "Sinusoid"  # of the tester, that is evaluated
     kind: Literal["harmonic"]
     mach1: File
     punch: Punch | None = None

@@ -1,6 +1,6 @@
 """Settings of a relaxation test: a periodic punch pressed into rubber and held (Mach-1)."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
@@ -31,6 +31,7 @@ class Relaxation(Table, frozen=True, kw_only=True):
     is searched for it. ``columns`` names time, position and force of another tester's tables.
     """
 
+    function: ClassVar[str] = "Stress Relaxation"  # of the tester, that is evaluated
     kind: Literal["relaxation"]
     mach1: Annotated[list[File], msgspec.Meta(min_length=1)]
     punch: Punch | None = None

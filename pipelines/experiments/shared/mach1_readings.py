@@ -42,7 +42,7 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
     found = instruments.read_table(path, "force", "mach1", columns=columns)
     if columns is None:
         return without_outliers(found)
-    name = {"harmonic": "Sinusoid", "relaxation": "Stress Relaxation"}[str(getattr(settings, "kind", "harmonic"))]
+    name = str(getattr(settings, "function", "Stress Relaxation"))
     found.attrs["blocks"] = json.dumps([block | {"function": name} for block in blocks(found)])
     found = found.assign(function=("block_index", [name]))
     if name == "Sinusoid":  # that other testers do not state; the fit begins there
