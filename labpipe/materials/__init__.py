@@ -5,13 +5,27 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.materials.fem_export import (
+    from labpipe.materials._fem_export import (
         CODES as CODES,
         Bulk as Bulk,
         Deck as Deck,
         deck_text as deck_text,
         make_deck as make_deck,
     )
+    from labpipe.materials._response import (
+        Inequality as Inequality,
+        entropy_inequality as entropy_inequality,
+        inequalities as inequalities,
+        respond as respond,
+    )
+    from labpipe.materials._shift_law import (
+        ShiftLaw as ShiftLaw,
+        arrhenius as arrhenius,
+        isofrictional_temperature as isofrictional_temperature,
+        shift_at as shift_at,
+        wlf as wlf,
+    )
+    from labpipe.materials._time_domain import with_responses as with_responses
     from labpipe.materials.library import (
         Material as Material,
         Solid as Solid,
@@ -30,19 +44,6 @@ if TYPE_CHECKING:
         maxwell as maxwell,
         relaxation_from_creep as relaxation_from_creep,
         standard_linear_solid as standard_linear_solid,
-    )
-    from labpipe.materials.response import (
-        Inequality as Inequality,
-        entropy_inequality as entropy_inequality,
-        inequalities as inequalities,
-        respond as respond,
-    )
-    from labpipe.materials.shift_law import (
-        ShiftLaw as ShiftLaw,
-        arrhenius as arrhenius,
-        isofrictional_temperature as isofrictional_temperature,
-        shift_at as shift_at,
-        wlf as wlf,
     )
     from labpipe.materials.spectrum import (
         TERMS_PER_DECADE as TERMS_PER_DECADE,
@@ -68,6 +69,5 @@ if TYPE_CHECKING:
         trusted_tables as trusted_tables,
         uncertain_spectra as uncertain_spectra,
     )
-    from labpipe.materials.time_domain import with_responses as with_responses
 else:
     __getattr__ = lazily(__name__)

@@ -18,8 +18,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from labpipe.errors import MATERIAL_FILE, NO_MATERIAL, InputError, SourceError
+from labpipe.materials._shift_law import ShiftLaw, arrhenius, wlf
 from labpipe.materials.prony import Prony
-from labpipe.materials.shift_law import ShiftLaw, arrhenius, wlf
 from labpipe.materials.superposition import MasterCurve
 from labpipe.units import Measure, quantity, require_positive, si
 

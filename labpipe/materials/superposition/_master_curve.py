@@ -22,7 +22,8 @@ from threadpoolctl import threadpool_limits
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials.shift_law import LawName
+from labpipe.materials._shift_law import LawName
+from labpipe.materials._time_domain import with_responses
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._model_selection import Options, superpose
 from labpipe.materials.superposition._parameters import (
@@ -36,7 +37,6 @@ from labpipe.materials.superposition._parameters import (
 from labpipe.materials.superposition._points import SweepData, read_sweeps
 from labpipe.materials.superposition._result import MasterCurve, assembled
 from labpipe.materials.superposition._sweeps import Mode, gather_sweeps, loading_asked_for
-from labpipe.materials.time_domain import with_responses
 from labpipe.units import Measure, si
 
 _READINGS = {"storage_modulus", "relaxation_modulus", "creep_compliance"}

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.materials.shift_law import fit_law
+from labpipe.materials._shift_law import fit_law
 from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
 from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._joint_fit import (

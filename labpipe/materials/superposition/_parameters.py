@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.materials.shift_law import fit_law, law_slopes, law_values
+from labpipe.materials._shift_law import fit_law, law_slopes, law_values
 from labpipe.units import ZERO_CELSIUS
 
 Horizontal = Literal["free", "wlf", "arrhenius", "fixed"]

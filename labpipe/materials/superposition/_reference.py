@@ -11,7 +11,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials.shift_law import ShiftLaw, fit_law, law_slopes
+from labpipe.materials._shift_law import ShiftLaw, fit_law, law_slopes
 from labpipe.materials.spectrum import TERMS_PER_DECADE
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._model_selection import Superposition

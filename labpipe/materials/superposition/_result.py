@@ -15,9 +15,9 @@ import xarray as xr
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials.fem_export import CODES, Bulk, Code, deck_text, make_deck
+from labpipe.materials._fem_export import CODES, Bulk, Code, deck_text, make_deck
+from labpipe.materials._shift_law import LawName, ShiftLaw, fit_law, shift_at
 from labpipe.materials.prony import Prony
-from labpipe.materials.shift_law import LawName, ShiftLaw, fit_law, shift_at
 from labpipe.materials.spectrum import KramersKronig, kramers_kronig
 from labpipe.materials.superposition._curve import (
     curve_and_modes,

@@ -13,7 +13,7 @@ from typing import Literal
 import xarray as xr
 
 from labpipe.arrays import Flags
-from labpipe.materials.shift_law import ShiftLaw
+from labpipe.materials._shift_law import ShiftLaw
 from labpipe.materials.spectrum import KramersKronig
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._model_selection import Superposition, free_shifts_gain

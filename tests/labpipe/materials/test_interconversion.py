@@ -5,7 +5,12 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from labpipe.materials.interconversion import Relaxation, Retardation, creep_from_relaxation, relaxation_from_creep
+from labpipe.materials.prony._interconversion import (
+    Relaxation,
+    Retardation,
+    creep_from_relaxation,
+    relaxation_from_creep,
+)
 from tests.rounding import rounding
 
 DIGITS = 80

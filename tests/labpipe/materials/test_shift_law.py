@@ -5,7 +5,7 @@ import pytest
 
 from labpipe.errors import InputError
 from labpipe.materials import arrhenius, wlf
-from labpipe.materials.shift_law import fit_law, law_values
+from labpipe.materials._shift_law import fit_law, law_values
 
 TEMPERATURE = np.linspace(-40.0, 120.0, 12)
 

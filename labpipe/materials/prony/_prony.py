@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from labpipe.arrays import Complexes, Floats
 from labpipe.errors import InputError
-from labpipe.materials.interconversion import (
+from labpipe.materials.prony._interconversion import (
     Relaxation,
     Retardation,
     creep_from_relaxation,
@@ -32,17 +32,6 @@ from labpipe.materials.interconversion import (
 )
 from labpipe.notebook import html_table, shown
 from labpipe.units import require_positive
-
-__all__ = [
-    "Mode",
-    "Prony",
-    "Relaxation",
-    "Retardation",
-    "creep_from_relaxation",
-    "maxwell",
-    "relaxation_from_creep",
-    "standard_linear_solid",
-]
 
 Mode = Literal["tension", "shear", "contact"]
 
@@ -95,7 +84,7 @@ class Prony:
     Notes
     -----
     Thesis equations (1.41), (1.42), (2.5); admissibility (1.8), (1.9), (1.20), (1.24). Both
-    families are exact images of each other, see :mod:`.interconversion`.
+    families are exact images of each other, see :mod:`._interconversion`.
     Instances are immutable, compare by value, and travel between processes.
     """
 

@@ -31,8 +31,8 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.materials._shift_law import ShiftLaw
 from labpipe.materials.prony import Prony, Retardation, relaxation_from_creep
-from labpipe.materials.shift_law import ShiftLaw
 from labpipe.materials.spectrum import fewest_terms
 from labpipe.units import ZERO_CELSIUS
 
