@@ -527,15 +527,8 @@ def _fall_of_affine(sums: Floats, level: Floats, moments: Floats, gain: float, a
 @njit(cache=True, nogil=True)
 def solve_subsets(
     image: tuple[Floats32, int, tuple[float, float], tuple[float, float, float, float]],
+    subsets: tuple[Integers, NDArray[np.int8], Floats32, Floats, Floats, Floats, Floats, Floats],
     chosen: Integers,
-    layout: Integers,
-    shape: NDArray[np.int8],
-    packed: Floats32,
-    level: Floats,
-    moments: Floats,
-    normal: Floats,
-    inverse: Floats,
-    affine: Floats,
     inflation: Floats,
     strain_seen: float,
     tolerance: float,
@@ -552,12 +545,13 @@ def solve_subsets(
     of :func:`_sandwich`; ``counts`` (evaluations, result code, solved as affine); ``inflation`` and ``strain_seen``:
     see :func:`.solve`.
     """
+    layout, shape, packed, level, moments, normal, rigid, affine = subsets
     sums, step, before, blocks = np.zeros(9), np.zeros(6), np.zeros(6), np.zeros((64, 4))
     for q in range(len(chosen)):
         n = chosen[q]
         p = motion[q]
         is_rigid = shape[n] != AFFINE
-        bread = inverse[n] if is_rigid else affine[n]
+        bread = rigid[n] if is_rigid else affine[n]
         if bread[0, 0] <= 0.0:
             counts[q, 1] = NO_TEXTURE
             continue

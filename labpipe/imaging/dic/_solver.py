@@ -114,15 +114,8 @@ def solve(
         width = 2 * int(subsets.half[chosen].max()) + 1
         solve_subsets(
             (coefficients, order, corner, window),
+            subsets.arrays,
             np.ascontiguousarray(chosen, np.int64),
-            subsets.layout,
-            subsets.shape,
-            subsets.packed,
-            subsets.level,
-            subsets.moments,
-            subsets.normal,
-            subsets.rigid,
-            subsets.affine,
             np.ones(len(subsets)) if inflation is None else inflation,
             strain_seen,
             TOLERANCE,

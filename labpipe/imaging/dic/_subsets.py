@@ -60,6 +60,13 @@ class Subsets:
         return len(self.layout)
 
     @property
+    def arrays(self) -> tuple[Integers, NDArray[np.int8], Floats32, Floats, Floats, Floats, Floats, Floats]:
+        """All arrays in their order, as compiled code takes them."""
+        return (
+            self.layout, self.shape, self.packed, self.level, self.moments, self.normal, self.rigid, self.affine
+        )  # fmt: skip
+
+    @property
     def x(self) -> Integers:
         """Column of each centre (px)."""
         return self.layout[:, 0]

@@ -8,7 +8,6 @@ seventy that starts too far away converges to a wrong place with a correlation a
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
@@ -251,62 +250,14 @@ class Tracker:
 
     def remember(self, index: int, attempt: Attempt) -> None:
         """Update the state with the trusted points of a frame."""
-        _remember(
-            attempt.motion, attempt.zncc, attempt.trusted, index, self._motion, self._velocity, self._seen, self._step,
-            self.last_zncc, self.is_tracked, self.misses,
-        )  # fmt: skip
+        found, trusted, gap = attempt.motion, attempt.trusted, index - self._seen
+        moves = trusted & self.is_tracked & (self._seen >= 0) & (gap > 0)
+        step = (found - self._motion)[:, [0, 3]] / np.where(moves, gap, 1)[:, None]
+        self._velocity = np.where(moves[:, None], step, 0.0)
+        self._step = np.where(moves, gap, 1.0)
+        self.is_tracked = trusted.copy()
+        self.misses = np.where(trusted, 0, self.misses + 1)
+        self._motion[trusted] = found[trusted]
+        self._seen[trusted] = index
+        self.last_zncc[trusted] = attempt.zncc[trusted]
         self._predictions.clear()
-
-
-@njit(cache=True)
-def _remember(
-    found: Floats,
-    zncc: Floats,
-    is_trusted: Flags,
-    index: int,
-    motion: Floats,
-    velocity: Floats,
-    seen: Integers,
-    step: Floats,
-    last_zncc: Floats,
-    is_tracked: Flags,
-    misses: Integers,
-) -> None:
-    """Update the state with what was found in a frame; the arrays after ``index`` are changed.
-
-    Parameters
-    ----------
-    found : array (point, 6)
-        Motions in this frame.
-    zncc : array (point,) [1]
-        Their correlation.
-    is_trusted : bool array (point,)
-        Points that count as found.
-    index : int
-        The frame.
-    motion : array (point, 6)
-        Motion of each point when it was seen last.
-    velocity : array (point, 2) [px per frame]
-    seen : integer array (point,)
-        Frame of ``motion``; -1 for never.
-    step : array (point,)
-        Frames between the last two sightings.
-    is_tracked : bool array (point,)
-        The point was found in the last frame.
-    last_zncc : array (point,) [1]
-        Correlation when each point was seen last.
-    misses : integer array (point,)
-        Frames in a row in which it was not found.
-    """
-    for n in range(len(seen)):
-        gap = index - seen[n]
-        has_velocity = is_trusted[n] and is_tracked[n] and seen[n] >= 0 and gap > 0
-        velocity[n, 0] = (found[n, 0] - motion[n, 0]) / gap if has_velocity else 0.0
-        velocity[n, 1] = (found[n, 3] - motion[n, 3]) / gap if has_velocity else 0.0
-        step[n] = gap if has_velocity else 1.0
-        is_tracked[n] = is_trusted[n]
-        misses[n] = 0 if is_trusted[n] else misses[n] + 1
-        if is_trusted[n]:
-            motion[n] = found[n]
-            seen[n] = index
-            last_zncc[n] = zncc[n]

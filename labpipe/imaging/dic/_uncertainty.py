@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from labpipe.arrays import Flags, Floats, Integers
+from labpipe.arrays import Flags, Floats, Floats32, Integers
 from labpipe.imaging.dic._solver import Solution
 from labpipe.imaging.dic._spline import noise_gain, slope_noise_gain
 from labpipe.imaging.dic._subsets import Subsets
@@ -103,33 +104,27 @@ def covariance(
     result = np.full((len(chosen), 4), np.nan)
     if len(chosen):
         _covariance(
-            model.gain, model.slope, float(model.static_frames), is_static, subsets.half, subsets.level,
-            subsets.rigid, subsets.affine, smoothing, edges, np.ascontiguousarray(chosen, np.int64), found.motion,
-            found.quality, found.scores, found.is_affine, result,
+            (model.gain, model.slope, float(model.static_frames), is_static), subsets.arrays, smoothing, edges,
+            np.ascontiguousarray(chosen, np.int64),
+            (found.motion, found.quality, found.scores, found.is_affine), result,
         )  # fmt: skip
     return result, np.isfinite(result[:, 0])
 
 
 @njit(cache=True)
 def _covariance(
-    gain: Floats,
-    slope: float,
-    static_frames: float,
-    is_static: bool,
-    half: Integers,
-    level: Floats,
-    rigid: Floats,
-    affine: Floats,
+    model: tuple[Floats, float, float, bool],
+    subsets: tuple[Integers, NDArray[np.int8], Floats32, Floats, Floats, Floats, Floats, Floats],
     smoothing: Floats,
     edges: Floats,
     chosen: Integers,
-    motion: Floats,
-    quality: Floats,
-    scores: Floats,
-    is_affine: Flags,
+    found: tuple[Floats, Floats, Floats, Flags],
     result: Floats,
 ) -> None:
     """Fill ``result``, see :func:`covariance`."""
+    gain, slope, static_frames, is_static = model
+    layout, _, _, level, _, _, rigid, affine = subsets
+    motion, quality, scores, is_affine = found
     at_pixels = gain[0] * gain[0]
     shared = (-1.0 if is_static else 1.0) / static_frames
     for q in range(len(chosen)):
@@ -139,7 +134,7 @@ def _covariance(
         inverse = affine[n] if is_affine[q] else rigid[n]
         square = quality[q, 0] ** 2
         # A static frame and the reference share noise; unmoved, their difference is not reduced.
-        sampled = at_pixels if is_static else _interpolated(gain, half[n], motion[q])
+        sampled = at_pixels if is_static else _interpolated(gain, layout[n, 2], motion[q])
         seen = square * sampled + shared * at_pixels
         passed = max(square + shared, 0.0)
         variance = quality[q, 1] / max(level[n, 2] - (8.0 if is_affine[q] else 5.0), 1.0)
