@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         export,
         init,
         inspect,
+        open_lab_session as open_session,
         plan,
         process,
         report,
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
         verdict,
         watch,
     )
-    from pipelines.session._open_session import open_session
     from pipelines.sweeps import sweep
 else:
     __getattr__ = lazily(__name__, above=("pipelines", "instruments", "calibration"))

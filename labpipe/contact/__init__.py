@@ -5,15 +5,19 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.contact.adhesion import (
+    from labpipe.contact._adhesion import (
         AdhesionEstimate as AdhesionEstimate,
         adhesion_in_impact as adhesion_in_impact,
+        adhesive_states as adhesive_states,
         jkr as jkr,
         jkr_at_force as jkr_at_force,
+        lost_energy as lost_energy,
         pull_off as pull_off,
         tabor as tabor,
     )
-    from labpipe.contact.heating import (
+    from labpipe.contact._collision import collision as collision, contact_stiffness as contact_stiffness
+    from labpipe.contact._heating import (
+        NOTICEABLE as NOTICEABLE,
         Heating as Heating,
         flash_temperature as flash_temperature,
         self_heating as self_heating,
@@ -28,7 +32,6 @@ if TYPE_CHECKING:
         indent_load as indent_load,
         tapping_amplitude as tapping_amplitude,
     )
-    from labpipe.contact.lumped import collision as collision
     from labpipe.contact.sphere import load_sphere as load_sphere, press_sphere as press_sphere
 else:
     __getattr__ = lazily(__name__)

@@ -41,7 +41,7 @@ def adhesion(
     Example:
       labpipe simulate adhesion --radius "5 mm" --work "30 mJ/m2" --picture jkr.svg
     """
-    from labpipe.contact.adhesion import adhesive_states
+    from labpipe.contact import adhesive_states
     from pipelines.simulator_inputs import material as load_material
 
     solid = load_material(material, temperature, vertical_shift)

@@ -130,8 +130,7 @@ def heating_rows(
     """Say by how much a drop warms its contact, and what that does to the modulus."""
     import numpy as np
 
-    from labpipe.contact import self_heating
-    from labpipe.contact.heating import NOTICEABLE
+    from labpipe.contact import NOTICEABLE, self_heating
 
     estimate = self_heating(found, material, thermal, temperature)
     over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= NOTICEABLE)

@@ -28,8 +28,8 @@ from scipy.optimize import nnls
 from calibration.camera import pixel_size
 from labpipe import contact, materials
 from labpipe.arrays import Floats
+from labpipe.contact import contact_stiffness
 from labpipe.contact.line import dimensionless_frequency, dimensionless_length, westergaard
-from labpipe.contact.lumped import contact_stiffness
 from labpipe.contact.sphere import hertz
 from labpipe.units import Quantity
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, PERIOD, TIP_RADIUS, least_force

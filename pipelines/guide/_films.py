@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius, hertz_gap
 
@@ -52,5 +53,7 @@ def _write(path: Path, frames: list[NDArray[np.uint8]]) -> None:
             cv2.circle(panel, centre, round(_ENLARGED * radius * 1e-6 / _PIXEL), colour, 2, cv2.LINE_AA)
         cv2.putText(panel, text, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, 2, cv2.LINE_AA)
         panels.append(panel)
-    if not cv2.imwrite(str(path), np.hstack(panels), [cv2.IMWRITE_WEBP_QUALITY, 40]):
-        raise OSError(f"the picture {path} could not be written")
+    written, encoded = cv2.imencode(path.suffix, np.hstack(panels), [cv2.IMWRITE_WEBP_QUALITY, 40])
+    if not written:
+        raise OSError(f"the picture {path} could not be encoded")
+    files.write_bytes(path, encoded.tobytes())

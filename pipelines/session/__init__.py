@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         library_names as library_names,
     )
     from pipelines.session._inspection import Inspected as Inspected, describe as describe, inspect as inspect
+    from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
     from pipelines.session._opening import (
         SCHEMAS as SCHEMAS,
         SETTINGS as SETTINGS,

@@ -145,7 +145,7 @@ class OpenSession(ShownAsTable):
         return self.session._shown()
 
 
-def open_session(folder: str | Path) -> OpenSession:
+def open_lab_session(folder: str | Path) -> OpenSession:
     """Open a session folder as one object.
 
     Parameters
@@ -167,7 +167,7 @@ def open_session(folder: str | Path) -> OpenSession:
 
     Examples
     --------
-    >>> session = open_session("my-session")  # doctest: +SKIP
+    >>> session = lp.open_session("my-session")  # doctest: +SKIP
     >>> session.plot("acrylic_7mm", "repeats", "restitution")  # doctest: +SKIP
     """
     reopen_session(folder)  # every mistake is said at once

@@ -9,7 +9,7 @@ from pipelines.sweeps.parameters import FALL, RUBBER, Outputs, Parameter, Simula
 def adhesion(point: Mapping[str, Value]) -> Outputs:
     """Adhesion of a sphere after JKR, with the relaxed modulus."""
     from labpipe import contact
-    from labpipe.contact.adhesion import lost_energy
+    from labpipe.contact import lost_energy
 
     number, material = numbers(point), solid(point)
     modulus = material.factor("contact") * material.E_relaxed

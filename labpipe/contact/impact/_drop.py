@@ -21,7 +21,7 @@ from labpipe.contact.impact._springs import Profile
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._train import COLUMNS, Train
 from labpipe.contact.memory import Creep
-from labpipe.contact.sphere.counter_body import Substrate, counter_compliance
+from labpipe.contact.sphere import Substrate, counter_compliance
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, require_positive

@@ -11,7 +11,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.impact._motion import blank
 from labpipe.contact.impact._records import Law, Nodes, Path, Room, Scheme
 from labpipe.contact.memory import Creep
-from labpipe.materials.prony import Retardation, relaxation_from_creep
+from labpipe.materials import Retardation, relaxation_from_creep
 
 _STAGES = 5
 # Nodes of a polynomial over the contact radius, and points of the rule that integrates it.

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
 from labpipe.contact.memory import Creep, checked_history, checked_load
-from labpipe.contact.sphere.counter_body import Substrate, counter_compliance
+from labpipe.contact.sphere._counter_body import Substrate, counter_compliance
 from labpipe.contact.sphere.hertz import static_approach, static_load
 from labpipe.contact.springs import Control, March, NotNestedError, SpringBed, sphere_bed
 from labpipe.errors import InputError

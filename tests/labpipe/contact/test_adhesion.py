@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from labpipe.contact import adhesion_in_impact, jkr, jkr_at_force, pull_off, tabor
-from labpipe.contact.adhesion import adhesive_states, lost_energy, regime
+from labpipe.contact._adhesion import adhesive_states, lost_energy, regime
 from labpipe.contact.sphere.hertz import static_load
 from labpipe.errors import InputError
 from labpipe.materials import Prony, load

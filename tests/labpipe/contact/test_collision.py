@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from labpipe.contact.lumped import collision, contact_stiffness
+from labpipe.contact._collision import collision, contact_stiffness
 from labpipe.errors import InputError
 
 RADIUS, MASS = 9.525e-3, 0.505

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe import contact
-from labpipe.contact.sphere.counter_body import COUNTER_BODIES
+from labpipe.contact.sphere._counter_body import COUNTER_BODIES
 from labpipe.materials import Prony
 from tests.labpipe.contact.ting_solution import ting
 

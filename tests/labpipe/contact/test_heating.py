@@ -6,7 +6,7 @@ from scipy.integrate import quad
 
 from labpipe import contact, materials
 from labpipe.contact import flash_temperature, self_heating
-from labpipe.contact.heating import remaining_share
+from labpipe.contact._heating import remaining_share
 from labpipe.errors import InputError
 from labpipe.materials import Thermal, thermal
 
