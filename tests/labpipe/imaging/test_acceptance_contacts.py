@@ -35,15 +35,16 @@ class Score:
 
 
 def score(found: xr.Dataset, truth: Floats, largest: Floats, other_u: float | Floats = 0.0) -> Score:
-    """Compare with the radius in the middle of the exposure; contacts of less than ``least_radius`` may be missed.
+    """Compare with the radius in the middle of the exposure, where that is above ``least_radius``.
 
-    A contact that begins or ends within the exposure may be missed too: half of the frame shows none.
+    A contact that begins or ends within the exposure may be missed: half of the frame shows none.
     """
     seen, radius = found.in_contact.values.astype(bool), found.radius.values
-    measured = np.flatnonzero(seen & (truth > 0.0) & np.isfinite(radius) & (found.method.values != 2))
+    is_large = truth > found.attrs["least_radius"]
+    measured = np.flatnonzero(seen & is_large & np.isfinite(radius) & (found.method.values != 2))
     errors = radius[measured] - truth[measured]
     ratios = errors / np.hypot(found.u_radius.values, other_u)[measured]
-    clear = (truth > found.attrs["least_radius"]) & (largest < 1.3 * truth)
+    clear = is_large & (largest < 1.3 * truth)
     return Score(
         errors, ratios, np.flatnonzero(seen & (largest <= 0.0)).tolist(), np.flatnonzero(~seen & clear).tolist()
     )
