@@ -56,7 +56,7 @@ def test_a_shift_table_of_another_material_is_named(attached: Callable[[str, str
     by_readings = attached("nbr", "shifts.csv")
     assert by_readings.believable == "doubtful"
     (told,) = by_readings.findings
-    assert (told.check, told.file) == ("published shifts", TOML)
+    assert (told.check, told.file) == ("superposition", TOML)
     assert "another material" in told.cause
     by_name = attached("acrylic", "ptfe_shifts.csv")
     assert [f.check for f in by_name.findings] == ["name of the material"]

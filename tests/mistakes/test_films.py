@@ -203,7 +203,7 @@ ROWS = (
     FilmMistake(
         "scale 1.05 times, one impact",
         "impossible",
-        ("lengths come out 1.05 times too large: the scale in",),
+        ("lengths come out 5 % too large: the scale in",),
         lambda film: _larger(1.05)(_one_impact(film)).assign_attrs(phase_scale_ratio=1.05**-2),
     ),
     FilmMistake("stamps exchanged", "impossible", ("exchanged", "frame 181"), _stamps),

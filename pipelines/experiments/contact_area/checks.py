@@ -53,6 +53,8 @@ _LASTS = 0.03
 """Relative, by which gravity and losses (restitutions of 0.4 to 0.93) change a contact's duration over a²."""
 _LARGEST = 0.5
 """Contact radius over the sphere's above which no drop of a solid gets."""
+_CLOCK = 1e-4
+"""Relative uncertainty of the frame rate of a camera."""
 _LIKE_MODEL = (1.6, 0.1)
 """Factor by which a contact radius may miss the model (a ~ E^-0.2: ten times in the modulus), and
 the relative uncertainty of that."""
@@ -477,6 +479,7 @@ def _causes(
             lambda k: f"{colour(k)}{_SPOILED * (abs(log(k)) < _SLIGHT)}",
             tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01),
             slack=_OF_LINES,
+            u=(light.u or usual_uncertainty(light)) / light.value,
             setting="wavelength",
         )
     yield Cause(
@@ -501,6 +504,7 @@ def _causes(
         {FLIGHT: -1.0, DURATION: -1.0},
         lambda k: of_rate(k, _OF_HEIGHT * (1 / _NEAR < k < _NEAR)),
         SLIPS["interval"],
+        u=_CLOCK,
         file="" if is_rate_used(settings.frame_rate, radius) else settings.film,
         setting="frame_rate" if is_rate_used(settings.frame_rate, radius) else "",
     )
@@ -509,6 +513,7 @@ def _causes(
         {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.5},
         lambda k: f"{height(k)}{_LATE * begins_late(k, radius, impacts, settings)}",
         SLIPS["decimal"],
+        u=(settings.height.u or usual_uncertainty(settings.height)) / settings.height.value,
         setting="height",
     )
     mass = times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml")
