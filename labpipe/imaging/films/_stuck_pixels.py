@@ -18,9 +18,8 @@ from labpipe.frames import FrameSource, ShownFrames
 _FRAMES = 8
 #: Standard deviations of noise by which a stuck pixel stands out, and by which its surroundings change and it does not.
 _STANDS_OUT, _CHANGES = 8.0, 4.0
-#: Multiple of the height that 3 % of the pixels of a scene exceed from which one is looked at, and the
-#: share of its height by which the level of a stuck pixel may change.
-_BEYOND_SCENE, _SAME = 1.5, 0.5
+#: Share of its height by which the level of a stuck pixel may change.
+_SAME = 0.5
 
 
 class RepairedFrames(ShownFrames):
@@ -102,10 +101,10 @@ def without_stuck_pixels(
         middle = cv2.medianBlur(grey, 3).astype(np.float32).reshape(-1)
         rest = grey.astype(np.float32).reshape(-1) - middle
         if number == 0:
-            # the median of three by three leaves 0.76 of the noise of a pixel as the median of its absolute value
-            usual, tops = np.percentile(np.abs(rest)[:: max(1, rest.size // 20_000)], (50.0, 97.0))
-            noise = max(float(usual) / 0.76, 0.5 if image.dtype.kind in "iu" else 0.0)
-            least = max(_STANDS_OUT * noise, _BEYOND_SCENE * float(tops))
+            # where the frame is quietest the mean of its absolute value is 0.88 of the noise of a pixel
+            quiet = cv2.blur(np.abs(rest).reshape(grey.shape), (12, 12))
+            noise = max(float(np.percentile(quiet, 3.0)) / 0.88, 0.5 if image.dtype.kind in "iu" else 0.0)
+            least = max(_STANDS_OUT * noise, float(np.percentile(np.abs(rest), 97.0)))
             stuck = np.flatnonzero(np.abs(rest) > least)
             first, around = rest[stuck], middle[stuck]
             changes = np.zeros(len(stuck), bool)

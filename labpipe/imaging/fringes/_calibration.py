@@ -172,11 +172,13 @@ def _searched(attempt: Attempt, known: Calibration, best: Trial, name: str) -> t
 
 
 def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:
-    """Frames whose radius is best known among the larger contacts."""
+    """Frames whose radius is best known among the larger contacts that do not recede: their gap is Hertz's."""
     if not fits:
         return ()
     largest = max(fit.radius for fit in fits.values())
     large = [index for index, fit in fits.items() if fit.radius > 0.5 * largest]
+    growing = [index for index in large if index - 1 not in fits or fits[index].radius > 0.999 * fits[index - 1].radius]
+    large = growing if len(growing) > 2 else large
     # Contacts that hardly move and are seen from all sides come first.
     large.sort(key=lambda index: (fits[index].deviation(Parameter.RADIUS), index))
     return tuple(sorted(large[:_FRAMES]))

@@ -152,7 +152,7 @@ def _place_of(frame: NDArray[np.generic], fit: RingFit) -> Place:
     (x, y), light = fit.centre, fit.value(Parameter.GAIN)
     rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
     inside = frame[(columns - x) ** 2 + (rows - y) ** 2 < max(0.7 * fit.radius, 1.0) ** 2]
-    return Place(x, y, fit.radius, float(np.median(inside)) if inside.size else light, light)
+    return Place(x, y, fit.radius, float(np.median(inside.astype(float))) if inside.size else light, light)
 
 
 def _follow(reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit]) -> dict[int, RingFit]:

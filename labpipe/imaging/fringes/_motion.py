@@ -167,7 +167,8 @@ def allow_for_acceleration(reader: FilmReader, result: FilmResult, time: Floats,
         else:
             share = max(share, abs(moved.radius - fit.radius) / abs(bend))
         result.fits[index] = replace(moved, model_deviation=max(fit.model_deviation, moved.model_deviation))
-        result.motion[index] = share * u
+        # where it travels by more than itself it begins or ends within the exposure
+        result.motion[index] = max(share * u, 0.3 * fit.travel * (fit.travel > fit.radius))
 
 
 def _bend(fits: dict[int, RingFit], index: int, time: Floats, half: float, fit: RingFit) -> tuple[float, float]:
