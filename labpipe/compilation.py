@@ -17,12 +17,12 @@ _Decorator = Callable[[Callable[..., Any]], Any]
 
 def compiled(**options: Any) -> _Decorator:
     """Compile a kernel that Python calls, and keep its machine code; ``options`` are those of ``numba.njit``."""
-    return njit(cache=True, **options)  # type: ignore[no-any-return]
+    return njit(cache=True, **options)
 
 
 def part(**options: Any) -> _Decorator:
     """Compile a function that only kernels call: each of them holds its code."""
-    return njit(**options)  # type: ignore[no-any-return]
+    return njit(**options)
 
 
 #: The same where a division by zero gives infinity, as in NumPy.

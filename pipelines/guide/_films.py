@@ -20,7 +20,7 @@ def write(folder: Path) -> None:
     rng = np.random.default_rng(1)
     contact = [_frame(_rings(a, 0.0), rng) for a in (180e-6, 220e-6, 250e-6)]
     hovering = [_frame(_rings(0.0, gap), rng) for gap in (0.16e-6, 1.3e-6)]
-    disc = _frame(120.0 - 90.0 * (_distance() < 200e-6), rng)
+    disc = _frame(np.asarray(120.0 - 90.0 * (_distance() < 200e-6), float), rng)
     _write(folder / "contact-measured.webp", contact)
     _write(folder / "contact-refused.webp", [*hovering, disc])
 
