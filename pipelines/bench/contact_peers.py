@@ -26,20 +26,6 @@ def line(points: int) -> Floats:
     return np.roll(pressure.ravel(), points // 2) / mean
 
 
-def sphere(points: int) -> tuple[Floats, Floats]:
-    """Return radii over the contact's and pressures over the peak (point²,), a third of the box."""
-    tamaas = _quiet()
-    model = tamaas.ModelFactory.createModel(tamaas.model_type.basic_2d, [1.0, 1.0], [points, points])
-    model.E, model.nu = 1.0, 0.0
-    tamaas.ModelFactory.registerNonPeriodic(model, "dcfft")
-    axis = (np.arange(points) + 0.5) / points - 0.5
-    squares = axis[:, None] ** 2 + axis**2
-    radius = 1.0 / 3.0
-    force = 4.0 / 3.0 * radius**3
-    pressure = _solved(tamaas, model, -0.5 * squares, force, _SPHERE_TOLERANCE, "dcfft")
-    return np.sqrt(squares).ravel() / radius, pressure.ravel() / (2.0 * radius / np.pi)
-
-
 def _quiet() -> Any:
     import tamaas
 

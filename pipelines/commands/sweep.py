@@ -11,7 +11,7 @@ from pipelines.commands.options import cluster_option, echo, echo_json, json_opt
 
 
 @click.command()
-@click.argument("simulator", type=click.Choice(["drop", "indent", "adhesion", "heating", "amplitude"]))
+@click.argument("simulator", type=click.Choice(["drop", "indent", "adhesion", "heating"]))
 @click.option(
     "--vary",
     multiple=True,

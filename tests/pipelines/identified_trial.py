@@ -14,13 +14,13 @@ from labpipe.errors import InputError, LabpipeError
 from labpipe.identification import Evidence, Parameter, Posterior, informative_range, moduli, split_by_group
 from labpipe.materials import Prony
 from labpipe.workflow.results import Results
-from pipelines.bench.identification import is_symmetric
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.identify import Identified, Wish, identify_materials
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.solids import Element, Viscoelastic
 from pipelines.session import derive, opened
+from tests.labpipe.identification.random_rubbers import is_symmetric
 from tests.pipelines.random_sessions import DEPTH, Truth, recorded, write
 
 _PULSE = "pulse shape"  # no number of the rig: a real pulse is none of the fitted shapes

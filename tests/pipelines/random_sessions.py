@@ -15,7 +15,6 @@ import numpy as np
 
 from labpipe import files
 from labpipe.errors import InputError
-from pipelines.bench.identification import random_solid
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.indentation_session import oscillation_section, relaxation_section
@@ -27,6 +26,7 @@ from pipelines.rig.reference_drop import GRAVITY, Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, drop_section, laser_record, session_head
 from pipelines.rig.solids import Viscoelastic
+from tests.labpipe.identification.random_rubbers import random_solid
 
 KINDS = ("drop", "rubber", "hold")
 """A glassy ball on a floor; a rubber held and oscillated; a rubber held."""

@@ -7,6 +7,8 @@ Taylor, K. S. Pister, G. L. Goudreau, 1970, https://doi.org/10.1002/nme.16200201
 (:mod:`labpipe.contact.springs`).
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache

@@ -104,7 +104,8 @@ def without_stuck_pixels(
             # where the frame is quietest the mean of its absolute value is 0.88 of the noise of a pixel
             quiet = cv2.blur(np.abs(rest).reshape(grey.shape), (12, 12))
             noise = max(float(np.percentile(quiet, 3.0)) / 0.88, 0.5 if image.dtype.kind in "iu" else 0.0)
-            least = max(_STANDS_OUT * noise, float(np.percentile(np.abs(rest), 97.0)))
+            # and three times as far as what the scene itself shows
+            least = max(_STANDS_OUT * noise, 3.0 * float(np.percentile(np.abs(rest), 97.0)))
             stuck = np.flatnonzero(np.abs(rest) > least)
             first, around = rest[stuck], middle[stuck]
             changes = np.zeros(len(stuck), bool)

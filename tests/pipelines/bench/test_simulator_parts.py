@@ -6,7 +6,6 @@ import pytest
 
 from pipelines.bench import contact_peers, drop, impact_peer, indentation
 from pipelines.bench.measure import OURS, THESIS, Suite
-from tests.rounding import rounding
 
 
 def by_name(suite: Suite) -> dict[str, float]:
@@ -41,18 +40,15 @@ def test_the_train_is_right_by_default_and_wrong_by_the_thesis(drops: list[Suite
 
 
 def test_indentation_converges_and_names_a_missing_peer() -> None:
-    line, sphere, one, many = indentation.run(True)
+    line, one, many = indentation.run(True)
     errors = by_name(line)
     assert errors["springs, 1024 strips"] < errors["springs, 256 strips"] < 2e-3
-    assert by_name(sphere)["springs, 20 in the radius"] < rounding(10 * 20)
-    assert by_name(sphere)["rings, 320 in the radius"] < 1e-3
     for suite in (one, many):
         assert by_name(suite)["adaptive, rtol 1e-05"] < 3e-5
     has_peer = importlib.util.find_spec("tamaas") is not None
     assert has_peer != any("tamaas" in note for note in line.notes)
 
 
-def test_the_peer_finds_westergaard_and_hertz() -> None:
+def test_the_peer_finds_westergaard() -> None:
     pytest.importorskip("tamaas", reason="the optional peer tamaas is not installed")
     assert indentation._line_error(contact_peers.line(256)) < 3e-3
-    assert indentation._sphere_error(contact_peers.sphere(32)) < 3e-2
