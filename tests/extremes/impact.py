@@ -43,7 +43,6 @@ def any_drop(random: Random) -> Outcome:
     finite = all(np.all(np.isfinite(found[name].values)) for name in series)
     return worst(
         (0.0 if said else error / 6e-3, "unreported energy error 6e-3 at rtol = 1e-3"),
-        (found.attrs["energy_identity_error"] / 1e-10, "the energy identity 1e-10"),
         (below_zero(found.force.values), "a force below zero"),
         (below_zero(np.diff(found.dissipated_energy.values, prepend=0.0)), "dissipation that falls"),
         (below_zero(1.0 + 1e-4 - found.restitution.values), "a rebound faster than the impact"),

