@@ -18,8 +18,8 @@ from labpipe.frames import FrameSource, ShownFrames
 _FRAMES = 8
 #: Standard deviations of noise by which a stuck pixel stands out, and by which its surroundings change and it does not.
 _STANDS_OUT, _CHANGES = 8.0, 4.0
-#: Share of its height by which the level of a stuck pixel may change.
-_SAME = 0.5
+#: Share of its height by which the level of a stuck pixel may change; share of the pixels that stand out as far.
+_SAME, _MOST = 0.5, 0.7
 
 
 class RepairedFrames(ShownFrames):
@@ -104,10 +104,10 @@ def without_stuck_pixels(
             # where the frame is quietest the mean of its absolute value is 0.88 of the noise of a pixel
             quiet = cv2.blur(np.abs(rest).reshape(grey.shape), (12, 12))
             noise = max(float(np.percentile(quiet, 3.0)) / 0.88, 0.5 if image.dtype.kind in "iu" else 0.0)
-            # and three times as far as what the scene itself shows
-            least = max(_STANDS_OUT * noise, 3.0 * float(np.percentile(np.abs(rest), 97.0)))
+            least = max(_STANDS_OUT * noise, float(np.percentile(np.abs(rest), 97.0)))
             stuck = np.flatnonzero(np.abs(rest) > least)
             first, around = rest[stuck], middle[stuck]
+            heights = np.abs(first)
             changes = np.zeros(len(stuck), bool)
         if not len(stuck):
             return film, StuckPixels(0, number + 1)
@@ -117,7 +117,12 @@ def without_stuck_pixels(
         keeps = (level < _CHANGES * noise) | (stands & (level < _SAME * np.abs(first)))
         changes |= np.abs(middle[stuck] - around) > _CHANGES * noise
         stuck, first, around, changes = stuck[keeps], first[keeps], around[keeps], changes[keeps]
-    stuck = stuck[changes]
+    stuck, height = stuck[changes], np.abs(first[changes])
+    # Of a fine scene some pixels keep their level by chance: of those that stand out as far, most must be stuck.
+    height, order = -np.sort(-height), np.argsort(-height)
+    standing = len(heights) - np.searchsorted(np.sort(heights), height)
+    enough = np.flatnonzero(np.arange(1, len(height) + 1) > _MOST * standing)
+    stuck = stuck[order[: enough[-1] + 1]] if len(enough) else stuck[:0]
     if not len(stuck):
         return film, StuckPixels(0, len(chosen))
     mask = np.zeros(film.shape[1] * film.shape[2], bool)
