@@ -9,6 +9,7 @@ that dies breaks the pool: a new one is started, and the calls that were under w
 import contextlib
 import importlib
 import multiprocessing
+import multiprocessing.process
 import os
 import signal
 import sys
@@ -348,13 +349,17 @@ class _Pool:
         self.ear, self.mouth = context.Pipe(duplex=False)
         self.held, self.life = context.Pipe(duplex=False)
         given = (self.mouth, context.Lock(), self.held)
+        self.processes: set[multiprocessing.process.BaseProcess] = set()
         self.executor = ProcessPoolExecutor(size, mp_context=context, initializer=_begin, initargs=given)
         self.listener = threading.Thread(target=self._listen, args=(news,), daemon=True)
         self.listener.start()
 
     def submit(self, call: Call, number: int) -> "Future[Any]":
+        others = set(multiprocessing.active_children())
         with _clean_start():
-            return self.executor.submit(_compute, call, number)
+            future = self.executor.submit(_compute, call, number)
+        self.processes |= set(multiprocessing.active_children()) - others
+        return future
 
     def _listen(self, news: "SimpleQueue[tuple[int, bool, Any]]") -> None:
         with contextlib.suppress(EOFError, OSError):
@@ -367,6 +372,8 @@ class _Pool:
         self.executor.shutdown(wait=False, cancel_futures=True)
         self.mouth.close()
         self.listener.join(_PATIENCE)  # its pipe ends with the last process
+        for process in self.processes:  # whose locks are free, and whose parts nobody writes any more
+            process.join(_PATIENCE)
         self.ear.close()
         self.held.close()
 
