@@ -116,9 +116,11 @@ def _check_archive(path: Path) -> None:
         raise _damaged(path, str(error)) from None
     total = sum(part.file_size for part in parts)
     if not ({"xl/workbook.xml", "xl/workbook.bin"} & names or {"content.xml", "mimetype"} <= names):
-        is_arrays = names and all(name.endswith(".npy") for name in names)
-        text = "an archive of NumPy arrays (.npz)" if is_arrays else "a ZIP archive that holds no workbook"
-        raise SourceError(path, text, hint=NO_WORKBOOK)
+        if names and all(name.endswith(".npy") for name in names):
+            arrays = ", ".join(sorted(name.removesuffix(".npy") for name in names)[:4])
+            hint = f"It is a NumPy archive (.npz) of the arrays {arrays}: save them as CSV with headings and units."
+            raise SourceError(path, "an archive of NumPy arrays (.npz)", hint=hint)
+        raise SourceError(path, "a ZIP archive that holds no workbook", hint=NO_WORKBOOK)
     if total > _MOST_UNPACKED:
         raise SourceError(
             path,

@@ -273,6 +273,8 @@ class _PoolCrew:
         self.news: SimpleQueue[tuple[int, bool, Any]] = SimpleQueue()
         self.numbers = count()
         self.under_way: dict[int, tuple[Any, Tell]] = {}
+        self.heard_out: set[int] = set()
+        self.answers: dict[int, Future[Any]] = {}
 
     @property
     def room(self) -> int:
@@ -284,13 +286,16 @@ class _PoolCrew:
 
     def give(self, key: Any, call: Call, hear: Tell) -> None:
         number = next(self.numbers)
+        future: Future[Any]
         try:
             future = self._started(call).submit(call, number)
-        except BrokenProcessPool:  # a process without a call died
-            if self.under_way:
-                raise
-            self.end()
-            future = self._started(call).submit(call, number)
+        except BrokenProcessPool as death:
+            if self.under_way:  # this call ends with those that were under way
+                future = Future()
+                future.set_exception(death)
+            else:  # a process without a call died
+                self.end()
+                future = self._started(call).submit(call, number)
         self.under_way[number] = key, hear
         future.add_done_callback(lambda done: self.news.put((number, False, done)))
 
@@ -299,24 +304,35 @@ class _PoolCrew:
         if number not in self.under_way:  # an event that its answer has overtaken
             return []
         key, hear = self.under_way[number]
-        if is_event:
+        if is_event and not isinstance(value, _LastWord):
             hear(value)
             return []
-        if isinstance(value.exception(), BrokenProcessPool):
+        if is_event:
+            self.heard_out.add(number)
+        elif isinstance(value.exception(), BrokenProcessPool):
             return self._after_a_death()
-        del self.under_way[number]
-        return [(key, value.result())]
+        else:
+            self.answers[number] = value
+        answer = self.answers.get(number)
+        if answer is None or not (number in self.heard_out or answer.exception() is not None):
+            return []  # events and answers come by two ways: all events are heard before the answer counts
+        del self.under_way[number], self.answers[number]
+        self.heard_out.discard(number)
+        return [(key, answer.result())]
 
     def _after_a_death(self) -> list[tuple[Any, Any]]:
         """Hear what was still told, end the pool, and answer all calls."""
         self.end()
-        ended: list[tuple[Any, Any]] = []
+        ended = [(self.under_way.pop(number)[0], answer.result()) for number, answer in self.answers.items()]
+        self.answers.clear()
+        self.heard_out.clear()
         with contextlib.suppress(Empty):
             while True:
                 number, is_event, value = self.news.get_nowait()
                 key, hear = self.under_way.get(number, (None, _ignore))
                 if is_event:
-                    hear(value)
+                    if not isinstance(value, _LastWord):
+                        hear(value)
                 elif number in self.under_way and value.exception() is None:
                     del self.under_way[number]
                     ended.append((key, value.result()))
@@ -334,6 +350,10 @@ class _PoolCrew:
         if self.pool is not None:
             self.pool.end()
             self.pool = None
+
+
+class _LastWord:
+    """Event after which a call tells no more."""
 
 
 class _Pool:
@@ -424,7 +444,10 @@ def _begin(mouth: Connection, lock: Any, held: Connection) -> None:
 
 
 def _compute(call: Call, number: int) -> Any:
-    return call.run(partial(_mouths[0], number))
+    try:
+        return call.run(partial(_mouths[0], number))
+    finally:
+        _mouths[0](number, _LastWord())
 
 
 # --- a cluster ---------------------------------------------------------------------------------

@@ -26,8 +26,9 @@ def test_a_stage_s_function_takes_what_the_graph_hands_it(kind: str, stage: obje
     assert len(names) == len(stage.inputs)
     if hasattr(function, "inputs"):  # it hands them on by these names
         ends = {given: (given, f"{OTHER}{given}/{JUDGEMENT}", f"{OTHER}laser_experiment/repeats") for given in names}
-        ends |= {"material_file": ("file:sphere.material_file",), "plate": (f"{OTHER}plate_from/plate",)}
-        ends |= {"fitted": (f"{OTHER}sphere.material_from/master_curve",)}
+        sources = {"material_file": "file:sphere.material_file", "plate": f"{OTHER}plate_from/plate"}
+        sources["fitted"] = f"{OTHER}sphere.material_from/master_curve"
+        ends |= {name: (*ends.get(name, ()), given) for name, given in sources.items()}
         assert all(given in ends[name] for name, given in zip(names, stage.inputs, strict=True))
     assert "settings" in parameters
     assert ("context" in parameters) == stage.context

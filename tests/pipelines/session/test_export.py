@@ -148,7 +148,7 @@ def test_wrong_sources_and_names_are_refused(processed_session: Path, tmp_path: 
 
 def test_one_table_says_of_each_quantity_its_value_model_and_verdict(processed_session: Path, tmp_path: Path) -> None:
     (path,) = export(processed_session, "xlsx", out=tmp_path).paths
-    table = pd.read_excel(path, sheet_name="quantities").fillna({"condition": ""})
+    table = pd.read_excel(path, sheet_name="quantities", engine="openpyxl").fillna({"condition": ""})
     table = table.set_index(["experiment", "condition", "quantity"])
     rows = {(r.experiment, r.condition, r.quantity): r for r in compare(processed_session).rows}
     assert set(rows) <= set(table.index)
@@ -165,7 +165,7 @@ def test_one_table_says_of_each_quantity_its_value_model_and_verdict(processed_s
 def test_a_workbook_has_a_sheet_for_each_family_of_curves_and_no_clock(processed_session: Path, tmp_path: Path) -> None:
     (path,) = export(processed_session, "xlsx", out=tmp_path).paths
     first = path.read_bytes()
-    sheet = pd.read_excel(path, sheet_name="ball_drop repeats time", header=None)
+    sheet = pd.read_excel(path, sheet_name="ball_drop repeats time", header=None, engine="openpyxl")
     assert list(sheet.iloc[:4, 0]) == ["drop", "time", "s", sheet.iloc[3, 0]]
     every = int(str(sheet.iloc[3, 0]).split()[2]) if "one of" in str(sheet.iloc[3, 0]) else 1
     expected = result(processed_session, "drop", "repeats")["time"].values[::every]
