@@ -69,7 +69,7 @@ def _struck(x: Floats) -> Floats:
 ROWS = (
     Mistake("table struck before the blow", _changed(_struck, (PTFE,)), "impossible", ("struck the bench",), PTFE),
     # what the session states
-    Mistake("height 50 for 5 mm", _height("ptfe", "5", "50"), "impossible", ("height of ptfe", "drops[3]"), _TOML),
+    Mistake("height 50 for 5 mm", _height("ptfe", "5", "50"), "impossible", ("height of ptfe", "drops no. 4"), _TOML),
     Mistake("acrylic is said to be rubber", setting('"acrylic_dma"', '"nbr_dma"'), "impossible", (), _TOML),
     Mistake(
         "mass ten times too large", setting("505.0 ± 0.5 g", "5.05 ± 0.005 kg"), "doubtful", ("sphere.mass",), _TOML

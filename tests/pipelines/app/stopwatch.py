@@ -117,7 +117,7 @@ def to_verdicts(window: Browser, address: str, *, is_whole: bool = True) -> dict
         reached[point] = (Count(**vars(person.count)), time.monotonic() - began)
 
     window.visit(address)
-    window.until(f"document.querySelectorAll('#file-list li').length === {FILES}")
+    window.until(f"document.querySelectorAll('#file-list li').length === {FILES - 1}")
     person.read()
     person.button("Propose a session", "#files")
     window.until("document.querySelectorAll('#setup-experiments > li').length > 1")

@@ -1,7 +1,5 @@
 """The benchmark's images follow from springs, and its rows hold what they promise."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -35,5 +33,8 @@ def test_rows_reach_the_bound_and_beat_the_edge() -> None:
     default = next(point for point in settings.points if point.is_default)
     assert bound * 0.4 < default.error < 0.01
     assert rows["Otsu's threshold, Taubin's circle"].error > 100.0 * default.error
-    assert all(math.isfinite(point.error) for point in disturbed.points)
+    found = {point.setting: point.error for point in disturbed.points}  # NaN where a film is refused
+    for scene in ("radius moves 10 µm in the exposure", "blur of 1 px", "light ± 30 % from side to side",
+                  "sphere 2 % larger than stated", "ellipse, 1.5 %", "centre at the border"):  # fmt: skip
+        assert found[scene] < 0.02, scene
     assert {point.group for point in settings.points} >= {"", "thesis"}
