@@ -138,7 +138,7 @@ def tabor(
 
 
 def regime(tabor_parameter: float) -> str:
-    """Name the theory that holds [2]_: ``"JKR"`` above 5, ``"DMT"`` below 0.1, ``"transition"`` between them."""
+    """Name the theory that holds: ``"JKR"`` above 5, ``"DMT"`` below 0.1, ``"transition"`` between them."""
     if tabor_parameter >= _JKR_ABOVE:
         return "JKR"
     return "DMT" if tabor_parameter <= _DMT_BELOW else "transition"
@@ -297,7 +297,7 @@ def adhesion_in_impact(
     Notes
     -----
     A moving crack meets the modulus of its own rate: the work to part a viscoelastic solid is up to
-    E_unrelaxed/E_relaxed times w [3]_. Shares are with that factor; a liquid
+    E_unrelaxed/E_relaxed times w at most. Shares are with that factor; a liquid
     (E_relaxed = 0) has no such bound and takes the modulus of the impact in its place.
 
     Examples
