@@ -95,8 +95,9 @@ def outliers(
     Notes
     -----
     A run at either end of the record, which no reading follows, must leave it by more than ``threshold`` of its
-    largest steps. A pulse of four readings or more that rises and falls smoothly is kept: its first and last readings
-    deviate by less than half of its height, and its second differences are below 1.5 times that height.
+    largest steps, and step to it further than twice its own steps: motion may begin or end there. A pulse of four
+    readings or more that rises and falls smoothly is kept: its first and last readings deviate by less than half of
+    its height, and its second differences are below 1.5 times that height.
 
     References
     ----------
@@ -198,8 +199,17 @@ def _deviating(t: Floats, y: Floats, first: int, length: int, sigma: float, thre
     if at_end:
         steps = np.abs(np.diff(y))[~(inside[1:] | inside[:-1])]
         limit = np.maximum(limit, threshold * float(steps.max(initial=0.0)))
+        if not (before and after) and _may_be_motion(y[max(first - 1, 0) : first + length + 1], leading=before > 0):
+            return none
     off = np.abs(residual[inside])
     edges = [i for i, there in ((0, before), (-1, after)) if there]
     bend = np.abs(np.diff(residual[max(first - 1, 0) : first + length + 1], 2)).max(initial=0.0)
     is_abrupt = bend > 1.5 * off.max() or all(off[i] > 0.5 * off.max() for i in edges)
     return off > limit if is_abrupt and all(off[i] > limit[i] for i in edges) else none
+
+
+def _may_be_motion(y: Floats, *, leading: bool) -> bool:
+    """Return whether readings at an end of a record step to the rest of it no further than twice their own steps."""
+    steps = np.abs(np.diff(y))
+    across, within = (steps[0], steps[1:]) if leading else (steps[-1], steps[:-1])
+    return bool(within.size and across < 2.0 * within.max())

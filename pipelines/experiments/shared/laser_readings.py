@@ -41,29 +41,16 @@ def without_outliers(readings: xr.Dataset) -> xr.Dataset:
         if state in readings:
             values = np.where(readings[state].values == 0, values, np.nan)
         found = outliers(values, time)
-        kept = np.isfinite(values) & ~found.flags
-        runs = [run for run in found.runs if not _may_be_motion(values, kept, *run)]
-        if not runs:
+        if not found.runs:
             continue
-        flags = np.zeros(values.size, bool)
-        for first, last in runs:
-            flags[first : last + 1] = True
+        kept = np.isfinite(values) & ~found.flags
         off = np.abs(values - np.interp(time, time[kept], values[kept]))
-        left_out[output] = [(first, last, float(np.nanmax(off[first : last + 1]))) for first, last in runs]
-        made[output] = readings[output].copy(data=np.where(flags, np.nan, readings[output].values))
+        left_out[output] = [(first, last, float(np.nanmax(off[first : last + 1]))) for first, last in found.runs]
+        made[output] = readings[output].copy(data=np.where(found.flags, np.nan, readings[output].values))
         if state in readings:
             codes = readings[state]
-            made[state] = codes.copy(data=np.where(flags, OUTLIER, codes.values).astype(codes.dtype))
+            made[state] = codes.copy(data=np.where(found.flags, OUTLIER, codes.values).astype(codes.dtype))
     return made.assign_attrs(outliers=json.dumps(left_out)) if left_out else readings
-
-
-def _may_be_motion(values: np.ndarray, kept: np.ndarray, first: int, last: int) -> bool:
-    """Tell whether a run at an end of a record is as far as the body moves: it may begin just before a touch."""
-    if first > 0 and last < values.size - 1:
-        return False
-    low, high = float(values[kept].min()), float(values[kept].max())
-    run = values[first : last + 1]
-    return bool(np.nanmin(run) > 2.0 * low - high and np.nanmax(run) < 2.0 * high - low)
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:

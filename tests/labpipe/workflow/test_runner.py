@@ -354,10 +354,11 @@ def test_a_process_that_dies_takes_only_its_task_with_it(tmp_path: Path, how: st
 def test_a_task_whose_worker_was_killed_is_tried_once_more_and_nothing_is_lost(tmp_path: Path) -> None:
     calls, session = tmp_path / "calls", troubled(tmp_path / "s", "scale:die once")
     process = drive(session.root, 2, TOY_DIED=str(tmp_path / "died"), TOY_CALLS=str(calls))
-    assert finish(process).count(": done") == 11
+    out = finish(process)
+    assert out.count(": done") + out.count(": cached") == 11  # cached: stored by a call that the death cut short
     assert len(calls.read_text().split()) in (12, 13)  # one of the other experiment may have been under way
     deaths = [event for event in events(session) if event["event"] == "worker died"]
-    assert ["acrylic", "scale"] in [death["task"][:2] for death in deaths]
+    assert ["acrylic", "scale"] in [death["task"][:2] for death in deaths if death["task"]]
 
 
 def files_match(pattern: str, text: str) -> bool:
