@@ -68,6 +68,7 @@ def outliers(
     longest: int = LONGEST_RUN,
     threshold: float = 8.0,
     neighbours: int = 8,
+    ends: bool = True,
 ) -> Outliers:
     """Find short runs of readings that leave a record and return to it.
 
@@ -86,6 +87,8 @@ def outliers(
         around it. At 8 neither noise nor a kink sampled by any number of readings reaches it.
     neighbours : int
         Readings on either side that a run is compared with.
+    ends : bool
+        Whether a run may lie at an end of the record; not where one reading before or after a step is a measurement.
 
     Returns
     -------
@@ -124,7 +127,7 @@ def outliers(
         found = np.zeros(y.size, bool)
         while True:  # every round flags a reading or is the last
             kept = np.flatnonzero(~found)
-            more, jumps = _round(t[kept], y[kept], sigma, longest, threshold, neighbours)
+            more, jumps = _round(t[kept], y[kept], sigma, longest, threshold, neighbours, ends)
             jumps = [int(read[kept[i]]) for i in jumps]
             if not more:
                 break
@@ -136,7 +139,7 @@ def outliers(
 
 
 def _round(
-    t: Floats, y: Floats, sigma: float, longest: int, threshold: float, neighbours: int
+    t: Floats, y: Floats, sigma: float, longest: int, threshold: float, neighbours: int, ends: bool
 ) -> tuple[list[int], list[int]]:
     """Return the readings of all runs that do not overlap, and the jumps that no run explains."""
     n = y.size
@@ -154,9 +157,9 @@ def _round(
     used = np.zeros(n, bool)
     for length in range(1, longest + 1):
         firsts = set(np.flatnonzero(enters[: n - length + 1] & leaves[length - 1 :]).tolist())
-        if enters[n - length]:
+        if ends and enters[n - length]:
             firsts.add(n - length)
-        if leaves[length - 1]:
+        if ends and leaves[length - 1]:
             firsts.add(0)
         for first in sorted(firsts):
             around = slice(max(first - neighbours, 0), first + length + neighbours)

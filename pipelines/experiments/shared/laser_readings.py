@@ -33,14 +33,14 @@ def readings(path: Path, *, settings: _Recorded) -> xr.Dataset:
     return without_outliers(read_laser(path, settings.keyence))
 
 
-def without_outliers(readings: xr.Dataset) -> xr.Dataset:
-    """Leave out short runs of readings that leave a record and return to it."""
+def without_outliers(readings: xr.Dataset, *, ends: bool = True) -> xr.Dataset:
+    """Leave out short runs of readings that leave a record and return to it; see :func:`labpipe.signals.outliers`."""
     time, made, left_out = readings["time"].values, readings.copy(), {}
     for output in (str(name) for name in readings if str(name).startswith("out")):
         state, values = output.replace("out", "status"), readings[output].values.astype(float)
         if state in readings:
             values = np.where(readings[state].values == 0, values, np.nan)
-        found = outliers(values, time)
+        found = outliers(values, time, ends=ends)
         if not found.runs:
             continue
         kept = np.isfinite(values) & ~found.flags

@@ -25,10 +25,16 @@ from labpipe.errors import InputError
 from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
 from labpipe.variables import from_rows, variable, with_u
+from pipelines.experiments.shared import laser_readings
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, touch_apart, touch_weights, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
+
+
+def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
+    """Read the laser export; a reading at its end is kept: it may be the level before the first load."""
+    return laser_readings.without_outliers(laser_readings.read_laser(path, settings.keyence), ends=False)
 
 
 def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading) -> xr.Dataset:
