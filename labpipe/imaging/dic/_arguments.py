@@ -58,17 +58,6 @@ def check_settings(film: FrameSource, order: int, static_frames: int, blur: floa
             raise InputError(message)
 
 
-def check_seeds(seeds: ArrayLike | None, count: int) -> Floats | None:
-    """Displacements (point, 2), or None."""
-    if seeds is None:
-        return None
-    start = np.array(seeds, float)
-    if start.shape != (count, 2) or not np.isfinite(start).all():
-        message = f"seeds must be finite numbers of shape ({count}, 2), found {start.shape}"
-        raise InputError(message)
-    return start
-
-
 def selected_frames(select: slice | Sequence[int] | NDArray[np.integer] | None, count: int) -> NDArray[np.int64]:
     """Increasing frame numbers."""
     if select is None:

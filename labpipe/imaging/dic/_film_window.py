@@ -1,7 +1,6 @@
 """Read only the rectangle of each frame that the subsets need, and turn it into coefficients."""
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,6 @@ from labpipe.imaging.dic._spline import HORIZON, prefilter
 _GRID = 32
 #: Room around the foreseen subsets (px): the difference between two frames of a fast bounce.
 _SLACK = 8
-
-#: Types of pixels that OpenCV turns into blurred float32 in one go.
-_BLURRED_AS_THEY_ARE = (np.uint8, np.uint16, np.float32)
 
 Box = tuple[int, int, int, int]
 
@@ -60,10 +56,8 @@ def smooth(image: NDArray[np.generic], blur: float, out: Floats32 | None = None)
         return out
     import cv2
 
-    if image.dtype not in _BLURRED_AS_THEY_ARE:
-        image = np.ascontiguousarray(image, np.float32)
     kernel = cv2.getGaussianKernel(2 * int(np.ceil(4.0 * blur)) + 1, blur, cv2.CV_32F)
-    pixels = cast(NDArray[np.float32], image)  # or one of the two other types above
+    pixels = np.ascontiguousarray(image, np.float32)
     cv2.sepFilter2D(pixels, cv2.CV_32F, kernel, kernel, out, borderType=cv2.BORDER_REFLECT_101)
     return out
 

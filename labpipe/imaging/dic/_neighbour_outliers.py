@@ -37,6 +37,15 @@ def carried(motion: Floats, offset: Floats) -> Floats:
     )
 
 
+def _median(values: Floats) -> Floats:
+    """Median along the second axis of what is finite; NaN of nothing."""
+    if not values.shape[1]:
+        return np.full((len(values), *values.shape[2:]), np.nan)
+    ordered, count = np.sort(values, axis=1), np.isfinite(values).sum(axis=1, keepdims=True)
+    middle = [np.take_along_axis(ordered, np.maximum(k, 0), axis=1)[:, 0] for k in ((count - 1) // 2, count // 2)]
+    return np.where(count[:, 0] > 0, 0.5 * (middle[0] + middle[1]), np.nan)
+
+
 class Neighbourhood:
     """Nearest neighbours of every point and what they make of its displacement.
 
@@ -57,13 +66,8 @@ class Neighbourhood:
         Neighbours that are not trusted have NaN; so has the median of a point without any.
         """
         votes = carried(motion[self._near], self._offset)
-        if trusted.all():
-            return votes, np.median(votes, axis=1) if votes.shape[1] else np.full((len(motion), 2), np.nan)
         votes[~trusted[self._near]] = np.nan
-        median = np.full((len(motion), 2), np.nan)
-        asked = np.isfinite(votes[..., 0]).any(axis=1)
-        median[asked] = np.nanmedian(votes[asked], axis=1)
-        return votes, median
+        return votes, _median(votes)
 
     def unsupported(self, motion: Floats, trusted: Flags) -> Flags:
         """Points that not one trusted neighbour supports, though there are neighbours to do so."""
@@ -87,22 +91,11 @@ class Neighbourhood:
         if votes.shape[1] < 3:
             return np.zeros(len(motion), bool), median
         enough = np.isfinite(votes[..., 0]).sum(axis=1) >= 3
-        residual = np.abs(motion[:, [0, 3]] - median) / (_ALLOWED + self._scatter(votes, median))
+        residual = np.abs(motion[:, [0, 3]] - median) / (_ALLOWED + _median(np.abs(votes - median[:, None])))
         fails = trusted & enough & (residual > _THRESHOLD).any(axis=1)
         if fails.any():
             fails &= ~self._supported(votes, motion)
         return fails, median
-
-    @staticmethod
-    def _scatter(votes: Floats, median: Floats) -> Floats:
-        """Median distance (point, 2) [px] of the votes from their median."""
-        apart = np.abs(votes - median[:, None])
-        if np.isfinite(apart).all():
-            return np.asarray(np.median(apart, axis=1))
-        scatter = np.zeros_like(median)
-        asked = np.isfinite(apart[..., 0]).any(axis=1)
-        scatter[asked] = np.nanmedian(apart[asked], axis=1)
-        return scatter
 
     def _supported(self, votes: Floats, motion: Floats) -> Flags:
         """Points with a neighbour whose motion leads where they were found."""

@@ -170,11 +170,11 @@ class Recovery:
         pyramid = self._whole_frame()
         result = {}
         for n in chosen:
-            centre = (int(subsets.x[n]), int(subsets.y[n]))
-            seed = find_subset(tracker.reference.pyramid, pyramid, centre, int(subsets.half[n]))
-            tracker.work.reseeds += 1
-            if seed is not None:
-                result[int(n)] = seed.motion
+            x, y, half = subsets.layout[n, :3].tolist()
+            found = find_subset(tracker.reference.pyramid, pyramid, (x, y), half)
+            tracker.reseeds += 1
+            if found is not None:
+                result[int(n)] = found[0]
         return result
 
     def _whole_frame(self) -> Pyramid:
@@ -188,20 +188,19 @@ class Recovery:
         """Solve from proposed motions; trust those that stay near. True when any did."""
         tracker, attempt = self._tracker, self._attempt
         found = tracker.solve(self._loaded, chosen, start)
-        beyond = (found.solution.code == LEFT_WINDOW) & (found.solution.iterations == 0)
+        beyond = (found.code == LEFT_WINDOW) & (found.iterations == 0)
         if beyond.any() and self._pyramid is None and self._is_in_frame(chosen, start).any():
             self._whole_frame()
             found = tracker.solve(self._loaded, chosen, start)
-        solution = found.solution
-        attempt.iterations[chosen] += solution.iterations
-        attempt.reached[chosen] = (solution.code == LEFT_WINDOW) & (self._loaded.box == tracker.film.whole)
+        attempt.iterations[chosen] += found.iterations
+        attempt.reached[chosen] = (found.code == LEFT_WINDOW) & (self._loaded.box == tracker.film.whole)
         if self._loaded.box != tracker.film.whole:
             attempt.reached[chosen] = ~self._is_in_frame(chosen, start)
-        near = np.hypot(*(solution.motion - start)[:, [0, 3]].T) <= _CONFIRMED
-        good = tracker.accepts(solution.code, solution.zncc) & near
+        near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= _CONFIRMED
+        good = tracker.accepts(found.code, found.zncc) & near
         # A match from the prediction keeps its place unless the new one fits the image as well.
         held = tracker.accepts(attempt.code[chosen], attempt.zncc[chosen])
-        good &= ~held | (solution.zncc > attempt.zncc[chosen] - 0.02)
+        good &= ~held | (found.zncc > attempt.zncc[chosen] - 0.02)
         attempt.take(chosen, found, good)
         attempt.trusted[chosen[good]] = True
         return bool(good.any())

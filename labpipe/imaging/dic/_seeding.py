@@ -31,22 +31,6 @@ _AGREEMENT = 2.5
 
 
 @dataclass(frozen=True)
-class Seed:
-    """Where a subset was found.
-
-    Attributes
-    ----------
-    motion : array (6,)
-        ``(u, u_x, u_y, v, v_x, v_y)`` as in :mod:`._subset_solver`.
-    score : float [1]
-        Correlation of the full-size template.
-    """
-
-    motion: Floats
-    score: float
-
-
-@dataclass(frozen=True)
 class Pyramid:
     """An image and its reduced copy; ``factor`` full pixels make one reduced pixel."""
 
@@ -79,7 +63,7 @@ def make_pyramid(image: Floats32) -> Pyramid:
     return Pyramid(image, np.asarray(small, np.float32), factor)
 
 
-def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int) -> Seed | None:
+def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int) -> tuple[Floats, float] | None:
     """Look for a subset of the reference anywhere in a frame.
 
     Parameters
@@ -93,17 +77,19 @@ def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], hal
 
     Returns
     -------
-    Seed or None
-        None when nothing in the frame resembles the subset.
+    motion : array (6,)
+        ``(u, u_x, u_y, v, v_x, v_y)`` as in :mod:`._subsets`.
+    score : float [1]
+        Correlation of the full-size template. None of both when nothing in the frame resembles the subset.
     """
-    best: Seed | None = None
+    best: tuple[Floats, float] | None = None
     # A wide template is unmistakable, but may hold background; the subset alone does not.
     for reach in sorted({max(half, _TEMPLATE), half}, reverse=True):
         for shift in _coarse_shifts(reference, frame, centre, reach):
-            seed = _refine(reference, frame, centre, half, shift)
-            if seed is not None and (best is None or seed.score > best.score):
-                best = seed
-        if best is not None and best.score > _FULL_SCORE:
+            found = _refine(reference, frame, centre, half, shift)
+            if found is not None and (best is None or found[1] > best[1]):
+                best = found
+        if best is not None and best[1] > _FULL_SCORE:
             return best
     return best
 
@@ -134,29 +120,20 @@ def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], 
 
 def _refine(
     reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int, shift: tuple[int, int]
-) -> Seed | None:
+) -> tuple[Floats, float] | None:
     """Search the full image around a displacement, in tiles when the subset is large."""
     if half <= _WHOLE:
         found = _match_tile(reference, frame, centre, half, shift)
-        if found is None:
-            return None
-        u, v, score = found
-        return Seed(np.array([u, 0.0, 0.0, v, 0.0, 0.0]), score)
+        return None if found is None else (np.array([found[0], 0.0, 0.0, found[1], 0.0, 0.0]), found[2])
     inset = half - _TILE
-    places, shifts, scores = [], [], []
-    for j in (-inset, 0, inset):
-        for i in (-inset, 0, inset):
-            found = _match_tile(reference, frame, (centre[0] + j, centre[1] + i), _TILE, shift)
-            if found is not None:
-                places.append((float(j), float(i)))
-                shifts.append(found[:2])
-                scores.append(found[2])
-    if len(places) < 3:
+    offsets = [(j, i) for j in (-inset, 0, inset) for i in (-inset, 0, inset)]
+    tiles = [_match_tile(reference, frame, (centre[0] + j, centre[1] + i), _TILE, shift) for j, i in offsets]
+    seen = [n for n, tile in enumerate(tiles) if tile is not None]
+    if len(seen) < 3:
         return None
-    motion, fits = fit_motion(np.array(places), np.array(shifts))
-    if fits.sum() < 3:
-        return None
-    return Seed(motion, float(np.mean(np.array(scores)[fits])))
+    places, table = np.array(offsets, float)[seen], np.array([tiles[n] for n in seen])
+    motion, fits = fit_motion(places, table[:, :2])
+    return (motion, float(table[fits, 2].mean())) if fits.sum() >= 3 else None
 
 
 def _match_tile(
@@ -183,7 +160,7 @@ def _match_tile(
 
 
 def fit_motion(places: Floats, shifts: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Fit one rigid motion to displacements of which some may be wrong.
+    """Fit one rigid motion to displacements of which some may be wrong, by random sample consensus.
 
     Parameters
     ----------
@@ -195,42 +172,22 @@ def fit_motion(places: Floats, shifts: Floats) -> tuple[Floats, NDArray[np.bool_
     Returns
     -------
     motion : array (6,)
-        Motion at the origin of ``places``.
+        Motion at the origin of ``places``; zero where no two displacements agree.
     fits : bool array (point,)
-        Which displacements agree with it.
-
-    Notes
-    -----
-    Every pair of points proposes a motion; the one with the most followers wins and is fitted
-    again to all of them. No random choice, so the same input gives the same output.
+        Displacements that agree with it.
     """
-    count = len(places)
-    best = np.zeros(count, bool)
-    for a in range(count):
-        for b in range(a + 1, count):
-            motion = _rigid_through(places[[a, b]], shifts[[a, b]])
-            fits = _misfit(motion, places, shifts) < _AGREEMENT
-            if fits.sum() > best.sum():
-                best = fits
-    if best.sum() < 2:
-        return np.zeros(6), np.zeros(count, bool)
-    motion = _rigid_through(places[best], shifts[best])
-    return motion, _misfit(motion, places, shifts) < _AGREEMENT
+    import cv2
 
-
-def _rigid_through(places: Floats, shifts: Floats) -> Floats:
-    """Least-squares translation and rotation."""
-    middle, mean = places.mean(axis=0), shifts.mean(axis=0)
-    x, y = (places - middle).T
-    moved_x, moved_y = (places - middle + shifts - mean).T
-    angle = np.arctan2((x * moved_y - y * moved_x).sum(), (x * moved_x + y * moved_y).sum())
-    cosine, sine = np.cos(angle) - 1.0, np.sin(angle)
-    u = mean[0] - cosine * middle[0] + sine * middle[1]
-    v = mean[1] - sine * middle[0] - cosine * middle[1]
-    return np.array([u, cosine, -sine, v, sine, cosine])
-
-
-def _misfit(motion: Floats, places: Floats, shifts: Floats) -> Floats:
-    """Distance (px) between displacements and those of a motion."""
-    expected = carried(motion, places)
-    return np.asarray(np.hypot(*(expected - shifts).T))
+    matrix, inliers = None, None
+    if len(places) > 1:
+        matrix, inliers = cv2.estimateAffinePartial2D(
+            places, places + shifts, method=cv2.RANSAC, ransacReprojThreshold=_AGREEMENT
+        )
+    if matrix is None or inliers is None or inliers.sum() < 2:
+        return np.zeros(6), np.zeros(len(places), bool)
+    fits = inliers[:, 0] > 0
+    turn = np.arctan2(matrix[1, 0], matrix[0, 0])
+    cosine, sine = np.cos(turn) - 1.0, np.sin(turn)
+    motion = np.array([0.0, cosine, -sine, 0.0, sine, cosine])
+    motion[[0, 3]] = (shifts[fits] - carried(motion, places[fits])).mean(axis=0)
+    return motion, fits

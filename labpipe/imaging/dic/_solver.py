@@ -40,22 +40,26 @@ class Solution:
         Factor from the frame's grey levels to those of the reference; sum of squared differences in grey levels
         of the reference, gain and offset fitted; zero-normalised cross-correlation; share of the blocks of the
         subset that show nothing of its pattern.
-    scores : array (point, 4)
-        Covariance (dx dx, dy dy, dx dy, rotation²) from the residual itself, see :mod:`._uncertainty`.
+    covariance : array (point, 4)
+        Of dx dx, dy dy, dx dy, and of the rotation: of :func:`solve` from the residual alone, of the tracker
+        with the noise, see :func:`.covariance`.
     iterations : integer array (point,)
         Evaluations of the subset in the frame.
     code : integer array (point,)
         ``SOLVED``, ``LEFT_WINDOW``, ``NOT_CONVERGED`` or ``NO_TEXTURE``.
     is_affine : bool array (point,)
         The subset was solved with stretch and shear.
+    hidden : array (point,)
+        Share of the subset behind a stated obstruction.
     """
 
     motion: Floats
     quality: Floats
-    scores: Floats
+    covariance: Floats
     iterations: Integers
     code: Integers
     is_affine: Flags
+    hidden: Floats
 
     @property
     def zncc(self) -> Floats:
@@ -107,7 +111,7 @@ def solve(
     """
     count = len(chosen)
     found = np.array(motion, np.float64, order="C").reshape(count, 6)
-    quality, scores = np.full((2, count, 4), np.nan)
+    quality, spread = np.full((2, count, 4), np.nan)
     counts = np.zeros((count, 3), np.int64)
     if count:
         corner = (float(origin[0] - PADDING), float(origin[1] - PADDING))
@@ -122,8 +126,8 @@ def solve(
             _MOST_ITERATIONS,
             found,
             quality,
-            scores,
+            spread,
             counts,
             np.zeros((width, width + 2 * LANES), np.float32),
         )
-    return Solution(found, quality, scores, counts[:, 0], counts[:, 1], counts[:, 2] > 0)
+    return Solution(found, quality, spread, counts[:, 0], counts[:, 1], counts[:, 2] > 0, np.zeros(count))

@@ -70,7 +70,7 @@ def _filter_columns(block: Floats32, poles: Floats) -> None:
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def _prefilter_into(image: Floats32, poles: Floats, padded: Floats32) -> None:
-    """Fill ``padded`` with the coefficients of ``image`` and their mirrored border."""
+    """Fill the middle of ``padded`` with the coefficients of ``image``."""
     rows, columns = image.shape
     gain = np.float32(1.0)
     for pole in poles:
@@ -101,21 +101,6 @@ def _prefilter_into(image: Floats32, poles: Floats, padded: Floats32) -> None:
             line = inner[start + r]
             for c in range(columns):
                 line[c] = across[c, r]
-    _mirror_border(padded, rows, columns)
-
-
-@njit(cache=True, nogil=True)
-def _mirror_border(padded: Floats32, rows: int, columns: int) -> None:
-    """Copy the coefficients next to the border to their places beyond it."""
-    for r in range(rows):
-        line = padded[PADDING + r]
-        for k in range(1, PADDING + 1):
-            line[PADDING - k] = line[PADDING + k]
-            line[PADDING + columns - 1 + k] = line[PADDING + columns - 1 - k]
-    for k in range(1, PADDING + 1):
-        for c in range(columns + 2 * PADDING):
-            padded[PADDING - k, c] = padded[PADDING + k, c]
-            padded[PADDING + rows - 1 + k, c] = padded[PADDING + rows - 1 - k, c]
 
 
 def prefilter(image: NDArray[np.generic], order: int, out: Floats32 | None = None) -> Floats32:
@@ -171,6 +156,11 @@ def prefilter(image: NDArray[np.generic], order: int, out: Floats32 | None = Non
     if out is None or out.shape != shape:
         out = np.zeros(shape, np.float32)
     _prefilter_into(np.ascontiguousarray(image, np.float32), np.array(POLES[order]), out)
+    bottom, right = PADDING + rows, PADDING + columns
+    out[PADDING:bottom, :PADDING] = out[PADDING:bottom, 2 * PADDING : PADDING : -1]
+    out[PADDING:bottom, right : right + PADDING] = out[PADDING:bottom, right - 2 : right - 2 - PADDING : -1]
+    out[:PADDING] = out[2 * PADDING : PADDING : -1]
+    out[bottom : bottom + PADDING] = out[bottom - 2 : bottom - 2 - PADDING : -1]
     return out
 
 
@@ -189,22 +179,13 @@ def node_gradients(coefficients: Floats32, order: int) -> tuple[Floats32, Floats
     gradient_x, gradient_y : arrays (row, column) of float32
         Slope along the row (x, to the right) and down the column (y), grey levels per pixel.
     """
-    rows = coefficients.shape[0] - 2 * PADDING - 1
-    columns = coefficients.shape[1] - 2 * PADDING - LANES
-    reach = len(NODE_WEIGHTS[order]) // 2
-    area = coefficients[PADDING - reach : PADDING + rows + reach, PADDING - reach : PADDING + columns + reach]
+    import cv2
 
-    def weigh(values: Floats32, weights: tuple[float, ...], axis: int) -> Floats32:
-        count = values.shape[axis] - 2 * reach
-        parts = [values[k : k + count] if axis == 0 else values[:, k : k + count] for k in range(len(weights))]
-        total = np.zeros(parts[0].shape, np.float32)
-        for part, weight in zip(parts, weights, strict=True):
-            total += np.float32(weight) * part
-        return total
-
-    smooth_y = weigh(area, NODE_WEIGHTS[order], 0)
-    smooth_x = weigh(area, NODE_WEIGHTS[order], 1)
-    return weigh(smooth_y, NODE_SLOPES[order], 1), weigh(smooth_x, NODE_SLOPES[order], 0)
+    inner = slice(PADDING, coefficients.shape[0] - PADDING - 1), slice(PADDING, coefficients.shape[1] - PADDING - LANES)
+    node, slope = np.array(NODE_WEIGHTS[order], np.float32), np.array(NODE_SLOPES[order], np.float32)
+    gradient_x = cv2.sepFilter2D(coefficients, cv2.CV_32F, slope, node)[inner]
+    gradient_y = cv2.sepFilter2D(coefficients, cv2.CV_32F, node, slope)[inner]
+    return np.asarray(gradient_x, np.float32), np.asarray(gradient_y, np.float32)
 
 
 def _impulse_response(order: int, blur: float) -> Floats:

@@ -67,16 +67,6 @@ class Subsets:
         )  # fmt: skip
 
     @property
-    def x(self) -> Integers:
-        """Column of each centre (px)."""
-        return self.layout[:, 0]
-
-    @property
-    def y(self) -> Integers:
-        """Row of each centre (px)."""
-        return self.layout[:, 1]
-
-    @property
     def half(self) -> Integers:
         """Half width of each subset (px)."""
         return self.layout[:, 2]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from labpipe.arrays import Integers
 from labpipe.frames import FrameSource, as_frames
-from labpipe.imaging.dic._arguments import check_points, check_seeds, check_settings, selected_frames
+from labpipe.imaging.dic._arguments import check_points, check_settings, selected_frames
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +37,6 @@ def track(
     static_frames: int = 1,
     *,
     select: slice | Sequence[int] | NDArray[np.integer] | None = None,
-    seeds: ArrayLike | None = None,
     blur: float = DEFAULT_BLUR,
     min_zncc: float = DEFAULT_MIN_ZNCC,
     regions: Sequence[ArrayLike] | None = None,
@@ -67,8 +66,6 @@ def track(
         64 of them lower the noise by 29 % against one.
     select : slice or increasing indices, optional
         Frames wanted; all by default. Others are not read, apart from the static ones.
-    seeds : array (point, 2) [px], optional
-        Displacement to start from in the first frame after the static ones.
     blur : float [px]
         Gaussian blur of reference and frames; 0 for none. The default lowers bias on fine speckle
         and the effect of grain; 1.0 is better for images drowned in noise.
@@ -152,7 +149,6 @@ def track(
     places, half, shapes = check_points(points, subset, shape)
     check_settings(film, order, static_frames, blur, min_zncc)
     wanted = selected_frames(select, len(film))
-    start = check_seeds(seeds, len(places))
     indices = np.union1d(np.arange(static_frames), wanted)
     film, hot = without_stuck_pixels(film, np.isin(np.arange(len(film)), indices))
     inside, obstructed = masks_of(regions, covers, obstructions, film.shape, blur)
@@ -166,9 +162,6 @@ def track(
     for row, loaded in _read_ahead(window, tracker, indices, rows):
         index = int(indices[row])
         tracker.is_static = index < static_frames
-        if start is not None and not tracker.is_static:
-            tracker.start_from(start[reference.usable])
-            start = None
         if loaded.coefficients is not None:
             table.fill(row, follow(tracker, index, loaded), reference, min_zncc)
     work = {
@@ -176,9 +169,9 @@ def track(
         "frames_total": len(film),
         "pixels_read": window.pixels_read,
         "pixels_total": int(np.prod(film.shape)),
-        "subsets_solved": tracker.work.subsets_solved,
-        "iterations": tracker.work.iterations,
-        "reseeds": tracker.work.reseeds,
+        "subsets_solved": tracker.subsets_solved,
+        "iterations": tracker.iterations,
+        "reseeds": tracker.reseeds,
     }
     attrs: dict[str, object] = {"work": work, "note": hot.note}
     return make_dataset(table, reference, film.time, places, half, indices, wanted, indices < static_frames, attrs)

@@ -5,7 +5,7 @@ a template match confirm it: a high correlation alone is no proof, since about o
 seventy that starts too far away converges to a wrong place with a correlation above 0.9.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,15 +26,6 @@ SURPRISE = 1.5
 DROP = 0.85
 #: The constant-velocity prediction is not stretched over more than this times the last step.
 _STRETCH = 3.0
-
-
-@dataclass
-class Work:
-    """Counts of the work."""
-
-    subsets_solved: int = 0
-    iterations: int = 0
-    reseeds: int = 0
 
 
 @dataclass
@@ -74,23 +65,11 @@ class Attempt:
         """Zero-normalised cross-correlation (point,)."""
         return self.quality[:, 2]
 
-    def take(self, chosen: Integers, found: "Found", better: Flags) -> None:
+    def take(self, chosen: Integers, found: Solution, better: Flags) -> None:
         """Replace the results of chosen points where the new ones are better."""
         where = chosen[better]
-        self.motion[where] = found.solution.motion[better]
-        self.quality[where] = found.solution.quality[better]
-        self.covariance[where] = found.covariance[better]
-        self.hidden[where] = found.hidden[better]
-        self.code[where] = found.solution.code[better]
-
-
-@dataclass(frozen=True)
-class Found:
-    """Solution for chosen points, its covariance, and the share of each subset behind a stated obstruction."""
-
-    solution: Solution
-    covariance: Floats
-    hidden: Floats
+        for name in ("motion", "quality", "covariance", "hidden", "code"):
+            getattr(self, name)[where] = getattr(found, name)[better]
 
 
 class Tracker:
@@ -119,7 +98,7 @@ class Tracker:
         self.min_zncc = min_zncc
         self._order = order
         self._obstructed = obstructed
-        self.places = np.stack([reference.subsets.x, reference.subsets.y], axis=1).astype(float)
+        self.places = reference.subsets.layout[:, :2].astype(float)
         self.neighbourhood = Neighbourhood(self.places)
         self._motion = np.zeros((count, 6))
         self._velocity = np.zeros((count, 2))
@@ -131,14 +110,7 @@ class Tracker:
         self.is_static = True
         self._strain_seen = STRAIN_SEEN
         self._predictions: dict[int, Floats] = {}
-        self.work = Work()
-
-    def start_from(self, shifts: Floats) -> None:
-        """Expect displacements (point, 2) in px in the next frame, whatever was before."""
-        self._motion[:, [0, 3]] = shifts
-        self._velocity[:] = 0.0
-        self.is_tracked[:] = True
-        self._predictions.clear()
+        self.subsets_solved = self.iterations = self.reseeds = 0
 
     def predict(self, index: int) -> Floats:
         """Motion (point, 6) expected in a frame, from constant velocity; lost points stay where they were."""
@@ -179,14 +151,14 @@ class Tracker:
         reach_y = half * (1.0 + np.abs(motion[:, 4]) + np.abs(motion[:, 5]))
         return np.array([(x - reach_x).min(), (x + reach_x).max(), (y - reach_y).min(), (y + reach_y).max()])
 
-    def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Found:
+    def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
         """Solve chosen points from a start (point, 6); what a stated obstruction hides is left out."""
-        if self._obstructed is None:
-            return self._solved(loaded, self.reference.subsets, chosen, chosen, start)
         found = self._solved(loaded, self.reference.subsets, chosen, chosen, start)
+        if self._obstructed is None:
+            return found
         hidden: dict[int, Flags] = {}
         # where a subset ends up decides which of its pixels are hidden
-        for at in (start, found.solution.motion):
+        for at in (start, found.motion):
             for k, n in enumerate(chosen):
                 visible = visible_pixels(self._obstructed, self.places[n], int(self.reference.subsets.half[n]), at[k])
                 if visible is not None:
@@ -196,14 +168,13 @@ class Tracker:
                 break
             subsets = self.reference.partly_hidden(chosen[rows], list(hidden.values()))
             part = self._solved(loaded, subsets, np.arange(len(rows)), chosen[rows], start[rows])
-            for name in ("motion", "quality", "scores", "code"):
-                getattr(found.solution, name)[rows] = getattr(part.solution, name)
-            found.solution.iterations[rows] += part.solution.iterations
-            found.covariance[rows] = part.covariance
+            for name in ("motion", "quality", "covariance", "code"):
+                getattr(found, name)[rows] = getattr(part, name)
+            found.iterations[rows] += part.iterations
             found.hidden[rows] = [1.0 - visible.mean() for visible in hidden.values()]
         return found
 
-    def _solved(self, loaded: Loaded, subsets: Subsets, which: Integers, chosen: Integers, start: Floats) -> Found:
+    def _solved(self, loaded: Loaded, subsets: Subsets, which: Integers, chosen: Integers, start: Floats) -> Solution:
         """Run the solver on some subsets, which belong to chosen points, and count its work."""
         smoothing, edges = self.reference.smoothing, self.reference.edges
         if subsets is not self.reference.subsets:
@@ -214,21 +185,21 @@ class Tracker:
             window=loaded.window, inflation=smoothing / self.reference.noise.left,
             strain_seen=self._strain_seen,
         )  # fmt: skip
-        self.work.subsets_solved += len(which)
-        self.work.iterations += int(solution.iterations.sum())
-        spread, _ = covariance(self.reference.noise, subsets, smoothing, edges, which, solution, self.is_static)
-        return Found(solution, spread, np.zeros(len(which)))
+        self.subsets_solved += len(which)
+        self.iterations += int(solution.iterations.sum())
+        spread = covariance(self.reference.noise, subsets, smoothing, edges, which, solution, self.is_static)
+        return replace(solution, covariance=spread)
 
     def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
         """Solve the tracked points from their predictions."""
         chosen = np.flatnonzero(self.is_tracked)
         self._strain_seen = STRAIN_SEEN
         found = self.solve(loaded, chosen, expected[chosen])
-        if self._is_strained(chosen, found.solution):
+        if self._is_strained(chosen, found):
             self._strain_seen = 0.0
             found = self.solve(loaded, chosen, expected[chosen])
         attempt = Attempt.nothing(expected)
-        attempt.iterations[chosen] = found.solution.iterations
+        attempt.iterations[chosen] = found.iterations
         attempt.take(chosen, found, np.ones(len(chosen), bool))
         apart = np.hypot(*(attempt.motion - expected)[:, [0, 3]].T)
         alike = attempt.zncc > DROP * self.last_zncc

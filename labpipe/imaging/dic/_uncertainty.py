@@ -68,8 +68,8 @@ def covariance(
     chosen: Integers,
     found: Solution,
     is_static: bool,
-) -> tuple[Floats, Flags]:
-    """Covariance of (dx, dy, rotation), and whether the subset has texture along its weakest direction.
+) -> Floats:
+    """Covariance of (dx, dy, rotation).
 
     Parameters
     ----------
@@ -90,9 +90,8 @@ def covariance(
 
     Returns
     -------
-    covariance : array (result, 4) [px², px², px², rad²]
-        Of dx dx, dy dy, dx dy, and of the rotation; NaN where there is no texture.
-    has_texture : bool array (result,)
+    array (result, 4) [px², px², px², rad²]
+        Of dx dx, dy dy, dx dy, and of the rotation; NaN where there is no texture along the weakest direction.
 
     Notes
     -----
@@ -106,9 +105,9 @@ def covariance(
         _covariance(
             (model.gain, model.slope, float(model.static_frames), is_static), subsets.arrays, smoothing, edges,
             np.ascontiguousarray(chosen, np.int64),
-            (found.motion, found.quality, found.scores, found.is_affine), result,
+            (found.motion, found.quality, found.covariance, found.is_affine), result,
         )  # fmt: skip
-    return result, np.isfinite(result[:, 0])
+    return result
 
 
 @njit(cache=True)

@@ -198,16 +198,6 @@ def test_a_large_subset_survives_a_jump_with_a_turn() -> None:
     assert float(found.rotation[1, 0]) == pytest.approx(motion.angle, abs=1e-4)
 
 
-def test_seeds_spare_the_search() -> None:
-    motions = (Motion(), Motion(0.3, 60.4))
-    points = grid(SIZE, 60, 20)
-    points = points[stays_inside(points, motions[1], 31)]
-    film = make_film("medium", motions, noise=2.0)
-    found = track(film, points, seeds=np.tile([0.0, 60.0], (len(points), 1)))
-    assert found.valid.all()
-    assert json.loads(found.attrs["work"])["reseeds"] == 0
-
-
 def test_two_bodies_are_followed_each_on_its_own() -> None:
     left, right = make_speckle("medium", SIZE, 1), make_speckle("medium", SIZE, 2)
     frames = []
@@ -416,7 +406,6 @@ def test_static_frames_that_move_are_reported() -> None:
         ({"select": [3, 2]}, "increasing"),
         ({"select": [0.5]}, "whole frame numbers"),
         ({"select": []}, "one or more"),
-        ({"seeds": [(0.0, 0.0), (1.0, 1.0)]}, "seeds"),
         ({"blur": -1.0}, "blur"),
         ({"min_zncc": 1.0}, "min_zncc"),
     ],
