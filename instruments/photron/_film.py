@@ -9,7 +9,6 @@ import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from datetime import UTC
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments._clock import moment
+from instruments._stored_film import StoredFrames, unpacked
 from instruments.photron import frames_of, header_of
 from labpipe.arrays import Flags, Floats
 from labpipe.binary import Window
-from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.frames import IncompleteFilmWarning, ShownFrames
+from labpipe.errors import SourceError, warn_of
+from labpipe.frames import IncompleteFilmWarning
 from labpipe.text import shorten
 
 _LARGEST_SIDE = 1 << 15  # px; no sensor is larger
@@ -204,17 +204,12 @@ def _exposure(values: dict[str, str], rate: float) -> float | None:
     return None
 
 
-class MrawFrames(ShownFrames):
+class MrawFrames(StoredFrames):
     """The frames of a .mraw: ``window`` maps the file, of which the first ``whole`` frames are there completely."""
 
-    def __init__(
-        self, window: Window, header: Header, whole: int, rows: range | None = None, columns: range | None = None
-    ) -> None:
+    def __init__(self, window: Window, header: Header, whole: int) -> None:
+        super().__init__(header.count, header.height, header.width)
         self._window, self._header, self._whole = window, header, whole
-        self._rows = range(header.height) if rows is None else rows
-        self._columns = range(header.width) if columns is None else columns
-        if not self._rows or not self._columns or self._rows.step != 1 or self._columns.step != 1:
-            raise InputError(f"the region of interest {self._rows}, {self._columns} is no rectangle of the image")
 
     @property
     def header(self) -> Header:
@@ -229,22 +224,17 @@ class MrawFrames(ShownFrames):
     @property
     def time(self) -> Floats:
         """Time of every frame in s, the trigger being 0; shape (frame,)."""
-        return (self._header.start + np.arange(len(self))) / self._header.rate
+        return (self._header.start + np.arange(self._count)) / self._header.rate
 
     @property
     def exposure(self) -> Floats | None:
         """Exposure of every frame in s, or None."""
-        return None if self._header.exposure is None else np.full(len(self), self._header.exposure)
+        return None if self._header.exposure is None else np.full(self._count, self._header.exposure)
 
     @property
-    def shape(self) -> tuple[int, int, int]:
-        """Number of frames that the header declares, rows, columns."""
-        return self._header.count, len(self._rows), len(self._columns)
-
-    @cached_property
     def valid(self) -> Flags:
         """False for frames beyond the end of the file; shape (frame,)."""
-        return np.arange(len(self)) < self._whole
+        return np.arange(self._count) < self._whole
 
     @property
     def levels(self) -> tuple[float, float]:
@@ -253,28 +243,19 @@ class MrawFrames(ShownFrames):
 
     def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one frame, first row on top; SourceError where the file does not hold it."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        index = int(index) % len(self)
+        index, header = self._place(index), self._header
         if index >= self._whole:
             raise SourceError(self.path, f"frame {index} is beyond the end of the file", hint="Copy the film again.")
-        header = self._header
         first, last = self._rows.start * header.width, self._rows.stop * header.width  # pixels
-        if header.bits == 12:
-            first, inset = first // 2 * 2, first % 2
-            last += last % 2
+        inset = first % 2 if header.bits == 12 else 0
+        first, last = first - inset, last + (last % 2 if header.bits == 12 else 0)
         start = index * header.frame_bytes
         stored = self._window.bytes[start + first * header.bits // 8 : start + last * header.bits // 8]
         self._window.note_use(stored.size)
+        pixels: NDArray[np.integer[Any]] = stored
         if header.bits == 12:
-            high, middle, low = stored.reshape(-1, 3).astype(np.uint16).T
-            pairs = np.stack([high << 4 | middle >> 4, (middle & 15) << 8 | low], axis=1)
-            pixels = pairs.ravel()[inset : inset + len(self._rows) * header.width]
-        else:
-            pixels = stored.view("<u2") if header.bits == 16 else stored
+            pixels = unpacked(stored[None], 12)[0, inset : inset + len(self._rows) * header.width]
+        elif header.bits == 16:
+            pixels = stored.view("<u2")
         image = pixels.reshape(-1, header.width)[:, self._columns.start : self._columns.stop]
         return np.array(image, np.uint8 if header.bits == 8 else np.uint16)
-
-    def roi(self, rows: slice, columns: slice) -> "MrawFrames":
-        """Return a view of a rectangle of this view; rows outside are not read."""
-        return MrawFrames(self._window, self._header, self._whole, self._rows[rows], self._columns[columns])

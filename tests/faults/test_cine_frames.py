@@ -75,13 +75,6 @@ def test_an_offset_anywhere_spoils_no_other_frame(
     assert sound_frames(read(path), images) == [i for i in range(COUNT) if i != frame]
 
 
-def test_offsets_backwards_are_frames_in_another_order(tmp_path: Path, images: list[np.ndarray]) -> None:
-    places = [(TABLE + 8 * i, "q", FIRST + (COUNT - 1 - i) * FRAME) for i in range(COUNT)]
-    frames = read(film(tmp_path, *places))
-    assert frames.valid.all()
-    assert all(np.array_equal(frames[i], images[COUNT - 1 - i]) for i in range(COUNT))
-
-
 @pytest.mark.parametrize("stated", [1, 3, 5, 7])
 def test_a_count_that_the_stamps_and_the_offsets_contradict_is_refused(tmp_path: Path, stated: int) -> None:
     with pytest.raises(SourceError, match=rf"ImageCount is {stated}, .* of {COUNT} images"):

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from instruments._stored_film import unpacked
 from instruments.phantom import read
-from instruments.phantom._pixels import companded_from_linear, linear_from_companded, pack, unpack10, unpack12
+from instruments.phantom._film import linear_from_companded
 from instruments.phantom._times import TimeFlag
-from instruments.phantom._writer import Recording, write
+from instruments.phantom._writer import Recording, companded_from_linear, pack, write
 from labpipe.errors import InputError, LabpipeError, SourceError
 from labpipe.frames import FrameSource
 
@@ -62,9 +63,9 @@ def test_a_region_outside_the_image_is_refused(tmp_path: Path) -> None:
 
 def test_packing_keeps_every_value() -> None:
     values = np.arange(1024, dtype=np.uint16).reshape(4, 256)
-    assert np.array_equal(unpack10(pack(values, 10)), values)
+    assert np.array_equal(unpacked(pack(values, 10), 10), values)
     values = np.arange(4096, dtype=np.uint16).reshape(4, 1024)
-    assert np.array_equal(unpack12(pack(values, 12)), values)
+    assert np.array_equal(unpacked(pack(values, 12), 12), values)
 
 
 def test_the_linear_scale_meets_its_anchors() -> None:
