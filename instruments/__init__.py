@@ -172,7 +172,7 @@ def _unknown(path: Path, head: bytes) -> SourceError:
     elif path.suffix.lower() in _RAW:
         hint = f"{RAW_FRAMES} Phantom's .cine and TIFF are read with their pixels packed or not."
     elif b"\0" in head and not is_workbook(head):
-        hint = "It is binary, of no format that is known: export readings as text, films as .cine, TIFF, PNG or AVI."
+        hint = "It is binary, of no format that is known: export readings as text, films as TIFF or PNG."
     elif named := columns_hint(head, path):
         hint += f" {named}"
     elif head.lstrip()[:5].lower() in (b"<html", b"<!doc", b"<tabl"):

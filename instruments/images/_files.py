@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from instruments.images._headers import CutOffError, ImageHeader, png_fault, read_headers
-from instruments.images._names import LOSSY, SUFFIXES, images_in, is_numbered
-from instruments.images._pictures import ROUNDED, SMOOTHED, Channel, one_intensity
+from instruments.images import LOSSY, SUFFIXES, images_in, is_numbered
+from instruments.images._colours import ROUNDED, SMOOTHED, Channel, one_intensity
+from instruments.images._headers import UNREADABLE, CutOffError, ImageHeader, checksum_fault, read_headers
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
@@ -239,7 +239,7 @@ class ImageFiles:
             place = self._places[index]
             said = place.header.fault
             if not said and place.header.kind == "PNG":
-                said = png_fault(place.path)
+                said = checksum_fault(place.path)
             elif not said and place.header.is_compressed and self._decoded(place) is None:
                 said = "its compressed pixels cannot be decoded"
             self._faults[index] = said
@@ -296,7 +296,7 @@ class _Pages:
         finalize(self, stream.close)
         try:
             self._lock, self._image = Lock(), Image.open(stream)
-        except (OSError, ValueError, TypeError, SyntaxError):
+        except UNREADABLE:
             raise SourceError(path, "its pages cannot be decoded", hint="Export one image per file.") from None
 
     def __getitem__(self, index: int) -> NDArray[Any] | None:
@@ -306,7 +306,7 @@ class _Pages:
                 self._image.seek(index)
                 shown = self._image.convert("RGB") if self._image.mode in ("P", "RGBA") else self._image
                 image = np.asarray(shown)
-        except (OSError, ValueError, TypeError, SyntaxError, EOFError):
+        except UNREADABLE:
             return None
         # as OpenCV decodes: blue, green, red
         return np.array(image[..., ::-1] if image.ndim == 3 else image)
