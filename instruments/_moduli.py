@@ -7,12 +7,15 @@ Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from instruments._quantities import FREQUENCIES, RESPONSES, SHIFTS, TEMPERATURES, TIMES
 from labpipe.arrays import Floats
+from labpipe.errors import SourceError
+from labpipe.units import ZERO_CELSIUS
 
 _Made = tuple[Floats, Floats]
 
@@ -178,3 +181,19 @@ def _lacking_modulus(has: Set[str]) -> str:
     if has & {"complex_viscosity_real", "complex_viscosity_imaginary"}:
         return "other part of the complex viscosity"
     return "modulus"
+
+
+def celsius(values: Floats, si: str, *, path: Path, line: int, header: str, stated: str) -> Floats:
+    """Convert a column in degC, K or degF to degC.
+
+    Raises
+    ------
+    SourceError
+        It holds a temperature below absolute zero: the unit is that of another scale.
+    """
+    scales = {"K": values - ZERO_CELSIUS, "degF": (values - 32.0) * 5.0 / 9.0}
+    found = scales.get(si, values)
+    if (found < -ZERO_CELSIUS).any():
+        said = f'{header} is in "{stated}" and holds {np.nanmin(values):g}, below absolute zero'
+        raise SourceError(path, said, line=line, hint="Correct the row of units, or export again.")
+    return found

@@ -20,9 +20,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from instruments._quantities import TEXT, quantity, repaired
+from instruments._quantities import TEXT, fold, quantity, repaired
 from instruments._workbook import Cell, text_of
-from instruments.anton_paar import _words as words
 from labpipe.errors import SourceError
 from labpipe.text import listed, shorten
 
@@ -31,6 +30,44 @@ _WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")
 _NUMBER = re.compile(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?")
 _UNITS_WITHIN = 3  # lines below the header: sub-labels, and a line that a hand has added
 _MOST_COLUMNS = 512
+
+#: The meaning of a label before a table, by its spellings.
+_LABELS = {
+    "project": "project, projekt, projet, projeto, file, data series information, datenreihen information",
+    "test": "test, teste, essai, versuch, name",
+    "result": "result, ergebnis, resultat, resultado",
+    "interval": "interval, abschnitt, messabschnitt, intervalle, intervalo",
+    "points": (
+        "number of data points, anzahl datenpunkte, anzahl messpunkte, nombre de points de donnees, "
+        "numero de pontos de dados"
+    ),
+    "header": (
+        "interval data, intervalldaten, abschnittsdaten, intervall daten, intervalle donnees, interval donnees, "
+        "donnees intervalle, dados do intervalo, intervalo dados"
+    ),
+}
+_LABEL_OF = {fold(word): name for name, words in _LABELS.items() for word in words.split(", ")}
+_INVALID = ("invalid", "invalide", "ungultig", "invalido")
+_COUNT = re.compile(r"\s*(\d{1,9})(?:\.0*)?\s*(?:\(\s*(.+?)\s*\))?\s*")
+
+
+def label(text: str) -> str | None:
+    """Return the meaning of a label, or None when it is not known."""
+    return _LABEL_OF.get(fold(text))
+
+
+def point_number(text: str) -> tuple[int, bool] | None:
+    """Read a point number and whether the point is valid; None when it is neither.
+
+    Examples
+    --------
+    >>> point_number("7"), point_number("8 (invalid)"), point_number("8 (perhaps)")
+    ((7, True), (8, False), None)
+    """
+    match = _COUNT.fullmatch(text)
+    if match is None or (match[2] is not None and fold(match[2]) not in _INVALID):
+        return None
+    return int(match[1]), match[2] is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +143,9 @@ class _Reader:
         self.is_rheoplus = False
         self.dangling = 0  # line of a label after the last table
 
-    def fail(self, row: Row, message: str, hint: str = "", column: int | None = None) -> SourceError:
+    def fail(self, row: Row, message: str, hint: str = "") -> SourceError:
         where = f"sheet {row.sheet}: " if row.sheet else ""
-        return SourceError(self.export.path, where + message, line=row.line, column=column, hint=hint)
+        return SourceError(self.export.path, where + message, line=row.line, hint=hint)
 
     def take(self, row: Row) -> None:
         """Take one row in."""
@@ -143,12 +180,12 @@ class _Reader:
         first = cells[0]
         if self.expects == "header" and len(cells) > 2 and not _WHOLE.fullmatch(cells[1]):
             return False
-        return first.endswith(":") or words.label(first) in ("header", "project")
+        return first.endswith(":") or label(first) in ("header", "project")
 
     def _label(self, row: Row, cells: list[str]) -> None:
         values = [c for c in cells[1:] if c]
         text = repaired(" ".join(values))
-        meaning = words.label(repaired(cells[0]))
+        meaning = label(repaired(cells[0]))
         numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
         if meaning is None and self.expects == "header" and self.is_rheoplus:
             # Settings of the interval, which RheoPlus writes between its number of points and its table.

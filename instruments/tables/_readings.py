@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments._moduli import missing, needed, with_moduli
+from instruments._moduli import celsius, missing, needed, with_moduli
 from instruments._quantities import FREQUENCIES, MODULI, RESPONSES, SI_OF, TEMPERATURES, TIMES, fits, slug, unit_of
-from instruments._temperatures import celsius
 from instruments.anton_paar import Column, Interval
 from instruments.tables._headings import Heading, is_of_parameters, is_unit
 from instruments.tables._layout import ABSENT, Block, is_clock, is_numeric

@@ -38,7 +38,6 @@ def recording():
 
 WHOLE = recording()
 TEXT = anton_paar.encode(WHOLE).decode("utf-16")
-COMMA = anton_paar.encode(WHOLE, decimal=",").decode("utf-16")
 
 
 def outcome(folder, data, **options):
