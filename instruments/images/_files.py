@@ -295,14 +295,16 @@ class _Pages:
         stream = path.open("rb")
         finalize(self, stream.close)
         try:
-            self._lock, self._image = Lock(), Image.open(stream)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of fields that are not needed
+                self._lock, self._image = Lock(), Image.open(stream)
         except UNREADABLE:
             raise SourceError(path, "its pages cannot be decoded", hint="Export one image per file.") from None
 
     def __getitem__(self, index: int) -> NDArray[Any] | None:
         try:
             with self._lock, warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of fields that are not needed
+                warnings.simplefilter("ignore")
                 self._image.seek(index)
                 shown = self._image.convert("RGB") if self._image.mode in ("P", "RGBA") else self._image
                 image = np.asarray(shown)

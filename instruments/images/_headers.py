@@ -21,7 +21,9 @@ _ENDS = {"PNG": b"\x00\x00\x00\x00IEND\xaeB`\x82", "JPEG": b"\xff\xd9", "BMP": b
 _COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # of TIFF: none, LZW, JPEG, deflate by two numbers, PackBits
 _COPY = "It is damaged: copy it from the camera again."
 _EXPORT = "Export the film as grey TIFF without compression, or as PNG images."
-UNREADABLE = (OSError, ValueError, TypeError, SyntaxError, EOFError, struct.error, Image.DecompressionBombError)
+UNREADABLE = (
+    OSError, ValueError, TypeError, SyntaxError, EOFError, IndexError, struct.error, Image.DecompressionBombError
+)  # fmt: skip
 """Errors of Pillow over a damaged file."""
 logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # damage is reported once, by an error or a warning of ours
 
@@ -117,7 +119,7 @@ def _tiff(path: Path, size: int) -> list[ImageHeader]:
         with tifffile.TiffFile(path) as film:
             count, is_broken = _pages(path, film)
             headers.extend(_page(path, film.pages[index], size, several=count > 1) for index in range(count))
-    except (tifffile.TiffFileError, IndexError, MemoryError, *UNREADABLE) as error:
+    except (tifffile.TiffFileError, MemoryError, *UNREADABLE) as error:
         is_broken, said = True, str(error)
     if is_broken and not headers:
         raise CutOffError(path, f"the TIFF is cut off or damaged: {said}", hint=_COPY)

@@ -24,7 +24,7 @@ def _recording():
     return keyence.make_recording(outputs, cycle="50 us", start=start, measuring_range=1.99e-3)
 
 
-WHOLE = keyence.encode(_recording(), encoding="utf-8").decode("ascii")
+WHOLE = keyence.encode(_recording()).decode("utf-8-sig")
 HEAD, FIRST_ROW = WHOLE.split("\r\n1,")[0], WHOLE[: WHOLE.index("\r\n1,") + 2].count("\r\n") + 1
 ROWS = WHOLE.split("\r\n")[FIRST_ROW - 1 : -1]
 ROW = ROWS[5]
