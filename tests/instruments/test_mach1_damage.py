@@ -123,7 +123,7 @@ REFUSED = {
         "found the unit 'm'",
     ),
     "no time column": (once("Time, s\t", "Zeit, s\t"), AT - 6, 1, "expected 'Time, s'"),
-    "column named twice": (once("\tFy, N\t", "\tFx, N\t"), AT - 6, 1, "twice"),
+    "column named twice": (once("\tFy, N\t", "\tFx, N\t"), AT - 6, 1, "there are two columns 'Fx'"),
     "column name missing": (once("\tTz, N-mm", ""), AT - 5, None, "9 cells, expected 8"),
     "title missing": (once("<Mach-1 File>\r\n", ""), 1, 1, "expected <Mach-1 File>"),
     "END INFO missing": (once("<END INFO>\r\n", ""), line_of("<END INFO>"), 1, "<END INFO>"),
