@@ -80,7 +80,8 @@ def force(
     checked: dict[str, Any] | str = "no record: the factor of the instrument, uncertainty unknown"
     values: LoadCellValues | None = None
     if record is not None:
-        attrs = readings.attrs | {"sensor": _cell_name(readings.attrs)}
+        names = {(block["load_cell"] or {}).get("name") or "" for block in _blocks(readings.attrs)}
+        attrs = readings.attrs | {"sensor": names.pop() if len(names) == 1 else ""}
         checked = require(record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity)
         values = of_kind(record, LoadCellRecord).values
     gain = values.scale if values else _UNKNOWN
@@ -93,7 +94,11 @@ def force(
     at_rest = _tare(readings, used, zero, step)
     pressed = sign * gain.value * (used - at_rest.level) + 0.0  # no negative zeros
     spread = np.where(is_valid, gain.value * at_rest.noise, np.nan)
-    sources = _sources(pressed, at_rest, step, gain, values, sign)
+    sources = at_rest.sources("tare", "rounding to the cell's step", step, "N", sign * gain.value)
+    if values:
+        sources.append(Source.of("gain", gain, _quiet.largest(pressed) / gain.value))
+    if values and values.linearity:
+        sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
     dimension = str(readings[name].dims[0])
     result = xr.Dataset(
         {
@@ -143,11 +148,6 @@ def _blocks(attrs: Mapping[str, Any]) -> list[dict[str, Any]]:
     return list(json.loads(attrs.get("blocks", "[]")))
 
 
-def _cell_name(attrs: Mapping[str, Any]) -> str:
-    names = {(block["load_cell"] or {}).get("name") or "" for block in _blocks(attrs)}
-    return names.pop() if len(names) == 1 else ""
-
-
 def _tare(readings: xr.Dataset, used: Floats, zero: _quiet.Zero | None, step: float) -> _quiet.Quiet:
     if isinstance(zero, str) and zero != "start":
         raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
@@ -158,17 +158,6 @@ def _tare(readings: xr.Dataset, used: Floats, zero: _quiet.Zero | None, step: fl
     if "block" in readings.coords and "sample" in readings.dims and time.size:
         first = slice(0, int(np.sum(readings["block"].values == readings["block"].values[0])))
     return _quiet.of_zero(time, used, 0.0 if zero is None else zero, resolution=step, first=first)
-
-
-def _sources(
-    pressed: Floats, at_rest: _quiet.Quiet, step: float, gain: Quantity, values: LoadCellValues | None, sign: int
-) -> list[Source]:
-    sources = at_rest.sources("tare", "rounding to the cell's step", step, "N", sign * gain.value)
-    if values:
-        sources.append(Source.of("gain", gain, _quiet.largest(pressed) / gain.value))
-    if values and values.linearity:
-        sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
-    return sources
 
 
 class FilterLag(NamedTuple):
@@ -235,16 +224,16 @@ def filter_lag(
     """
     if frequency <= 0 or order < 1 or cutoff <= 0:
         raise InputError(f"expected positive numbers, found {frequency} Hz, order {order}, {cutoff} Hz")
-    responses = [_response(poles, frequency / cutoff) for poles in _poles(order)]
-    gains = [gain for gain, _ in responses]
-    phases = [phase for _, phase in responses]
-    u_gain = _edge(gains[0], gains)
+    factors = [poles / (poles - 1j * frequency / cutoff) for poles in _poles(order)]
+    gains = [float(np.prod(np.abs(each))) for each in factors]
+    phases = [float(-np.sum(np.angle(each))) for each in factors]  # summed over poles the lag has no jumps
+    u_gain = _edge(gains)
     if measured_delay is not None:
         turn = 2 * math.pi * frequency
         phase, u_phase = turn * measured_delay.value, turn * measured_delay.u
         return FilterLag(gains[0], u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record")
     delay = phases[0] / (2 * math.pi * frequency)
-    return FilterLag(gains[0], u_gain, phases[0], _edge(phases[0], phases), delay, _NOTE)
+    return FilterLag(gains[0], u_gain, phases[0], _edge(phases), delay, _NOTE)
 
 
 @cache
@@ -257,17 +246,10 @@ def _poles(order: int) -> list[Complexes]:
     return [signal.buttap(order)[1], signal.besselap(order, norm="mag")[1], np.full(order, -higher, dtype=complex)]
 
 
-def _response(poles: Complexes, ratio: float) -> tuple[float, float]:
-    """Return amplitude and phase lag; summed over poles the lag has no jumps."""
-    factors = poles / (poles - 1j * ratio)
-    return float(np.prod(np.abs(factors))), float(-np.sum(np.angle(factors)))
-
-
-def _edge(value: float, all_values: list[float]) -> float:
-    """Return the standard deviation about ``value`` of a rectangle over all values."""
-    low, high = min(all_values), max(all_values)
-    centre = (low + high) / 2
-    return math.hypot((high - low) / math.sqrt(12), centre - value)
+def _edge(every: list[float]) -> float:
+    """Return the standard deviation about the first value of a rectangle over all values."""
+    low, high = min(every), max(every)
+    return math.hypot((high - low) / math.sqrt(12), (low + high) / 2 - every[0])
 
 
 def declared_filter(attrs: Mapping[str, Any]) -> dict[str, float] | None:

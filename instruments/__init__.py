@@ -95,12 +95,11 @@ def by_name(name: str) -> Instrument:
     UsageError
         No instrument has that name.
     """
-    for each in OURS:
-        if each.name == name:
-            return each
-    for each in known():
-        if each.name == name:
-            return each
+    found = next((each for each in OURS if each.name == name), None) or next(
+        (each for each in known() if each.name == name), None
+    )
+    if found is not None:
+        return found
     raise UsageError(f'no instrument "{name}"; known are {", ".join(each.name for each in known())}')
 
 

@@ -62,22 +62,6 @@ def test_a_frame_rate_that_is_none_is_refused(tmp_path: Path, fps: float) -> Non
         images.read(folder(tmp_path, ["f0.png"]), fps=fps)
 
 
-def test_regions_and_frames_that_do_not_exist_are_refused(tmp_path: Path) -> None:
-    film = images.read(folder(tmp_path, ["f0.png"]), fps=100.0, exposure=1e-3)
-    assert film.exposure.tolist() == [1e-3]
-    with pytest.raises(IndexError, match="frame 1 of 1"):
-        film[1]
-    for rows in (slice(20, 30), slice(0, 8, 2)):
-        with pytest.raises(InputError, match="region of interest"):
-            film.roi(rows, slice(0, 4))
-
-
-def test_an_image_that_is_another_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "f0.png").write_bytes(b"GIF89a" + bytes(60))
-    with pytest.raises(SourceError, match="neither PNG nor TIFF"):
-        images.read(tmp_path, fps=100.0)
-
-
 @pytest.mark.parametrize(
     "data",
     [

@@ -13,7 +13,7 @@ from PIL import Image
 import instruments
 from instruments.images import _files
 from labpipe.errors import InputError, SourceError
-from labpipe.frames import FrameSource, IncompleteFilmWarning, SmoothedFilmWarning
+from labpipe.frames import FrameSource, IncompleteFilmWarning
 
 
 def images(count: int, dtype: type = np.uint8) -> np.ndarray:
@@ -67,25 +67,6 @@ def test_beside_a_plus_sign_a_minus_sign_is_no_hyphen(tmp_path: Path) -> None:
     found = instruments.read(tmp_path / "f", fps=1.0)
     np.testing.assert_array_equal(np.stack(list(found)), film)
     assert found.time.tolist() == [0.0, 1.0, 2.0, 3.0]
-
-
-def test_what_an_image_is_tells_its_content_and_not_the_end_of_its_name(tmp_path: Path) -> None:
-    film = write_folder(tmp_path / "f", ["a1.png", "a2.png"])
-    for path in sorted((tmp_path / "f").iterdir()):
-        path.rename(path.with_suffix(".jpg"))
-    assert instruments.identify(tmp_path / "f") == "image_stack"
-    np.testing.assert_array_equal(np.stack(list(instruments.read(tmp_path / "f", fps=1.0))), film)
-    write_folder(tmp_path / "g", ["b1.jpg", "b2.jpg"])
-    for path in sorted((tmp_path / "g").iterdir()):
-        path.rename(path.with_suffix(".png"))
-    with pytest.warns(SmoothedFilmWarning, match="JPEG images have"):
-        instruments.read(tmp_path / "g", fps=1.0)
-
-
-def test_without_a_frame_rate_there_is_no_time_and_no_film(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["a1.png", "a2.png"])
-    with pytest.raises(InputError, match="fps=10000"):
-        instruments.read(tmp_path / "f")
 
 
 def test_pages_of_a_tiff_are_frames(tmp_path: Path) -> None:
@@ -261,22 +242,6 @@ def test_threads_that_read_one_video_get_the_frames_they_ask_for(tmp_path: Path,
     np.testing.assert_allclose(seen, 5.0 * asked + 20, atol=2.5)
 
 
-@pytest.mark.parametrize(("suffix", "options"), [("png", []), ("tif", [cv2.IMWRITE_TIFF_COMPRESSION, 5])])
-def test_one_damaged_image_costs_one_frame(tmp_path: Path, suffix: str, options: list[int]) -> None:
-    (tmp_path / "f").mkdir()
-    film = np.random.default_rng(0).integers(0, 4095, (4, 60, 80)).astype(np.uint16)
-    for i, image in enumerate(film):
-        cv2.imwrite(str(tmp_path / f"f/a{i}.{suffix}"), image, options)
-    path = tmp_path / f"f/a2.{suffix}"
-    data = bytearray(path.read_bytes())
-    data[2000:2040] = b"\xff" * 40
-    path.write_bytes(bytes(data))
-    found = instruments.read(tmp_path / "f", fps=1.0)
-    with pytest.warns(IncompleteFilmWarning, match=rf"1 of 4 images is damaged and left out, a2\.{suffix}"):
-        assert found.valid.tolist() == [True, True, False, True]
-    np.testing.assert_array_equal(found[3], film[3])
-
-
 def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> None:
     write_folder(tmp_path / "out", [])
     write_folder(tmp_path / "out/PNG", ["a1.png"])
@@ -375,13 +340,6 @@ def test_times_of_a_clock_are_no_numbers_of_frames(tmp_path: Path, names: list[s
     write_folder(tmp_path / "f", [f"cam_{name}.png" for name in names])
     with pytest.raises(SourceError, match=f"{told}[^\\n]*\n.*number the images in the order"):
         instruments.read(tmp_path / "f", fps=1000.0)
-
-
-@pytest.mark.parametrize("form", ["{i:03d}_cam_{clock}", "cam_{clock}_{i:03d}", "cam_{clock}_{i:03d}_12bit"])
-def test_a_count_beside_the_time_of_a_clock_is_found(tmp_path: Path, form: str) -> None:
-    clocks = enumerate(["145958", "145959", "145959", "150001"])
-    write_folder(tmp_path / "f", [form.format(i=i, clock=clock) + ".png" for i, clock in clocks])
-    np.testing.assert_allclose(instruments.read(tmp_path / "f", fps=1000.0).time, [0, 1e-3, 2e-3, 3e-3])
 
 
 def test_numbers_that_go_up_by_more_than_one_are_told(tmp_path: Path) -> None:

@@ -203,16 +203,6 @@ def test_ambiguous_thousands_are_refused_until_the_decimal_sign_is_given(tmp_pat
     np.testing.assert_allclose(readings.out1.values * 1e3, [1.231, 1.232, 1.233, 1.234])
 
 
-def test_damage_is_still_refused_when_no_layout_is_fixed(tmp_path):
-    text = re.sub(r"\+0(?=\d\.)", "", WHOLE)
-    damaged = text.replace(text.split("\r\n")[LATE - 1], "231,1.2x,0.1")
-    path = tmp_path / "damaged.csv"
-    path.write_text(damaged, newline="")
-    with pytest.raises(SourceError, match=r"'1\.2x'") as caught:
-        keyence.read(path)
-    assert (caught.value.line, caught.value.column) == (LATE, 5)
-
-
 @pytest.mark.parametrize("stride", by_day([7, 1], 1))
 def test_no_truncation_gives_a_shorter_result_without_an_error(tmp_path, stride):
     data = WHOLE.encode()
