@@ -165,8 +165,7 @@ class _Reader:
         if self._is_label(cells):
             self._label(row, cells)
         elif self.current is None and quantity(repaired(cells[0])) == "point" and len(cells) > 2:
-            self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
-            self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
+            self._begin_unstated(row, cells)
         elif self.current is None:
             self._loose(row, cells)
         elif self.expects == "header":
@@ -197,18 +196,22 @@ class _Reader:
             self._begin(row, numbers[0], numbers[1])
             self.is_rheoplus = False
         elif meaning == "header" and len(values) > 1:
-            self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
-            self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
+            self._begin_unstated(row, cells)
         elif meaning == "interval" and len(values) == 1 and numbers:
             self.number = numbers[0]
         elif meaning == "points" and len(values) == 1 and numbers:
-            self._begin(row, self.number or len(self._siblings()) + 1, numbers[0])
+            self._begin(row, self.number or self._next_number(), numbers[0])
             self.number, self.is_rheoplus = None, True
         else:
             self._named(row, meaning, cells[0], text)
 
-    def _siblings(self) -> list[RawInterval]:
-        return [i for i in self.export.intervals if (i.sheet, i.test, i.result) == (self.sheet, self.test, self.result)]
+    def _next_number(self) -> int:
+        place = (self.sheet, self.test, self.result)
+        return sum((i.sheet, i.test, i.result) == place for i in self.export.intervals) + 1
+
+    def _begin_unstated(self, row: Row, cells: list[str]) -> None:
+        self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
+        self._header(self._begin(row, self._next_number(), None), row, cells)
 
     def _named(self, row: Row, meaning: str | None, name: str, text: str) -> None:
         self.export.header.append(f"{name}\t{text}")
@@ -237,11 +240,8 @@ class _Reader:
         while current.headers and not current.headers[-1]:
             current.headers.pop()
         if len(current.headers) < 2 or any(_WHOLE.fullmatch(h) for h in headers):
-            raise self.fail(
-                row,
-                f"found {shorten(' '.join(cells))}, expected the names of the columns",
-                "The lines of the table were changed; export the file again.",
-            )
+            text = f"found {shorten(' '.join(cells))}, expected the names of the columns"
+            raise self.fail(row, text, "The lines of the table were changed; export the file again.")
         self.header_line = row.line
         self.expects = "units"
 
@@ -256,40 +256,22 @@ class _Reader:
             return
         is_number = any(_NUMBER.fullmatch(c) for c in stated)
         if row.line - self.header_line > _UNITS_WITHIN or is_number:
-            raise self.fail(
-                row,
-                "found no row of units such as [Pa] below the names of the columns",
-                "Export again with units; they are not guessed.",
-            )
+            text = "found no row of units such as [Pa] below the names of the columns"
+            raise self.fail(row, text, "Export again with units; they are not guessed.")
         current.sub_labels = inside
 
     def _data(self, current: RawInterval, row: Row, cells: list[str]) -> None:
         # At least the first cell is empty (RheoCompass) or a point number (RheoPlus).
+        compare = "compare the row with its neighbours."
         if current.first and cells[0]:
-            raise self.fail(
-                row,
-                f"found {shorten(cells[0])} where the first cell of a row of data is empty",
-                "A cell was added or moved; compare the row with its neighbours.",
-            )
-        inside = row.cells[current.first :]
-        width = len(current.headers)
-        filled = len(cells) - current.first
-        if filled > width:
-            raise self.fail(
-                row,
-                f"found {filled} cells, expected {width}: {shorten(' '.join(cells))}",
-                "A cell was added; compare the row with its neighbours.",
-            )
-        inside = inside[:width]
-        if not row.sheet and len(inside) < width:
-            lost = current.headers[len(inside) :]
-            if any(quantity(h) not in TEXT for h in lost):
-                raise self.fail(
-                    row,
-                    f"found {len(inside)} cells, expected {width}: {shorten(' '.join(cells))}",
-                    "A cell is missing; compare the row with its neighbours.",
-                )
+            text = f"found {shorten(cells[0])} where the first cell of a row of data is empty"
+            raise self.fail(row, text, f"A cell was added or moved; {compare}")
+        width, filled = len(current.headers), len(cells) - current.first
+        inside = row.cells[current.first :][:width]
         is_short = not row.sheet and len(inside) < width
+        if filled > width or (is_short and any(quantity(h) not in TEXT for h in current.headers[len(inside) :])):
+            text = f"found {max(filled, len(inside))} cells, expected {width}: {shorten(' '.join(cells))}"
+            raise self.fail(row, text, f"A cell {'was added' if filled > width else 'is missing'}; {compare}")
         inside = inside + [None] * (width - len(inside))
         current.rows.append(Row(row.line, inside, row.sheet, is_short))
 
@@ -297,11 +279,8 @@ class _Reader:
         numbers = sum(bool(_NUMBER.fullmatch(c)) for c in cells)
         # Above the first table one number may be a remark; several are a row that lost its table.
         if numbers > (0 if self.export.intervals else 1):
-            raise self.fail(
-                row,
-                f"found {shorten(' '.join(cells))} outside a table",
-                "An empty line stands inside the table, or its header is lost.",
-            )
+            text = f"found {shorten(' '.join(cells))} outside a table"
+            raise self.fail(row, text, "An empty line stands inside the table, or its header is lost.")
         self.export.header.append(" ".join(cells))
 
     def close(self) -> None:
@@ -319,15 +298,8 @@ class _Reader:
             )
             self.export.notes.append(text)
             self.export.cut.append((found.line, text))
-        self._judge_short(found)
-        self.export.intervals.append(found)
-
-    def _judge_short(self, found: RawInterval) -> None:
-        """Mark rows that lost cells, in a table whose other rows are whole.
-
-        Which cell was lost is not known, so no value of such a row can be trusted. Where every row
-        lacks the same text at its end, an editor has taken off what was empty.
-        """
+        # Which cells a row lost is not known, so no value of it is believed; where every row lacks the same text at
+        # its end, an editor has taken off what was empty.
         short = [row.line for row in found.rows if row.is_short]
         if len(short) == len(found.rows):
             found.rows = [replace(row, is_short=False) for row in found.rows]
@@ -336,6 +308,7 @@ class _Reader:
                 f"{listed(short)}: {len(short)} of {len(found.rows)} rows lost cells at "
                 "their end; which ones is not known, so the points are marked invalid"
             )
+        self.export.intervals.append(found)
 
     def finished(self) -> Export:
         """Return what was found, or say that it is nothing."""
@@ -344,9 +317,6 @@ class _Reader:
         if last:
             self.export.notes.append(f"line {last}: the file ends after a label, before its table: it is cut")
         if not any(i.rows for i in self.export.intervals):
-            raise SourceError(
-                self.export.path,
-                "found no table with rows of data",
-                hint="Export the table of the measurement from RheoCompass as CSV or XLSX.",
-            )
+            hint = "Export the table of the measurement from RheoCompass as CSV or XLSX."
+            raise SourceError(self.export.path, "found no table with rows of data", hint=hint)
         return self.export

@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments._stored_film import PACKED_GROUPS
 from instruments.phantom._film import linear_from_companded
 from instruments.phantom._header import TAG_EXPOSURES, TAG_TIMES, Packing
 from labpipe import files
@@ -76,8 +77,8 @@ def write(
         Sizes do not fit the format or each other, or an image is not of the stated shape.
     """
     count, height, width = shape
-    packing = _packing(recording)
-    group = {"10-packed": 4, "12-packed": 2}.get(packing, 1)
+    packing, bits = _packing(recording), recording.bits
+    group = PACKED_GROUPS[bits][0] if recording.packed else 1
     if count < 1 or len(time) != count or width % group:
         raise InputError(
             f"{count} frames of {height} × {width} px with {len(time)} times cannot be stored as {packing}: at least "
@@ -85,35 +86,31 @@ def write(
         )
     if not 0 < recording.exposure < 1:
         raise InputError(f"an exposure of {recording.exposure} s: the format holds more than 0, below 1 s")
-    image_bytes = width * height * {"8": 8, "16": 16}.get(packing, recording.bits) // 8
+    image_bytes = width * height * (16 if packing == "16" else bits) // 8
     head = _head(shape, np.asarray(time, float), recording, packing, image_bytes)
-    size = len(head) + count * (image_bytes + 8)
-    files.write_chunks(path, size, _chunks(head, images, shape, packing, image_bytes))
+
+    def chunks() -> Iterator[bytes]:
+        yield head
+        written = 0
+        for image in images:
+            if image.shape != shape[1:]:
+                raise InputError(f"image {written} has shape {image.shape}, expected {shape[1:]}")
+            yield struct.pack("<II", 8, image_bytes) + _encode(image, packing)
+            written += 1
+        if written != count:
+            raise InputError(f"{written} images were given, {count} were announced")
+
+    files.write_chunks(path, len(head) + count * (image_bytes + 8), chunks())
 
 
 def _packing(recording: Recording) -> Packing:
-    if recording.bits not in _LEVELS or (recording.packed and recording.bits not in {10, 12}):
-        raise InputError(
-            f"{recording.bits} bits{' packed' if recording.packed else ''} is no format of these "
-            "cameras; known are 8, 10, 12, 14, 16, and 10 or 12 packed"
-        )
-    if recording.packed:
-        return "10-packed" if recording.bits == 10 else "12-packed"
-    return "8" if recording.bits == 8 else "16"
-
-
-def _chunks(
-    head: bytes, images: Iterable[NDArray[np.integer]], shape: tuple[int, int, int], packing: Packing, image_bytes: int
-) -> Iterator[bytes]:
-    yield head
-    written = 0
-    for image in images:
-        if image.shape != shape[1:]:
-            raise InputError(f"image {written} has shape {image.shape}, expected {shape[1:]}")
-        yield struct.pack("<II", 8, image_bytes) + _encode(image, packing)
-        written += 1
-    if written != shape[0]:
-        raise InputError(f"{written} images were given, {shape[0]} were announced")
+    bits, packed = recording.bits, recording.packed
+    if bits not in _LEVELS or (packed and bits not in PACKED_GROUPS):
+        text = f"{bits} bits{' packed' if packed else ''} is no format of these cameras; known are 8, 10, 12, 14, 16, "
+        raise InputError(text + "and 10 or 12 packed")
+    if packed:
+        return "10-packed" if bits == 10 else "12-packed"
+    return "8" if bits == 8 else "16"
 
 
 def _encode(image: NDArray[np.integer], packing: Packing) -> bytes:
