@@ -1,11 +1,13 @@
 """Films in files of any kind: the rectangle of their frames that is shown, and pixels without gaps between them."""
 
 import copy
-from typing import Self
+from pathlib import Path
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.binary import Window
 from labpipe.errors import InputError
 from labpipe.frames import ShownFrames
 
@@ -46,6 +48,27 @@ class StoredFrames(ShownFrames):
         if not -self._count <= index < self._count:
             raise IndexError(f"frame {index} of {self._count}")
         return int(index) % self._count
+
+
+_Header = TypeVar("_Header", bound=Any)  # with count, height and width [px]
+
+
+class MappedFrames(StoredFrames, Generic[_Header]):
+    """Frames of a camera's own file: ``window`` maps it, ``header`` describes it."""
+
+    def __init__(self, window: Window, header: _Header) -> None:
+        super().__init__(header.count, header.height, header.width)
+        self._window, self._header = window, header
+
+    @property
+    def header(self) -> _Header:
+        """Description of the film by the camera."""
+        return self._header
+
+    @property
+    def path(self) -> Path:
+        """The file of the frames."""
+        return self._window.path
 
 
 def unpacked(stored: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:

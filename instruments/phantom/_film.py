@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments._stored_film import PACKED_GROUPS, StoredFrames, unpacked
+from instruments._stored_film import PACKED_GROUPS, MappedFrames, unpacked
 from instruments.phantom._header import Header, read_header
 from instruments.phantom._times import TimeAxis, exposure_times, longest_order, time_axis
 from labpipe.arrays import Flags, Floats, Integers
@@ -72,22 +72,8 @@ def read(path: str | os.PathLike[str]) -> "CineFrames":
     return CineFrames(window, header)
 
 
-class CineFrames(StoredFrames):
-    """The frames of a .cine file: ``window`` maps it, ``header`` describes it."""
-
-    def __init__(self, window: Window, header: Header) -> None:
-        super().__init__(header.count, header.height, header.width)
-        self._window, self._header = window, header
-
-    @property
-    def header(self) -> Header:
-        """Description of the film by the camera."""
-        return self._header
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self._window.path
+class CineFrames(MappedFrames[Header]):
+    """The frames of a .cine file."""
 
     @cached_property
     def time_axis(self) -> TimeAxis:

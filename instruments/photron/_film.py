@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments._clock import moment
-from instruments._stored_film import StoredFrames, unpacked
+from instruments._stored_film import MappedFrames, unpacked
 from instruments.photron import frames_of, header_of
 from labpipe.arrays import Flags, Floats
 from labpipe.binary import Window
@@ -188,22 +188,12 @@ def _exposure(nanoseconds: str, seconds: str, rate: float) -> float | None:
     return None
 
 
-class MrawFrames(StoredFrames):
-    """The frames of a .mraw: ``window`` maps the file, of which the first ``whole`` frames are there completely."""
+class MrawFrames(MappedFrames[Header]):
+    """The frames of a .mraw, of which the first ``whole`` are there completely."""
 
     def __init__(self, window: Window, header: Header, whole: int) -> None:
-        super().__init__(header.count, header.height, header.width)
-        self._window, self._header, self._whole = window, header, whole
-
-    @property
-    def header(self) -> Header:
-        """Description of the frames by the camera."""
-        return self._header
-
-    @property
-    def path(self) -> Path:
-        """The file of the frames."""
-        return self._window.path
+        super().__init__(window, header)
+        self._whole = whole
 
     @property
     def time(self) -> Floats:
