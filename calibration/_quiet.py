@@ -177,7 +177,7 @@ def largest(values: Floats) -> float:
 def _begins_in_motion(values: Floats, resolution: float) -> bool:
     """Return whether a beginning has a slope that is real, moves its level by more than its noise, and goes on.
 
-    One of 10,000 beginnings at rest has such a slope by chance; what follows it lies on the level again.
+    One of 10,000 beginnings at rest has such a slope by chance; the readings behind it are on the level again.
     """
     slope, u_slope, noise = _slope(values[:_FIRST], resolution)
     if abs(slope) <= _FACTOR * u_slope or abs(slope) * _FIRST <= 2 * noise:

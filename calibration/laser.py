@@ -182,7 +182,7 @@ def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[Floats
 
 
 def _as_read(zero: _quiet.Zero, unit_of_reading: str, values: LaserValues) -> _quiet.Zero:
-    """Return a zero in the unit of the readings: a displayed length as the voltage that stands for it."""
+    """Return a zero in the unit of the readings: a displayed length as its voltage."""
     if not isinstance(zero, Quantity) or zero.si == unit_of_reading:
         return zero
     if (zero.si, unit_of_reading) == ("m", "V") and values.volt_scale is not None:

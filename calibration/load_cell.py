@@ -47,14 +47,14 @@ def force(
         Over ``time`` (one block) or ``sample`` (a file of several blocks), with ``force_z`` [N].
     record : Record, optional
         Of the kind ``load_cell``; without one the factor that the instrument applied is kept,
-        ``u_gain`` is NaN, and the budget holds only what the readings themselves show.
+        ``u_gain`` is NaN, and the budget holds only the scatter of the readings themselves.
     axis : {"x", "y", "z"}
         Which force.
     zero : "start" or (float, float) or Quantity or float, optional
         Where the force is zero: the quiet beginning of the (first) block, a window of it in s,
         or a reading [N]. By default nothing is subtracted: a block may begin under load.
     compression_sign : {1, -1}, optional
-        Where the file does not tell the type of its load cell.
+        Where the file does not state the type of its load cell.
     measured, ignore_validity
         See :func:`calibration.record.require`.
 
@@ -161,7 +161,7 @@ def _tare(readings: xr.Dataset, used: Floats, zero: _quiet.Zero | None, step: fl
 
 
 class FilterLag(NamedTuple):
-    """What a low-pass does to a sinusoid.
+    """Effect of a low-pass on a sinusoid.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ class FilterLag(NamedTuple):
     delay : float [s]
         The same as a time.
     note : str
-        What is assumed.
+        The assumption.
     """
 
     gain: float
@@ -241,7 +241,7 @@ def _poles(order: int) -> list[Complexes]:
     """Poles of Butterworth, Bessel and equal real poles, all 1/√2 at the angular frequency 1."""
     from scipy import signal  # loads SciPy's statistics, which a comparison of stored results does not need
 
-    # n equal real poles have amplitude 1/√2 at the cutoff when each lies this much higher.
+    # n equal real poles have amplitude 1/√2 at the cutoff when each is this much higher.
     higher = 1.0 / math.sqrt(2.0 ** (1.0 / order) - 1.0)
     return [signal.buttap(order)[1], signal.besselap(order, norm="mag")[1], np.full(order, -higher, dtype=complex)]
 

@@ -166,7 +166,7 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     valid_from, valid_until : date
         Both days included.
     who, how : str
-        Who calibrated, and by what.
+        Person who calibrated, and the method.
     when : date
         When.
     """
@@ -369,7 +369,7 @@ def _check_sensor(record: Record, attrs: Mapping[str, Any]) -> str:
 def _check_validity(
     record: Record, attrs: Mapping[str, Any], measured: str | date | None, ignore_validity: bool
 ) -> tuple[str, str]:
-    """Say how a record's period lies to the day of a measurement, and why that is not known, if it is not."""
+    """Compare the period of a record with the day of a measurement; return the result, and the reason if unknown."""
     day = _day(measured if measured is not None else str(attrs.get("start", "")))
     if day is None:
         return "not known: the recording holds no day, and none is stated", UNDATED
@@ -388,7 +388,7 @@ def _check_validity(
 
 
 def _recorded_day(attrs: Mapping[str, Any]) -> str:
-    """Return the day that the readings themselves say, "" where they have none or their clock tells no day."""
+    """Return the day that the readings themselves say, "" where they have none or their clock cannot be right."""
     day = _day(str(attrs.get("start", "")))
     return "" if day is None or not _CLOCKS_SET <= day <= date.today() else day.isoformat()
 

@@ -144,7 +144,7 @@ def _omega(columns: Mapping[str, Any]) -> Floats | None:
 
 
 def missing(names: Set[str]) -> str:
-    """Say what columns lack to be sweeps, responses over time or shift factors; "" for nothing.
+    """Name the quantities that columns lack to be sweeps, responses over time or shift factors; "" for nothing.
 
     Examples
     --------

@@ -69,7 +69,7 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
     Raises
     ------
     InputError
-        One name stands for two SI units.
+        One name has two SI units.
     """
     counts = [interval.point.size for interval in intervals]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)

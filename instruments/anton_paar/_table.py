@@ -311,7 +311,7 @@ class _Reader:
         self.export.intervals.append(found)
 
     def finished(self) -> Export:
-        """Return what was found, or say that it is nothing."""
+        """Return the export; refuse one without a row of data."""
         last = self.dangling if self.current is None else 0
         self.close()
         if last:

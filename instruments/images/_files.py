@@ -146,7 +146,7 @@ def _signed(stem: str, found: "re.Match[str]", has_plus: bool) -> int:
 
 
 class ImageFiles:
-    """Images in files; what is wrong with one is found out when it is asked for.
+    """Images in files; damage of one is found when it is asked for.
 
     ``path`` is the folder or file that warnings name; ``channel`` is the one that is taken of colours.
     """

@@ -103,7 +103,7 @@ def read(
     Raises
     ------
     SourceError
-        With file, line and column of what is wrong, or with the option that is needed.
+        With file, line and column of the fault, or with the option that is needed.
 
     Examples
     --------

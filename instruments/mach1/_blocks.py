@@ -141,7 +141,7 @@ class Block:
 
 
 class Options(NamedTuple):
-    """What the caller allows: a decimal comma, a file cut short, rows missing inside."""
+    """Departures that the caller allows: a decimal comma, a file cut short, rows missing inside."""
 
     decimal: str = "."
     allow_incomplete: bool = False

@@ -171,7 +171,7 @@ class CineFrames(MappedFrames[Header]):
         return max(either, key=lambda kept: np.count_nonzero(np.diff(apart[kept]) == 0))  # frames have no gaps
 
     def _fault(self, index: int) -> str:
-        """Describe what is wrong with a frame's place in the file, "" for nothing."""
+        """Describe the fault of a frame's place in the file, "" for none."""
         start, size = int(self._header.offsets[index]), self._window.size
         self._window.note_use(_FAULT_AROUND)
         if not 0 <= start <= size - 8:

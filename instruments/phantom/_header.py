@@ -85,7 +85,7 @@ def read_header(window: Window) -> Header:
     Raises
     ------
     SourceError
-        The file is no .cine, is colour or compressed, or declares what it does not hold.
+        The file is no .cine, is colour or compressed, or declares more than it holds.
     """
     if window.take(0, 2, "the file type") != b"CI":
         raise SourceError(

@@ -174,7 +174,7 @@ def longest_order(values: Floats) -> Flags:
     if (np.diff(values) >= 0).all():
         return np.ones(values.size, dtype=bool)
     ends: list[float] = []  # smallest last value of a subsequence of each length
-    at: list[int] = []  # where that value stands
+    at: list[int] = []  # index of that value
     before = np.full(values.size, -1)
     for i, value in enumerate(values.tolist()):
         length = bisect_right(ends, value)

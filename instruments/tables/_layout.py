@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from instruments._quantities import BESIDE, fits
+from instruments._quantities import OTHERS, fits
 from instruments.tables._headings import Heading, facts, is_begin, parsed, stated_in_title
 
 #: Ways to part a line, in the order in which they are tried.
@@ -258,7 +258,7 @@ def _is_row(line: str, block: Block, separator: str) -> bool:
     known = [
         cell
         for heading, cell in zip(block.headings, trimmed(cells(line, way)), strict=False)
-        if heading.is_known and heading.name not in BESIDE and heading.name not in ("set", "point") and cell
+        if heading.is_known and heading.name not in OTHERS and heading.name not in ("set", "point") and cell
     ]
     good = sum(is_numeric(cell) or cell.casefold() in ABSENT or is_clock(cell) for cell in known)
     return bool(known) and good == len(known) and any(map(is_numeric, known))
