@@ -85,11 +85,6 @@ def _has(columns: Mapping[str, Any], needed: tuple[str, ...]) -> bool:
     return all(name in columns or (name == "ω" and not FREQUENCIES.isdisjoint(columns)) for name in needed)
 
 
-def _made(columns: Mapping[str, Any], needed: tuple[str, ...], way: Callable[..., _Made]) -> _Made:
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return way(*(_omega(columns) if name == "ω" else _values(columns[name]) for name in needed))
-
-
 def _values(column: Any) -> Floats:
     return np.asarray(column.values, dtype=float)
 
@@ -108,7 +103,11 @@ def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
         A sentence on every quantity that is given twice and does not agree: then a unit or a heading is
         wrong. Rounding to two digits is no contradiction.
     """
-    made = [(needed, _made(columns, needed, way)) for needed, way in _WAYS if _has(columns, needed)]
+    arrays = {name: _values(column) for name, column in columns.items() if column.si}
+    if "angular_frequency" in arrays or "frequency" in arrays:
+        arrays["ω"] = arrays.get("angular_frequency", 2.0 * np.pi * arrays.get("frequency", np.nan))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        made = [(needed, way(*(arrays[name] for name in needed))) for needed, way in _WAYS if _has(columns, needed)]
     said = [f"{text}; check headings and units, one of them is wrong" for text in _contradictions(columns, made)]
     if not made:
         return columns, said
@@ -133,14 +132,6 @@ def needed(names: set[str]) -> set[str]:
     temperatures, responses = names & {*TEMPERATURES}, names & RESPONSES
     wanted = way | temperatures | FREQUENCIES | responses
     return names & (wanted | (TIMES if responses else set()) | (SHIFTS if temperatures else set()))
-
-
-def _omega(columns: Mapping[str, Any]) -> Floats | None:
-    if "angular_frequency" in columns:
-        return _values(columns["angular_frequency"])
-    if "frequency" in columns:
-        return 2.0 * np.pi * _values(columns["frequency"])
-    return None
 
 
 def missing(names: Set[str]) -> str:

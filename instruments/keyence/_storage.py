@@ -255,6 +255,8 @@ def _assemble(
     entries: Mapping[str, tuple[int, tuple[str, ...], str]] = header.entries
     named = {n: " ".join(entries[n][1]).strip() for n in ("model", "serial", "head") if n in entries}
     averaging = _stated_count(source.path, header, "averaging")
+    date, clock = (" ".join(entries.get(name, (0, (), ""))[1]).strip() for name in ("date", "clock"))
+    start = moment(f"{date} {clock}".strip()) or moment(date)  # None in a form that is ambiguous
     states = {name: np.bincount(column[1]) for name, column in variables.items() if name.startswith("status")}
     counts = {name: {Status(k).name: int(n) for k, n in enumerate(found) if n} for name, found in states.items()}
     attrs = {
@@ -262,7 +264,7 @@ def _assemble(
         **named,
         "source": source.path.name,
         "layout": "assumed",
-        "start": _stated_start(header),
+        "start": "" if start is None else start.isoformat(),
         "clock": "none: a counter of samples" if header.times is None else "times of the rows",
         "sampling_cycle": cycle,
         "storage_factor": factor,
@@ -426,10 +428,3 @@ def _stated_count(path: Path, header: Header, meaning: str) -> int | None:
     if len(found) != 1 or not re.fullmatch(r"[0-9]{1,12}", next(iter(found))):
         raise SourceError(path, f"found {shorten(','.join(cells))}, expected one whole number", line=line)
     return int(found.pop())
-
-
-def _stated_start(header: Header) -> str:
-    """Return the ISO start, or "" when there is no date of a form that is not ambiguous."""
-    date, clock = (" ".join(header.entries.get(name, (0, (), ""))[1]).strip() for name in ("date", "clock"))
-    found = moment(f"{date} {clock}".strip()) or moment(date)
-    return found.isoformat() if found else ""
