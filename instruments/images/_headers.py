@@ -118,6 +118,10 @@ def _tiff(path: Path, size: int) -> list[ImageHeader]:
     try:
         with tifffile.TiffFile(path) as film:
             count, is_broken = _pages(path, film)
+            stated = int((film.imagej_metadata or {}).get("images", 1)) if film.is_imagej else 1
+            if stated > count and not is_broken:  # ImageJ describes only the first image of a stack beyond 4 GB
+                text = f"ImageJ states {stated} images, of which {count} are described in the file"
+                raise SourceError(path, text, hint="Save the stack as an image sequence of TIFF or PNG files.")
             headers.extend(_page(path, film.pages[index], size, several=count > 1) for index in range(count))
     except (tifffile.TiffFileError, MemoryError, *UNREADABLE) as error:
         is_broken, said = True, str(error)

@@ -103,6 +103,13 @@ def test_a_tiff_of_several_pages_gives_those_before_the_cut(tmp_path: Path) -> N
         np.testing.assert_array_equal(found[int(index)], film[index])
 
 
+def test_a_stack_of_imagej_beyond_four_gigabytes_is_not_taken_for_its_first_image(tmp_path: Path) -> None:
+    note = "ImageJ=1.53t\nimages=500\nslices=500\n"
+    Image.fromarray(images(1)[0]).save(tmp_path / "f.tif", tiffinfo={270: note})
+    with pytest.raises(SourceError, match="ImageJ states 500 images, of which 1 are described"):
+        instruments.read(tmp_path / "f.tif", fps=1.0)
+
+
 def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
     header = struct.pack(">IIBBBBB", 60000, 60000, 8, 0, 0, 0, 0)
     chunk = b"IHDR" + header
