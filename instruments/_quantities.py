@@ -250,7 +250,7 @@ _SPELLINGS = {
     "1/gpa": Unit(1e-9, "1/Pa"),
     **dict.fromkeys(("hertz", "hz"), Unit(1.0, "Hz")),
     **dict.fromkeys(("rpm", "rev/min"), Unit(1.0 / 60.0, "Hz")),
-    **dict.fromkeys(("seconds", "second", "sec"), Unit(1.0, "s")),
+    **dict.fromkeys(("seconds", "second", "sec", "s"), Unit(1.0, "s")),
     **dict.fromkeys(("minutes", "minute"), Unit(60.0, "s")),
     **dict.fromkeys(("hours", "hour", "hr"), Unit(3600.0, "s")),
     **dict.fromkeys(("meter", "metre", "meters", "metres"), Unit(1.0, "m")),

@@ -166,7 +166,7 @@ class CineFrames(MappedFrames[Header]):
     def _ordered(self) -> Integers:
         """The frames whose places in the file go on from each to the next; a damaged offset breaks the order."""
         shortest = self._header.image_bytes + _LEAST_ANNOTATION
-        apart = self._header.offsets.astype(float) - np.arange(self._count) * shortest
+        apart: Floats = self._header.offsets.astype(np.float64) - np.arange(self._count) * shortest
         either = [np.flatnonzero(longest_order(apart)), np.flatnonzero(longest_order(-apart[::-1])[::-1])]
         return max(either, key=lambda kept: np.count_nonzero(np.diff(apart[kept]) == 0))  # frames have no gaps
 

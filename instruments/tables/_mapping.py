@@ -15,6 +15,7 @@ import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -248,6 +249,14 @@ def _in_header(lines: Sequence[tuple[int, str]], is_time: bool, place: int, way:
 _USUAL = {"m": "mm", "degC": "degC", "Pa": "MPa"}
 
 
+#: SI units of traces, by the first word of a heading that states none.
+_TRACE_WORDS = {
+    **dict.fromkeys(("displacement", "position", "distance", "height", "weg", "abstand", "laser"), "m"),
+    **dict.fromkeys(("voltage", "spannung", "channel", "ch1", "ai0"), "V"),
+    **dict.fromkeys(("force", "load", "kraft"), "N"),
+}
+
+
 def _quoted(text: str | int) -> str:
     return str(text) if isinstance(text, int) else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
@@ -257,13 +266,14 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
     found: dict[str, str] = {}
     for number, heading in enumerate(headings, 1):
         has_sense = not heading.unit or not is_unit(heading.unit) or fits(heading.name, heading.unit)
-        name = heading.name if heading.is_known and heading.at is None and has_sense else _of_unit(heading)
+        is_known = heading.is_known and heading.at is None and has_sense
+        name, usual = (heading.name, "") if is_known else _of_trace(heading)
         if name in ("", "point", "set") or name in found or name not in (*SI_OF, *_OF_TRACES):
             continue
         column = number if by_number else heading.text
         si = _OF_TRACES.get(name) or SI_OF[name]
         has_unit = si == _UNITLESS or (heading.unit and is_unit(heading.unit) and unit_of(heading.unit).si in si)
-        unit = heading.unit.strip("[]()") if has_unit else _USUAL.get(si[0], si[0])
+        unit = heading.unit.strip("[]()") if has_unit else usual or _USUAL.get(si[0], si[0])
         if by_number or not has_unit:
             stated = f'{{ column = {_quoted(column)}, unit = "{unit}" }}' if si != _UNITLESS else _quoted(column)
             found[name] = stated
@@ -276,14 +286,14 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
     return f"columns = {{ {', '.join(f'{name} = {text}' for name, text in found.items())} }}"
 
 
-def _of_unit(heading: Heading) -> str:
-    """Guess the quantity of a trace for the line to copy, by the unit of its heading."""
+def _of_trace(heading: Heading) -> tuple[str, str]:
+    """Propose the quantity of a trace for the line to copy, and its usual unit, by unit and first word of a heading."""
     unit = next((m for m in _BRACKET.findall(heading.text) if m.strip() and is_unit(m)), heading.unit)
     word = slug(_BRACKET.sub("", heading.text)).split("_")[0]
-    if quantity(word) in TIMES:
-        return "time"
-    si = unit_of(unit).si if unit and is_unit(unit) else ""
-    return {"m": "displacement", "V": "displacement", "N": "force", "s": "time"}.get(si, "")
+    if quantity(word) in TIMES or heading.text.strip() == "X_Value":  # of LabVIEW
+        return "time", "s"
+    si = unit_of(unit).si if unit and is_unit(unit) else _TRACE_WORDS.get(word, "")
+    return {"m": "displacement", "V": "displacement", "N": "force", "s": "time"}.get(si, ""), _USUAL.get(si, si)
 
 
 def suggestion(lines: Sequence[tuple[int, str]]) -> str:
@@ -295,8 +305,11 @@ def suggestion(lines: Sequence[tuple[int, str]]) -> str:
     above = [cells(text, way) for _, text in lines[max(first - 3, 0) : first]]
     names = next((row for row in reversed(above) if _are_names(row, width)), [])
     units = next((row for row in reversed(above) if row != names and any(map(is_unit, filter(None, row)))), [])
-    units = units + [""] * len(names)
-    return line_to_copy([parsed(name).with_unit(unit) for name, unit in zip(names, units, strict=False)])
+    headings = [parsed(name).with_unit(unit) for name, unit in zip_longest(names, units[: len(names)], fillvalue="")]
+    for k, heading in enumerate(headings):
+        if not heading.unit and (name := _of_trace(heading)[0]):  # a line of the header may state it
+            headings[k] = heading.with_unit(_in_header(lines[:first], name == "time", k, way))
+    return line_to_copy(headings)
 
 
 def _run(lines: Sequence[tuple[int, str]], way: str) -> tuple[int, str, int]:
