@@ -307,7 +307,9 @@ def suggestion(lines: Sequence[tuple[int, str]]) -> str:
     units = next((row for row in reversed(above) if row != names and any(map(is_unit, filter(None, row)))), [])
     headings = [parsed(name).with_unit(unit) for name, unit in zip_longest(names, units[: len(names)], fillvalue="")]
     for k, heading in enumerate(headings):
-        if not heading.unit and (name := _of_trace(heading)[0]):  # a line of the header may state it
+        if cells(lines[first][1], way)[k : k + 1] == [""]:
+            headings[k] = Heading("", "")  # an empty column
+        elif not heading.unit and (name := _of_trace(heading)[0]):  # a line of the header may state it
             headings[k] = heading.with_unit(_in_header(lines[:first], name == "time", k, way))
     return line_to_copy(headings)
 

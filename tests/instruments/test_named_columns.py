@@ -80,6 +80,10 @@ def test_the_refusal_prints_the_line_to_copy(tmp_path, name):
         instruments.read(path)
     copied = caught.value.hint.partition("columns = ")[2]
     np.testing.assert_allclose(instruments.read(path, columns=copied).out1, FALL, atol=1e-6)
+    path = write(tmp_path, LVM + rows(FALL, form="\t{:.7f}"))
+    with pytest.raises(SourceError, match="no instrument recognises") as caught:
+        instruments.read(path)
+    assert caught.value.hint.endswith('columns = { displacement = "Laser" }')  # the column of times is empty
     path = write(tmp_path, RECORDERS["blanks"][0].replace("z[cm]", "Weg[cm]"))
     with pytest.raises(SourceError, match="no instrument recognises") as caught:
         instruments.read(path)
