@@ -7,7 +7,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import IN_MOTION, CalibrationError
-from labpipe.signals import Hum, estimate_noise, hum_at_rest, quantisation_step
+from labpipe.signals import MAINS, Hum, estimate_noise, hum_at_rest, quantisation_step
 from labpipe.uncertainty import Source, excess_uncertainty
 from labpipe.units import Quantity
 
@@ -16,6 +16,13 @@ _FIRST = 2 * _BLOCK  # the least that can be called a window
 _FACTOR = 5.0  # standard deviations that count as motion: 1 in 2 million for a single sample
 _GOES_ON = 3.0  # standard deviations of a slope that goes on, behind one that is no chance
 _MARGIN = 2  # blocks left out before the motion that was seen: it began a little earlier
+_PERIODS, _LEFT = (2.0, 1.0, 0.6), 2.0
+"""Periods of the mains that distinguish a hum from motion, the most first; multiple of the noise that a hum leaves of
+a beginning: a fall of as long leaves more than ten times."""
+_LONGER = 1.25  # times as long a rest, that a hum makes of what looks like motion
+_WANDERS, _LASTING = 0.02, 6
+"""Of the way that a record shows, by which its beginning may wander and be a zero all the same, to so much; and
+windows for which it does: what begins to fall leaves them."""
 _MEDIAN = 1.2533141373155003  # sqrt(pi / 2): standard error of a median over that of a mean
 
 
@@ -102,6 +109,14 @@ def from_start(time: Floats, values: Floats, *, resolution: float = 0.0, correla
     if values.size < first:
         raise CalibrationError(f"found {values.size} valid samples, a zero needs {first} or a given value")
     n = 0 if _begins_in_motion(values[::correlated], resolution) else _still(values, block, resolution)
+    swing = _swing(time, values, resolution)
+    if swing is not None and (longer := _still(values - swing, block, resolution)) > _LONGER * n:
+        n = longer
+    wanders = float(np.ptp(values[: _LASTING * first]))
+    if n == 0 and wanders < _WANDERS * float(np.ptp(values)):
+        # a sensor that averages or swings: its zero is known to what it wanders
+        quiet = _describe(time[:first], values[:first], resolution, correlated)
+        return quiet._replace(u_level=max(quiet.u_level, wanders / np.sqrt(12)))
     if n == 0:
         raise CalibrationError(
             "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "
@@ -200,6 +215,23 @@ def _slope(values: Floats, resolution: float) -> tuple[float, float, float]:
     rounding = float(np.spacing(np.abs(values).max()))
     noise = max(float(rest.std()), resolution / np.sqrt(12), rounding)
     return slope, noise / float(np.sqrt(position @ position)), noise
+
+
+def _swing(time: Floats, values: Floats, resolution: float) -> Floats | None:
+    """Return the line of the mains that explains how a record begins; None where none does."""
+    since = time - time[0]
+    for periods in _PERIODS:
+        for line in MAINS:
+            n = int(np.searchsorted(since, periods / line))
+            if not _FIRST < n < time.size:
+                continue
+            angle = 2 * np.pi * line * since
+            basis = np.stack([np.ones_like(since), np.cos(angle), np.sin(angle)], axis=1)
+            fit = np.linalg.lstsq(basis[:n], values[:n], rcond=None)[0]
+            left = float(np.std(values[:n] - basis[:n] @ fit))
+            if left < _LEFT * max(estimate_noise(values[:n]).sigma, resolution / np.sqrt(12)):
+                return np.asarray(basis[:, 1:] @ fit[1:])
+    return None
 
 
 def _spread(values: Floats, resolution: float) -> float:

@@ -104,8 +104,10 @@ def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
         wrong. Rounding to two digits is no contradiction.
     """
     arrays = {name: _values(column) for name, column in columns.items() if column.si}
-    if "angular_frequency" in arrays or "frequency" in arrays:
-        arrays["ω"] = arrays.get("angular_frequency", 2.0 * np.pi * arrays.get("frequency", np.nan))
+    if "frequency" in arrays:
+        arrays["ω"] = 2.0 * np.pi * arrays["frequency"]
+    if "angular_frequency" in arrays:
+        arrays["ω"] = arrays["angular_frequency"]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         made = [(needed, way(*(arrays[name] for name in needed))) for needed, way in _WAYS if _has(columns, needed)]
     said = [f"{text}; check headings and units, one of them is wrong" for text in _contradictions(columns, made)]
