@@ -119,7 +119,8 @@ def _check_archive(path: Path) -> None:
         text, hint = "a ZIP archive that holds no workbook", "Unpack it, and name the files in it."
         if names and all(name.endswith(".npy") for name in names):
             text, arrays = "an archive of NumPy arrays (.npz)", sorted(name.removesuffix(".npy") for name in names)[:4]
-            hint = f"It holds the arrays {', '.join(arrays)}: save them as CSV with headings and units."
+            hint = f"It is a NumPy archive (.npz) of the arrays {', '.join(arrays)}: "
+            hint += "save them as CSV with headings and units."
         raise SourceError(path, text, hint=hint)
     if total > _MOST_UNPACKED:
         text = f"the workbook unpacks to {total} bytes; at most {_MOST_UNPACKED} are read"
