@@ -1,7 +1,7 @@
 """Calibration: readings to SI quantities with uncertainty.
 
-A calibration is a record: one TOML file per sensor and period (:mod:`calibration.record`). What is
-done with it lives in one module per kind: :mod:`calibration.laser`, :mod:`calibration.load_cell`,
+A calibration is a record: one TOML file per sensor and period (:mod:`calibration.record`). Each
+kind is applied by one module: :mod:`calibration.laser`, :mod:`calibration.load_cell`,
 :mod:`calibration.camera`. :func:`apply` chooses by the kind of the record. A record of another
 sensor, another view or another time is refused.
 """

@@ -17,8 +17,8 @@ _FACTOR = 5.0  # standard deviations that count as motion: 1 in 2 million for a 
 _GOES_ON = 3.0  # standard deviations of a slope that goes on, behind one that is no chance
 _MARGIN = 2  # blocks left out before the motion that was seen: it began a little earlier
 _PERIODS, _LEFT = (2.0, 1.0, 0.6), 2.0
-"""How many periods of the mains tell a hum from motion, the most first; times the noise beside it that a
-hum leaves of a beginning: a fall of as long leaves more than ten times."""
+"""Periods of the mains that distinguish a hum from motion, the most first; multiple of the noise that a hum leaves of
+a beginning: a fall of as long leaves more than ten times."""
 _LONGER = 1.25  # times as long a rest, that a hum makes of what looks like motion
 _WANDERS, _LASTING = 0.02, 6
 """Of the way that a record shows, by which its beginning may wander and be a zero all the same, to so much; and
@@ -63,7 +63,7 @@ class Quiet(NamedTuple):
 
 
 Zero = Literal["start"] | tuple[float, float] | Quantity | float
-"""What a caller may name as zero: the quiet beginning, a window in s, or a level in the unit of the readings."""
+"""Zero that a caller may name: the quiet beginning, a window in s, or a level in the unit of the readings."""
 
 
 def of_zero(
@@ -190,9 +190,9 @@ def largest(values: Floats) -> float:
 
 
 def _begins_in_motion(values: Floats, resolution: float) -> bool:
-    """Whether a beginning has a slope that is real, moves its level by more than its noise, and goes on.
+    """Return whether a beginning has a slope that is real, moves its level by more than its noise, and goes on.
 
-    One of 10,000 beginnings at rest has such a slope by chance; what follows it lies on the level again.
+    One of 10,000 beginnings at rest has such a slope by chance; the readings behind it are on the level again.
     """
     slope, u_slope, noise = _slope(values[:_FIRST], resolution)
     if abs(slope) <= _FACTOR * u_slope or abs(slope) * _FIRST <= 2 * noise:
@@ -206,7 +206,7 @@ def _begins_in_motion(values: Floats, resolution: float) -> bool:
 
 
 def _slope(values: Floats, resolution: float) -> tuple[float, float, float]:
-    """Return the slope per reading, its standard uncertainty, and the noise beside it."""
+    """Return the slope per reading, its standard uncertainty, and the noise about it."""
     position = np.arange(values.size) - (values.size - 1) / 2
     # From the first reading, so that equal readings far from zero have no slope by rounding.
     moved = values - values[0]

@@ -56,8 +56,8 @@ def time_base(attrs: Mapping[str, Any], deviation: Quantity | None = None, avera
     """Settle the time base of a record.
 
     ``attrs`` are those of the readings: ``sampling_interval``, ``sampling_cycle`` [s], ``averaging``, for which the
-    argument stands where the file does not say it. ``deviation`` [1] is the calibrated relative deviation of the true
-    interval from the stated one. Readings that do not say their interval raise InputError.
+    argument is used where the file does not state it. ``deviation`` [1] is the calibrated relative deviation of the
+    true interval from the stated one. Readings that do not say their interval raise InputError.
     """
     if "sampling_interval" not in attrs:
         raise InputError("the readings do not say their sampling_interval")

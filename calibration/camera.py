@@ -75,7 +75,7 @@ def image_scale(
     Quantity [m/px]
         Length of one pixel.
     dict
-        What was checked, and the budget of the scale.
+        The checks that were made, and the budget of the scale.
 
     Raises
     ------

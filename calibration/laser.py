@@ -17,15 +17,14 @@ import json
 import math
 from dataclasses import replace
 from datetime import date
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from calibration import _quiet
-from calibration._time_base import TimeBase, corrected, time_base
+from calibration._time_base import corrected, time_base
 from calibration.record import LaserRecord, LaserValues, Record, of_kind, require
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
@@ -34,6 +33,7 @@ from labpipe.variables import variable, with_u
 __all__ = ["displacement", "inclination_from_drop"]
 
 _VALID = 0  # the state of a reading that is one
+_KEPT = ("source", "start", "sampling_interval", "averaging", "header", "layout", "work")
 _TOLERANCE = 3.0  # standard uncertainties by which a travel may exceed the height it fell
 
 
@@ -102,21 +102,48 @@ def displacement(
     raw, stated_step, gain = _raw(readings, output, values)
     angle = inclination or values.inclination
     base = time_base(readings.attrs, values.time_base, averaging)
-    is_valid = _is_valid(readings, output, raw, gain, values)
+    unit_of_reading = str(readings[output].attrs["units"])
+    is_valid = np.isfinite(raw)
+    if (state := output.replace("out", "status")) in readings:
+        is_valid &= readings[state].values == _VALID
+    if values.measuring_range is not None:
+        to_length = gain.value if unit_of_reading == "V" else 1.0
+        is_valid &= np.abs(np.nan_to_num(raw)) * to_length <= values.measuring_range.value
     used = np.where(is_valid, raw, np.nan)
     step = _quiet.resolution_of(used, stated_step)
     time = readings["time"].values
-    unit_of_reading = str(readings[output].attrs["units"])
     start = "start" if zero is None else _as_read(zero, unit_of_reading, values)
     at_rest = _quiet.of_zero(time, used, start, resolution=step, correlated=base.averaging)
     factor = direction * gain.value / math.cos(angle.value)
     moved = factor * (used - at_rest.level - (0.0 if at_rest.hum is None else at_rest.hum.at(time)))
     spread = abs(factor) * at_rest.noise
-    sources = _sources(moved, at_rest, step, angle, gain, values, factor, unit_of_reading)
-    # Volts become a length along the line of sight; a length is left as the sensor said it.
+    largest, u_inclination = _quiet.largest(moved), math.tan(angle.value) * angle.u
+    sources = [
+        *at_rest.sources("zero", "rounding of the display", step, unit_of_reading, factor),
+        Source.of("inclination", angle, largest * math.tan(angle.value)),
+        Source.of("gain", gain, largest / gain.value),
+    ]
+    if values.linearity is not None:
+        along_sight = 1.0 / math.cos(angle.value)
+        sources.append(Source("linearity", 0.0, values.linearity.u, "m", along_sight, "systematic"))
+    # Volts become a length along the line of sight; a length is left as the sensor displayed it.
     to_length = values.volt_scale.value if unit_of_reading == "V" and values.volt_scale else 1.0
     along = direction * (raw - at_rest.level) * to_length
-    found = _attributes(readings, output, direction, checked, base, at_rest, step, angle, gain, sources)
+    window = None if at_rest.n == 0 else {"start": at_rest.start, "stop": at_rest.stop}
+    found = {
+        **{key: readings.attrs[key] for key in _KEPT if key in readings.attrs},
+        "output": output,
+        "direction": direction,
+        "noise": at_rest.noise,
+        "resolution": step,
+        "zero_window": json.dumps(window),
+        "u_inclination_relative": u_inclination,
+        "u_systematic_relative": math.hypot(u_inclination, gain.u / gain.value),
+        "u_largest": combined_uncertainty(sources),
+        "budget": json.dumps(budget_rows(sources)),
+        "time_base": json.dumps(base._asdict()),
+        "calibration": json.dumps(checked, ensure_ascii=False),
+    }
     delayed = corrected(time, base, float(readings.attrs["sampling_interval"]))
     if at_rest.hum is not None:
         hum = at_rest.hum.scaled(factor)
@@ -147,89 +174,20 @@ def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[Floats
     if unit_text == "m":
         return raw, step, values.scale
     if unit_text == "V" and values.volt_scale is not None:
-        return raw, step, _product(values.scale, values.volt_scale)
+        a, b = values.scale, values.volt_scale
+        return raw, step, Quantity(a.value * b.value, math.hypot(a.u * b.value, b.u * a.value), b.si)
     if unit_text == "V":
         raise CalibrationError(f'{output} is in volts; the record needs volt_scale = "0.5 ± 0.0005 mm/V"')
     raise CalibrationError(f"{output} is in {unit_text}; a displacement needs m or V")
 
 
-def _product(a: Quantity, b: Quantity) -> Quantity:
-    value = a.value * b.value
-    return Quantity(value, math.hypot(a.u * b.value, b.u * a.value), b.si)
-
-
 def _as_read(zero: _quiet.Zero, unit_of_reading: str, values: LaserValues) -> _quiet.Zero:
-    """Return a zero in the unit of the readings: a displayed length as the voltage that stands for it."""
+    """Return a zero in the unit of the readings: a displayed length as its voltage."""
     if not isinstance(zero, Quantity) or zero.si == unit_of_reading:
         return zero
     if (zero.si, unit_of_reading) == ("m", "V") and values.volt_scale is not None:
         return Quantity(zero.value / values.volt_scale.value, zero.u / values.volt_scale.value, "V")
     raise InputError(f"the zero is in {zero.si}, the readings are in {unit_of_reading}")
-
-
-def _is_valid(readings: xr.Dataset, output: str, raw: Floats, gain: Quantity, values: LaserValues) -> Flags:
-    is_valid = np.isfinite(raw)
-    state = output.replace("out", "status")
-    if state in readings:
-        is_valid &= readings[state].values == _VALID
-    if values.measuring_range is not None:
-        to_length = gain.value if readings[output].attrs["units"] == "V" else 1.0
-        is_valid &= np.abs(np.nan_to_num(raw)) * to_length <= values.measuring_range.value
-    return is_valid
-
-
-def _sources(
-    moved: Floats,
-    at_rest: _quiet.Quiet,
-    step: float,
-    angle: Quantity,
-    gain: Quantity,
-    values: LaserValues,
-    factor: float,
-    unit_of_reading: str,
-) -> list[Source]:
-    """List what makes the largest displacement of the record uncertain."""
-    largest = _quiet.largest(moved)
-    sources = [
-        *at_rest.sources("zero", "rounding of the display", step, unit_of_reading, factor),
-        Source.of("inclination", angle, largest * math.tan(angle.value)),
-        Source.of("gain", gain, largest / gain.value),
-    ]
-    if values.linearity is not None:
-        along = 1.0 / math.cos(angle.value)
-        sources.append(Source("linearity", 0.0, values.linearity.u, "m", along, "systematic"))
-    return sources
-
-
-def _attributes(
-    readings: xr.Dataset,
-    output: str,
-    direction: int,
-    checked: dict[str, Any],
-    base: TimeBase,
-    at_rest: _quiet.Quiet,
-    step: float,
-    angle: Quantity,
-    gain: Quantity,
-    sources: list[Source],
-) -> dict[str, Any]:
-    u_inclination = math.tan(angle.value) * angle.u
-    kept = ("source", "start", "sampling_interval", "averaging", "header", "layout", "work")
-    window = None if at_rest.n == 0 else {"start": at_rest.start, "stop": at_rest.stop}
-    return {
-        **{key: readings.attrs[key] for key in kept if key in readings.attrs},
-        "output": output,
-        "direction": direction,
-        "noise": at_rest.noise,
-        "resolution": step,
-        "zero_window": json.dumps(window),
-        "u_inclination_relative": u_inclination,
-        "u_systematic_relative": math.hypot(u_inclination, gain.u / gain.value),
-        "u_largest": combined_uncertainty(sources),
-        "budget": json.dumps(budget_rows(sources)),
-        "time_base": json.dumps(base._asdict()),
-        "calibration": json.dumps(checked, ensure_ascii=False),
-    }
 
 
 def inclination_from_drop(travel: Quantity, height: Quantity) -> Quantity:

@@ -47,14 +47,14 @@ def force(
         Over ``time`` (one block) or ``sample`` (a file of several blocks), with ``force_z`` [N].
     record : Record, optional
         Of the kind ``load_cell``; without one the factor that the instrument applied is kept,
-        ``u_gain`` is NaN, and the budget holds only what the readings themselves show.
+        ``u_gain`` is NaN, and the budget holds only the scatter of the readings themselves.
     axis : {"x", "y", "z"}
         Which force.
     zero : "start" or (float, float) or Quantity or float, optional
         Where the force is zero: the quiet beginning of the (first) block, a window of it in s,
         or a reading [N]. By default nothing is subtracted: a block may begin under load.
     compression_sign : {1, -1}, optional
-        Where the file does not tell the type of its load cell.
+        Where the file does not state the type of its load cell.
     measured, ignore_validity
         See :func:`calibration.record.require`.
 
@@ -80,7 +80,8 @@ def force(
     checked: dict[str, Any] | str = "no record: the factor of the instrument, uncertainty unknown"
     values: LoadCellValues | None = None
     if record is not None:
-        attrs = readings.attrs | {"sensor": _cell_name(readings.attrs)}
+        names = {(block["load_cell"] or {}).get("name") or "" for block in _blocks(readings.attrs)}
+        attrs = readings.attrs | {"sensor": names.pop() if len(names) == 1 else ""}
         checked = require(record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity)
         values = of_kind(record, LoadCellRecord).values
     gain = values.scale if values else _UNKNOWN
@@ -93,7 +94,11 @@ def force(
     at_rest = _tare(readings, used, zero, step)
     pressed = sign * gain.value * (used - at_rest.level) + 0.0  # no negative zeros
     spread = np.where(is_valid, gain.value * at_rest.noise, np.nan)
-    sources = _sources(pressed, at_rest, step, gain, values, sign)
+    sources = at_rest.sources("tare", "rounding to the cell's step", step, "N", sign * gain.value)
+    if values:
+        sources.append(Source.of("gain", gain, _quiet.largest(pressed) / gain.value))
+    if values and values.linearity:
+        sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
     dimension = str(readings[name].dims[0])
     result = xr.Dataset(
         {
@@ -143,11 +148,6 @@ def _blocks(attrs: Mapping[str, Any]) -> list[dict[str, Any]]:
     return list(json.loads(attrs.get("blocks", "[]")))
 
 
-def _cell_name(attrs: Mapping[str, Any]) -> str:
-    names = {(block["load_cell"] or {}).get("name") or "" for block in _blocks(attrs)}
-    return names.pop() if len(names) == 1 else ""
-
-
 def _tare(readings: xr.Dataset, used: Floats, zero: _quiet.Zero | None, step: float) -> _quiet.Quiet:
     if isinstance(zero, str) and zero != "start":
         raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
@@ -160,19 +160,8 @@ def _tare(readings: xr.Dataset, used: Floats, zero: _quiet.Zero | None, step: fl
     return _quiet.of_zero(time, used, 0.0 if zero is None else zero, resolution=step, first=first)
 
 
-def _sources(
-    pressed: Floats, at_rest: _quiet.Quiet, step: float, gain: Quantity, values: LoadCellValues | None, sign: int
-) -> list[Source]:
-    sources = at_rest.sources("tare", "rounding to the cell's step", step, "N", sign * gain.value)
-    if values:
-        sources.append(Source.of("gain", gain, _quiet.largest(pressed) / gain.value))
-    if values and values.linearity:
-        sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
-    return sources
-
-
 class FilterLag(NamedTuple):
-    """What a low-pass does to a sinusoid.
+    """Effect of a low-pass on a sinusoid.
 
     Attributes
     ----------
@@ -183,7 +172,7 @@ class FilterLag(NamedTuple):
     delay : float [s]
         The same as a time.
     note : str
-        What is assumed.
+        The assumption.
     """
 
     gain: float
@@ -235,16 +224,16 @@ def filter_lag(
     """
     if frequency <= 0 or order < 1 or cutoff <= 0:
         raise InputError(f"expected positive numbers, found {frequency} Hz, order {order}, {cutoff} Hz")
-    responses = [_response(poles, frequency / cutoff) for poles in _poles(order)]
-    gains = [gain for gain, _ in responses]
-    phases = [phase for _, phase in responses]
-    u_gain = _edge(gains[0], gains)
+    factors = [poles / (poles - 1j * frequency / cutoff) for poles in _poles(order)]
+    gains = [float(np.prod(np.abs(each))) for each in factors]
+    phases = [float(-np.sum(np.angle(each))) for each in factors]  # summed over poles the lag has no jumps
+    u_gain = _edge(gains)
     if measured_delay is not None:
         turn = 2 * math.pi * frequency
         phase, u_phase = turn * measured_delay.value, turn * measured_delay.u
         return FilterLag(gains[0], u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record")
     delay = phases[0] / (2 * math.pi * frequency)
-    return FilterLag(gains[0], u_gain, phases[0], _edge(phases[0], phases), delay, _NOTE)
+    return FilterLag(gains[0], u_gain, phases[0], _edge(phases), delay, _NOTE)
 
 
 @cache
@@ -252,22 +241,15 @@ def _poles(order: int) -> list[Complexes]:
     """Poles of Butterworth, Bessel and equal real poles, all 1/√2 at the angular frequency 1."""
     from scipy import signal  # loads SciPy's statistics, which a comparison of stored results does not need
 
-    # n equal real poles have amplitude 1/√2 at the cutoff when each lies this much higher.
+    # n equal real poles have amplitude 1/√2 at the cutoff when each is this much higher.
     higher = 1.0 / math.sqrt(2.0 ** (1.0 / order) - 1.0)
     return [signal.buttap(order)[1], signal.besselap(order, norm="mag")[1], np.full(order, -higher, dtype=complex)]
 
 
-def _response(poles: Complexes, ratio: float) -> tuple[float, float]:
-    """Return amplitude and phase lag; summed over poles the lag has no jumps."""
-    factors = poles / (poles - 1j * ratio)
-    return float(np.prod(np.abs(factors))), float(-np.sum(np.angle(factors)))
-
-
-def _edge(value: float, all_values: list[float]) -> float:
-    """Return the standard deviation about ``value`` of a rectangle over all values."""
-    low, high = min(all_values), max(all_values)
-    centre = (low + high) / 2
-    return math.hypot((high - low) / math.sqrt(12), centre - value)
+def _edge(every: list[float]) -> float:
+    """Return the standard deviation about the first value of a rectangle over all values."""
+    low, high = min(every), max(every)
+    return math.hypot((high - low) / math.sqrt(12), (low + high) / 2 - every[0])
 
 
 def declared_filter(attrs: Mapping[str, Any]) -> dict[str, float] | None:

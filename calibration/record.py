@@ -56,7 +56,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class LaserValues(Table, frozen=True):
-    """What is known of a displacement sensor in its mount.
+    """Calibration values of a displacement sensor in its mount.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class LaserValues(Table, frozen=True):
 
 
 class LoadCellValues(Table, frozen=True):
-    """What is known of a load cell.
+    """Calibration values of a load cell.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class LoadCellValues(Table, frozen=True):
 
 
 class CameraValues(Table, frozen=True):
-    """What is known of the image scale of one camera view.
+    """Image scale of one camera view.
 
     Either ``scale``, or a length and the number of pixels that it spans.
 
@@ -123,7 +123,7 @@ class CameraValues(Table, frozen=True):
     reference_length : Quantity [m], optional
         Of an object in the plane of focus.
     pixel_length : Quantity [px], optional
-        What it measures in the image; the uncertainty of pointing at both ends.
+        Its length in the image; the uncertainty of pointing at both ends.
     scale : Quantity [m/px], optional
         Length of one pixel.
     tilt : Quantity [rad], optional
@@ -151,7 +151,7 @@ class CameraValues(Table, frozen=True):
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What every record says; the subclass of each kind adds ``values``.
+    """Entries of every record; the subclass of each kind adds ``values``.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     valid_from, valid_until : date
         Both days included.
     who, how : str
-        Who calibrated, and by what.
+        Person who calibrated, and the method.
     when : date
         When.
     """
@@ -266,19 +266,19 @@ def require(
     view: str | None = None,
     ignore_validity: bool = False,
 ) -> dict[str, Any]:
-    """Refuse a record that does not belong to a measurement; else say what was checked.
+    """Refuse a record that does not belong to a measurement; else list the checks.
 
     Parameters
     ----------
     record : Record
         The calibration.
     kind : str
-        What is needed.
+        The kind that is needed.
     attrs : mapping
         Attributes of the readings: ``start``, ``model``, ``serial``, ``sensor`` where known.
     measured : date or ISO text, optional
         Day of the measurement, as a date where a person states it, as text where a clock does; by
-        default ``start`` of the readings. A clock before 2001 or beyond today tells no day; where none is
+        default ``start`` of the readings. A clock before 2001 or beyond today gives no day; where none is
         known, the result says that the validity was not checked.
     view : str, optional
         Camera view.
@@ -288,7 +288,7 @@ def require(
     Returns
     -------
     dict
-        For the attributes of the result: the record, and what could be checked.
+        For the attributes of the result: the record, and the checks that were possible.
 
     Raises
     ------
@@ -344,37 +344,32 @@ def of_kind(record: Record, kind: type[_Kind]) -> _Kind:
 
 
 def _check_sensor(record: Record, attrs: Mapping[str, Any]) -> str:
-    """Compare what the readings say of their sensor with the record."""
-    serial = str(attrs.get("serial", ""))
+    """Compare the sensor that the readings name with that of the record."""
+
+    def plain(text: str) -> str:
+        return re.sub(r"[^a-z0-9]", "", text.lower())
+
+    serial, sensor = str(attrs.get("serial", "")), str(attrs.get("sensor", "") or attrs.get("model", ""))
     if serial and record.serial:
-        if _plain(serial) == _plain(record.serial):
+        if plain(serial) == plain(record.serial):
             return f"serial number {serial} agrees"
-        raise _other_sensor(record, f"serial number {serial}", f"{record.serial}")
-    sensor = str(attrs.get("sensor", "") or attrs.get("model", ""))
-    if not sensor:
+        found, expected = f"serial number {serial}", record.serial
+    elif not sensor:
         return "not possible: the readings name no sensor"
-    if record.serial and _plain(record.serial) in _plain(sensor):
+    elif record.serial and plain(record.serial) in plain(sensor):
         return f"serial number in {sensor} agrees"
-    ours, theirs = _plain(record.instrument), _plain(sensor)
-    if ours in theirs or theirs in ours:
+    elif plain(record.instrument) in plain(sensor) or plain(sensor) in plain(record.instrument):
         return f"name {sensor} agrees"
-    raise _other_sensor(record, sensor, f"{record.instrument} {record.serial}".strip())
-
-
-def _plain(text: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", text.lower())
-
-
-def _other_sensor(record: Record, found: str, expected: str) -> CalibrationError:
-    return CalibrationError(
-        f'record "{record.id}" calibrates {expected}, the readings come from {found}; take the record of that sensor'
-    )
+    else:
+        found, expected = sensor, f"{record.instrument} {record.serial}".strip()
+    text = f'record "{record.id}" calibrates {expected}, the readings come from {found}; take the record of that sensor'
+    raise CalibrationError(text)
 
 
 def _check_validity(
     record: Record, attrs: Mapping[str, Any], measured: str | date | None, ignore_validity: bool
 ) -> tuple[str, str]:
-    """Say how a record's period lies to the day of a measurement, and why that is not known, if it is not."""
+    """Compare the period of a record with the day of a measurement; return the result, and the reason if unknown."""
     day = _day(measured if measured is not None else str(attrs.get("start", "")))
     if day is None:
         return "not known: the recording holds no day, and none is stated", UNDATED
@@ -393,7 +388,7 @@ def _check_validity(
 
 
 def _recorded_day(attrs: Mapping[str, Any]) -> str:
-    """Return the day that the readings themselves say, "" where they have none or their clock tells no day."""
+    """Return the day that the readings themselves say, "" where they have none or their clock cannot be right."""
     day = _day(str(attrs.get("start", "")))
     return "" if day is None or not _CLOCKS_SET <= day <= date.today() else day.isoformat()
 

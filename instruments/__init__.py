@@ -95,12 +95,11 @@ def by_name(name: str) -> Instrument:
     UsageError
         No instrument has that name.
     """
-    for each in OURS:
-        if each.name == name:
-            return each
-    for each in known():
-        if each.name == name:
-            return each
+    found = next((each for each in OURS if each.name == name), None) or next(
+        (each for each in known() if each.name == name), None
+    )
+    if found is not None:
+        return found
     raise UsageError(f'no instrument "{name}"; known are {", ".join(each.name for each in known())}')
 
 
@@ -112,7 +111,7 @@ def identify(path: str | os.PathLike[str], *, fps: float | None = None) -> str:
     path : path-like
         The file or folder.
     fps : float, optional [1/s]
-        Frame rate, where it is said: a folder of JPEG images is a film to whoever gives one, else photographs.
+        Frame rate, where it is stated: a folder of JPEG images is a film to whoever gives one, else photographs.
 
     Returns
     -------
@@ -132,11 +131,6 @@ def identify(path: str | os.PathLike[str], *, fps: float | None = None) -> str:
     return _identify(Path(path), fps).name
 
 
-#: What cameras call files of bare pixels, and the texts that belong to them.
-_RAW = (".raw", ".mraw", ".cih", ".cihx")
-_STILLS = (".png", ".bmp", ".jpg", ".jpeg")
-
-
 def _identify(path: Path, fps: float | None = None) -> Instrument:
     head = _head(path)
     for each in OURS:
@@ -151,32 +145,31 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
 
 
 def _unknown(path: Path, head: bytes) -> SourceError:
-    """Say that no instrument knows a file or folder, and how it may be read all the same."""
+    """Explain that no instrument knows a file or folder, and how it may be read all the same."""
     if path.name.startswith(("~$", ".~lock.")):
-        return SourceError(
-            path, "a spreadsheet program keeps this file next to an open workbook", hint="Name the workbook."
-        )
+        text = "a spreadsheet program keeps this file next to an open workbook"
+        return SourceError(path, text, hint="Name the workbook.")
+    if path.is_dir():
+        return SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path)).because(NO_FILM)
+    if not head:
+        return SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
     if is_workbook(head):
         try:
             sheets(path)
         except SourceError as error:
             return error.because(UNKNOWN_FORMAT)
-    tried = ", ".join(each.name for each in known())
     hint = 'If you know the instrument that wrote it, name it: instrument="keyence" (or another of these).'
-    if path.is_dir():
-        return SourceError(path, "the folder holds no film that can be read", hint=folder_hint(path)).because(NO_FILM)
-    if not head:
-        return SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
-    if path.suffix.lower() in _STILLS:
+    if path.suffix.lower() in (".png", ".bmp", ".jpg", ".jpeg"):
         hint = "One image is no film: name the folder of its images, or the camera's own file."
-    elif path.suffix.lower() in _RAW:
+    elif path.suffix.lower() in (".raw", ".mraw", ".cih", ".cihx"):
         hint = f"{RAW_FRAMES} Phantom's .cine and TIFF are read with their pixels packed or not."
     elif b"\0" in head and not is_workbook(head):
-        hint = "It is binary, of no format that is known: export readings as text, films as .cine, TIFF, PNG or AVI."
+        hint = "It is binary, of no format that is known: export readings as text, films as TIFF or PNG."
     elif named := columns_hint(head, path):
         hint += f" {named}"
     elif head.lstrip()[:5].lower() in (b"<html", b"<!doc", b"<tabl"):
         hint = "This is a page of HTML, whatever its name ends in; save it from a spreadsheet as .xlsx or CSV."
+    tried = ", ".join(each.name for each in known())
     return SourceError(path, f"no instrument recognises the content; tried {tried}", hint=hint).because(UNKNOWN_FORMAT)
 
 
@@ -194,33 +187,25 @@ def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:
 _FAILED: set[str] = set()
 
 
+_SPECIAL = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
+
+
 def _head(path: Path) -> bytes:
+    """Return the first bytes of a file, none of a folder; refuse what is neither."""
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
             return b""
         if not stat.S_ISREG(mode):
-            raise SourceError(
-                path,
-                f"is {_SPECIAL.get(stat.S_IFMT(mode), 'no regular file')}, expected a file",
-                hint="Save its output to a file first.",
-            )
+            text = f"is {_SPECIAL.get(stat.S_IFMT(mode), 'no regular file')}, expected a file"
+            raise SourceError(path, text, hint="Save its output to a file first.")
         with path.open("rb") as stream:
             return stream.read(HEAD_BYTES)
+    except FileNotFoundError:
+        raise SourceError(path, "there is no such file", hint="Check the folder and the name.") from None
     except OSError as error:
-        raise _unopened(path, error) from None
-
-
-_SPECIAL = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
-
-
-def _unopened(path: Path, error: OSError) -> SourceError:
-    is_absent = isinstance(error, FileNotFoundError)
-    return SourceError(
-        path,
-        "there is no such file" if is_absent else f"cannot be opened: {error.strerror}",
-        hint="Check the folder and the name." if is_absent else "Check the permission to read it.",
-    )
+        text = f"cannot be opened: {error.strerror}"
+        raise SourceError(path, text, hint="Check the permission to read it.") from None
 
 
 def read(
@@ -259,19 +244,15 @@ def read(
         reader = PLAIN_TABLE if options.get("columns") is not None else _identify(path, options.get("fps"))
     else:
         reader = by_name(instrument)
-    _head(path)  # no reader waits at a named pipe
-    before = _stamp(path)
-    result = _read(reader, path, options)
-    if _stamp(path) != before:
-        before = _stamp(path)
+    for _ in range(2):
+        _head(path)  # no reader waits at a named pipe
+        before = path.stat()
         result = _read(reader, path, options)
-        if _stamp(path) != before:
-            raise SourceError(
-                path,
-                "the file is still being written: it changed twice while it was read",
-                hint="Wait until the instrument has finished, then read it again.",
-            )
-    return result
+        after = path.stat() if path.exists() else before
+        if (before.st_size, before.st_mtime_ns) == (after.st_size, after.st_mtime_ns):
+            return result
+    text, hint = "it changed twice while it was read", "Wait until the instrument has finished, then read it again."
+    raise SourceError(path, f"the file is still being written: {text}", hint=hint)
 
 
 def read_table(path: str | os.PathLike[str], content: Content, usual: str, **options: Unpack[Options]) -> xr.Dataset:
@@ -282,12 +263,12 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
     path : path-like
         The file.
     content : str
-        What the table must hold, one of :data:`CONTENTS`.
+        Content of the table, one of :data:`CONTENTS`.
     usual : str
-        The instrument that reads what none recognises, or what holds something else; its reader
-        then says what is wrong.
+        The instrument that reads a file which none recognises, or which holds something else; its reader
+        then names the fault.
     **options
-        As of :func:`read`; None stands for what the reader does by itself.
+        As of :func:`read`; None leaves the default of the reader.
 
     Raises
     ------
@@ -319,7 +300,7 @@ _OF_COLUMNS = {"displacement": "out1", "force": "force_z"}
 
 
 def _read(reader: Instrument, path: Path, options: Any) -> xr.Dataset | FrameSource:
-    """Read a file; what a plug-in raises that is no error of ours is told as its fault."""
+    """Read a file; an error of a plug-in that is none of ours is reported as its fault."""
     try:
         found: xr.Dataset | FrameSource = reader.read(path, options)
     except LabpipeError:
@@ -327,17 +308,7 @@ def _read(reader: Instrument, path: Path, options: Any) -> xr.Dataset | FrameSou
     except Exception as error:
         if reader in OURS:
             raise
-        raise SourceError(
-            path,
-            f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}',
-            hint="Report it to its maintainer; `labpipe doctor` names the distribution.",
-        ) from error
+        text = f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}'
+        hint = "Report it to its maintainer; `labpipe doctor` names the distribution."
+        raise SourceError(path, text, hint=hint) from error
     return found
-
-
-def _stamp(path: Path) -> tuple[int, int]:
-    try:
-        status = path.stat()
-    except OSError as error:
-        raise _unopened(path, error) from None
-    return status.st_size, status.st_mtime_ns

@@ -1,7 +1,7 @@
 """Description of an instrument: one object that recognises, reads and writes its files.
 
 A package (below this one, or of another distribution) defines one. Its ``__init__`` is imported
-whenever a file is to be told, so it imports no numerical library: readers are named as
+whenever a file is to be recognised, so it imports no numerical library: readers are named as
 ``"module:function"`` and loaded when the first file is read.
 """
 
@@ -18,12 +18,12 @@ from labpipe.text import unmarked_codec
 HEAD_BYTES = 4096  # enough for every magic number and every text header known
 
 Content = Literal["displacement", "force", "film", "sweep", "displacement_field"]
-"""What the files of an instrument hold, and so which experiments can begin from them.
+"""Content of the files of an instrument, which decides the experiments that can begin from them.
 
 ``displacement``
     A table over ``time`` [s]: ``out1``, … [m or V], ``status1``, … (0 where valid), with the
     attribute ``sampling_interval`` [s], and ``start`` (ISO 8601), by whose day a calibration
-    record is told valid.
+    record is checked.
 ``force``
     A table over ``sample`` as :func:`instruments.mach1.read` returns it: blocks of time, position
     and force.
@@ -51,12 +51,12 @@ class Instrument:
     name : str
         By which it is called in Python, JSON and on the command line.
     title : str
-        What a reader of a message calls its files, for example ``"Keyence storage file"``.
+        Its files in a message, for example ``"Keyence storage file"``.
     content : str
-        What its files hold: one of :data:`CONTENTS`.
+        Content of its files: one of :data:`CONTENTS`.
     sniff : callable
         Takes the first :data:`HEAD_BYTES` bytes of a file (none of a folder) and its path, and
-        tells whether this instrument wrote it. It imports no numerical library.
+        returns whether this instrument wrote it. It imports no numerical library.
     reader : str
         ``"module:function"``; takes the path and the options, returns a Dataset in SI or a film.
     options : TypedDict class
@@ -117,7 +117,7 @@ class Instrument:
         """Return the names of the options, in the order in which they are declared."""
         return tuple(self.options.__annotations__)
 
-    def write(self, path: Path, *what: Any) -> None:
+    def write(self, path: Path, *given: Any) -> None:
         """Write a file in the form of this instrument.
 
         Raises
@@ -127,7 +127,7 @@ class Instrument:
         """
         if not self.writer:
             raise UsageError(f"files of {self.name} are read, never written")
-        _loaded(self.writer)(path, *what)
+        _loaded(self.writer)(path, *given)
 
 
 _TYPED: dict[Any, Callable[[str], Any]] = {

@@ -7,12 +7,15 @@ Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from instruments._quantities import FREQUENCIES, RESPONSES, SHIFTS, TEMPERATURES, TIMES
 from labpipe.arrays import Floats
+from labpipe.errors import SourceError
+from labpipe.units import ZERO_CELSIUS
 
 _Made = tuple[Floats, Floats]
 
@@ -82,11 +85,6 @@ def _has(columns: Mapping[str, Any], needed: tuple[str, ...]) -> bool:
     return all(name in columns or (name == "ω" and not FREQUENCIES.isdisjoint(columns)) for name in needed)
 
 
-def _made(columns: Mapping[str, Any], needed: tuple[str, ...], way: Callable[..., _Made]) -> _Made:
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return way(*(_omega(columns) if name == "ω" else _values(columns[name]) for name in needed))
-
-
 def _values(column: Any) -> Floats:
     return np.asarray(column.values, dtype=float)
 
@@ -105,7 +103,13 @@ def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
         A sentence on every quantity that is given twice and does not agree: then a unit or a heading is
         wrong. Rounding to two digits is no contradiction.
     """
-    made = [(needed, _made(columns, needed, way)) for needed, way in _WAYS if _has(columns, needed)]
+    arrays = {name: _values(column) for name, column in columns.items() if column.si}
+    if "frequency" in arrays:
+        arrays["ω"] = 2.0 * np.pi * arrays["frequency"]
+    if "angular_frequency" in arrays:
+        arrays["ω"] = arrays["angular_frequency"]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        made = [(needed, way(*(arrays[name] for name in needed))) for needed, way in _WAYS if _has(columns, needed)]
     said = [f"{text}; check headings and units, one of them is wrong" for text in _contradictions(columns, made)]
     if not made:
         return columns, said
@@ -132,16 +136,8 @@ def needed(names: set[str]) -> set[str]:
     return names & (wanted | (TIMES if responses else set()) | (SHIFTS if temperatures else set()))
 
 
-def _omega(columns: Mapping[str, Any]) -> Floats | None:
-    if "angular_frequency" in columns:
-        return _values(columns["angular_frequency"])
-    if "frequency" in columns:
-        return 2.0 * np.pi * _values(columns["frequency"])
-    return None
-
-
 def missing(names: Set[str]) -> str:
-    """Say what columns lack to be sweeps, responses over time or shift factors; "" for nothing.
+    """Name the quantities that columns lack to be sweeps, responses over time or shift factors; "" for nothing.
 
     Examples
     --------
@@ -178,3 +174,19 @@ def _lacking_modulus(has: Set[str]) -> str:
     if has & {"complex_viscosity_real", "complex_viscosity_imaginary"}:
         return "other part of the complex viscosity"
     return "modulus"
+
+
+def celsius(values: Floats, si: str, *, path: Path, line: int, header: str, stated: str) -> Floats:
+    """Convert a column in degC, K or degF to degC.
+
+    Raises
+    ------
+    SourceError
+        It holds a temperature below absolute zero: the unit is that of another scale.
+    """
+    scales = {"K": values - ZERO_CELSIUS, "degF": (values - 32.0) * 5.0 / 9.0}
+    found = scales.get(si, values)
+    if (found < -ZERO_CELSIUS).any():
+        said = f'{header} is in "{stated}" and holds {np.nanmin(values):g}, below absolute zero'
+        raise SourceError(path, said, line=line, hint="Correct the row of units, or export again.")
+    return found

@@ -1,6 +1,6 @@
 """Quantities that instruments tabulate: canonical names, SI units, and how exports spell them.
 
-A spelling is compared folded (:func:`fold`): primes alike, without accents, blanks and punctuation, a lone
+A spelling is compared folded (:func:`fold`): primes the same, without accents, blanks and punctuation, a lone
 letter with its case, which separates temperature ``T`` from time ``t``. The words are those of RheoCompass and
 RheoPlus, TRIOS and Universal Analysis, Proteus, RheoWin and RepTate in English, German, French, Spanish,
 Italian, Portuguese, Japanese and Chinese, and the usual symbols.
@@ -153,7 +153,7 @@ RESPONSES = frozenset({"relaxation_modulus", "creep_compliance"})
 SHIFTS = frozenset({"log10_aT", "ln_aT", "a_T"})
 MODULI = frozenset(name for name in SI_OF if name.partition("_")[0] in ("storage", "loss", "complex")) - {"loss_factor"}
 #: Quantities of which no sweep, response or shift is made; a table is read without them.
-BESIDE = frozenset({"stress", "strain", "shear_rate", "viscosity", "torque", "normal_force", "deflection_angle", "gap"})
+OTHERS = frozenset({"stress", "strain", "shear_rate", "viscosity", "torque", "normal_force", "deflection_angle", "gap"})
 
 _PRIMES = str.maketrans({"\u2032": "'", "\u2019": "'", "\u2018": "'", "\u00b4": "'", "`": "'", "\u02b9": "'"}) | {
     ord(sign): "''" for sign in "\u2033\u201d\u201c\"\u02ba"
@@ -250,7 +250,7 @@ _SPELLINGS = {
     "1/gpa": Unit(1e-9, "1/Pa"),
     **dict.fromkeys(("hertz", "hz"), Unit(1.0, "Hz")),
     **dict.fromkeys(("rpm", "rev/min"), Unit(1.0 / 60.0, "Hz")),
-    **dict.fromkeys(("seconds", "second", "sec"), Unit(1.0, "s")),
+    **dict.fromkeys(("seconds", "second", "sec", "s"), Unit(1.0, "s")),
     **dict.fromkeys(("minutes", "minute"), Unit(60.0, "s")),
     **dict.fromkeys(("hours", "hour", "hr"), Unit(3600.0, "s")),
     **dict.fromkeys(("meter", "metre", "meters", "metres"), Unit(1.0, "m")),

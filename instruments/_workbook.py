@@ -116,22 +116,17 @@ def _check_archive(path: Path) -> None:
         raise _damaged(path, str(error)) from None
     total = sum(part.file_size for part in parts)
     if not ({"xl/workbook.xml", "xl/workbook.bin"} & names or {"content.xml", "mimetype"} <= names):
+        text, hint = "a ZIP archive that holds no workbook", "Unpack it, and name the files in it."
         if names and all(name.endswith(".npy") for name in names):
-            arrays = ", ".join(sorted(name.removesuffix(".npy") for name in names)[:4])
-            hint = f"It is a NumPy archive (.npz) of the arrays {arrays}: save them as CSV with headings and units."
-            raise SourceError(path, "an archive of NumPy arrays (.npz)", hint=hint)
-        raise SourceError(path, "a ZIP archive that holds no workbook", hint=NO_WORKBOOK)
+            text, arrays = "an archive of NumPy arrays (.npz)", sorted(name.removesuffix(".npy") for name in names)[:4]
+            hint = f"It is a NumPy archive (.npz) of the arrays {', '.join(arrays)}: "
+            hint += "save them as CSV with headings and units."
+        raise SourceError(path, text, hint=hint)
     if total > _MOST_UNPACKED:
-        raise SourceError(
-            path,
-            f"the workbook unpacks to {total} bytes; at most {_MOST_UNPACKED} are read",
-            hint="This is no export of an instrument; export as CSV.",
-        )
+        text = f"the workbook unpacks to {total} bytes; at most {_MOST_UNPACKED} are read"
+        raise SourceError(path, text, hint="This is no export of an instrument; export as CSV.")
     if any(part.flag_bits & 1 for part in parts):
         raise SourceError(path, "the workbook is encrypted", hint="Save it without a password.")
-
-
-NO_WORKBOOK = "Unpack it, and give the files in it, or write the readings as text with a row of headings."
 
 
 def _damaged(path: Path, found: str) -> SourceError:

@@ -10,14 +10,15 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from instruments.anton_paar._dataset import (
+        Column as Column,
+        Interval as Interval,
         assemble as assemble,
         in_one_unit as in_one_unit,
         make_column as make_column,
         make_interval as make_interval,
     )
     from instruments.anton_paar._export import read as read
-    from instruments.anton_paar._values import Column as Column, Interval as Interval
-    from instruments.anton_paar._writer import LANGUAGES as LANGUAGES, encode as encode, write as write
+    from instruments.anton_paar._writer import encode as encode, write as write
 else:
     __getattr__ = lazily(__name__)
 

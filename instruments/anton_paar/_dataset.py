@@ -1,8 +1,8 @@
-"""Intervals to one Dataset, and back."""
+"""Intervals of readings, joined to one Dataset."""
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from instruments._quantities import TEXT, quantity, slug, unit_of
-from instruments.anton_paar._values import Column, Interval
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.errors import InputError
 from labpipe.variables import described, variable
 
@@ -20,6 +20,40 @@ CLIPPED = 20000.0
 _CLIP_TOLERANCE = 1e-3  # a storage modulus that was made from the clipped value agrees so well
 
 _SAMPLE = ("sample",)
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of one interval.
+
+    ``name`` is canonical, ``header`` and ``unit`` as in the file, ``values`` in SI (numbers) or
+    text. ``si`` is "" for text.
+    """
+
+    name: str
+    header: str
+    unit: str
+    si: str
+    values: Floats | list[str]
+    sub_label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """One table: where it belongs, and its columns over its points.
+
+    ``point`` is the number of every point (0 where the file gives none), ``is_valid`` False where
+    the instrument marked it invalid.
+    """
+
+    test: str
+    result: str
+    number: int
+    declared: int | None
+    point: Integers
+    is_valid: Flags
+    columns: tuple[Column, ...]
+    sheet: str = ""
 
 
 def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
@@ -35,14 +69,24 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
     Raises
     ------
     InputError
-        One name stands for two SI units.
+        One name has two SI units.
     """
     counts = [interval.point.size for interval in intervals]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
     variables: dict[str, Any] = {}
     for interval, start in zip(intervals, starts, strict=False):
         for column in interval.columns:
-            _put(variables, column, start, int(starts[-1]))
+            is_text = isinstance(column.values, list)
+            if column.name not in variables:
+                empty: NDArray[Any] = np.full(starts[-1], "", dtype=object) if is_text else np.full(starts[-1], np.nan)
+                variables[column.name] = (_SAMPLE, empty, described("1" if is_text else column.si, column.header))
+            array, known = variables[column.name][1:]
+            if (array.dtype == object) != is_text or (not is_text and known["units"] != column.si):
+                raise InputError(
+                    f'the column "{column.header}" is in "{column.unit or "text"}" here and in "{known["units"]}" in '
+                    "another table; rename one of them"
+                )
+            array[start : start + len(column.values)] = column.values
     tests, results = _numbered(intervals)
     coords = {
         name: variable(_SAMPLE, np.repeat(np.asarray(values, dtype=np.int64), counts), "1", text)
@@ -81,23 +125,6 @@ def in_one_unit(intervals: Sequence[Interval]) -> tuple[list[Interval], list[str
     return [replace(i, columns=tuple(c for c in i.columns if c.name not in several)) for i in intervals], notes
 
 
-def _put(variables: dict[str, Any], column: Column, start: int, total: int) -> None:
-    """Write a column into its place."""
-    if column.name not in variables:
-        is_text = isinstance(column.values, list)
-        empty: NDArray[Any] = np.full(total, "", dtype=object) if is_text else np.full(total, np.nan)
-        attrs = described("1" if is_text else column.si, column.header)
-        variables[column.name] = (_SAMPLE, empty, attrs)
-    array, attrs = variables[column.name][1], variables[column.name][2]
-    is_text = isinstance(column.values, list)
-    if (array.dtype == object) != is_text or (not is_text and attrs["units"] != column.si):
-        raise InputError(
-            f'the column "{column.header}" is in "{column.unit or "text"}" here and in '
-            f'"{attrs["units"]}" in another table; rename one of them'
-        )
-    array[start : start + len(column.values)] = column.values
-
-
 def _numbered(intervals: Sequence[Interval]) -> tuple[list[int], list[int]]:
     """Count tests and results in the order of the file; a name that returns begins anew."""
     tests: list[int] = []
@@ -129,12 +156,8 @@ def _described(intervals: Sequence[Interval], tests: Sequence[int], results: Seq
             "rows": int(interval.point.size),
             **({"sheet": interval.sheet} if interval.sheet else {}),
             "columns": [
-                {
-                    "name": c.name,
-                    "header": c.header,
-                    "unit": c.unit,
-                    **({"sub_label": c.sub_label} if c.sub_label else {}),
-                }
+                {"name": c.name, "header": c.header, "unit": c.unit}
+                | ({"sub_label": c.sub_label} if c.sub_label else {})
                 for c in interval.columns
             ],
         }
@@ -146,7 +169,7 @@ def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
     """Replace clipped loss factors by the ratio of the moduli, where the storage modulus is real.
 
     RheoCompass clips at 20000 and often makes the storage modulus from the clipped value; such a
-    modulus is no reading, so nothing can be recomputed from it and the loss factor stays NaN.
+    modulus is no reading, so the loss factor stays NaN.
     """
     if "loss_factor" not in dataset:
         return dataset
@@ -168,69 +191,16 @@ def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
 
 def _frequencies(dataset: xr.Dataset) -> xr.Dataset:
     """Give both frequencies where the file has one."""
-    omega = dataset.get("angular_frequency")
-    hertz = dataset.get("frequency")
-    if omega is None and hertz is None:
+    names = {"frequency": ("Hz", "Frequency"), "angular_frequency": ("rad/s", "Angular Frequency")}
+    found = {name: dataset[name].values for name in names if name in dataset}
+    if not found:
         return dataset
-    count = dataset.sizes["sample"]
-    absent = np.full(count, np.nan)
-    from_omega = absent if omega is None else omega.values / (2 * np.pi)
-    from_hertz = absent if hertz is None else hertz.values * (2 * np.pi)
-    dataset.attrs["derived"] = "frequency" if hertz is None else ("angular_frequency" if omega is None else "")
+    dataset.attrs["derived"] = next((name for name in names if name not in found), "")
+    absent = np.full(dataset.sizes["sample"], np.nan)
+    hertz, omega = found.get("frequency", absent), found.get("angular_frequency", absent)
+    both = np.where(np.isnan(hertz), omega / (2 * np.pi), hertz), np.where(np.isnan(omega), hertz * (2 * np.pi), omega)
     return dataset.assign(
-        frequency=variable(
-            _SAMPLE,
-            from_omega if hertz is None else np.where(np.isnan(hertz.values), from_omega, hertz.values),
-            "Hz",
-            "Frequency",
-        ),
-        angular_frequency=variable(
-            _SAMPLE,
-            from_hertz if omega is None else np.where(np.isnan(omega.values), from_hertz, omega.values),
-            "rad/s",
-            "Angular Frequency",
-        ),
-    )
-
-
-def intervals_of(dataset: xr.Dataset) -> list[Interval]:
-    """Return the intervals of a Dataset of the form of :func:`assemble`.
-
-    Raises
-    ------
-    InputError
-        It has another form.
-    """
-    try:
-        stated = json.loads(dataset.attrs["tests"])
-        stops = np.cumsum([entry["rows"] for entry in stated])
-        if not len(stops) or int(stops[-1]) != dataset.sizes["sample"]:
-            raise InputError("the attribute tests does not fit the samples")
-        return [
-            _interval(dataset.isel(sample=slice(int(stop) - entry["rows"], int(stop))), entry)
-            for entry, stop in zip(stated, stops, strict=True)
-        ]
-    except KeyError as error:
-        raise InputError(f"not a Dataset of this reader: {error} is missing") from None
-
-
-def _interval(part: xr.Dataset, entry: dict[str, Any]) -> Interval:
-    columns = []
-    for stated in entry["columns"]:
-        values_of = part[stated["name"]]
-        is_text = values_of.dtype.kind not in "fiu"
-        values = [str(v) for v in values_of.values] if is_text else values_of.values.astype(float)
-        name, header, unit, below = stated["name"], stated["header"], stated["unit"], stated.get("sub_label", "")
-        columns.append(Column(name, header, unit, "" if is_text else values_of.attrs["units"], values, below))
-    return Interval(
-        entry["test_name"],
-        entry["result_name"],
-        entry["interval"],
-        entry["declared"],
-        part["point"].values.astype(np.int64),
-        part["is_valid"].values.astype(bool),
-        tuple(columns),
-        sheet=entry.get("sheet", ""),
+        {name: variable(_SAMPLE, v, *said) for (name, said), v in zip(names.items(), both, strict=True)}
     )
 
 

@@ -1,29 +1,76 @@
-"""Anton Paar rheometer exports (RheoCompass CSV, TXT and XLSX; RheoPlus), read and written.
+"""Anton Paar rheometer exports (RheoCompass CSV, TXT and XLSX; RheoPlus), read.
 
-Columns, units, language and decimal sign are the user's choice in the software, so all of them
-come from the file. Layouts not seen in a real file are marked in the result's ``layout``.
+Columns, units, language and decimal sign are the user's choice in the software, so all of them come from the file:
+the decimal sign by the evidence of its cells, quantities by their headings. Invalid points are NaN.
 """
 
+import csv
 import json
 import os
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
-from instruments._quantities import quantity
-from instruments._workbook import is_workbook, text_of
-from instruments.anton_paar._dataset import assemble, in_one_unit
-from instruments.anton_paar._sources import delimiter_of, text_rows, workbook_rows
-from instruments.anton_paar._table import Export, RawInterval, Row, read_table
-from instruments.anton_paar._values import Findings, interpret, signs_of
-from labpipe.errors import SourceError, warn_of
-from labpipe.text import Limits, TextFile, check_decimal, first_bytes, survey
+from instruments._moduli import celsius, needed, with_moduli
+from instruments._quantities import SI_OF, TEMPERATURES, TEXT, TIMES, quantity, repaired, slug, unit_of
+from instruments._workbook import Cell, is_workbook, sheets, text_of
+from instruments.anton_paar._dataset import Column, Interval, assemble, in_one_unit
+from instruments.anton_paar._table import Export, RawInterval, Row, point_number, read_table
+from labpipe.arrays import Flags, Floats, Integers
+from labpipe.errors import InputError, SourceError, warn_of
+from labpipe.text import (
+    DOT,
+    Limits,
+    Separators,
+    TextFile,
+    check_decimal,
+    first_bytes,
+    listed,
+    not_a_number,
+    plain_number,
+    separators,
+    shorten,
+    survey,
+)
 
 # Real exports have below 1 MB; the lines are kept while the decimal sign is being decided.
 _LIMITS = Limits(max_bytes=128 << 20)
 _CODECS = ("cp1252", "cp932")
+_LOOKED_AT = 200  # lines in which the delimiter must show
+_ABSENT = ("", "-", "--", "---", "*")  # cells without a reading
+
+
+@dataclass(slots=True)
+class _Findings:
+    """Notes and counts from the reading of the values."""
+
+    notes: list[str] = field(default_factory=list)
+    absent: int = 0
+    invalid: int = 0
+    is_contradicted: bool = False
+
+    def note(self, text: str) -> None:
+        """Keep a note once; further intervals say the same."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """A column to read: its place, name, heading, sub-label, unit, whether a result needs it."""
+
+    index: int
+    name: str
+    header: str
+    sub_label: str
+    unit: str
+    is_needed: bool
 
 
 def read(
@@ -74,66 +121,29 @@ def read(
     check_decimal(decimal)
     path = Path(path)
     if is_workbook(first_bytes(path)):
-        export, how = read_table(path, workbook_rows(path)), {"encoding": "xlsx"}
+        cells = (Row(number, row, title) for title, rows in sheets(path) for number, row in enumerate(rows, 1))
+        export, how = read_table(path, cells), {"encoding": "xlsx"}
         if export.projects > 1:
             export.notes.append("more than one project in the workbook; exports were joined")
     else:
         source = survey(path, declared=(encoding,) if encoding else _CODECS, limits=_LIMITS)
-        _refuse_window_definition(source)
-        sign = delimiter_of(source)
-        rows = _complete(source, text_rows(source, sign), allow_incomplete)
-        export, how = read_table(path, rows), {"encoding": source.encoding, "delimiter": sign}
-        _check_last(source, export, allow_incomplete)
-    return _dataset(path, export, how, decimal)
-
-
-def _refuse_window_definition(source: TextFile) -> None:
-    first = next(iter(source.lines()), "").lstrip("\N{ZERO WIDTH NO-BREAK SPACE} ")
-    if first.startswith("<"):
-        text = "this XML file holds the layout of a table window, not a measurement"
-        raise SourceError(source.path, text, line=1, hint="In RheoCompass, export the table itself as CSV or XLSX.")
-
-
-def _complete(source: TextFile, rows: Iterable[Row], allow: bool) -> Iterable[Row]:
-    """Leave out a last line that is not ended, when that is allowed."""
-    for row in rows:
-        if row.line == source.n_lines and not source.is_ended and allow:
-            warn_of(source.path, "the last line is cut, it has no line end; it is dropped", line=row.line)
-            return
-        yield row
-
-
-def _check_last(source: TextFile, export: Export, allow: bool) -> None:
-    """Refuse a last line without line end, unless it is the last point and all its cells show."""
-    if source.is_ended or allow:
-        return
-    last = export.intervals[-1]
-    if last.rows and last.rows[-1].line == source.n_lines and _is_whole(last):
-        export.notes.append("the last line has no line end; its table is complete, but further ones may be lost")
-        return
-    hint = "Export the file again, or drop this line with allow_incomplete=True."
-    raise SourceError(source.path, "the last line is cut, it has no line end", line=source.n_lines, hint=hint)
-
-
-def _is_whole(interval: RawInterval) -> bool:
-    """Recognise a whole last row: it ends with a status seen above. A number may have lost digits."""
-    above = {text_of(row.cells[-1]) for row in interval.rows[:-1]} - {""}
-    return (
-        interval.declared == len(interval.rows)
-        and quantity(interval.headers[-1]) == "status"
-        and text_of(interval.rows[-1].cells[-1]) in above
-    )
-
-
-def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | None) -> xr.Dataset:
-    signs = signs_of(export.intervals, decimal, path)
-    findings = Findings(notes=list(export.notes))
-    intervals, notes = in_one_unit([interpret(raw, signs, path, findings) for raw in export.intervals if raw.units])
+        if next(iter(source.lines()), "").lstrip("\ufeff ").startswith("<"):
+            text = "this XML file holds the layout of a table window, not a measurement"
+            hint = "In RheoCompass, export the table itself as CSV or XLSX."
+            raise SourceError(path, text, line=1, hint=hint)
+        delimiter = _delimiter_of(source)
+        export = read_table(path, _complete(source, delimiter, allow_incomplete))
+        how = {"encoding": source.encoding, "delimiter": delimiter}
+        if not source.is_ended and not allow_incomplete:
+            _check_last(source, export)
+    signs = _signs(export.intervals, decimal, path)
+    findings = _Findings(notes=list(export.notes))
+    intervals, notes = in_one_unit([_interval(raw, signs, path, findings) for raw in export.intervals if raw.units])
     findings.notes += notes
-    first = export.header[0] if export.header else ""
+    counts = {"rows_read": sum(len(i.rows) for i in export.intervals), "intervals_read": len(export.intervals)}
     attrs: dict[str, Any] = {
         "source": path.name,
-        "project": first.partition("\t")[2],
+        "project": "".join(export.header[:1]).partition("\t")[2],
         "header": "\n".join(export.header),
         "decimal": signs.decimal,
         **how,
@@ -142,15 +152,214 @@ def _dataset(path: Path, export: Export, how: dict[str, str], decimal: str | Non
         "notes": json.dumps(findings.notes, ensure_ascii=False),
         "cut": json.dumps(export.cut, ensure_ascii=False),
         "clock": "relative to the test; it may run on over intervals or begin anew",
-        "work": json.dumps(
-            {
-                "bytes_read": path.stat().st_size,
-                "rows_read": sum(len(i.rows) for i in export.intervals),
-                "intervals_read": len(export.intervals),
-            }
-        ),
+        "work": json.dumps({"bytes_read": path.stat().st_size, **counts}),
     }
     dataset = assemble(intervals, **attrs)
     for note in findings.notes:
         warn_of(path, note)
     return dataset
+
+
+def _delimiter_of(source: TextFile) -> str:
+    """Return TAB, semicolon or comma, as the line that begins a table shows it.
+
+    Raises
+    ------
+    SourceError
+        None of them separates a label from its numbers, or the names of the columns.
+    """
+    head = list(islice(source.lines(), _LOOKED_AT))
+    for delimiter in ("\t", ";", ","):
+        sign = re.escape(delimiter)
+        begins = re.compile(rf'"?[^{sign}]+:"?{sign}+"?[0-9]+"?(?:{sign}+"?[0-9]+"?)?{sign}*\s*')
+        if any(begins.fullmatch(line) or quantity("".join(_cells(line, delimiter)[:1])) == "point" for line in head):
+            return delimiter
+    if any("\t" in line for line in head):
+        return "\t"
+    text = f"no line such as 'Interval and data points: 1 11' in the first {_LOOKED_AT} lines"
+    raise SourceError(source.path, text, line=1, hint="Is this an Anton Paar export? If so, export it again as CSV.")
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Split one line; quotes are those of an edited file."""
+    if delimiter != "\t":
+        return next(csv.reader([line], delimiter=delimiter), [""])
+    quoted = (len(cell) > 1 and cell[0] == cell[-1] == '"' for cell in line.split("\t"))
+    return [c[1:-1].replace('""', '"') if q else c for c, q in zip(line.split("\t"), quoted, strict=True)]
+
+
+def _complete(source: TextFile, delimiter: str, allow: bool) -> Iterator[Row]:
+    """Split the lines into cells; leave out a last line that is not ended, when that is allowed."""
+    for number, line in enumerate(source.lines(), 1):
+        if number == source.n_lines and not source.is_ended and allow:
+            warn_of(source.path, "the last line is cut, it has no line end; it is dropped", line=number)
+            return
+        yield Row(number, list(_cells(line, delimiter)))
+
+
+def _check_last(source: TextFile, export: Export) -> None:
+    """Refuse a last line without line end, unless it is the last point and ends with a status seen above."""
+    last = export.intervals[-1]
+    if last.rows and last.rows[-1].line == source.n_lines and last.declared == len(last.rows):
+        ends = [text_of(row.cells[-1]) for row in last.rows]
+        if quantity(last.headers[-1]) == "status" and ends[-1] and ends[-1] in ends[:-1]:
+            export.notes.append("the last line has no line end; its table is complete, but further ones may be lost")
+            return
+    hint = "Export the file again, or drop this line with allow_incomplete=True."
+    raise SourceError(source.path, "the last line is cut, it has no line end", line=source.n_lines, hint=hint)
+
+
+def _signs(intervals: Iterable[RawInterval], decimal: str | None, path: Path) -> Separators:
+    """Decide the decimal sign of a file from all its numbers; SourceError if it is ambiguous, or both signs occur."""
+    cells: list[str] = []
+    for interval in intervals:
+        wanted = [i for i, unit in enumerate(interval.units) if unit]
+        for row in interval.rows:
+            for cell in (c.strip().lower() for i in wanted if isinstance(c := row.cells[i], str)):
+                mantissa, exponent, _ = cell.partition("e")
+                # No thousands sign stands before an exponent: one digit more makes that plain.
+                cells.append(mantissa + "0" if exponent and ("," in mantissa or "." in mantissa) else mantissa)
+    if decimal is not None:
+        other = "." if decimal == "," else ","
+        has_other = any(other in c and c.strip("+-").replace(",", "").replace(".", "").isdigit() for c in cells)
+        return Separators(decimal, other if has_other else "")
+    try:
+        return separators(cells)
+    except InputError as error:
+        raise SourceError(path, str(error)) from None
+
+
+def _interval(raw: RawInterval, signs: Separators, path: Path, findings: _Findings) -> Interval:
+    """Turn one table into numbers.
+
+    A column that no sweep and no response is made of is left out, with a note, where its unit is none of its
+    quantity; a cell of it that is no number is no reading. A needed column is refused for either.
+    """
+    plans = _plans(raw, path, findings)
+    point, valid = _points(raw, next((p.index for p in plans if p.name == "point"), None), path)
+    findings.invalid += int((~valid).sum())
+    columns = []
+    for plan in plans:
+        if plan.name == "point":
+            continue
+        cells = [row.cells[plan.index] for row in raw.rows]
+        is_unknown = not plan.unit.strip("[] ") and not quantity(plan.header)
+        if plan.name in TEXT or (is_unknown and any(_number(c, (signs,)) is None for c in cells)):
+            text = [repaired(text_of(cell)) for cell in cells]
+            columns.append(Column(plan.name, plan.header, plan.unit, "", text, plan.sub_label))
+            continue
+        unit = _unit(raw, plan, path, findings)
+        if unit is None:
+            continue
+        values, si = _numbers(raw, plan, signs, path, findings) * unit[0], unit[1]
+        name = plan.name
+        if name in TEMPERATURES:
+            values = celsius(values, si, path=path, line=raw.line + 1, header=plan.header, stated=plan.unit)
+            si = "degC"
+        if name in ("frequency", "angular_frequency"):  # the unit decides, whatever the heading says
+            name = "angular_frequency" if si == "rad/s" else "frequency"
+        if name not in TIMES:
+            values[~valid] = np.nan
+        columns.append(Column(name, plan.header, plan.unit, si, values, plan.sub_label))
+    made, contradictions = with_moduli({column.name: column for column in columns if column.si})
+    if not findings.is_contradicted:  # further intervals would say the same
+        findings.notes += [f"line {raw.line}: {said}" for said in contradictions]
+    findings.is_contradicted |= bool(contradictions)
+    columns += [made[name] for name in sorted(made.keys() - {column.name for column in columns})]
+    return Interval(raw.test, raw.result, raw.number, raw.declared, point, valid, tuple(columns), sheet=raw.sheet)
+
+
+def _plans(raw: RawInterval, path: Path, findings: _Findings) -> list[_Plan]:
+    """Name the columns; of those with one heading the further ones by their sub-label or a number."""
+    plans: list[_Plan] = []
+    taken: set[str] = set()
+    wanted = needed({name for header in raw.headers if (name := quantity(header))})
+    for index, header in enumerate(raw.headers):
+        if not header:
+            if raw.units[index] or any(text_of(r.cells[index]) for r in raw.rows):
+                text, hint = f"column {index + 1} has no name", "Its name was deleted; export the file again."
+                raise SourceError(path, text, line=raw.line + 1, hint=hint)
+            continue
+        first = quantity(header) or slug(header)
+        if header.endswith(","):
+            findings.note(f'"{header}" is taken as the column {first}: a dot was replaced by a comma')
+        sub = raw.sub_labels[index] if index < len(raw.sub_labels) else ""
+        others = [name for name in (f"{first}_{slug(sub)}" if sub else "", slug(header)) if name]
+        numbered = [f"{others[-1]}_{serial}" for serial in range(2, len(raw.headers) + 2)]
+        name = next(one for one in (first, *others, *numbered) if one not in taken)
+        taken.add(name)
+        plans.append(_Plan(index, name, header, sub, raw.units[index], name == first and name in wanted))
+    return plans
+
+
+def _points(raw: RawInterval, index: int | None, path: Path) -> tuple[Integers, Flags]:
+    """Return the numbers of the points, which go up, and which of them are valid."""
+    valid = np.array([not row.is_short for row in raw.rows], dtype=bool)
+    if index is None:
+        return np.arange(1, valid.size + 1), valid
+    point = np.zeros(valid.size, dtype=np.int64)
+    before = 0
+    for i, row in enumerate(raw.rows):
+        text = text_of(row.cells[index])
+        if not text:
+            continue  # raw waveforms have no number
+        found = point_number(repaired(text))
+        if found is None or found[0] <= before:
+            expected = f"a number above {before}" if found else "a point number"
+            message = f"found {shorten(text)}, expected {expected}"
+            hint = "Rows are missing, repeated or moved; export the file again."
+            raise SourceError(path, message, line=row.line, hint=hint)
+        point[i] = before = found[0]
+        valid[i] &= found[1]
+    return point, valid
+
+
+def _unit(raw: RawInterval, plan: _Plan, path: Path, findings: _Findings) -> tuple[float, str] | None:
+    """Return factor and SI unit of a column; None of one that is left out."""
+    name = quantity(plan.header)
+    known = SI_OF.get(name or "")
+    try:
+        found = unit_of(plan.unit)
+    except InputError:
+        found = None
+        if known is None:
+            return 1.0, plan.unit.strip("[] ")  # an unknown quantity keeps its own unit
+    if found is not None and (known is None or found.si in known):
+        # The radian is often left out; "angular" in the heading says it.
+        is_angular = found.si == "1/s" and name == "angular_frequency"
+        return found.factor, "rad/s" if is_angular else found.si
+    spelled = " or ".join(si for si in known or () if si != "degF")
+    text = f'{plan.header} is in "{plan.unit}", expected a unit of {spelled}'
+    if not plan.is_needed:
+        findings.note(f"line {raw.line + 1}: {text}; the column is left out, nothing is made of it")
+        return None
+    raise SourceError(path, text, line=raw.line + 1, hint="Correct the row of units, or export again.")
+
+
+def _numbers(raw: RawInterval, plan: _Plan, signs: Separators, path: Path, findings: _Findings) -> Floats:
+    values = np.full(len(raw.rows), np.nan)
+    strange = []
+    for i, row in enumerate(raw.rows):
+        # A workbook may hold numbers as text, with a dot whatever the country.
+        value = _number(row.cells[plan.index], (DOT, signs) if row.sheet else (signs,))
+        if value is None and plan.is_needed:
+            column = sum(len(text_of(c)) + 1 for c in row.cells[: plan.index]) + raw.first + 1
+            raise not_a_number(text_of(row.cells[plan.index]), path=path, line_number=row.line, column=column)
+        if value is None:
+            strange.append(row.line)
+            value = float("nan")
+        values[i] = value
+        findings.absent += int(np.isnan(value))
+    if strange:
+        findings.note(f"{listed(strange)}: {plan.header} holds cells that are no numbers; they are no readings")
+    return values
+
+
+def _number(cell: Cell, signs: Sequence[Separators]) -> float | None:
+    """Return a number, NaN for an absent one, None for anything else."""
+    if isinstance(cell, float):
+        return cell
+    text = (cell or "").strip()
+    if text in _ABSENT:
+        return float("nan")
+    return next((v for s in signs if (v := plain_number(text, s)) is not None), None)

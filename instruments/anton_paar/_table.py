@@ -20,9 +20,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from instruments._quantities import TEXT, quantity, repaired
+from instruments._quantities import TEXT, fold, quantity, repaired
 from instruments._workbook import Cell, text_of
-from instruments.anton_paar import _words as words
 from labpipe.errors import SourceError
 from labpipe.text import listed, shorten
 
@@ -31,6 +30,44 @@ _WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")
 _NUMBER = re.compile(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?")
 _UNITS_WITHIN = 3  # lines below the header: sub-labels, and a line that a hand has added
 _MOST_COLUMNS = 512
+
+#: The meaning of a label before a table, by its spellings.
+_LABELS = {
+    "project": "project, projekt, projet, projeto, file, data series information, datenreihen information",
+    "test": "test, teste, essai, versuch, name",
+    "result": "result, ergebnis, resultat, resultado",
+    "interval": "interval, abschnitt, messabschnitt, intervalle, intervalo",
+    "points": (
+        "number of data points, anzahl datenpunkte, anzahl messpunkte, nombre de points de donnees, "
+        "numero de pontos de dados"
+    ),
+    "header": (
+        "interval data, intervalldaten, abschnittsdaten, intervall daten, intervalle donnees, interval donnees, "
+        "donnees intervalle, dados do intervalo, intervalo dados"
+    ),
+}
+_LABEL_OF = {fold(word): name for name, words in _LABELS.items() for word in words.split(", ")}
+_INVALID = ("invalid", "invalide", "ungultig", "invalido")
+_COUNT = re.compile(r"\s*(\d{1,9})(?:\.0*)?\s*(?:\(\s*(.+?)\s*\))?\s*")
+
+
+def label(text: str) -> str | None:
+    """Return the meaning of a label, or None when it is not known."""
+    return _LABEL_OF.get(fold(text))
+
+
+def point_number(text: str) -> tuple[int, bool] | None:
+    """Read a point number and whether the point is valid; None when it is neither.
+
+    Examples
+    --------
+    >>> point_number("7"), point_number("8 (invalid)"), point_number("8 (perhaps)")
+    ((7, True), (8, False), None)
+    """
+    match = _COUNT.fullmatch(text)
+    if match is None or (match[2] is not None and fold(match[2]) not in _INVALID):
+        return None
+    return int(match[1]), match[2] is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +143,9 @@ class _Reader:
         self.is_rheoplus = False
         self.dangling = 0  # line of a label after the last table
 
-    def fail(self, row: Row, message: str, hint: str = "", column: int | None = None) -> SourceError:
+    def fail(self, row: Row, message: str, hint: str = "") -> SourceError:
         where = f"sheet {row.sheet}: " if row.sheet else ""
-        return SourceError(self.export.path, where + message, line=row.line, column=column, hint=hint)
+        return SourceError(self.export.path, where + message, line=row.line, hint=hint)
 
     def take(self, row: Row) -> None:
         """Take one row in."""
@@ -128,8 +165,7 @@ class _Reader:
         if self._is_label(cells):
             self._label(row, cells)
         elif self.current is None and quantity(repaired(cells[0])) == "point" and len(cells) > 2:
-            self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
-            self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
+            self._begin_unstated(row, cells)
         elif self.current is None:
             self._loose(row, cells)
         elif self.expects == "header":
@@ -143,12 +179,12 @@ class _Reader:
         first = cells[0]
         if self.expects == "header" and len(cells) > 2 and not _WHOLE.fullmatch(cells[1]):
             return False
-        return first.endswith(":") or words.label(first) in ("header", "project")
+        return first.endswith(":") or label(first) in ("header", "project")
 
     def _label(self, row: Row, cells: list[str]) -> None:
         values = [c for c in cells[1:] if c]
         text = repaired(" ".join(values))
-        meaning = words.label(repaired(cells[0]))
+        meaning = label(repaired(cells[0]))
         numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
         if meaning is None and self.expects == "header" and self.is_rheoplus:
             # Settings of the interval, which RheoPlus writes between its number of points and its table.
@@ -160,18 +196,22 @@ class _Reader:
             self._begin(row, numbers[0], numbers[1])
             self.is_rheoplus = False
         elif meaning == "header" and len(values) > 1:
-            self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
-            self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
+            self._begin_unstated(row, cells)
         elif meaning == "interval" and len(values) == 1 and numbers:
             self.number = numbers[0]
         elif meaning == "points" and len(values) == 1 and numbers:
-            self._begin(row, self.number or len(self._siblings()) + 1, numbers[0])
+            self._begin(row, self.number or self._next_number(), numbers[0])
             self.number, self.is_rheoplus = None, True
         else:
             self._named(row, meaning, cells[0], text)
 
-    def _siblings(self) -> list[RawInterval]:
-        return [i for i in self.export.intervals if (i.sheet, i.test, i.result) == (self.sheet, self.test, self.result)]
+    def _next_number(self) -> int:
+        place = (self.sheet, self.test, self.result)
+        return sum((i.sheet, i.test, i.result) == place for i in self.export.intervals) + 1
+
+    def _begin_unstated(self, row: Row, cells: list[str]) -> None:
+        self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
+        self._header(self._begin(row, self._next_number(), None), row, cells)
 
     def _named(self, row: Row, meaning: str | None, name: str, text: str) -> None:
         self.export.header.append(f"{name}\t{text}")
@@ -200,11 +240,8 @@ class _Reader:
         while current.headers and not current.headers[-1]:
             current.headers.pop()
         if len(current.headers) < 2 or any(_WHOLE.fullmatch(h) for h in headers):
-            raise self.fail(
-                row,
-                f"found {shorten(' '.join(cells))}, expected the names of the columns",
-                "The lines of the table were changed; export the file again.",
-            )
+            text = f"found {shorten(' '.join(cells))}, expected the names of the columns"
+            raise self.fail(row, text, "The lines of the table were changed; export the file again.")
         self.header_line = row.line
         self.expects = "units"
 
@@ -219,40 +256,22 @@ class _Reader:
             return
         is_number = any(_NUMBER.fullmatch(c) for c in stated)
         if row.line - self.header_line > _UNITS_WITHIN or is_number:
-            raise self.fail(
-                row,
-                "found no row of units such as [Pa] below the names of the columns",
-                "Export again with units; they are not guessed.",
-            )
+            text = "found no row of units such as [Pa] below the names of the columns"
+            raise self.fail(row, text, "Export again with units; they are not guessed.")
         current.sub_labels = inside
 
     def _data(self, current: RawInterval, row: Row, cells: list[str]) -> None:
         # At least the first cell is empty (RheoCompass) or a point number (RheoPlus).
+        compare = "compare the row with its neighbours."
         if current.first and cells[0]:
-            raise self.fail(
-                row,
-                f"found {shorten(cells[0])} where the first cell of a row of data is empty",
-                "A cell was added or moved; compare the row with its neighbours.",
-            )
-        inside = row.cells[current.first :]
-        width = len(current.headers)
-        filled = len(cells) - current.first
-        if filled > width:
-            raise self.fail(
-                row,
-                f"found {filled} cells, expected {width}: {shorten(' '.join(cells))}",
-                "A cell was added; compare the row with its neighbours.",
-            )
-        inside = inside[:width]
-        if not row.sheet and len(inside) < width:
-            lost = current.headers[len(inside) :]
-            if any(quantity(h) not in TEXT for h in lost):
-                raise self.fail(
-                    row,
-                    f"found {len(inside)} cells, expected {width}: {shorten(' '.join(cells))}",
-                    "A cell is missing; compare the row with its neighbours.",
-                )
+            text = f"found {shorten(cells[0])} where the first cell of a row of data is empty"
+            raise self.fail(row, text, f"A cell was added or moved; {compare}")
+        width, filled = len(current.headers), len(cells) - current.first
+        inside = row.cells[current.first :][:width]
         is_short = not row.sheet and len(inside) < width
+        if filled > width or (is_short and any(quantity(h) not in TEXT for h in current.headers[len(inside) :])):
+            text = f"found {max(filled, len(inside))} cells, expected {width}: {shorten(' '.join(cells))}"
+            raise self.fail(row, text, f"A cell {'was added' if filled > width else 'is missing'}; {compare}")
         inside = inside + [None] * (width - len(inside))
         current.rows.append(Row(row.line, inside, row.sheet, is_short))
 
@@ -260,11 +279,8 @@ class _Reader:
         numbers = sum(bool(_NUMBER.fullmatch(c)) for c in cells)
         # Above the first table one number may be a remark; several are a row that lost its table.
         if numbers > (0 if self.export.intervals else 1):
-            raise self.fail(
-                row,
-                f"found {shorten(' '.join(cells))} outside a table",
-                "An empty line stands inside the table, or its header is lost.",
-            )
+            text = f"found {shorten(' '.join(cells))} outside a table"
+            raise self.fail(row, text, "An empty line stands inside the table, or its header is lost.")
         self.export.header.append(" ".join(cells))
 
     def close(self) -> None:
@@ -282,15 +298,8 @@ class _Reader:
             )
             self.export.notes.append(text)
             self.export.cut.append((found.line, text))
-        self._judge_short(found)
-        self.export.intervals.append(found)
-
-    def _judge_short(self, found: RawInterval) -> None:
-        """Mark rows that lost cells, in a table whose other rows are whole.
-
-        Which cell was lost is not known, so no value of such a row can be trusted. Where every row
-        lacks the same text at its end, an editor has taken off what was empty.
-        """
+        # Which cells a row lost is not known, so no value of it is believed; where every row lacks the same text at
+        # its end, an editor has taken off what was empty.
         short = [row.line for row in found.rows if row.is_short]
         if len(short) == len(found.rows):
             found.rows = [replace(row, is_short=False) for row in found.rows]
@@ -299,17 +308,15 @@ class _Reader:
                 f"{listed(short)}: {len(short)} of {len(found.rows)} rows lost cells at "
                 "their end; which ones is not known, so the points are marked invalid"
             )
+        self.export.intervals.append(found)
 
     def finished(self) -> Export:
-        """Return what was found, or say that it is nothing."""
+        """Return the export; refuse one without a row of data."""
         last = self.dangling if self.current is None else 0
         self.close()
         if last:
             self.export.notes.append(f"line {last}: the file ends after a label, before its table: it is cut")
         if not any(i.rows for i in self.export.intervals):
-            raise SourceError(
-                self.export.path,
-                "found no table with rows of data",
-                hint="Export the table of the measurement from RheoCompass as CSV or XLSX.",
-            )
+            hint = "Export the table of the measurement from RheoCompass as CSV or XLSX."
+            raise SourceError(self.export.path, "found no table with rows of data", hint=hint)
         return self.export

@@ -2,134 +2,90 @@
 
 import json
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import xarray as xr
 
 from instruments._quantities import unit_of
-from instruments.anton_paar._dataset import intervals_of
-from instruments.anton_paar._values import Column, Interval
 from labpipe import files
 from labpipe.errors import InputError
 from labpipe.units import ZERO_CELSIUS
 
-#: Labels in front of project, test, result, the two numbers of an interval, and its columns.
-LANGUAGES: dict[str, tuple[str, str, str, str, str]] = {
-    "en": ("Project:", "Test:", "Result:", "Interval and data points:", "Interval data:"),
-    "de": ("Projekt:", "Versuch:", "Ergebnis:", "Abschnitt und Datenpunkte:", "Abschnittsdaten:"),
-    "fr": ("Projet:", "Test:", "Résultat:", "Intervalle et points de données:", "Intervalle données:"),
-    "pt": ("Projeto:", "Teste:", "Resultado:", "Intervalo e ponto de dados:", "Dados do intervalo:"),
-}
-_POINT = {"en": "Point No.", "de": "Punkt-Nr.", "fr": "Point No.", "pt": "No. do Ponto"}
-_INVALID = {"en": "(invalid)", "de": "(ungültig)", "fr": "(invalide)", "pt": "(inválido)"}
 
-
-@dataclass(frozen=True, slots=True)
-class _Style:
-    delimiter: str
-    decimal: str
-    language: str
-    digits: int | None
-
-
-def encode(
-    dataset: xr.Dataset,
-    *,
-    encoding: str = "utf-16",
-    delimiter: str = "\t",
-    decimal: str = ".",
-    language: str = "en",
-    digits: int | None = None,
-) -> bytes:
+def encode(dataset: xr.Dataset, *, digits: int | None = None) -> bytes:
     """Turn a Dataset of the form of :func:`instruments.anton_paar.read` into an export.
 
     Parameters
     ----------
     dataset : Dataset
         As read or assembled.
-    encoding : str
-        ``"utf-16"`` is what RheoCompass writes (little-endian, with its mark).
-    delimiter, decimal : str
-        TAB and dot by default; decimal commas go with TAB or semicolon.
-    language : {"en", "de", "fr", "pt"}
-        Of the labels; headings of columns are kept.
     digits : int, optional
         Significant digits; by default as many as the number has.
+
+    Returns
+    -------
+    bytes
+        UTF-16, little-endian, with its mark.
 
     Raises
     ------
     InputError
-        The delimiter is the decimal sign, the language is unknown, or a text holds the delimiter.
+        The Dataset has another form, or a text holds a TAB or a line end.
     """
-    if delimiter == decimal:
-        raise InputError(f'"{delimiter}" cannot be both delimiter and decimal sign')
-    if language not in LANGUAGES:
-        raise InputError(f'language "{language}" is unknown; expected one of {", ".join(LANGUAGES)}')
-    style = _Style(delimiter, decimal, language, digits)
-    labels = LANGUAGES[language]
-    lines = [_joined([labels[0], str(dataset.attrs.get("project", ""))], style), ""]
-    numbers = [(e["test"], e["result"]) for e in json.loads(dataset.attrs["tests"])]
-    for index, interval in enumerate(intervals_of(dataset)):
-        if index == 0 or numbers[index][0] != numbers[index - 1][0]:
-            lines += [_joined([labels[1], interval.test], style), ""]
-        if index == 0 or numbers[index] != numbers[index - 1]:
-            lines += [_joined([labels[2], interval.result], style), ""]
-        lines += [*_table(interval, style), ""]
-    text = "\r\n".join(lines[:-1]) + "\r\n"
-    return b"\xff\xfe" + text.encode("utf-16-le") if encoding == "utf-16" else text.encode(encoding)
-
-
-def _joined(cells: Sequence[str], style: _Style) -> str:
-    return style.delimiter.join(_quoted(c, style) for c in cells)
-
-
-def _quoted(cell: str, style: _Style) -> str:
-    if "\n" in cell or "\r" in cell or (style.delimiter == "\t" and "\t" in cell):
-        raise InputError(f"a cell of an export holds no line end and no TAB: {cell!r}")
-    needs = style.delimiter != "\t" and (style.delimiter in cell or '"' in cell)
-    return '"' + cell.replace('"', '""') + '"' if needs else cell
-
-
-def _table(interval: Interval, style: _Style) -> list[str]:
-    labels = LANGUAGES[style.language]
-    columns = interval.columns
-    count = interval.point.size
-    declared = count if interval.declared is None else interval.declared
-    point = _POINT[style.language]
-    rows = [
-        [labels[3], str(interval.number), str(declared)],
-        [labels[4], point, *(c.header for c in columns)],
-        ["", "", *(c.sub_label for c in columns)],
-        ["", "", *(c.unit for c in columns)],
-    ]
-    written = [_written(c, style) for c in columns]
-    for i in range(count):
-        number = str(interval.point[i]) if interval.point[i] else ""
-        if not interval.is_valid[i]:
-            number = f"{number} {_INVALID[style.language]}"
-        rows.append(["", number, *(w[i] for w in written)])
-    return [_joined(row, style) for row in rows]
-
-
-def _written(column: Column, style: _Style) -> list[str]:
-    if isinstance(column.values, list):
-        return column.values
-    zero = 0.0
     try:
-        factor, si = unit_of(column.unit) if column.unit else (1.0, "")
-        zero = ZERO_CELSIUS if (si, column.si) == ("K", "degC") else 0.0
+        entries = json.loads(dataset.attrs["tests"])
+        stops = np.cumsum([0, *(entry["rows"] for entry in entries)]).tolist()
+        if stops[-1] != dataset.sizes["sample"] or not entries:
+            raise InputError("the attribute tests does not fit the samples")
+        rows = [["Project:", str(dataset.attrs.get("project", ""))], [""]]
+        before: tuple[int, int] | tuple[()] = ()
+        for entry, (start, stop) in zip(entries, pairwise(stops), strict=True):
+            place = entry["test"], entry["result"]
+            rows += [["Test:", entry["test_name"]], [""]] if place[:1] != before[:1] else []
+            rows += [["Result:", entry["result_name"]], [""]] if place != before else []
+            rows += [*_table(dataset.isel(sample=slice(start, stop)), entry, digits), [""]]
+            before = place
+    except KeyError as error:
+        raise InputError(f"not a Dataset of this reader: {error} is missing") from None
+    for cell in (cell for row in rows for cell in row):
+        if not {"\n", "\r", "\t"}.isdisjoint(cell):
+            raise InputError(f"a cell of an export holds no line end and no TAB: {cell!r}")
+    text = "\r\n".join("\t".join(row) for row in rows[:-1]) + "\r\n"
+    return b"\xff\xfe" + text.encode("utf-16-le")
+
+
+def _table(part: xr.Dataset, entry: dict[str, object], digits: int | None) -> list[list[str]]:
+    """Return the cells of one interval: its labels, headings, units and rows."""
+    columns: list[dict[str, str]] = entry["columns"]  # type: ignore[assignment]  # as assembled
+    declared = entry["rows"] if entry["declared"] is None else entry["declared"]
+    numbers = [
+        f"{point or ''}" if is_valid else f"{point or ''} (invalid)"
+        for point, is_valid in zip(part["point"].values, part["is_valid"].values, strict=True)
+    ]
+    written = [_written(part[column["name"]], column["unit"], digits) for column in columns]
+    return [
+        ["Interval and data points:", str(entry["interval"]), str(declared)],
+        ["Interval data:", "Point No.", *(column["header"] for column in columns)],
+        ["", "", *(column.get("sub_label", "") for column in columns)],
+        ["", "", *(column["unit"] for column in columns)],
+        *(["", *row] for row in zip(numbers, *written, strict=True)),
+    ]
+
+
+def _written(values: xr.DataArray, unit: str, digits: int | None) -> list[str]:
+    """Return the cells of a column, in the unit of its heading."""
+    if values.dtype.kind not in "fiu":
+        return [str(value) for value in values.values]
+    factor, zero = 1.0, 0.0
+    try:
+        factor, si = unit_of(unit) if unit else (1.0, "")
+        zero = ZERO_CELSIUS if (si, values.attrs["units"]) == ("K", "degC") else 0.0
     except InputError:
-        factor = 1.0  # an unknown quantity was kept in its own unit
-    cells = []
-    for value in (column.values / factor + zero).tolist():
-        if np.isnan(value):
-            cells.append("")
-            continue
-        text = repr(value) if style.digits is None else f"{value:.{style.digits}g}"
-        cells.append(text.replace("e", "E").replace(".", style.decimal))
-    return cells
+        pass  # an unknown quantity was kept in its own unit
+    shown = (values.values.astype(float) / factor + zero).tolist()
+    texts = (repr(value) if digits is None else f"{value:.{digits}g}" for value in shown)
+    return ["" if np.isnan(value) else text.replace("e", "E") for value, text in zip(shown, texts, strict=True)]
 
 
 def write(path: str | os.PathLike[str], dataset: xr.Dataset, *, digits: int | None = None) -> None:

@@ -6,7 +6,6 @@ point that failed carries SIGMA = -1 and becomes NaN.
 
 import os
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe import files, text
-from labpipe.arrays import Floats, Integers
+from labpipe.arrays import Floats
 from labpipe.errors import SourceError, warn_of
 from labpipe.text import plain_number
 from labpipe.variables import variable
@@ -63,68 +62,22 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
     path = Path(path)
     folder = path if path.is_dir() else path.parent
     found = [path] if path.is_file() else files.files_below(folder)
-    numbered = sorted(
-        (int(match.group(1)), p) for p in found if p.parent == folder and (match := _FILE.match(p.name)) is not None
-    )
+    numbered = sorted((int(m[1]), p) for p in found if p.parent == folder and (m := _FILE.match(p.name)))
     if not numbered:
         raise SourceError(path, "no file DICe_solution_<number>.txt is there")
-    header, tables = _tables([p for _, p in numbered])
-    return _dataset(path, header, np.stack(tables), np.array([n for n, _ in numbered]), fps)
-
-
-def _tables(paths: Sequence[Path]) -> tuple[list[str], list[Floats]]:
-    header: list[str] = []
-    tables: list[Floats] = []
-    for path in paths:
-        names, table = _one(path)
-        if tables and names != header:
-            raise SourceError(path, f"has the fields {', '.join(names)}, but {paths[0].name} has {', '.join(header)}")
-        if tables and table.shape != tables[0].shape:
-            raise SourceError(
-                path,
-                f"holds {len(table)} points, expected {len(tables[0])} as in {paths[0].name}",
-                hint="The file may be cut off.",
-            )
-        header = names
-        places = [names.index(n) for n in ("COORDINATE_X", "COORDINATE_Y")]
-        if tables and not np.allclose(table[:, places], tables[0][:, places], atol=1e-3):
-            raise SourceError(path, f"its points lie elsewhere than those of {paths[0].name}")
+    header, first = _one(numbered[0][1])
+    tables = [first]
+    places = [header.index(name) for name in _REQUIRED[:2]]
+    for _, other in numbered[1:]:
+        names, table = _one(other)
+        if names != header:
+            message = f"has the fields {', '.join(names)}, but {numbered[0][1].name} has {', '.join(header)}"
+            raise SourceError(other, message)
+        if table.shape != first.shape or not np.allclose(table[:, places], first[:, places], atol=1e-3):
+            message = f"its {len(table)} points are not the {len(first)} of {numbered[0][1].name}"
+            raise SourceError(other, message, hint="The file may be cut off, or belong to another run.")
         tables.append(table)
-    return header, tables
-
-
-def _one(path: Path) -> tuple[list[str], Floats]:
-    """Read one file: preamble lines of stars, the header, one line per point."""
-    surveyed = text.survey(path)
-    with path.open(encoding=surveyed.encoding) as stream:
-        lines = stream.read().splitlines()
-    start = next((i for i, line in enumerate(lines) if line and not line.startswith("***")), None)
-    if start is None:
-        raise SourceError(path, "holds no header of fields")
-    delimiter = "," if "," in lines[start] else None
-    header = [name.strip() for name in lines[start].split(delimiter) if name.strip()]
-    missing = [name for name in _REQUIRED if name not in header]
-    if missing:
-        message = f"the fields {', '.join(missing)} are missing; found {', '.join(header)}"
-        raise SourceError(path, message, line=start + 1, hint="Ask DICe for them in its output specification.")
-    rows = []
-    for number, line in enumerate(lines[start + 1 :], start + 2):
-        if not line.strip():
-            continue
-        cells = [cell.strip() for cell in line.strip().rstrip(",").split(delimiter)]
-        if len(cells) != len(header):
-            raise SourceError(path, f"{len(cells)} values, expected {len(header)}", line=number)
-        values = [plain_number(cell) for cell in cells]
-        if None in values:
-            k = values.index(None)
-            raise text.not_a_number(cells[k], path=path, line_number=number, column=k + 1)
-        rows.append(values)
-    if not rows:
-        raise SourceError(path, "holds no point", line=start + 1)
-    return header, np.array(rows, dtype=float)
-
-
-def _dataset(path: Path, header: list[str], values: Floats, frames: Integers, fps: float | None) -> xr.Dataset:
+    values, frames = np.stack(tables), np.array([number for number, _ in numbered])
     columns = {name: values[:, :, k] for k, name in enumerate(header)}
     valid = np.isfinite(columns["DISPLACEMENT_X"]) & np.isfinite(columns["DISPLACEMENT_Y"])
     if "SIGMA" in columns:
@@ -141,11 +94,38 @@ def _dataset(path: Path, header: list[str], values: Floats, frames: Integers, fp
         "y": variable("point", columns["COORDINATE_Y"][0], "px", "row"),
     }
     if fps is not None:
-        time = (frames - frames[0]) / fps
-        coordinates["time"] = variable("frame", time, "s", "time")
-    lost = int((~valid).sum())
-    if lost:
+        coordinates["time"] = variable("frame", (frames - frames[0]) / fps, "s", "time")
+    if lost := int((~valid).sum()):
         warn_of(path.name, f"{lost} of {valid.size} points failed in DICe and are NaN")
-    known = {*_FIELDS, "COORDINATE_X", "COORDINATE_Y", "SUBSET_ID"}
-    other = ", ".join(name for name in header if name not in known)
-    return xr.Dataset(variables, coordinates, {"instrument": "DICe", "source": path.name, "other_fields": other})
+    known = {*_FIELDS, *_REQUIRED, "SUBSET_ID"}
+    other_fields = ", ".join(name for name in header if name not in known)
+    attrs = {"instrument": "DICe", "source": path.name, "other_fields": other_fields}
+    return xr.Dataset(variables, coordinates, attrs)
+
+
+def _one(path: Path) -> tuple[list[str], Floats]:
+    """Read one file: preamble lines of stars, the header, one line per point."""
+    lines = list(text.survey(path).lines())
+    start = next((i for i, line in enumerate(lines) if line and not line.startswith("***")), None)
+    if start is None:
+        raise SourceError(path, "holds no header of fields")
+    delimiter = "," if "," in lines[start] else None
+    header = [name.strip() for name in lines[start].split(delimiter) if name.strip()]
+    if missing := [name for name in _REQUIRED if name not in header]:
+        message = f"the fields {', '.join(missing)} are missing; found {', '.join(header)}"
+        raise SourceError(path, message, line=start + 1, hint="Ask DICe for them in its output specification.")
+    rows = []
+    for number, line in enumerate(lines[start + 1 :], start + 2):
+        cells = [cell.strip() for cell in line.strip().rstrip(",").split(delimiter)]
+        if not line.strip():
+            continue
+        if len(cells) != len(header):
+            raise SourceError(path, f"{len(cells)} values, expected {len(header)}", line=number)
+        values = [plain_number(cell) for cell in cells]
+        if None in values:
+            k = values.index(None)
+            raise text.not_a_number(cells[k], path=path, line_number=number, column=k + 1)
+        rows.append(values)
+    if not rows:
+        raise SourceError(path, "holds no point", line=start + 1)
+    return header, np.array(rows, dtype=float)

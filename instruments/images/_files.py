@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from instruments.images._headers import CutOffError, ImageHeader, png_fault, read_headers
-from instruments.images._names import LOSSY, SUFFIXES, images_in, is_numbered
-from instruments.images._pictures import ROUNDED, SMOOTHED, Channel, one_intensity
-from labpipe.arrays import Flags, Floats, Integers
+from instruments.images import LOSSY, SUFFIXES, images_in, is_numbered
+from instruments.images._colours import ROUNDED, SMOOTHED, Channel, one_intensity
+from instruments.images._headers import UNREADABLE, CutOffError, ImageHeader, checksum_fault, read_headers
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
 
@@ -44,38 +44,44 @@ def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageF
     named = exact or lossy
     if not named:
         raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES + LOSSY)})")
-    _check_one_film(named)
+    hint = f"Put only the images of one film into the folder. {_COUNT}"
+    words = [_NUMBER.sub("#", path.stem).lower() for path in named]
+    other = next((k for k, of in enumerate(words) if of != words[0] and words.count(of) > 1), None)
+    if other is not None and words.count(words[0]) > 1:
+        text = f"belongs to another film than {named[0].name}, as their names differ in more than their numbers"
+        raise SourceError(named[other], text, hint=hint)
     numbered = sorted(zip(_numbers(named), named, strict=True))
     numbers = np.array([number for number, _ in numbered])
-    twice = np.flatnonzero(np.diff(numbers) == 0)
+    steps = np.diff(numbers)
+    twice = np.flatnonzero(steps == 0)
     if len(twice):
-        raise SourceError(
-            numbered[twice[0] + 1][1],
-            f"number {numbers[twice[0]]} occurs twice, also in {numbered[twice[0]][1].name}",
-            hint=f"Put only the images of one film into the folder. {_COUNT}",
-        )
+        (number, first), (_, second) = numbered[twice[0]], numbered[twice[0] + 1]
+        raise SourceError(second, f"number {number} occurs twice, also in {first.name}", hint=hint)
     paths = [path for _, path in numbered]
     read_all = [_header(path) for path in paths]
     whole = next((header for header in read_all if isinstance(header, ImageHeader)), None)
     if whole is None:
         raise next(error for error in read_all if isinstance(error, CutOffError))
     headers = [each if isinstance(each, ImageHeader) else whole._replace(fault=each.message) for each in read_all]
-    _warn_of_lossy(folder, [path for path in lossy if exact and is_numbered(path)], headers)
-    _warn_of_gaps(folder, numbers)
+    left_out = [path for path in lossy if exact and is_numbered(path)]
+    if any(each.kind == "JPEG" for each in headers):
+        text = "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
+        warn_of(folder.name, f"{text}calibrated; their compression {SMOOTHED}", category=SmoothedFilmWarning)
+    elif left_out:
+        text = f"JPEG images among the others are left out, {len(left_out)} with a number in the name, the first "
+        text += f"{left_out[0].name}: if they are frames of the film, export them as the others"
+        warn_of(folder.name, text)
+    usual = int(np.min(steps)) if len(steps) else 1
+    missing = int(np.sum(steps // usual - 1))
+    if usual > 1:
+        text = f"the numbers of the images go up by {usual}, so its times do by {usual} / frame rate; "
+        warn_of(folder.name, text + "if every frame of the camera is here, number them one by one")
+    if missing:
+        after = int(numbers[int(np.flatnonzero(steps > usual)[0])])
+        text = f"{'1 image is' if missing == 1 else f'{missing} images are'} missing, the first after number {after}; "
+        warn_of(folder.name, text + "times follow the numbers, so the film has gaps")
     places = [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)]
     return ImageFiles(folder, places, channel), numbers.astype(float)
-
-
-def _check_one_film(named: Sequence[Path]) -> None:
-    """Refuse images of two films, as their names tell that differ beside their numbers."""
-    words = [_NUMBER.sub("#", path.stem).lower() for path in named]
-    other = next((k for k, of in enumerate(words) if of != words[0] and words.count(of) > 1), None)
-    if other is not None and words.count(words[0]) > 1:
-        raise SourceError(
-            named[other],
-            f"belongs to another film than {named[0].name}, as their names say, which differ beside the numbers",
-            hint=f"Put only the images of one film into the folder. {_COUNT}",
-        )
 
 
 def pages(path: Path, channel: Channel | None = None) -> "ImageFiles":
@@ -132,22 +138,6 @@ def _header(path: Path) -> ImageHeader | CutOffError:
     return headers[0]
 
 
-def _warn_of_lossy(folder: Path, beside: Sequence[Path], headers: Sequence[ImageHeader]) -> None:
-    """Warn of images that have lost detail, or of those that lie beside a film's and are not its frames."""
-    if any(each.kind == "JPEG" for each in headers):
-        text = (
-            "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
-            f"calibrated; their compression {SMOOTHED}"
-        )
-        warn_of(folder.name, text, category=SmoothedFilmWarning)
-    elif beside:
-        text = (
-            f"JPEG images lie beside the others and are left out, {len(beside)} with a number in the name, the first "
-            f"{beside[0].name}: if they are frames of the film, export them as the others"
-        )
-        warn_of(folder.name, text)
-
-
 def _signed(stem: str, found: "re.Match[str]", has_plus: bool) -> int:
     """Read the number; a minus sign counts only where other names have a plus, or it cannot be a hyphen of words."""
     text = found.group()
@@ -155,48 +145,25 @@ def _signed(stem: str, found: "re.Match[str]", has_plus: bool) -> int:
     return int(text.removeprefix("-") if is_hyphen else text)
 
 
-def _warn_of_gaps(folder: Path, numbers: Integers) -> None:
-    steps = np.diff(numbers)
-    usual = int(np.min(steps)) if len(steps) else 1
-    missing = int(np.sum(steps // usual - 1))
-    if usual > 1:
-        text = f"the numbers of the images go up by {usual}, so its times do by {usual} / frame rate; "
-        warn_of(folder.name, text + "if every frame of the camera is here, number them one by one")
-    if missing:
-        first = int(numbers[int(np.flatnonzero(steps > usual)[0])])
-        images = "1 image is" if missing == 1 else f"{missing} images are"
-        warn_of(
-            folder.name,
-            f"{images} missing, the first after number {first}; times follow the numbers, so the film has gaps",
-        )
-
-
-def _check_alike(places: Sequence[_Place]) -> None:
-    first = places[0].header
-    for place in places:
-        if place.header[:3] != first[:3]:
-            rows, columns, bits, *_ = place.header
-            raise SourceError(
-                place.path,
-                f"{f'image {place.page + 1}: ' if place.page else ''}{columns} × {rows} px of {bits} bits, but the "
-                f"first of the film has {first.columns} × {first.rows} px of {first.bits} bits",
-                hint=f"Put only the images of one film into the folder. {_COUNT}",
-            )
-
-
 class ImageFiles:
-    """Images in files; what is wrong with one is found out when it is asked for.
+    """Images in files; damage of one is found when it is asked for.
 
     ``path`` is the folder or file that warnings name; ``channel`` is the one that is taken of colours.
     """
 
     def __init__(self, path: Path, places: Sequence[_Place], channel: Channel | None) -> None:
-        _check_alike(places)
+        first = places[0].header
+        other = next((place for place in places if place.header[:3] != first[:3]), None)
+        if other is not None:
+            rows, columns, bits, *_ = other.header
+            text = f"{f'image {other.page + 1}: ' if other.page else ''}{columns} × {rows} px of {bits} bits, but the "
+            text += f"first of the film has {first.columns} × {first.rows} px of {first.bits} bits"
+            raise SourceError(other.path, text, hint=f"Put only the images of one film into the folder. {_COUNT}")
         self._path, self._places, self._channel = path, places, channel
         self._faults: dict[int, str] = {}
         cut = [i for i, place in enumerate(places) if place.header.fault]
         self._warn(cut, "not whole")
-        self._is_told = len(cut)
+        self._n_warned = len(cut)
         self._pages = _Pages(path) if places[-1].page else None
 
     @property
@@ -214,7 +181,7 @@ class ImageFiles:
         with ThreadPoolExecutor() as pool:
             faults = list(pool.map(self.fault, range(len(self))))
         bad = [i for i, fault in enumerate(faults) if fault]
-        if len(bad) > self._is_told:
+        if len(bad) > self._n_warned:
             self._warn(bad, "damaged")
         return np.array([not fault for fault in faults])
 
@@ -225,13 +192,9 @@ class ImageFiles:
         first, count = self._places[bad[0]], len(self._places)
         is_one = len({place.path for place in self._places}) == 1
         which = f"image {bad[0] + 1}" if is_one else first.path.name
-        verb, told = ("is", which) if len(bad) == 1 else ("are", f"the first {which}")
-        warn_of(
-            self._path.name,
-            f"{len(bad)} of {count} images {verb} {how} and left out, {told}: "
-            f"{self.fault(bad[0])}. Copy the film from the camera again",
-            category=IncompleteFilmWarning,
-        )
+        verb, named = ("is", which) if len(bad) == 1 else ("are", f"the first {which}")
+        text = f"{len(bad)} of {count} images {verb} {how} and left out, {named}: {self.fault(bad[0])}. "
+        warn_of(self._path.name, text + "Copy the film from the camera again", category=IncompleteFilmWarning)
 
     def fault(self, index: int) -> str:
         """Say why an image cannot be decoded, or ""."""
@@ -239,7 +202,7 @@ class ImageFiles:
             place = self._places[index]
             said = place.header.fault
             if not said and place.header.kind == "PNG":
-                said = png_fault(place.path)
+                said = checksum_fault(place.path)
             elif not said and place.header.is_compressed and self._decoded(place) is None:
                 said = "its compressed pixels cannot be decoded"
             self._faults[index] = said
@@ -295,18 +258,20 @@ class _Pages:
         stream = path.open("rb")
         finalize(self, stream.close)
         try:
-            self._lock, self._image = Lock(), Image.open(stream)
-        except (OSError, ValueError, TypeError, SyntaxError):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of fields that are not needed
+                self._lock, self._image = Lock(), Image.open(stream)
+        except UNREADABLE:
             raise SourceError(path, "its pages cannot be decoded", hint="Export one image per file.") from None
 
     def __getitem__(self, index: int) -> NDArray[Any] | None:
         try:
             with self._lock, warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of fields that are not needed
+                warnings.simplefilter("ignore")
                 self._image.seek(index)
                 shown = self._image.convert("RGB") if self._image.mode in ("P", "RGBA") else self._image
                 image = np.asarray(shown)
-        except (OSError, ValueError, TypeError, SyntaxError, EOFError):
+        except UNREADABLE:
             return None
         # as OpenCV decodes: blue, green, red
         return np.array(image[..., ::-1] if image.ndim == 3 else image)

@@ -46,7 +46,7 @@ _LINE = re.compile(
 
 
 class Options(TypedDict, total=False):
-    """What a storage file leaves unsaid; see :func:`read`."""
+    """Settings that a storage file does not state; see :func:`read`."""
 
     cycle: str | float | Quantity | None
     units: Sequence[str] | None
@@ -59,7 +59,7 @@ class Options(TypedDict, total=False):
 
 
 def _sniff(head: bytes, path: Path) -> bool:
-    """Tell a storage export by the model, an output, a sampling cycle or its columns' names."""
+    """Recognise a storage export by the model, an output, a sampling cycle or its columns' names."""
     del path
     # A film or any other binary file may hold these letters by chance, but no text holds a NUL.
     text = text_of(head)

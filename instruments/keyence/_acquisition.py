@@ -59,6 +59,16 @@ class Trigger(NamedTuple):
             raise InputError(f'a trigger reads "out1 < -1.5 mm", found "{text}"')
         return cls(int(match[1]), quantity(match[3]).value, match[2] == ">")
 
+    def passed(self, setup: Setup, before: "list[_Sample]", sample: "_Sample") -> bool:
+        """Compare the level with the last two readings, both valid."""
+        place = setup.outputs.index(self.output)
+        pair = [each.reading for each in (*before, sample)]
+        if len(pair) < 2 or any(reading.states[place] != Status.VALID for reading in pair):
+            return False
+        factor = 10.0 ** -setup.decimals[place] * unit(setup.units[place]).factor
+        earlier, later = (reading.counts[place] * factor - self.level for reading in pair)
+        return earlier < 0.0 <= later if self.is_rising else earlier > 0.0 >= later
+
 
 class _Sample(NamedTuple):
     """A reading, its slot, the middle of request and answer [s from the start], and the time between them [s]."""
@@ -91,14 +101,15 @@ class Acquired:
         """Append the row of a reading and those of empty slots before it."""
         if self.start is None:
             self._first, self.start = sample.slot, started + timedelta(seconds=sample.slot * setup.interval)
-            self._unwritten[0].extend(
-                (
-                    f"Remark,assumed layout\r\nDate,{self.start:%Y/%m/%d %H:%M:%S}",
-                    f"Sampling cycle,{setup.interval * 1e6:.6g}us\r\nStorage cycle,x1",
-                    ",".join(("Unit", *setup.units)),
-                    ",".join(("No.", *(f"OUT{output}" for output in setup.outputs))),
-                )
-            )
+            head = [
+                "Remark,assumed layout",
+                f"Date,{self.start:%Y/%m/%d %H:%M:%S}",
+                f"Sampling cycle,{setup.interval * 1e6:.6g}us",
+                "Storage cycle,x1",
+                ",".join(("Unit", *setup.units)),
+                ",".join(("No.", *(f"OUT{output}" for output in setup.outputs))),
+            ]
+            self._unwritten[0].extend(head)
             self._unwritten[1].append("row,time_s,round_trip_s")
         waiting = ",".join([TOKENS[Status.WAITING]] * len(setup.outputs))
         row = sample.slot - self._first + 1
@@ -176,7 +187,7 @@ def record(
                 reading = connection.read()
                 answered = time.perf_counter() - begun
                 sample = _Sample(slot, (asked + answered) / 2, answered - asked, reading)
-                if end == math.inf and trigger is not None and _passes(setup, trigger, kept, sample):
+                if end == math.inf and trigger is not None and trigger.passed(setup, [*kept][-1:], sample):
                     end = slot + round(duration / interval)
                     for earlier in (s for s in kept if s.slot >= slot - round(before / interval)):
                         done.add(setup, earlier, started)
@@ -206,17 +217,6 @@ def record(
     return done
 
 
-def _passes(setup: Setup, trigger: Trigger, kept: deque[_Sample], sample: _Sample) -> bool:
-    """Compare the level with the last two readings, both valid."""
-    place = setup.outputs.index(trigger.output)
-    pair = [each.reading for each in (*list(kept)[-1:], sample)]
-    if len(pair) < 2 or any(reading.states[place] != Status.VALID for reading in pair):
-        return False
-    factor = 10.0 ** -setup.decimals[place] * unit(setup.units[place]).factor
-    earlier, later = (reading.counts[place] * factor - trigger.level for reading in pair)
-    return earlier < 0.0 <= later if trigger.is_rising else earlier > 0.0 >= later
-
-
 def recover(path: Path) -> dict[str, Any]:
     """Cut off the part of a line that a power failure left at the end of a recording and of its table of times."""
     found: dict[str, Any] = {"path": str(path)}
@@ -224,8 +224,8 @@ def recover(path: Path) -> dict[str, Any]:
         if not each.is_file():
             raise UsageError(f"{each}: there is no such file; expected a recording and its table of times")
         data = each.read_bytes()
-        whole = data[: data.rfind(b"\n") + 1]
-        found[f"bytes_cut_off_{each.name}"] = len(data) - len(whole)
-        if whole != data:
-            files.write_bytes(each, whole)
+        whole, _, rest = data.rpartition(b"\n")
+        found[f"bytes_cut_off_{each.name}"] = len(rest)
+        if rest:
+            files.write_bytes(each, whole + b"\n" * (len(rest) < len(data)))
     return found

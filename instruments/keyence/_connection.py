@@ -18,6 +18,7 @@ LK_G5000, DL_EN1 = "lk-g5000", "dl-en1"
 LK_PORT = 24687  # of the LK-G5000; that of a DL-EN1 unit is set on the unit
 _REQUESTS = {LK_G5000: bytes([7, 0, 7, 0x14, 0, 0, 0]), DL_EN1: b"M0\r\n"}
 _LK_BYTES, _LK_OFFSET, _LK_VALUES = 116, 68, struct.Struct("<12i")
+_UNUSED = -1048576  # 0xFFF00000, of an output that is not used
 LARGEST = 9_999_999  # seven digits are shown on a display; a larger number is no reading
 
 
@@ -63,7 +64,13 @@ class Connection:
         if counts is None:
             hint = "Something else may answer at this port, or a sensor is missing; the manual lists error codes."
             raise SourceError(self.address, f"found the answer {answer[:24]!r}, which holds no readings", hint=hint)
-        return Reading(counts, tuple(map(_state, counts)))
+        states = [
+            Status.INVALID
+            if count == _UNUSED
+            else marker_status(f"{count:+010d}") or (Status.VALID if abs(count) <= LARGEST else Status.SUSPECT)
+            for count in counts
+        ]
+        return Reading(counts, tuple(states))
 
     def _answer(self) -> bytes:
         deadline, data = time.monotonic() + self._timeout, b""
@@ -94,10 +101,3 @@ class Connection:
         if name != b"M0" or len(cells) < max(self._outputs) or not all(re.fullmatch(rb"[+-]\d{9}", c) for c in cells):
             return None
         return tuple(int(cells[n - 1]) for n in self._outputs)
-
-
-def _state(count: int) -> Status:
-    if count == -1048576:  # 0xFFF00000
-        return Status.INVALID
-    marker = marker_status(f"{count:+010d}")
-    return marker or (Status.VALID if abs(count) <= LARGEST else Status.SUSPECT)

@@ -75,7 +75,7 @@ def layout(cell: str) -> Layout | None:
 
 
 def is_padded(cell: str) -> bool:
-    """Tell whether a number is filled up with zeros in front, as a fixed layout is.
+    """Return whether a number is filled up with zeros in front, as a fixed layout is.
 
     Examples
     --------

@@ -22,27 +22,20 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from instruments.keyence._header import Header, parse_header
+from instruments._clock import even_interval, moment
+from instruments.keyence._header import CLOCK, Header, is_length_or_volts, parse_header
 from instruments.keyence._markers import Status, layout, marker_status
 from instruments.keyence._rows import Rows, read_rows
-from instruments.keyence._statements import (
-    Options,
-    interval_of_times,
-    stated_count,
-    stated_cycle,
-    stated_start,
-    stated_storage,
-    stated_units,
-)
 from instruments.keyence._writer import DEVICE, output_variables
-from labpipe.errors import InputError, SourceError, warn_of
+from labpipe.arrays import Floats
+from labpipe.errors import UNSAID, InputError, SourceError, warn_of
 from labpipe.text import Limits, TextFile, check_decimal, shorten, survey
-from labpipe.units import Quantity, unit
+from labpipe.units import Quantity, quantity, unit
 from labpipe.variables import variable
 
 _CODECS = ("cp932", "cp1252", "gbk")  # tried in this order without a byte order mark where it is not UTF-8
@@ -51,6 +44,18 @@ _SATURATION = 10.0  # V, the end of the controller's output; its alarm voltage i
 _END = re.compile(r"\[?/?(?:end|eof)(?: of (?:file|data))?\]?", re.IGNORECASE)
 _OF_A_ROW = frozenset("0123456789+-")
 _LETTER = re.compile(r"\"?[^\W\d_]")
+_SHORTEST, _LONGEST = 1e-7, 86400.0  # s; the time between samples of any sensor of this family
+_DAY = 86400.0
+
+
+class _Given(NamedTuple):
+    """Settings that the caller gives: cycle, storage factor, units, delimiter and decimal sign."""
+
+    cycle: str | float | None
+    storage_factor: int | None
+    units: tuple[str, ...] | None
+    delimiter: str | None
+    decimal: str | None
 
 
 def read(
@@ -98,7 +103,7 @@ def read(
     Raises
     ------
     SourceError
-        With file, line and column of what is wrong, or with the option that is needed.
+        With file, line and column of the fault, or with the option that is needed.
 
     Examples
     --------
@@ -109,7 +114,7 @@ def read(
         raise InputError(f'delimiter must be one character, found "{delimiter}"')
     if storage_factor is not None and (not isinstance(storage_factor, int) or storage_factor < 1):
         raise InputError(f"storage_factor must be a whole number from 1, found {storage_factor!r}")
-    given = Options(
+    given = _Given(
         f"{cycle.value!r} {cycle.si}" if isinstance(cycle, Quantity) else cycle,
         storage_factor,
         None if units is None else tuple(units),
@@ -122,19 +127,18 @@ def read(
     if len(header.kept) < header.n_cells:
         lines = header.readings(lines, times, source.path)
     rows = read_rows(source.path, header, lines, decimal)
-    _check_count(source, header, rows, allow_incomplete)
-    _check_counter(source, header, rows, allow_incomplete)
+    _check_rows(source, header, rows, allow_incomplete)
     if len(times) > 1:
-        sampling, factor = interval_of_times(source.path, header, times, given)
+        sampling, factor = _interval_of_times(source.path, header, times, given)
     else:
-        sampling = stated_cycle(source.path, header, given.cycle)
+        sampling = _stated_cycle(source.path, header, given.cycle)
         is_given = given.cycle is not None
-        factor = stated_storage(source.path, header, storage_factor, sampling, is_cycle_given=is_given)
+        factor = _stated_storage(source.path, header, storage_factor, sampling, is_cycle_given=is_given)
     return _assemble(source, header, unit_texts, rows, sampling, factor)
 
 
 def _open(
-    path: Path, given: Options, codecs: Sequence[str], limits: Limits
+    path: Path, given: _Given, codecs: Sequence[str], limits: Limits
 ) -> tuple[TextFile, Header, tuple[str, ...], Iterator[str]]:
     """Settle the codec by the first one under which the header makes sense.
 
@@ -145,7 +149,7 @@ def _open(
         stream = source.lines()
         head = list(islice(stream, _HEADER_LINES))
         header = parse_header(path, head, given.delimiter)
-        return source, header, stated_units(path, header, given.units), chain(head[header.n_lines :], stream)
+        return source, header, _stated_units(path, header, given.units), chain(head[header.n_lines :], stream)
 
     source = survey(path, declared=codecs, limits=limits)
     try:
@@ -190,8 +194,8 @@ def _complete_rows(source: TextFile, stream: Iterator[str], header: Header, allo
 
 
 def _is_stated(source: TextFile, header: Header, line: str, number: int) -> bool:
-    """Whether a last line without line end is the last row stated, and its number is as long as those above."""
-    if number - header.n_lines != stated_count(source.path, header, "rows"):
+    """Return whether a last line without line end is the last row stated, with a number as long as those above."""
+    if number - header.n_lines != _stated_count(source.path, header, "rows"):
         return False
     lines = [*islice(source.lines(), max(header.n_lines, number - 200), number - 1), line]
     *above, last = (text.rsplit(header.delimiter, maxsplit=1)[-1].strip('" ') for text in lines)
@@ -200,44 +204,40 @@ def _is_stated(source: TextFile, header: Header, line: str, number: int) -> bool
     return marker_status(last) is not None or (found is not None and {found.decimals} == decimals - {0})
 
 
-def _check_count(source: TextFile, header: Header, rows: Rows, allow_incomplete: bool) -> None:
-    found, expected = len(rows.values), stated_count(source.path, header, "rows")
+def _check_rows(source: TextFile, header: Header, rows: Rows, allow_incomplete: bool) -> None:
+    """Refuse a file with fewer or more rows than its header states, or in which the counter jumps."""
+    path, first_line = source.path, header.n_lines + 1
+    found, expected = len(rows.values), _stated_count(path, header, "rows")
     if not found:
-        raise SourceError(source.path, "there are no rows of readings", line=header.n_lines + 1)
-    if expected in (None, found):
-        return
-    message = f"found {found} rows, the header states {expected}"
-    if not allow_incomplete:
-        hint = "The recording or the copy stopped early, or rows were added; export it "
-        hint += "again, or read what there is with allow_incomplete=True."
-        raise SourceError(source.path, message, line=header.n_lines + found, column=1, hint=hint)
-    warn_of(source.path, message)
-
-
-def _check_counter(source: TextFile, header: Header, rows: Rows, allow_incomplete: bool) -> None:
+        raise SourceError(path, "there are no rows of readings", line=first_line)
+    if expected not in (None, found):
+        message = f"found {found} rows, the header states {expected}"
+        if not allow_incomplete:
+            hint = "The recording or the copy stopped early, or rows were added; export it "
+            hint += "again, or read the rows that are there with allow_incomplete=True."
+            raise SourceError(path, message, line=first_line + found - 1, column=1, hint=hint)
+        warn_of(path, message)
     counter = rows.counter
-    if counter is None:
-        return
-    steps = np.diff(counter)
+    steps = np.empty(0) if counter is None else np.diff(counter)
     wrong = np.flatnonzero(steps != 1)
-    if not wrong.size and counter[0] in (0, 1):
+    if counter is None or (not wrong.size and counter[0] in (0, 1)):
         return
     if allow_incomplete and (steps > 0).all():
         missing = int(counter[-1] - counter[0]) + 1 - len(counter)
-        warn_of(source.path, f"{missing} rows are missing between, the time follows the counter")
+        warn_of(path, f"{missing} rows are missing between, the time follows the counter")
         return
     back = np.flatnonzero(steps <= 0)
     row = int(back[0] if back.size else wrong[0]) + 1 if wrong.size else 0
     before = int(counter[row - 1]) if row else 0
-    found = f"{counter[row]} after {before}" if row else f"{counter[0]} at the beginning"
+    said = f"{counter[row]} after {before}" if row else f"{counter[0]} at the beginning"
     hint = (
         "The rows are in reverse order, from the last reading to the first: sort them by their number."
         if (steps == -1).all()
         else "Rows are missing, repeated or moved: export the file again. Where rows are only "
         "missing, allow_incomplete=True reads the rest at its right times."
     )
-    text = f"the counter says {found}, expected {before + 1}"
-    raise SourceError(source.path, text, line=header.n_lines + 1 + row, column=1, hint=hint)
+    text = f"the counter says {said}, expected {before + 1}"
+    raise SourceError(path, text, line=first_line + row, column=1, hint=hint)
 
 
 def _assemble(
@@ -254,7 +254,9 @@ def _assemble(
         variables |= output_variables(output, text, values, status, rows.layouts[column])
     entries: Mapping[str, tuple[int, tuple[str, ...], str]] = header.entries
     named = {n: " ".join(entries[n][1]).strip() for n in ("model", "serial", "head") if n in entries}
-    averaging = stated_count(source.path, header, "averaging")
+    averaging = _stated_count(source.path, header, "averaging")
+    date, clock = (" ".join(entries.get(name, (0, (), ""))[1]).strip() for name in ("date", "clock"))
+    start = moment(f"{date} {clock}".strip()) or moment(date)  # None in a form that is ambiguous
     states = {name: np.bincount(column[1]) for name, column in variables.items() if name.startswith("status")}
     counts = {name: {Status(k).name: int(n) for k, n in enumerate(found) if n} for name, found in states.items()}
     attrs = {
@@ -262,7 +264,7 @@ def _assemble(
         **named,
         "source": source.path.name,
         "layout": "assumed",
-        "start": stated_start(header),
+        "start": "" if start is None else start.isoformat(),
         "clock": "none: a counter of samples" if header.times is None else "times of the rows",
         "sampling_cycle": cycle,
         "storage_factor": factor,
@@ -278,3 +280,151 @@ def _assemble(
     }
     coords = {"time": variable("time", index * (cycle * factor), "s", "time from the first point")}
     return xr.Dataset(variables, coords=coords, attrs=attrs)
+
+
+def _contradiction(path: Path, name: str, line: int | None, stated: object, given: object) -> SourceError:
+    text = f"the file says {stated}, the option {name} says {given}"
+    return SourceError(path, text, line=line, hint=f"Leave the option {name} out, or correct it.")
+
+
+def _stated_units(path: Path, header: Header, given: tuple[str, ...] | None) -> tuple[str, ...]:
+    """Return the unit of every output; SourceError without one, an unknown one, or where file and caller differ."""
+    line, cells, _ = header.entries.get("units", (None, (), ""))
+    stated, asked = tuple(cell for cell in cells if cell) or header.unit_texts, given or ()
+    units = stated or asked
+    if len(units) != len(header.outputs):
+        text = f"found {len(units)} units for {len(header.outputs)} outputs"
+        text = text if units else "the file does not say the unit of its readings"
+        hint = 'Give one for every output, in order: units=["mm"].'
+        raise SourceError(path, text, line=line, hint=hint).because(UNSAID)
+    for text in units:
+        if not is_length_or_volts(text):
+            message = f"found the unit {shorten(text)}, expected a length, volts or a derivative"
+            hint = "Units of Keyence outputs are mm, um, cm, V, mm/s, m/s2, km/s2."
+            raise SourceError(path, message, line=line, hint=hint)
+    if stated and asked and [unit(a) for a in asked] != [unit(s) for s in stated]:
+        raise _contradiction(path, "units", line, ", ".join(stated), ", ".join(asked))
+    return units
+
+
+def _stated_cycle(path: Path, header: Header, given: str | float | None) -> float:
+    """Return the sampling cycle in s; SourceError without one, without its unit, or where file and caller differ."""
+    asked = None if given is None else _time(str(given) if isinstance(given, str) else f"{given} s")
+    if given is not None and asked is None:
+        raise InputError(f'cycle must be a time such as "50 us", found "{given}"')
+    if "cycle" not in header.entries:
+        if asked is None:
+            message = "the file does not say its sampling cycle"
+            raise SourceError(path, message, hint='Give it: cycle="50 us".').because(UNSAID)
+        return asked
+    line, cells, unit_text = header.entries["cycle"]
+    text = f"{' '.join(cells)} {unit_text}".strip()
+    stated = _time(text)
+    if stated is None:
+        message = f"found the sampling cycle {shorten(text)}, expected a time with its unit"
+        raise SourceError(path, message, line=line, hint='The line should read for example "Sampling cycle,50us".')
+    if asked is not None and abs(asked - stated) > 1e-9 * stated:
+        raise _contradiction(path, "cycle", line, f"{stated:g} s", f"{asked:g} s")
+    return stated
+
+
+def _time(text: str) -> float | None:
+    """Read a time, or a rate as its inverse; None when it is neither, or cannot be meant."""
+    try:
+        found = quantity(text.replace(",", "."))
+    except InputError:
+        return None
+    if found.value <= 0 or found.si not in ("s", "Hz"):
+        return None
+    seconds = found.value if found.si == "s" else 1.0 / found.value
+    return seconds if _SHORTEST <= seconds <= _LONGEST else None
+
+
+def _stated_storage(path: Path, header: Header, given: int | None, cycle: float, *, is_cycle_given: bool) -> int:
+    """Return the samples per stored point; SourceError without them, or where file and caller differ."""
+    if "storage" not in header.entries:
+        if given is None and not is_cycle_given:
+            hint = "Give the factor between samples and stored points: storage_factor=1."
+            raise SourceError(path, "the file does not say whether every sample was stored", hint=hint).because(UNSAID)
+        return given or 1
+    line, cells, unit_text = header.entries["storage"]
+    text = " ".join(cells).strip()
+    match = re.fullmatch(r"(?:[x×*]|1/)?\s*([0-9]{1,9})\s*(?:times|回|倍)?", text, re.IGNORECASE)
+    factor = float(match[1]) if match and not unit_text else (_time(f"{text} {unit_text}".strip()) or 0.0) / cycle
+    if not 1 <= factor <= 1e9 or abs(factor - round(factor)) > 1e-6 * factor:
+        message = f"found the storage cycle {shorten(text)}, expected a whole factor such as x1"
+        raise SourceError(path, message, line=line, hint='The line should read for example "Storage cycle,x10".')
+    if given is not None and given != round(factor):
+        raise _contradiction(path, "storage_factor", line, round(factor), given)
+    return round(factor)
+
+
+def _interval_of_times(path: Path, header: Header, texts: Sequence[str], given: _Given) -> tuple[float, int]:
+    """Return the sampling cycle in s and the storage factor of a file whose rows carry their times.
+
+    Raises
+    ------
+    SourceError
+        The times are uneven, have no unit, or contradict the cycle.
+    """
+    has_cycle = given.cycle is not None or "cycle" in header.entries
+    first_line, unsaid = header.n_lines + 1, not header.time_unit and ":" not in texts[0]
+    if unsaid and not has_cycle:
+        hint = 'Name the column "Time [s]" (or ms, us), or give the time between rows: cycle="50 us".'
+        raise SourceError(path, "the file does not say the unit of its times", line=header.n_lines, hint=hint)
+    cycle = _stated_cycle(path, header, given.cycle) if has_cycle else 0.0
+    for each in ("s", "ms", "us") if unsaid else (header.time_unit,):
+        time, resolution = _seconds(texts, each, path, first_line)
+        interval = even_interval(path, time, resolution, range(first_line, first_line + time.size))
+        if not has_cycle:
+            return interval, 1
+        factor = max(round(interval / cycle), 1)
+        if "storage" in header.entries or given.storage_factor is not None:
+            factor = _stated_storage(path, header, given.storage_factor, cycle, is_cycle_given=True)
+        if abs(interval - cycle * factor) <= 2.0 * resolution / (len(texts) - 1) + 1e-6 * interval:
+            return cycle, factor
+    raise SourceError(
+        path,
+        f"the times are {interval:.6g} s apart, by the sampling cycle it is {cycle * factor:.6g} s",
+        line=header.entries["cycle"][0] if "cycle" in header.entries else first_line,
+        hint="Correct the cycle, or the unit of the times.",
+    )
+
+
+def _seconds(texts: Sequence[str], unit_text: str, path: Path, first_line: int) -> tuple[Floats, float]:
+    """Return the times of all rows [s] from the first, over midnight too, and the last decimal written [s]."""
+    factor = 1.0
+    if unit_text:
+        try:
+            factor = unit(unit_text).factor if unit(unit_text).si == "s" else np.nan
+        except InputError:
+            factor = np.nan
+        if not factor > 0:
+            raise SourceError(path, f"found times in {shorten(unit_text)}, expected s, ms or us", line=first_line - 1)
+    found, decimals = np.empty(len(texts)), 0
+    for row, text in enumerate(texts):
+        clock = CLOCK.fullmatch(text)
+        last = (clock[3] if clock else text).replace(",", ".")
+        try:
+            value = float(last)
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise SourceError(path, f"found {shorten(text)}, expected a time", line=first_line + row)
+        found[row] = int(clock[1]) * 3600 + int(clock[2]) * 60 + value if clock else value
+        decimals = max(decimals, len(last.partition(".")[2]) if last[-1].isdigit() else 0)
+    time = (found - found[0]) * factor
+    if CLOCK.fullmatch(texts[0]):
+        time += _DAY * np.cumsum(np.diff(time, prepend=0.0) < -_DAY / 2)
+    return time, factor * 10.0**-decimals
+
+
+def _stated_count(path: Path, header: Header, meaning: str) -> int | None:
+    """Return a whole number of the header (number of points, averaging), or None; SourceError for any other cell."""
+    if meaning not in header.entries:
+        return None
+    line, cells, _ = header.entries[meaning]
+    found = {cell for cell in cells if cell}
+    if len(found) != 1 or not re.fullmatch(r"[0-9]{1,12}", next(iter(found))):
+        raise SourceError(path, f"found {shorten(','.join(cells))}, expected one whole number", line=line)
+    return int(found.pop())

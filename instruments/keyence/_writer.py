@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
@@ -123,66 +123,40 @@ def make_recording(
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 
-def encode(dataset: xr.Dataset, *, encoding: str = "utf-8-sig", delimiter: str = ",", decimal: str = ".") -> bytes:
-    """Turn a Dataset of the form of :func:`read` into the bytes of a storage file.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        As from :func:`read` or :func:`make_recording`.
-    encoding, delimiter, decimal : str
-        As a controller's software, or a spreadsheet, would write.
-
-    Returns
-    -------
-    bytes
-        The assumed layout; values that do not fit the eight characters of a reading are refused.
+def encode(dataset: xr.Dataset) -> bytes:
+    """Turn a Dataset of the form of :func:`read` into the bytes of a storage file (UTF-8 with its mark, commas, CRLF).
 
     Raises
     ------
     InputError
-        A value does not fit, an output does not say in which unit it was recorded, or the
-        delimiter is the decimal sign.
+        A value does not fit the eight characters of a reading, or an output does not state the unit in which it was
+        recorded.
     """
-    if delimiter == decimal:
-        raise InputError(f'"{delimiter}" cannot be both delimiter and decimal sign')
     outputs = sorted(int(name[3:]) for name in map(str, dataset.data_vars) if re.fullmatch(r"out\d+", name))
-    units = [_original_unit(dataset, output) for output in outputs]
-    columns = [_written(dataset, output, name) for output, name in zip(outputs, units, strict=True)]
-    if decimal != ".":
-        columns = [[cell.replace(".", decimal) for cell in column] for column in columns]
-    numbers = map(str, range(1, dataset.sizes["time"] + 1))
-    lines = _header_lines(dataset, outputs, units, delimiter)
-    lines += map(delimiter.join, zip(numbers, *columns, strict=True))
-    return ("\r\n".join(lines) + "\r\n").encode(encoding)
-
-
-def _original_unit(dataset: xr.Dataset, output: int) -> str:
-    attrs = dataset[f"out{output}"].attrs
-    if "original_unit" not in attrs:
-        # Arithmetic drops attributes in older xarray and keeps them in newer: never guess a unit.
-        raise InputError(
-            f"out{output} has no attribute original_unit, so its readings cannot be written; "
-            f'state it: dataset["out{output}"].attrs["original_unit"] = "mm"'
-        )
-    return str(attrs["original_unit"])
-
-
-def _header_lines(dataset: xr.Dataset, outputs: Sequence[int], units: Sequence[str], delimiter: str) -> list[str]:
+    units = []
+    for output in outputs:
+        unit_text = dataset[f"out{output}"].attrs.get("original_unit")
+        if unit_text is None:  # arithmetic drops attributes in older xarray and keeps them in newer
+            raise InputError(
+                f"out{output} has no attribute original_unit, so its readings cannot be written; "
+                f'state it: dataset["out{output}"].attrs["original_unit"] = "mm"'
+            )
+        units.append(str(unit_text))
     attrs = dataset.attrs
-    cycle = f"{attrs['sampling_cycle'] * 1e6:.6g}us"
-    pairs = [
+    lines = [
         ("Remark", "assumed layout"),
         *((key.title(), attrs[key]) for key in ("model", "serial", "head") if attrs.get(key)),
         *([("Date", attrs["start"].replace("T", " ").replace("-", "/"))] if attrs["start"] else []),
-        ("Sampling cycle", cycle),
+        ("Sampling cycle", f"{attrs['sampling_cycle'] * 1e6:.6g}us"),
         ("Storage cycle", f"x{attrs['storage_factor']}"),
         *([("Averaging", str(attrs["averaging"]))] if "averaging" in attrs else []),
         ("Data count", str(dataset.sizes["time"])),
         ("Unit", *units),
         ("No.", *(f"OUT{output}" for output in outputs)),
     ]
-    return [delimiter.join(pair) for pair in pairs]
+    columns = [_written(dataset, output, name) for output, name in zip(outputs, units, strict=True)]
+    rows = zip(map(str, range(1, dataset.sizes["time"] + 1)), *columns, strict=True)
+    return ("\r\n".join(",".join(line) for line in [*lines, *rows]) + "\r\n").encode("utf-8-sig")
 
 
 _WIDTH = 8  # characters of a reading: sign, digits, decimal sign

@@ -9,15 +9,14 @@ from labpipe.text import Limits
 
 if TYPE_CHECKING:
     from instruments.mach1._blocks import Block as Block
-    from instruments.mach1._dataset import assemble as assemble
-    from instruments.mach1._motion import encode as encode, read as read, write as write
+    from instruments.mach1._dataset import assemble as assemble, encode as encode, read as read, write as write
     from instruments.mach1._synthetic import LOAD_CELLS as LOAD_CELLS, LoadCell as LoadCell, make_block as make_block
 else:
     __getattr__ = lazily(__name__)
 
 
 class Options(TypedDict, total=False):
-    """How a file that was changed or cut is to be read; see :func:`read`."""
+    """Options for a file that was changed or cut; see :func:`read`."""
 
     decimal: str | None
     allow_incomplete: bool
@@ -26,7 +25,7 @@ class Options(TypedDict, total=False):
 
 
 def _sniff(head: bytes, path: Path) -> bool:
-    """Tell a Mach-1 Motion text by its first line, ``<Mach-1 File>``."""
+    """Recognise a Mach-1 Motion text by its first line, ``<Mach-1 File>``."""
     del path
     return text_of(head).lstrip().lstrip('"').startswith("<Mach-1 File>")
 

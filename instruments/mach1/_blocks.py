@@ -16,13 +16,14 @@
 Everything that departs from it is refused with file, line and column.
 """
 
+import csv
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from instruments.mach1._lines import COPY_AGAIN, END_DATA, Cursor, Options, pair_of, refuse_incomplete, tag_of
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.text import Separators, TextFile, not_a_number, parse_rows, plain_number, shorten
@@ -30,6 +31,14 @@ from labpipe.units import Unit, unit
 
 TITLE = "<Mach-1 File>"
 DIVIDER = "<divider>"
+_STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
+END_DATA = "<END DATA>"
+_TAG = re.compile(r"<([^<>\t]+)>\s*")
+_SEPARATED = re.compile(r'"?<Mach-1 File>"?([,;])')
+_COPY_AGAIN = (
+    "The recording stopped, or the file was copied before it was complete: copy it again, or "
+    "read the readings that are there with allow_incomplete=True."
+)
 
 #: Functions that always record; one of them without rows is a file cut short.
 RECORDING = frozenset({"Stress Relaxation", "Find Contact", "Sinusoid"})
@@ -72,6 +81,7 @@ _UNITS = {
     r"T[xyz]": {"N-mm", "N·mm", "Nmm"},
 }
 _DECLARED_UNITS = frozenset({"1", "s", "mm", "deg", "mm/s", "deg/s", "Hz", "N", "gf", "N/min", "gf/min"})
+_UNITS_MET = "Units of Mach-1 files are s; mm, um; deg; N, mN, gf, kgf; N-mm."
 _NOT_SET = frozenset({"", "None", "N/A"})
 _BATCH = 1 << 16  # rows parsed at a time: the text of a mapping file never is whole in memory
 
@@ -130,6 +140,99 @@ class Block:
     is_complete: bool = True
 
 
+class Options(NamedTuple):
+    """Departures that the caller allows: a decimal comma, a file cut short, rows missing inside."""
+
+    decimal: str = "."
+    allow_incomplete: bool = False
+    allow_gaps: bool = False
+
+
+class Cursor:
+    """The current line of a file with its number; ``None`` after the last."""
+
+    def __init__(self, source: TextFile) -> None:
+        self.source = source
+        self.cut: str | None = None
+        self.number = 0
+        self.line: str | None = None
+        self._lines = source.lines()
+        self._delimiter = "\t"
+        self.advance()
+
+    def advance(self) -> None:
+        """Go to the next line; a cut last line is put aside, never used."""
+        self.line = next(self._lines, None)
+        if self.line is None:
+            return
+        self.number += 1
+        if self.number == 1 and (separated := _SEPARATED.match(self.line)):
+            self._delimiter = separated[1]
+        if self._delimiter != "\t" or '"' in self.line:
+            self.line = self._as_written(self.line)
+        is_last = self.number == self.source.n_lines
+        if is_last and not self.source.is_ended and self.line.rstrip() != END_DATA:
+            # A number that lost its last digits still reads as a number: never use such a line.
+            self.cut, self.line = self.line, None
+
+    def _as_written(self, line: str) -> str:
+        """Undo the changes of a spreadsheet: quotes around cells, other signs between them, empty cells at the end."""
+        try:
+            cells = next(csv.reader([line], delimiter=self._delimiter, strict=True), [])
+        except csv.Error:  # a lone quote is damage, to be found where the cell is read
+            return line
+        return "\t".join(cells).rstrip("\t")
+
+    def rows(self) -> Iterator[str]:
+        """Go on to the next line that starts with a tag."""
+        while self.line is not None and not self.line.startswith("<"):
+            yield self.line
+            self.advance()
+
+    def refuse_incomplete(self, message: str, options: Options) -> None:
+        """Refuse a file that ends too early, or only warn where the caller allows it."""
+        if self.cut is not None:
+            message += f"; the line is {shorten(self.cut)}"
+        if not options.allow_incomplete:
+            raise self.error(message, hint=_COPY_AGAIN)
+        warn_of(self.source.path, message, line=self.number)
+
+    def error(self, message: str, column: int = 1, hint: str | None = None) -> SourceError:
+        """Make the error for the current line."""
+        number = max(self.number, 1)
+        return SourceError(self.source.path, message, line=number, column=column, hint=hint)
+
+
+def tag_of(line: str | None) -> str | None:
+    """Return the text between the brackets of a tag, None for any other line.
+
+    Examples
+    --------
+    >>> tag_of("<END DATA>"), tag_of("0.010000")
+    ('END DATA', None)
+    """
+    match = _TAG.fullmatch(line) if line is not None else None
+    return match[1] if match else None
+
+
+def pair_of(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str, str] | None:
+    r"""Split at the first colon that a tab follows: values hold colons of their own.
+
+    Examples
+    --------
+    >>> pair_of("Load Cell Name:\t25kg SN:1886652")
+    ('Load Cell Name', '25kg SN:1886652')
+    """
+    stripped = line.rstrip("\t ")
+    if not stripped:
+        return None
+    for separator in separators:
+        key, found, value = line.partition(separator)
+        if found and key.strip():
+            return key.strip(), value.strip()
+    return (stripped[:-1], "") if stripped.endswith(":") else None
+
+
 def parse(source: TextFile, options: Options) -> list[Block]:
     """Read all blocks of a file.
 
@@ -151,7 +254,9 @@ def parse(source: TextFile, options: Options) -> list[Block]:
     while cursor.line is not None:
         tag = tag_of(cursor.line)
         if tag == "Mach-1 File":
-            _note_second_title(cursor)
+            text = f"a second {TITLE}: two files were joined; their blocks are numbered through"
+            warn_of(source.path, text, line=cursor.number)
+            cursor.advance()
         elif tag == "INFO" and is_header_used:
             info_lines, is_header_used = _read_info(cursor, options), False
         elif tag is not None and info_lines is not None and tag not in _STRUCTURE:
@@ -163,23 +268,11 @@ def parse(source: TextFile, options: Options) -> list[Block]:
         else:
             cursor.advance()
     if not blocks:
-        raise cursor.error("the file ends before its first block", hint=COPY_AGAIN)
+        raise cursor.error("the file ends before its first block", hint=_COPY_AGAIN)
     if blocks[-1].is_complete and (cursor.cut is not None or not is_header_used):
-        refuse_incomplete(cursor, "the file ends between two blocks", options)
+        cursor.refuse_incomplete("the file ends between two blocks", options)
         blocks[-1] = replace(blocks[-1], is_complete=False)
     return blocks
-
-
-_STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
-
-
-def _note_second_title(cursor: Cursor) -> None:
-    warn_of(
-        cursor.source.path,
-        f"a second {TITLE}: two files were joined; their blocks are numbered through",
-        line=cursor.number,
-    )
-    cursor.advance()
 
 
 def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
@@ -188,7 +281,7 @@ def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
     cursor.advance()
     while tag_of(cursor.line) != "END INFO":
         if cursor.line is None:
-            refuse_incomplete(cursor, f"the file ends inside the header that opens on line {opened}", options)
+            cursor.refuse_incomplete(f"the file ends inside the header that opens on line {opened}", options)
             return tuple(lines)
         if tag_of(cursor.line) or pair_of(cursor.line) is None:
             raise cursor.error(f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>")
@@ -220,7 +313,7 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], opti
     if tag_of(cursor.line) == "DATA":
         return _read_data(cursor, block, options)
     if cursor.line is None and (function not in SILENT or cursor.cut is not None):
-        refuse_incomplete(cursor, f"the file ends inside <{function}>", options)
+        cursor.refuse_incomplete(f"the file ends inside <{function}>", options)
         return replace(block, is_complete=False)
     if function in RECORDING:
         raise cursor.error(f"found {shorten(cursor.line or '')}, expected <DATA> of <{function}>")
@@ -268,7 +361,7 @@ def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
         parts.append(part)
     is_complete = cursor.line is not None
     if not is_complete:
-        refuse_incomplete(cursor, f"the file ends inside <{block.function}>, expected {END_DATA}", options)
+        cursor.refuse_incomplete(f"the file ends inside <{block.function}>, expected {END_DATA}", options)
     cursor.advance()
     values = np.concatenate(parts) if parts else np.empty((0, len(columns)))
     _check_time(cursor, values, starts, options)
@@ -281,52 +374,34 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
     """Parse the header row; its cells are ``quantity, unit``, split at tabs only."""
     if cursor.line is None or cursor.line.startswith("<"):
         return ()
-    columns = []
+    columns: list[Column] = []
+    unknown = []
     position = 1
     for cell in cursor.line.rstrip("\t").split("\t"):
-        columns.append(_column(cursor, cell, position))
+        quantity, separator, unit_text = cell.strip().rpartition(", ")
+        at_unit = position + len(quantity) + 2
+        if not separator:
+            raise cursor.error(f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position)
+        try:
+            known = unit(unit_text)
+        except InputError as error:
+            raise cursor.error(str(error).partition(";")[0], column=at_unit, hint=_UNITS_MET) from None
+        met = next((units for name, units in _UNITS.items() if re.fullmatch(name, quantity)), None)
+        if met is not None and unit_text not in met:
+            message = f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met))}"
+            raise cursor.error(message, column=at_unit, hint=_UNITS_MET)
+        unknown += [shorten(cell)] if met is None else []
+        if quantity in (column.quantity for column in columns):
+            raise cursor.error(f"there are two columns {shorten(quantity)}")
+        columns.append(Column(cell, quantity, unit_text, known))
         position += len(cell) + 1
     if columns[0].quantity != "Time":
         raise cursor.error(f"found {shorten(columns[0].header)}, expected 'Time, s' as first column")
-    quantities = [column.quantity for column in columns]
-    twice = next((name for name in quantities if quantities.count(name) > 1), None)
-    if twice is not None:
-        raise cursor.error(f"the column {shorten(twice)} stands there twice")
-    unknown = [column.header for column in columns if _met_units(column.quantity) is None]
     if unknown:
-        warn_of(
-            cursor.source.path,
-            f"the column {', '.join(map(shorten, unknown))} is not known; it is read under its own name",
-            line=cursor.number,
-        )
+        text = f"the column {', '.join(unknown)} is not known; it is read under its own name"
+        warn_of(cursor.source.path, text, line=cursor.number)
     cursor.advance()
     return tuple(columns)
-
-
-_UNITS_MET = "Units of Mach-1 files are s; mm, um; deg; N, mN, gf, kgf; N-mm."
-
-
-def _met_units(quantity: str) -> set[str] | None:
-    """Return the units that a known quantity may have, None for an unknown one."""
-    return next((met for name, met in _UNITS.items() if re.fullmatch(name, quantity)), None)
-
-
-def _column(cursor: Cursor, cell: str, position: int) -> Column:
-    quantity, separator, unit_text = cell.strip().rpartition(", ")
-    if not separator:
-        raise cursor.error(f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position)
-    try:
-        known = unit(unit_text)
-    except InputError as error:
-        raise cursor.error(str(error).partition(";")[0], column=position + len(quantity) + 2, hint=_UNITS_MET) from None
-    met = _met_units(quantity)
-    if met is not None and unit_text not in met:
-        raise cursor.error(
-            f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met))}",
-            column=position + len(quantity) + 2,
-            hint=_UNITS_MET,
-        )
-    return Column(cell, quantity, unit_text, known)
 
 
 def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> Floats:
@@ -351,13 +426,13 @@ def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]], o
     time = values[:, 0]
     steps = np.diff(time)
     wrong = np.flatnonzero(steps <= 0)
-    what = "the time does not go on"
+    fault = "the time does not go on"
     if not wrong.size and not options.allow_gaps:
         interval = float(np.median(steps)) if steps.size else 0.0
         wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
-        what = f"rows are missing or added: the step is not {interval:.6f} s"
+        fault = f"rows are missing or added: the step is not {interval:.6f} s"
         if not wrong.size and abs(time[0]) > interval / 2:
-            wrong, what = np.array([-1]), "the first rows are missing: time must start at zero"
+            wrong, fault = np.array([-1]), "the first rows are missing: time must start at zero"
     if not wrong.size:
         return
     row = int(wrong[0]) + 1
@@ -365,4 +440,4 @@ def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]], o
     found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
     hint = "The file was joined, repaired or edited. If rows are missing and their times are right, read it with "
     hint += "allow_gaps=True; rows that repeat have to be removed by hand."
-    raise SourceError(cursor.source.path, f"{what} ({found})", line=line + row - before, column=1, hint=hint)
+    raise SourceError(cursor.source.path, f"{fault} ({found})", line=line + row - before, column=1, hint=hint)

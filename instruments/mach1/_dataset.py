@@ -1,29 +1,106 @@
-"""Mach-1 blocks to one Dataset in SI, with the metadata of the blocks as JSON."""
+"""Biomomentum Mach-1 Motion text files: blocks of time, position and force, to a Dataset and back.
+
+The grammar is in :mod:`instruments.mach1._blocks`. Facts of the instrument that matter here:
+
+- force is in N or in gram-force per column, already low-passed (as its header declares), and not tared;
+- a six-axis cell counts compression negative, a single-axis cell positive. The reader keeps the sign of the file and
+  states it in ``compression_sign``: compression is ``compression_sign * force_z``;
+- time restarts at zero in every block; ``start_time`` is a local wall clock without a zone;
+- the declared frequency and amplitude are commands, not the motion of the stage: fit them.
+"""
 
 import json
 import math
+import os
 import re
 import warnings
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from instruments._clock import moment
-from instruments.mach1._blocks import DECLARED, Block, Column, Parameter
-from labpipe.arrays import Floats, Integers
-from labpipe.errors import InputError
-from labpipe.text import is_number, shorten
+from instruments.mach1._blocks import DECLARED, DIVIDER, END_DATA, TITLE, Block, Column, Options, Parameter, parse
+from labpipe import files
+from labpipe.arrays import Floats
+from labpipe.errors import InputError, warn_of
+from labpipe.text import Limits, check_decimal, is_number, shorten, survey
 from labpipe.variables import described, variable
 
 DEVICE = "Biomomentum Mach-1"
 
 MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _DATE = re.compile(r"(?:[A-Za-z]{3}, )?([A-Za-z]{3}) ([0-9]{1,2}), ([0-9]{4})")
+_CELL, _WITH_COMMA = re.compile(r"-?[0-9]+([.,][0-9]+)?"), re.compile(r"-?[0-9]+,[0-9]{4,}")
 
 #: Compression times this sign is the force of the file, by the type of load cell.
 COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    decimal: str | None = None,
+    allow_incomplete: bool = False,
+    allow_gaps: bool = False,
+    limits: Limits | None = None,
+) -> xr.Dataset:
+    """Read a Mach-1 Motion text file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    decimal : str
+        ``","`` for a file that a spreadsheet has rewritten; the instrument writes a dot. By default
+        a comma is taken where the first row of readings has it with more digits than thousands have.
+    allow_incomplete : bool
+        Read a file that stops early; its last block is marked, its cut row dropped, and a warning
+        given. By default such a file is refused.
+    allow_gaps : bool
+        Read blocks in which rows are missing, by the times they carry. By default refused.
+    limits : Limits, optional
+        Size limits.
+
+    Returns
+    -------
+    Dataset
+        Over ``sample``: coordinates ``time`` [s] (within the block), ``block``, ``segment``
+        (dividers so far); variables ``position_z`` [m], ``position_theta`` [rad], ``force_z`` [N],
+        ``torque_x`` [N m], … as present, NaN in blocks without the column. Over ``block_index``:
+        ``function``, ``start_time``, ``n_rows``, ``sampling_interval`` [s],
+        ``compression_sign``, and ``declared_…`` numbers. Attributes: ``header`` (its text),
+        ``blocks`` (JSON, everything), ``start``, ``compression_sign`` when all blocks agree.
+
+    Raises
+    ------
+    SourceError
+        With file, line and column of the departure from the format.
+
+    Examples
+    --------
+    >>> readings = read("sinusoid.txt")  # doctest: +SKIP
+    >>> readings.force_z.attrs["units"]  # doctest: +SKIP
+    'N'
+    """
+    check_decimal(decimal)
+    source = survey(path, declared=("latin-1",), limits=limits or Limits())
+    if decimal is None:
+        rows = ([cell.strip('"') for cell in re.split("[\t;]", line.strip())] for line in source.lines())
+        first = next((cells for cells in rows if len(cells) > 1 and all(map(_CELL.fullmatch, cells))), [])
+        decimal = "," if any(map(_WITH_COMMA.fullmatch, first)) else "."
+    blocks = parse(source, Options(decimal, allow_incomplete, allow_gaps))
+    unknown = [str(number) for number, block in enumerate(blocks) if not start_of(block)]
+    if unknown:
+        text = f"date and time of block {', '.join(unknown)} are not of the form "
+        text += '"Wed, Jul 19, 2023" and "12:14:21.065"; the start is left empty'
+        warn_of(source.path, text)
+    dataset = assemble(blocks, decimal)
+    work = {"bytes_read": source.size, "blocks": len(blocks), "rows_read": int(dataset.sizes["sample"])}
+    dataset.attrs |= {"source": Path(path).name, "encoding": source.encoding, "work": json.dumps(work)}
+    return dataset
 
 
 def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
@@ -45,31 +122,47 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
         raise InputError("a Mach-1 file has at least one block, found none")
     counts = [len(block.values) for block in blocks]
     starts = np.concatenate([[0], np.cumsum(counts)])
-    total = int(starts[-1])
     columns: dict[str, tuple[Floats, Column]] = {}
     for block, first in zip(blocks, starts[:-1], strict=True):
         for index, column in enumerate(block.columns):
-            name = variable_name(column.quantity)
-            values, known = columns.setdefault(name, (np.full(total, np.nan), column))
+            values, known = columns.setdefault(variable_name(column.quantity), (np.full(starts[-1], np.nan), column))
             if known.unit.si != column.unit.si:
                 raise InputError(f'"{column.header}" is in {column.unit.si}, before in {known.unit.si}')
             values[first : first + len(block.values)] = block.values[:, index] * column.unit.factor
     time, _ = columns.pop("time", (np.empty(0), None))
+    segments = [np.searchsorted(block.dividers, np.arange(n), "right") for block, n in zip(blocks, counts, strict=True)]
+    described_columns = {
+        name: ("sample", values, described(column.unit.si, column.quantity, original_unit=column.unit_text))
+        for name, (values, column) in columns.items()
+    }
+    attrs: dict[str, Any] = {
+        "instrument": DEVICE,
+        "header": "\n".join(
+            "\n".join(["<INFO>", *block.info_lines, "<END INFO>", f"<{block.function}>", *block.parameter_lines])
+            for block in blocks
+        ),
+        "blocks": json.dumps([_describe(block, decimal) for block in blocks], ensure_ascii=False),
+        "start": start_of(blocks[0]),
+        "clock": "local wall clock without a zone",
+        "incomplete": int(not all(block.is_complete for block in blocks)),
+    }
+    signs = {_compression_sign(block) for block in blocks if block.has_data}
+    if len(signs) == 1 and 0 not in signs:
+        attrs["compression_sign"] = signs.pop()
     dataset = xr.Dataset(
-        {name: _variable(values, column) for name, (values, column) in columns.items()},
+        described_columns,
         coords={
             "time": variable("sample", time, "s", "time within the block"),
             "block": ("sample", np.repeat(np.arange(len(blocks)), counts), described("1", "block")),
-            "segment": ("sample", _segments(blocks), described("1", "dividers so far in the block")),
+            "segment": (
+                "sample",
+                np.concatenate(segments).astype(np.int64),
+                described("1", "dividers so far in the block"),
+            ),
         },
-        attrs=_file_attributes(blocks, decimal),
+        attrs=attrs,
     )
     return dataset.assign(_block_variables(blocks))
-
-
-def _variable(values: Floats, column: Column) -> tuple[Any, ...]:
-    attrs = described(column.unit.si, column.quantity, original_unit=column.unit_text)
-    return "sample", values, attrs
 
 
 def variable_name(quantity: str) -> str:
@@ -86,56 +179,38 @@ def variable_name(quantity: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", quantity.lower()).strip("_") or "unnamed"
 
 
-def _segments(blocks: Sequence[Block]) -> Integers:
-    parts = [
-        np.searchsorted(np.asarray(block.dividers), np.arange(len(block.values)), side="right") for block in blocks
-    ]
-    return np.concatenate(parts).astype(np.int64)
-
-
 def _block_variables(blocks: Sequence[Block]) -> dict[str, Any]:
-    def over_blocks(values: object, long_name: str, units: str = "1") -> tuple[Any, ...]:
-        return "block_index", np.asarray(values), described(units, long_name)
-
-    variables = {
-        "function": ("block_index", np.array([block.function for block in blocks])),
-        "start_time": ("block_index", np.array([start_of(block) for block in blocks])),
-        "n_rows": over_blocks([len(block.values) for block in blocks], "rows of the block"),
-        "sampling_interval": over_blocks([_interval(block) for block in blocks], "sampling interval", "s"),
-        "compression_sign": over_blocks(
+    numbers: dict[str, tuple[Any, str, str]] = {
+        "n_rows": ([len(block.values) for block in blocks], "rows of the block", "1"),
+        "sampling_interval": ([_interval(block) for block in blocks], "sampling interval", "s"),
+        "compression_sign": (
             [_compression_sign(block) for block in blocks],
             "sign of compression in force_z, 0 when the header does not state it",
+            "1",
         ),
-        "is_complete": over_blocks(
-            [int(block.is_complete) for block in blocks], "1 when the block is ended in the file"
-        ),
+        "is_complete": ([int(block.is_complete) for block in blocks], "1 when the block is ended in the file", "1"),
     }
     for name in dict.fromkeys(DECLARED.values()):
-        found = [_declared(block, name) for block in blocks]
+        found = [
+            next((p for p in block.parameters if DECLARED.get(re.sub(r", [^,]*$", "", p.key)) == name), None)
+            for block in blocks
+        ]
         units = {parameter.unit.si for parameter in found if parameter and parameter.unit}
         if len(units) == 1:
-            values = [_si_value(parameter) for parameter in found]
-            long_name = name.replace("_", " ") + " (a command, not a measurement)"
-            variables[name] = over_blocks(values, long_name, units.pop())
-    return variables
+            values = [math.nan if parameter is None else _si_value(parameter) for parameter in found]
+            numbers[name] = (values, name.replace("_", " ") + " (a command, not a measurement)", units.pop())
+    return {
+        "function": ("block_index", np.array([block.function for block in blocks])),
+        "start_time": ("block_index", np.array([start_of(block) for block in blocks])),
+        **{
+            name: ("block_index", np.asarray(values), described(units, text))
+            for name, (values, text, units) in numbers.items()
+        },
+    }
 
 
-def _declared(block: Block, name: str) -> Parameter | None:
-    for parameter in block.parameters:
-        if DECLARED.get(_base(parameter.key)) == name:
-            return parameter
-    return None
-
-
-def _base(key: str) -> str:
-    name, separator, _ = key.rpartition(", ")
-    return name if separator else key
-
-
-def _si_value(parameter: Parameter | None) -> float:
-    if parameter is None or parameter.number is None or parameter.unit is None:
-        return math.nan
-    return parameter.number * parameter.unit.factor
+def _si_value(parameter: Parameter) -> float:
+    return math.nan if parameter.number is None or parameter.unit is None else parameter.number * parameter.unit.factor
 
 
 def _interval(block: Block) -> float:
@@ -158,27 +233,8 @@ def start_of(block: Block) -> str:
     return "" if start is None else start.isoformat(timespec="milliseconds")
 
 
-def _file_attributes(blocks: Sequence[Block], decimal: str) -> dict[str, Any]:
-    attrs: dict[str, Any] = {
-        "instrument": DEVICE,
-        "header": "\n".join(_header_text(block) for block in blocks),
-        "blocks": json.dumps([_describe(block, decimal) for block in blocks], ensure_ascii=False),
-        "start": start_of(blocks[0]),
-        "clock": "local wall clock without a zone",
-        "incomplete": int(not all(block.is_complete for block in blocks)),
-    }
-    signs = {_compression_sign(block) for block in blocks if block.has_data}
-    if len(signs) == 1 and 0 not in signs:
-        attrs["compression_sign"] = signs.pop()
-    return attrs
-
-
-def _header_text(block: Block) -> str:
-    return "\n".join(["<INFO>", *block.info_lines, "<END INFO>", f"<{block.function}>", *block.parameter_lines])
-
-
 def _describe(block: Block, decimal: str) -> dict[str, Any]:
-    """Put everything that a block says of itself into plain JSON types."""
+    """Put the whole description of a block into plain JSON types; NaN is None."""
     info = dict(block.info)
     keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
     return {
@@ -191,7 +247,7 @@ def _describe(block: Block, decimal: str) -> dict[str, Any]:
             {
                 "key": parameter.key,
                 "text": parameter.text,
-                "value": _si_or_none(parameter),
+                "value": None if math.isnan(value := _si_value(parameter)) else value,
                 "units": parameter.unit.si if parameter.unit else None,
             }
             for parameter in block.parameters
@@ -207,7 +263,7 @@ def _describe(block: Block, decimal: str) -> dict[str, Any]:
         ],
         "rows": len(block.values),
         "dividers": block.dividers,
-        "sampling_interval": None if math.isnan(_interval(block)) else _interval(block),
+        "sampling_interval": None if math.isnan(interval := _interval(block)) else interval,
         "load_cell": {key.lower().replace(" ", "_"): info.get(f"Load Cell {key}") for key in keys},
         "filter": _filter(info, decimal),
         "images_folder": info.get("Captured Images Folder"),
@@ -215,11 +271,6 @@ def _describe(block: Block, decimal: str) -> dict[str, Any]:
         "has_data": block.has_data,
         "incomplete": not block.is_complete,
     }
-
-
-def _si_or_none(parameter: Parameter) -> float | None:
-    value = _si_value(parameter)
-    return None if math.isnan(value) else value
 
 
 def _filter(info: Mapping[str, str], decimal: str) -> dict[str, float | int] | None:
@@ -234,3 +285,35 @@ def _filter(info: Mapping[str, str], decimal: str) -> dict[str, float | int] | N
     text = f"the header declares a low-pass filter {stated}; the readings cannot be corrected for it"
     warnings.warn(text, UserWarning, stacklevel=2)
     return None
+
+
+def encode(dataset: xr.Dataset) -> bytes:
+    """Turn a Dataset of the form of :func:`read` or :func:`assemble` into the bytes of a Mach-1 file.
+
+    Returns
+    -------
+    bytes
+        CRLF, tabs, six decimals; a file that was read comes out byte for byte.
+    """
+    lines = [TITLE]
+    starts = np.concatenate([[0], np.cumsum(dataset["n_rows"].values)]).astype(int)
+    for index, block in enumerate(json.loads(dataset.attrs["blocks"])):
+        lines += ["<INFO>", *block["info_lines"], "<END INFO>", f"<{block['function']}>", *block["parameter_lines"]]
+        if not block["has_data"]:
+            continue
+        lines.append("<DATA>")
+        if columns := block["columns"]:
+            part = slice(starts[index], starts[index + 1])
+            values = np.column_stack([dataset[each["variable"]].values[part] / each["factor"] for each in columns])
+            pattern = "\t".join(["%.6f"] * len(columns))
+            rows = [pattern % tuple(row) for row in values.tolist()]
+            for position in reversed(block["dividers"]):
+                rows.insert(position, DIVIDER)
+            lines += ["\t".join(each["header"] for each in columns), *rows]
+        lines.append(END_DATA)
+    return ("\r\n".join(lines) + "\r\n").encode(dataset.attrs.get("encoding", "latin-1"))
+
+
+def write(path: str | os.PathLike[str], dataset: xr.Dataset) -> None:
+    """Write a Dataset of the form of :func:`read` as a Mach-1 file; StorageError where it cannot be written."""
+    files.write_bytes(Path(path), encode(dataset))

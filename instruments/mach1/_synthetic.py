@@ -64,9 +64,6 @@ LOAD_CELLS = {
     "25kg": LoadCell("25kg SN:0000000", "Single-axis", 1.004174, 151.5, steps={"Fz, gf": 1.506261}),
 }
 
-_STAGE_STEP = 1e-4  # mm, and a hundredth of it while the stage runs a sinusoid
-_SINUSOID_STAGE_STEP = 1e-6
-
 
 def make_block(
     function: str,
@@ -84,62 +81,45 @@ def make_block(
     ``"Position (z), mm"``, ``"Fz, gf"``) to values in SI, ``parameters`` keys to texts (``{"Frequency, Hz":
     "0.10000"}``); ``dividers`` are numbers of rows before each divider, ``images_folder`` that of the camera.
     """
-    info = _header_pairs(start, load_cell, images_folder)
-    known = []
-    values = []
-    for header, si_values in columns.items():
-        quantity, _, unit_text = header.rpartition(", ")
-        column = Column(header, quantity, unit_text, unit(unit_text))
-        known.append(column)
-        step = _step(function, quantity, header, load_cell)
-        values.append(_to_grid(np.asarray(si_values, float) / column.unit.factor, step))
-    return Block(
-        function,
-        tuple(f"{key}:\t{value}" for key, value in info),
-        tuple(f"{key}:\t{value}" for key, value in parameters.items()),
-        info,
-        tuple(_plain_parameter(key, value) for key, value in parameters.items()),
-        tuple(known),
-        np.column_stack(values),
-        tuple(dividers),
-    )
-
-
-def _header_pairs(start: datetime, cell: LoadCell, images_folder: str | None) -> tuple[tuple[str, str], ...]:
     date = f"{_DAYS[start.weekday()]}, {MONTHS[start.month - 1]} {start.day:02d}, {start.year}"
-    pairs = [
+    info = [
         ("Date", date),
         ("Time", f"{start:%H:%M:%S}.{start.microsecond // 1000:03d}"),
         ("Mach-1 Motion Software Version", "4.4.0.29"),
         ("Mach-1 System S/N", "MA0000000"),
         ("Mach-1 System Model", "V500c"),
-        ("Load Cell Name", cell.name),
-        ("Load Cell Type", cell.kind),
-        ("Load Cell Calibration Factor", f"{cell.calibration_factor:.6f}"),
-        ("Load Cell Offset", f"{cell.offset:.6f}"),
-        ("Load Cell Calibration Date", cell.calibration_date),
+        ("Load Cell Name", load_cell.name),
+        ("Load Cell Type", load_cell.kind),
+        ("Load Cell Calibration Factor", f"{load_cell.calibration_factor:.6f}"),
+        ("Load Cell Offset", f"{load_cell.offset:.6f}"),
+        ("Load Cell Calibration Date", load_cell.calibration_date),
         ("Load Cell Low-pass filter", "Yes"),
-        ("Load Cell Low-pass filter Order", str(cell.filter_order)),
-        ("Load Cell Low-pass filter Cutoff frequency (Hz)", f"{cell.filter_cutoff:.2f}"),
+        ("Load Cell Low-pass filter Order", str(load_cell.filter_order)),
+        ("Load Cell Low-pass filter Cutoff frequency (Hz)", f"{load_cell.filter_cutoff:.2f}"),
+        *([("Captured Images Folder", images_folder)] if images_folder else []),
     ]
-    return (*pairs, *([("Captured Images Folder", images_folder)] if images_folder else []))
-
-
-def _plain_parameter(key: str, text: str) -> Parameter:
-    _, separator, unit_text = key.rpartition(", ")
-    try:
-        return Parameter(key, text, float(text), unit(unit_text if separator else "1"))
-    except (ValueError, InputError):
-        return Parameter(key, text, None, None)
-
-
-def _step(function: str, quantity: str, header: str, cell: LoadCell) -> float | None:
-    if quantity == "Position (z)":
-        return _SINUSOID_STAGE_STEP if function == "Sinusoid" else _STAGE_STEP
-    return (cell.steps or {}).get(header)
-
-
-def _to_grid(values: Floats, step: float | None) -> Floats:
-    """Round to the step of the sensor, then to the six decimals of the file."""
-    on_grid = values if step is None else np.round(values / step) * step
-    return np.round(on_grid, 6)
+    declared = []
+    for key, text in parameters.items():
+        _, separator, unit_text = key.rpartition(", ")
+        try:
+            declared.append(Parameter(key, text, float(text), unit(unit_text if separator else "1")))
+        except (ValueError, InputError):
+            declared.append(Parameter(key, text, None, None))
+    steps = {**(load_cell.steps or {}), "Position (z)": 1e-6 if function == "Sinusoid" else 1e-4}  # mm, of the stage
+    known, values = [], []
+    for header, si_values in columns.items():
+        quantity, _, unit_text = header.rpartition(", ")
+        known.append(Column(header, quantity, unit_text, unit(unit_text)))
+        written = np.asarray(si_values, float) / known[-1].unit.factor
+        step = steps.get(quantity, steps.get(header))
+        values.append(np.round(written if step is None else np.round(written / step) * step, 6))  # decimals of the file
+    return Block(
+        function,
+        tuple(f"{key}:\t{value}" for key, value in info),
+        tuple(f"{key}:\t{value}" for key, value in parameters.items()),
+        tuple(info),
+        tuple(declared),
+        tuple(known),
+        np.column_stack(values),
+        tuple(dividers),
+    )

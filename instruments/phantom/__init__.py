@@ -15,7 +15,7 @@ else:
 
 
 def _sniff(head: bytes, path: Path) -> bool:
-    """Tell a Phantom .cine by its magic "CI" and the length of its first header."""
+    """Recognise a Phantom .cine by its magic "CI" and the length of its first header."""
     del path
     return head[:4] == b"CI\x2c\x00"
 

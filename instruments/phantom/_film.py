@@ -1,31 +1,42 @@
 """Phantom high-speed films (.cine): lazy, memory-mapped, times from the time stamps.
 
-Nothing but the header is read when a film is opened. An image, or a rectangle of it, is decoded
-when it is asked for; rows outside the rectangle are not touched.
+Nothing but the header is read when a film is opened. Unpacked rows are stored bottom-up, packed rows top-down. Ten-bit
+packed values are companded; they are expanded to twelve linear bits by the inverse of Rec. 709.
 """
 
 import os
 import warnings
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments._stored_film import PACKED_GROUPS, MappedFrames, unpacked
 from instruments.phantom._header import Header, read_header
-from instruments.phantom._pixels import PACKED_GROUP, decode, linear_from_companded, row_bytes
-from instruments.phantom._times import TimeAxis, exposure_times, time_axis
+from instruments.phantom._times import TimeAxis, exposure_times, longest_order, time_axis
 from labpipe.arrays import Flags, Floats, Integers
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.frames import IncompleteFilmWarning, ShownFrames
+from labpipe.frames import IncompleteFilmWarning
 
 #: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
 _FAULT_AROUND = 64 * 2**10
-_HIGHEST_LEVEL = 2**16 - 1
 _LEAST_ANNOTATION = 8  # bytes before the pixels of a frame
-_MOST_NEIGHBOURS = 16  # damaged offsets within one frame; with more, none of them is believed
+_P10_BLACK, _P10_WHITE = 64, 1014  # companded levels of black and white
+_LINEAR_BLACK, _LINEAR_WHITE = 64, 4064  # the 12-bit linear levels for them
+
+
+@cache
+def linear_from_companded() -> NDArray[np.uint16]:
+    """Table of the 1,024 companded values in 12-bit linear levels (inverse Rec. 709)."""
+    signal = (np.arange(1024) - _P10_BLACK) / (_P10_WHITE - _P10_BLACK)
+    light = np.where(signal < 0.081, signal / 4.5, ((np.maximum(signal, 0.0) + 0.099) / 1.099) ** (1 / 0.45))
+    linear = _LINEAR_BLACK + light * (_LINEAR_WHITE - _LINEAR_BLACK)
+    table = np.clip(np.rint(linear), 0, 4095).astype(np.uint16)
+    table.setflags(write=False)
+    return table
 
 
 def read(path: str | os.PathLike[str]) -> "CineFrames":
@@ -48,64 +59,21 @@ def read(path: str | os.PathLike[str]) -> "CineFrames":
 
     Warns
     -----
-    UserWarning
-        The file ends before some of its frames.
+    IncompleteFilmWarning
+        The file ends before some of its frames, as after a copy that broke off.
     """
     window = Window(Path(path))
     header = read_header(window)
-    _warn_of_end(window, header)
+    beyond = np.flatnonzero(header.offsets > window.size - _LEAST_ANNOTATION - header.image_bytes)
+    if beyond.size:
+        text = f"{beyond.size} of {header.count} {'frames lie' if beyond.size > 1 else 'frames lies'} beyond the end "
+        text += f"of the file, the first is frame {beyond[0]}; they are left out. Copy the film from the camera again"
+        warn_of(window.path.name, text, category=IncompleteFilmWarning)
     return CineFrames(window, header)
 
 
-def _warn_of_end(window: Window, header: Header) -> None:
-    """Warn of frames that lie beyond the end of the file, as after a copy that broke off."""
-    last = window.size - _LEAST_ANNOTATION - header.image_bytes
-    beyond = np.flatnonzero(header.offsets > last)
-    if beyond.size:
-        frames = "frames lie" if beyond.size > 1 else "frames lies"
-        warn_of(
-            window.path.name,
-            f"{beyond.size} of {header.count} {frames} beyond the end of the file, the "
-            f"first is frame {beyond[0]}; they are left out. Copy the film from the camera again",
-            category=IncompleteFilmWarning,
-        )
-
-
-class CineFrames(ShownFrames):
-    """The frames of a .cine file.
-
-    Parameters
-    ----------
-    window : Window
-        The mapped file.
-    header : Header
-        What it says of itself.
-    rows, columns : slice, optional
-        The rectangle that is decoded; the whole image by default.
-    """
-
-    def __init__(self, window: Window, header: Header, rows: slice = slice(None), columns: slice = slice(None)) -> None:
-        self._window = window
-        self._header = header
-        self._rows = range(header.height)[rows]
-        self._columns = range(header.width)[columns]
-        if self._rows.step != 1 or self._columns.step != 1:
-            raise InputError("a region of interest is a contiguous rectangle; found a step other than 1")
-        if not self._rows or not self._columns:
-            raise InputError(
-                f"the region of interest {rows}, {columns} holds no pixel of the "
-                f"{header.height} rows × {header.width} columns"
-            )
-
-    @property
-    def header(self) -> Header:
-        """What the file says of itself."""
-        return self._header
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self._window.path
+class CineFrames(MappedFrames[Header]):
+    """The frames of a .cine file."""
 
     @cached_property
     def time_axis(self) -> TimeAxis:
@@ -124,9 +92,8 @@ class CineFrames(ShownFrames):
         try:
             axis = time_axis(self._header)
         except InputError as error:
-            raise SourceError(
-                self.path, str(error), hint="The header is damaged; export the film again from the camera's software."
-            ) from None
+            hint = "The header is damaged; export the film again from the camera's software."
+            raise SourceError(self.path, str(error), hint=hint) from None
         for text in axis.warnings:
             warnings.warn(text, UserWarning, stacklevel=3)
         return axis
@@ -141,21 +108,11 @@ class CineFrames(ShownFrames):
         """Exposure of every frame in s, NaN where the file's value is impossible; or None."""
         return exposure_times(self._header, self.time_axis)
 
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Number of frames that the file declares, rows, columns."""
-        return self._header.count, len(self._rows), len(self._columns)
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the decoded pixels."""
-        return np.dtype(np.uint8 if self._header.packing == "8" else np.uint16)
-
     @cached_property
     def levels(self) -> tuple[float, float]:
         """Black and white level in the units of the decoded pixels."""
         black, white = self._header.setup.black_level, self._header.setup.white_level
-        if black is None or white is None or not 0 <= black < white <= _HIGHEST_LEVEL:
+        if black is None or white is None or not 0 <= black < white < 2**16:
             return 0.0, float(2**self._header.bits - 1)
         if self._header.packing == "10-packed":
             table = linear_from_companded()
@@ -165,7 +122,7 @@ class CineFrames(ShownFrames):
     @cached_property
     def valid(self) -> Flags:
         """False for frames that the file does not hold completely; shape (frame,)."""
-        sound = np.array([self._fault(i) is None for i in range(len(self))])
+        sound = np.array([not self._fault(i) for i in range(self._count)])
         sound.setflags(write=False)
         return sound
 
@@ -179,73 +136,42 @@ class CineFrames(ShownFrames):
         SourceError
             The file does not hold this frame completely.
         """
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        index = int(index) % len(self)
-        fault = self._fault(index)
-        if fault is not None:
-            raise SourceError(
-                self.path,
-                f"frame {index}: {fault}",
-                offset=int(self._header.offsets[index]),
-                hint="Use the frames marked in `.valid`; copy the film again to get the others.",
-            )
-        return self._decode(self._pixels_at(index))
-
-    def roi(self, rows: slice, columns: slice) -> "CineFrames":
-        """Return a view of a rectangle of this view; rows outside are not read."""
-        inner_rows, inner_columns = self._rows[rows], self._columns[columns]
-        view = CineFrames(
-            self._window,
-            self._header,
-            slice(inner_rows.start, inner_rows.stop, inner_rows.step),
-            slice(inner_columns.start, inner_columns.stop, inner_columns.step),
-        )
-        if "time_axis" in self.__dict__:  # what is known once is not warned of again
-            view.__dict__["time_axis"] = self.time_axis
-        return view
-
-    @cached_property
-    def _order(self) -> Integers:
-        """The frames in the order of their places in the file."""
-        return np.argsort(self._header.offsets, kind="stable")
+        index, header = self._place(index), self._header
+        start = int(header.offsets[index])
+        if fault := self._fault(index):
+            hint = "Use the frames marked in `.valid`; copy the film again to get the others."
+            raise SourceError(self.path, f"frame {index}: {fault}", offset=start, hint=hint)
+        start += self._window.integer("I", start, "AnnotationSize")
+        stride = header.image_bytes // header.height
+        first, last = self._rows.start, self._rows.stop
+        if not header.top_down:
+            first, last = header.height - last, header.height - first
+        group, stored = PACKED_GROUPS.get(header.packed_bits, (1, stride // header.width))
+        left, right = self._columns.start // group, -(-self._columns.stop // group)
+        block = self._window.bytes[start + first * stride : start + last * stride]
+        self._window.note_use(block.size)
+        rows = block.reshape(-1, stride)[:, left * stored : right * stored]
+        rows = rows if header.top_down else rows[::-1]
+        pixels: NDArray[np.integer[Any]] = rows
+        if header.packed_bits:
+            pixels = unpacked(rows, header.packed_bits)
+        elif header.packing == "16":
+            pixels = np.ascontiguousarray(rows).view("<u2")
+        if header.packing == "10-packed":
+            pixels = linear_from_companded()[pixels]
+        inset = self._columns.start - left * group
+        return np.ascontiguousarray(pixels[:, inset : inset + len(self._columns)])
 
     @cached_property
-    def _rank(self) -> Integers:
-        """Position of each frame in that order."""
-        rank = np.empty(len(self), np.int64)
-        rank[self._order] = np.arange(len(self))
-        return rank
+    def _ordered(self) -> Integers:
+        """The frames whose places in the file go on from each to the next; a damaged offset breaks the order."""
+        shortest = self._header.image_bytes + _LEAST_ANNOTATION
+        apart: Floats = self._header.offsets.astype(np.float64) - np.arange(self._count) * shortest
+        either = [np.flatnonzero(longest_order(apart)), np.flatnonzero(longest_order(-apart[::-1])[::-1])]
+        return max(either, key=lambda kept: np.count_nonzero(np.diff(apart[kept]) == 0))  # frames have no gaps
 
-    @cached_property
-    def _gaps(self) -> Floats:
-        """Bytes from each place to the next in that order, and beyond both ends."""
-        places = self._header.offsets[self._order].astype(np.float64)  # no difference overflows
-        return np.diff(places, prepend=-np.inf, append=np.inf)
-
-    def _fault(self, index: int) -> str | None:
-        """Say what is wrong with a frame's place in the file, or None."""
-        return self._own_fault(index) or self._overlap(index)
-
-    def _overlap(self, index: int) -> str | None:
-        """Say which sound frame holds the same bytes; two frames cannot share any."""
-        offsets, rank = self._header.offsets, int(self._rank[index])
-        before, after = self._gaps[rank], self._gaps[rank + 1]
-        length = self._pixels_at(index) + self._header.image_bytes - int(offsets[index])
-        if before > 0 and after >= length:
-            return None
-        if before == 0:
-            # of two frames at one place the earlier is believed
-            return f"it lies where frame {self._order[rank - 1]} does"
-        end = int(offsets[index]) + length
-        behind = self._order[rank + 1 : rank + 1 + _MOST_NEIGHBOURS]
-        inside = behind[(offsets[behind] > offsets[index]) & (offsets[behind] < end)]
-        if inside.size == _MOST_NEIGHBOURS:
-            return "the table of offsets points into it again and again"
-        runs_into = (int(i) for i in inside if self._own_fault(int(i)) is None)
-        return next((f"it runs into frame {i}" for i in runs_into), None)
-
-    def _own_fault(self, index: int) -> str | None:
+    def _fault(self, index: int) -> str:
+        """Describe the fault of a frame's place in the file, "" for none."""
         start, size = int(self._header.offsets[index]), self._window.size
         self._window.note_use(_FAULT_AROUND)
         if not 0 <= start <= size - 8:
@@ -256,28 +182,13 @@ class CineFrames(ShownFrames):
         stored = self._window.integer("I", start + annotation - 4, "ImageSize")
         if stored != self._header.image_bytes:
             return f"its stored size is {stored} bytes, expected {self._header.image_bytes}"
-        if start + annotation + stored > size:
-            return f"it ends {start + annotation + stored - size} bytes after the file does"
-        return None
-
-    def _pixels_at(self, index: int) -> int:
-        start = int(self._header.offsets[index])
-        return start + self._window.integer("I", start, "AnnotationSize")
-
-    def _decode(self, start: int) -> NDArray[np.integer[Any]]:
-        header = self._header
-        stride = row_bytes(header.packing, header.width)
-        first, last = self._rows.start, self._rows.stop
-        if not header.top_down:
-            first, last = header.height - last, header.height - first
-        group, stored = PACKED_GROUP.get(header.packing, (1, stride // header.width))
-        left = self._columns.start // group
-        right = -(-self._columns.stop // group)
-        block = self._window.bytes[start + first * stride : start + last * stride]
-        rows = block.reshape(-1, stride)[:, left * stored : right * stored]
-        if not header.top_down:
-            rows = rows[::-1]
-        self._window.note_use(block.size)
-        inset = self._columns.start - left * group
-        pixels = decode(rows, header.packing)[:, inset : inset + len(self._columns)]
-        return np.ascontiguousarray(pixels)
+        end = start + annotation + stored
+        if end > size:
+            return f"it ends {end - size} bytes after the file does"
+        rank = int(np.searchsorted(self._ordered, index))
+        if rank == self._ordered.size or self._ordered[rank] != index:
+            return f"its offset {start} is out of the order of the other frames"
+        behind = self._ordered[rank + 1 : rank + 2]
+        if behind.size and end > self._header.offsets[behind[0]]:
+            return f"it runs into frame {behind[0]}"
+        return ""

@@ -5,12 +5,14 @@ BITMAPINFOHEADER at 44, SETUP after it, tagged blocks, the table of image offset
 Every declared size is compared with the file before it is used.
 """
 
+import struct
 from dataclasses import dataclass
 from typing import Literal, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments._stored_film import PACKED_GROUPS
 from labpipe.arrays import Integers
 from labpipe.binary import Window
 from labpipe.errors import EXCHANGED, SourceError
@@ -25,14 +27,13 @@ _PACKINGS: dict[tuple[int, int], Packing] = {
     (16, 1024): "12-packed",
 }
 _BITS_OF_LEVELS = {2**bits: bits for bits in (8, 10, 12, 14, 16)}
-_SIZE_AT = 1588  # of SETUP: columns and rows of the images
 _LARGEST_SIDE = 1 << 15  # pixels; no sensor of this family is larger
 _MOST_BLOCKS = 1 << 10  # tagged blocks; a film has about five
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """The recording's settings, shown beside the film; None where this version of the format has no such field."""
+    """Settings of the recording; None where this version of the format has no such field."""
 
     frame_rate: int | None
     decimation: float | None
@@ -47,6 +48,7 @@ class Setup:
     lens: str
     description: str
     time_zone: int | None
+    size: tuple[int, int] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,11 @@ class Header:
     exposures: NDArray[np.uint32] | None
     setup: Setup
 
+    @property
+    def packed_bits(self) -> int:
+        """Bits of a pixel that is stored without gaps, 0 of others."""
+        return int(self.packing[:2]) if self.packing.endswith("packed") else 0
+
 
 def read_header(window: Window) -> Header:
     """Read and check everything before the images.
@@ -78,7 +85,7 @@ def read_header(window: Window) -> Header:
     Raises
     ------
     SourceError
-        The file is no .cine, is colour or compressed, or declares what it does not hold.
+        The file is no .cine, is colour or compressed, or declares more than it holds.
     """
     if window.take(0, 2, "the file type") != b"CI":
         raise SourceError(
@@ -86,7 +93,14 @@ def read_header(window: Window) -> Header:
             'does not begin with "CI": not a Phantom .cine file',
             hint="Give the .cine file itself, not a sidecar or an export.",
         )
-    _require_grey(window, window.integer("H", 4, "Compression"))
+    compression = window.integer("H", 4, "Compression")
+    if compression == 1:
+        text, hint = "the film is JPEG-compressed (.cci), which alters grey levels", "Save it as an uncompressed .cine."
+        raise SourceError(window.path, text, offset=4, hint=hint)
+    if compression == 2:
+        _refuse_colour(window, "Compression is 2, an uninterpolated colour image")
+    if compression != 0:
+        _refuse(window, 4, f"Compression is {compression}; known are 0, 1 and 2")
     version = window.integer("H", 6, "Version")
     if version not in {0, 1}:
         _refuse(window, 6, f"Version is {version}; known are 0 and 1")
@@ -96,11 +110,11 @@ def read_header(window: Window) -> Header:
     table_at = window.integer("I", 32, "OffImageOffsets")
     if count == 0:
         _refuse(window, 20, "ImageCount is 0: the file holds no image")
-    width, height, top_down = _size(window, bitmap)
-    packing, bits = _packing(window, bitmap)
-    image_bytes = _image_bytes(window, bitmap, width, height, packing)
+    width, height, top_down, packing, bits, image_bytes = _image(window, bitmap)
     setup, setup_length = _setup(window, setup_at)
-    _require_upright(window, bitmap, setup_at, setup_length, width, height)
+    if setup.size == (height, width) and width != height:
+        text = f"the images are {width} × {height} px, in the camera's settings {height} × {width} px: "
+        _refuse(window, bitmap + 4, f"{text}width and height are exchanged", EXCHANGED)
     if setup.colour_filter:
         _refuse_colour(window, f"the sensor has a colour filter (CFA {setup.colour_filter})")
     kind = "<i8" if version == 1 else "<u4"
@@ -118,7 +132,7 @@ def read_header(window: Window) -> Header:
         height=height,
         packing=packing,
         bits=bits,
-        top_down=top_down or packing.endswith("packed"),
+        top_down=top_down,
         image_bytes=image_bytes,
         trigger=(seconds << 32) | (fractions & ~3),
         offsets=offsets.astype(np.int64),
@@ -141,70 +155,30 @@ def _refuse_colour(window: Window, reason: str) -> NoReturn:
     )
 
 
-def _require_grey(window: Window, compression: int) -> None:
-    if compression == 1:
-        raise SourceError(
-            window.path,
-            "the film is JPEG-compressed (.cci), which alters grey levels",
-            offset=4,
-            hint="Save it as an uncompressed .cine from the camera's software.",
-        )
-    if compression == 2:
-        _refuse_colour(window, "Compression is 2, an uninterpolated colour image")
-    if compression != 0:
-        _refuse(window, 4, f"Compression is {compression}; known are 0, 1 and 2")
-
-
-def _size(window: Window, bitmap: int) -> tuple[int, int, bool]:
-    width = window.integer("i", bitmap + 4, "biWidth")
-    height = window.integer("i", bitmap + 8, "biHeight")
+def _image(window: Window, bitmap: int) -> tuple[int, int, bool, Packing, int, int]:
+    """Read the BITMAPINFOHEADER: width, height, whether the first row is stored first, packing, bits, bytes."""
+    width, height = window.integer("i", bitmap + 4, "biWidth"), window.integer("i", bitmap + 8, "biHeight")
     if not (0 < width <= _LARGEST_SIDE and 0 < abs(height) <= _LARGEST_SIDE):
         _refuse(window, bitmap + 4, f"the image size is {width} × {height} px")
-    return width, abs(height), height < 0
-
-
-def _packing(window: Window, bitmap: int) -> tuple[Packing, int]:
     depth = window.integer("H", bitmap + 14, "biBitCount")
     compression = window.integer("I", bitmap + 16, "biCompression")
     if depth in {24, 48}:
         _refuse_colour(window, f"{depth} bits per pixel are three colours")
     packing = _PACKINGS.get((depth, compression))
     if packing is None:
-        _refuse(
-            window,
-            bitmap + 14,
-            f"biBitCount {depth} with biCompression {compression} is no known pixel format; known "
-            "are 8 and 16 plain, 16 with 256 (10-bit packed) and 16 with 1024 (12-bit packed)",
-        )
+        text = f"biBitCount {depth} with biCompression {compression} is no known pixel format; known are 8 and 16 "
+        _refuse(window, bitmap + 14, f"{text}plain, 16 with 256 (10-bit packed) and 16 with 1024 (12-bit packed)")
     levels = window.integer("I", bitmap + 36, "biClrImportant")
-    fixed = {"8": 8, "10-packed": 10, "12-packed": 12}
-    return packing, fixed.get(packing, _BITS_OF_LEVELS.get(levels, 16))
-
-
-def _image_bytes(window: Window, bitmap: int, width: int, height: int, packing: Packing) -> int:
-    per_pixel = {"8": (1, 1), "16": (2, 1), "10-packed": (5, 4), "12-packed": (3, 2)}
-    over, under = per_pixel[packing]
-    if width % under:
+    bits = {"8": 8, "10-packed": 10, "12-packed": 12}.get(packing, _BITS_OF_LEVELS.get(levels, 16))
+    stored = 16 if packing == "16" else bits
+    if width % PACKED_GROUPS.get(stored, (1, 1))[0]:
         _refuse(window, bitmap + 4, f"a width of {width} px does not fit {packing} rows")
-    expected = width * height * over // under
+    expected = width * abs(height) * stored // 8
     declared = window.integer("I", bitmap + 20, "biSizeImage")
     if declared not in {expected, 0}:
-        _refuse(
-            window,
-            bitmap + 20,
-            f"biSizeImage is {declared} bytes, but {width} × {height} px of this format need {expected}",
-        )
-    return expected
-
-
-def _require_upright(window: Window, bitmap: int, setup_at: int, length: int, width: int, height: int) -> None:
-    """Hold the size of the images against that in the camera's settings, where these are long enough."""
-    if length < _SIZE_AT + 8:
-        return
-    own = [int(window.field("I", setup_at + _SIZE_AT + 4 * i, "SETUP")) for i in (0, 1)]
-    if own == [height, width] and width != height:
-        text = f"the images are {width} × {height} px, in the camera's settings {height} × {width} px: "
-        _refuse(window, bitmap + 4, f"{text}width and height are exchanged", EXCHANGED)
+        text = f"biSizeImage is {declared} bytes, but {width} × {abs(height)} px of this format need {expected}"
+        _refuse(window, bitmap + 20, text)
+    return width, abs(height), height < 0 or packing.endswith("packed"), packing, bits, expected
 
 
 def _setup(window: Window, start: int) -> tuple[Setup, int]:
@@ -213,11 +187,12 @@ def _setup(window: Window, start: int) -> tuple[Setup, int]:
     length = window.integer("H", start + 142, "the length of SETUP")
     window.require(start, length, "SETUP")
 
-    def number(layout: str, offset: int, size: int) -> int | float | None:
-        return window.field(layout, start + offset, "SETUP") if offset + size <= length else None
+    def number(layout: str, offset: int) -> float | None:
+        is_there = offset + struct.calcsize(layout) <= length
+        return window.field(layout, start + offset, "SETUP") if is_there else None
 
-    def whole(layout: str, offset: int, size: int) -> int | None:
-        value = number(layout, offset, size)
+    def whole(layout: str, offset: int) -> int | None:
+        value = number(layout, offset)
         return None if value is None else int(value)
 
     def text(offset: int, size: int) -> str:
@@ -226,22 +201,24 @@ def _setup(window: Window, start: int) -> tuple[Setup, int]:
         raw = window.take(start + offset, size, "SETUP").split(b"\0", 1)[0]
         return "".join(c for c in raw.decode("latin-1") if c.isprintable())
 
-    shutter_ns, shutter_us = whole("I", 1568, 4), whole("I", 772, 4)
+    columns, rows = whole("I", 1588), whole("I", 1592)
+    shutter_ns, shutter_us = whole("I", 1568), whole("I", 772)
     shutter = shutter_ns * 1e-9 if shutter_ns else shutter_us * 1e-6 if shutter_us else None
     return Setup(
-        frame_rate=whole("I", 768, 4),
-        decimation=number("f", 10388, 4),
+        frame_rate=whole("I", 768),
+        decimation=number("f", 10388),
         shutter=shutter,
-        black_level=whole("i", 5732, 4),
-        white_level=whole("i", 5736, 4),
-        real_bits=whole("I", 896, 4),
-        serial=whole("I", 743, 4),
-        software_version=whole("I", 800, 4),
-        colour_filter=whole("I", 808, 4) or 0,
+        black_level=whole("i", 5732),
+        white_level=whole("i", 5736),
+        real_bits=whole("I", 896),
+        serial=whole("I", 743),
+        software_version=whole("I", 800),
+        colour_filter=whole("I", 808) or 0,
         camera_model=text(10128, 256),
         lens=text(5740, 256),
         description=text(1596, 4096),
-        time_zone=whole("i", 804, 4),
+        time_zone=whole("i", 804),
+        size=None if columns is None or rows is None else (columns, rows),
     ), length
 
 
@@ -250,7 +227,7 @@ def _tags(
 ) -> tuple[NDArray[np.uint64] | None, NDArray[np.uint32] | None, int | None]:
     """Walk the tagged blocks for stamps, exposures, and how many stamps there are.
 
-    A block that lies about its size ends the walk.
+    A block whose size cannot be right ends the walk.
     """
     stamps: NDArray[np.uint64] | None = None
     exposures: NDArray[np.uint32] | None = None

@@ -23,11 +23,10 @@ _SHARE = 0.05  # of the median interval, the tolerance for slow films
 _CLOCK_LIMIT = 30 * 86400.0  # s; a recording further from its trigger has an unset clock
 _PAUSE = 1.0  # s; a longer step between frames is a pause of the recording, not a dropped frame
 _LONE = 10  # lengths of the film; a single frame that far from all others has a corrupt stamp
-_ROUNDS = 8  # of taking single frames out; one or two are enough for any film that was seen
 
 
 class TimeFlag(IntFlag):
-    """What is known against the time of a frame."""
+    """Doubts about the time of a frame."""
 
     OK = 0
     RECONSTRUCTED = 1
@@ -42,7 +41,7 @@ class TimeFlag(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class TimeAxis:
-    """Times of the frames with what is known against them.
+    """Times of the frames and the doubts about them.
 
     ``time`` (frame,) [s]: time since the trigger; ``flag`` (frame,): sum of :class:`TimeFlag` values;
     ``missing_before`` (frame,): how many frames were dropped before each frame; ``interval`` [s]: median time between
@@ -56,7 +55,7 @@ class TimeAxis:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user has to know, in words."""
+        """Sentences for the user."""
         found = []
         flags = int(np.bitwise_or.reduce(self.flag)) if self.flag.size else 0
         if flags & TimeFlag.RECONSTRUCTED:
@@ -118,7 +117,9 @@ def time_axis(header: Header) -> TimeAxis:
     nearest = good[np.clip(np.searchsorted(good, np.arange(header.count)) - 1, 0, None)]
     steps = np.arange(header.count) - nearest
     time = np.where(bad, time[nearest] + steps * interval, time)
-    missing = _missing(time, interval)
+    missing, step = np.zeros(time.size, dtype=np.int64), np.diff(time)
+    late = step > interval + max(_TOLERANCE, _SHARE * interval)
+    missing[1:][late] = np.maximum(np.rint(step[late] / interval).astype(np.int64) - 1, 0)
     flag[missing > 0] |= TimeFlag.AFTER_GAP
     return TimeAxis(time, flag, missing, interval)
 
@@ -144,23 +145,20 @@ def _stated_interval(header: Header) -> float | None:
 def _impossible(ticks: Integers, interval: float) -> Flags:
     """Mark the stamps that contradict the others.
 
-    The largest number of stamps that follow each other in order is believed. Of those, a stamp
-    beyond any pause of a recording is not, nor is a single one far from all others: that is how
-    damaged stamps look, while a burst has more than one frame.
+    The largest number of stamps that follow each other in order is believed. Of those, a stamp beyond any pause of a
+    recording is not, nor is a single one far from all others: damaged stamps are so, while a burst has more than one
+    frame.
     """
-    tolerance = max(_TOLERANCE, _SHARE * interval)
     seconds = np.asarray(ticks * _UNIT, np.float64)
-    reach = max(_PAUSE, ticks.size * interval * _LONE)
-    left = good = np.arange(ticks.size)
-    for _ in range(_ROUNDS):
-        good = left[_longest_order(seconds[left] + left * tolerance)]
-        good = max(_split(good, seconds, _CLOCK_LIMIT), key=len)
-        bursts = _split(good, seconds, reach)
+    slack = np.arange(ticks.size) * max(_TOLERANCE, _SHARE * interval)
+    left = np.arange(ticks.size)
+    while True:
+        good = max(_split(left[longest_order((seconds + slack)[left])], seconds, _CLOCK_LIMIT), key=len)
+        bursts = _split(good, seconds, max(_PAUSE, ticks.size * interval * _LONE))
         lone = [burst[0] for burst in bursts if len(burst) == 1]
         if not lone or len(lone) == len(bursts):
             break
-        # without these, stamps that stood against them may be in order
-        left, good = np.setdiff1d(left, lone), np.setdiff1d(good, lone)
+        left = np.setdiff1d(left, lone)  # without these, stamps that contradicted them may be in order
     bad = np.ones(ticks.size, dtype=bool)
     bad[good] = False
     return bad
@@ -171,12 +169,12 @@ def _split(frames: Integers, seconds: Floats, longest: float) -> list[Integers]:
     return np.split(frames, np.flatnonzero(np.diff(seconds[frames]) > longest) + 1)
 
 
-def _longest_order(values: Floats) -> Flags:
+def longest_order(values: Floats) -> Flags:
     """Mark the longest subsequence that never decreases (patience sorting, n log n)."""
     if (np.diff(values) >= 0).all():
         return np.ones(values.size, dtype=bool)
     ends: list[float] = []  # smallest last value of a subsequence of each length
-    at: list[int] = []  # where that value stands
+    at: list[int] = []  # index of that value
     before = np.full(values.size, -1)
     for i, value in enumerate(values.tolist()):
         length = bisect_right(ends, value)
@@ -188,15 +186,6 @@ def _longest_order(values: Floats) -> Flags:
         chosen[i] = True
         i = int(before[i])
     return chosen
-
-
-def _missing(time: Floats, interval: float) -> Integers:
-    missing = np.zeros(time.size, dtype=np.int64)
-    step = np.diff(time)
-    tolerance = max(_TOLERANCE, _SHARE * interval)
-    late = step > interval + tolerance
-    missing[1:][late] = np.maximum(np.rint(step[late] / interval).astype(np.int64) - 1, 0)
-    return missing
 
 
 def exposure_times(header: Header, axis: TimeAxis) -> Floats | None:

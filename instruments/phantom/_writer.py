@@ -8,12 +8,14 @@ import os
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments._stored_film import PACKED_GROUPS
+from instruments.phantom._film import linear_from_companded
 from instruments.phantom._header import TAG_EXPOSURES, TAG_TIMES, Packing
-from instruments.phantom._pixels import companded_from_linear, pack, row_bytes
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -75,8 +77,8 @@ def write(
         Sizes do not fit the format or each other, or an image is not of the stated shape.
     """
     count, height, width = shape
-    packing = _packing(recording)
-    group = {"10-packed": 4, "12-packed": 2}.get(packing, 1)
+    packing, bits = _packing(recording), recording.bits
+    group = PACKED_GROUPS[bits][0] if recording.packed else 1
     if count < 1 or len(time) != count or width % group:
         raise InputError(
             f"{count} frames of {height} × {width} px with {len(time)} times cannot be stored as {packing}: at least "
@@ -84,35 +86,31 @@ def write(
         )
     if not 0 < recording.exposure < 1:
         raise InputError(f"an exposure of {recording.exposure} s: the format holds more than 0, below 1 s")
-    image_bytes = row_bytes(packing, width) * height
+    image_bytes = width * height * (16 if packing == "16" else bits) // 8
     head = _head(shape, np.asarray(time, float), recording, packing, image_bytes)
-    size = len(head) + count * (image_bytes + 8)
-    files.write_chunks(path, size, _chunks(head, images, shape, packing, image_bytes))
+
+    def chunks() -> Iterator[bytes]:
+        yield head
+        written = 0
+        for image in images:
+            if image.shape != shape[1:]:
+                raise InputError(f"image {written} has shape {image.shape}, expected {shape[1:]}")
+            yield struct.pack("<II", 8, image_bytes) + _encode(image, packing)
+            written += 1
+        if written != count:
+            raise InputError(f"{written} images were given, {count} were announced")
+
+    files.write_chunks(path, len(head) + count * (image_bytes + 8), chunks())
 
 
 def _packing(recording: Recording) -> Packing:
-    if recording.bits not in _LEVELS or (recording.packed and recording.bits not in {10, 12}):
-        raise InputError(
-            f"{recording.bits} bits{' packed' if recording.packed else ''} is no format of these "
-            "cameras; known are 8, 10, 12, 14, 16, and 10 or 12 packed"
-        )
-    if recording.packed:
-        return "10-packed" if recording.bits == 10 else "12-packed"
-    return "8" if recording.bits == 8 else "16"
-
-
-def _chunks(
-    head: bytes, images: Iterable[NDArray[np.integer]], shape: tuple[int, int, int], packing: Packing, image_bytes: int
-) -> Iterator[bytes]:
-    yield head
-    written = 0
-    for image in images:
-        if image.shape != shape[1:]:
-            raise InputError(f"image {written} has shape {image.shape}, expected {shape[1:]}")
-        yield struct.pack("<II", 8, image_bytes) + _encode(image, packing)
-        written += 1
-    if written != shape[0]:
-        raise InputError(f"{written} images were given, {shape[0]} were announced")
+    bits, packed = recording.bits, recording.packed
+    if bits not in _LEVELS or (packed and bits not in PACKED_GROUPS):
+        text = f"{bits} bits{' packed' if packed else ''} is no format of these cameras; known are 8, 10, 12, 14, 16, "
+        raise InputError(text + "and 10 or 12 packed")
+    if packed:
+        return "10-packed" if bits == 10 else "12-packed"
+    return "8" if bits == 8 else "16"
 
 
 def _encode(image: NDArray[np.integer], packing: Packing) -> bytes:
@@ -123,6 +121,20 @@ def _encode(image: NDArray[np.integer], packing: Packing) -> bytes:
     if packing == "12-packed":
         return pack(image.astype(np.uint16), 12).tobytes()
     return pack(companded_from_linear()[np.clip(image, 0, 4095)], 10).tobytes()
+
+
+def pack(pixels: NDArray[np.uint16], bits: int) -> NDArray[np.uint8]:
+    """Pack values of 10 or 12 bits, the inverse of :func:`instruments._stored_film.unpacked`."""
+    every = pixels[..., None] >> np.arange(bits, dtype=np.uint16)[::-1] & 1
+    return np.packbits(every.astype(np.uint8).reshape(pixels.shape[0], -1), axis=1)
+
+
+@cache
+def companded_from_linear() -> NDArray[np.uint16]:
+    """Nearest companded value of every 12-bit linear level."""
+    table, levels = linear_from_companded().astype(np.int64), np.arange(4096)
+    above = np.clip(np.searchsorted(table, levels), 1, 1023)
+    return np.where(levels - table[above - 1] <= table[above] - levels, above - 1, above).astype(np.uint16)
 
 
 def _head(shape: tuple[int, int, int], time: Floats, recording: Recording, packing: Packing, image_bytes: int) -> bytes:
@@ -140,34 +152,14 @@ def _head(shape: tuple[int, int, int], time: Floats, recording: Recording, packi
     offsets = first + np.arange(count, dtype="<i8") * (image_bytes + 8)
     file_header = struct.pack(
         "<2sHHHiIiIIIIII",
-        b"CI",
-        44,
-        0,
-        1,
-        recording.first_image,
-        count,
-        recording.first_image,
-        count,
-        44,
-        _SETUP_AT,
-        table_at,
-        _FLAGS,
-        recording.trigger,
+        *(b"CI", 44, 0, 1, recording.first_image, count, recording.first_image, count),
+        *(44, _SETUP_AT, table_at, _FLAGS, recording.trigger),
     )
     compression = {"10-packed": 256, "12-packed": 1024}.get(packing, 0)
     bitmap = struct.pack(
         "<IiiHHIIiiII",
-        40,
-        width,
-        height,
-        1,
-        8 if packing == "8" else 16,
-        compression,
-        image_bytes,
-        _PITCH,
-        _PITCH,
-        0,
-        2**recording.bits,
+        *(40, width, height, 1, 8 if packing == "8" else 16, compression),
+        *(image_bytes, _PITCH, _PITCH, 0, 2**recording.bits),
     )
     return file_header + bitmap + _setup(recording, shape) + blocks + offsets.tobytes()
 
@@ -180,23 +172,15 @@ def _setup(recording: Recording, shape: tuple[int, int, int]) -> bytes:
         struct.pack_into("<" + layout, setup, offset, value)
 
     black, white = _LEVELS[recording.bits]
-    put("H", 0, min(recording.frame_rate, 65535))
-    put("2s", 140, b"ST")
-    put("H", 142, _SETUP_BYTES)
-    put("H", 737, width)
-    put("H", 739, height)
-    put("I", 768, recording.frame_rate)
-    put("I", 772, round(recording.exposure * 1e6))
-    put("I", 800, _SOFTWARE)
-    put("I", 896, recording.bits)
-    put("I", 1568, round(recording.exposure * 1e9))
-    put("I", 1588, width)
-    put("I", 1592, height)
-    put("i", 5732, black)
-    put("i", 5736, white)
-    put("I", 10112, recording.bits)
-    put("f", 10388, 1.0)
-    put("d", 10400, float(recording.frame_rate))
+    rate, exposure = recording.frame_rate, recording.exposure
+    fields = (
+        ("H", 0, min(rate, 65535)), ("2s", 140, b"ST"), ("H", 142, _SETUP_BYTES), ("H", 737, width), ("H", 739, height),
+        ("I", 768, rate), ("I", 772, round(exposure * 1e6)), ("I", 800, _SOFTWARE), ("I", 896, recording.bits),
+        ("I", 1568, round(exposure * 1e9)), ("I", 1588, width), ("I", 1592, height), ("i", 5732, black),
+        ("i", 5736, white), ("I", 10112, recording.bits), ("f", 10388, 1.0), ("d", 10400, float(rate)),
+    )  # fmt: skip
+    for layout, at, value in fields:
+        put(layout, at, value)
     for offset, size, text in (
         (1596, 4096, recording.description),
         (5740, 256, recording.lens),

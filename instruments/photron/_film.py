@@ -4,12 +4,13 @@ The .mraw holds the frames one behind the other and nothing else. Pixels are byt
 12 bits packed with the highest bits first. Layout as in the public readers pyMRAW and pyidi (ladisk).
 """
 
+import contextlib
 import os
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from datetime import UTC
-from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments._clock import moment
+from instruments._stored_film import MappedFrames, unpacked
 from instruments.photron import frames_of, header_of
 from labpipe.arrays import Flags, Floats
 from labpipe.binary import Window
-from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.frames import IncompleteFilmWarning, ShownFrames
+from labpipe.errors import SourceError, warn_of
+from labpipe.frames import IncompleteFilmWarning
 from labpipe.text import shorten
 
 _LARGEST_SIDE = 1 << 15  # px; no sensor is larger
@@ -96,18 +98,15 @@ def read(path: str | os.PathLike[str]) -> "MrawFrames":
     header = _header(header_path)
     frames = frames_of(header_path)
     if frames is None:
-        raise SourceError(
-            header_path, "its frames are missing", hint=f"Put {header_path.stem}.mraw in the same folder."
-        )
+        hint = f"Put {header_path.stem}.mraw in the same folder."
+        raise SourceError(header_path, "its frames are missing", hint=hint)
     window = Window(frames)
-    whole = window.size // header.frame_bytes
-    if window.size > header.count * header.frame_bytes:
-        raise SourceError(
-            frames,
-            f"holds {window.size} bytes; {header_path.name} describes {header.count} frames of {header.width} × "
-            f"{header.height} px with {header.bits} bits, {header.count * header.frame_bytes} bytes",
-            hint="The two files belong to different films or the header was edited: save the film again from PFV.",
-        )
+    whole, expected = window.size // header.frame_bytes, header.count * header.frame_bytes
+    if window.size > expected:
+        text = f"holds {window.size} bytes; {header_path.name} describes {header.count} frames of {header.width} × "
+        text += f"{header.height} px with {header.bits} bits, {expected} bytes"
+        hint = "The two files belong to different films or the header was edited: save the film again from PFV."
+        raise SourceError(frames, text, hint=hint)
     if whole < header.count:
         text = f"{header.count - whole} of {header.count} frames are beyond the end of the file, the first is frame "
         text += f"{whole}; they are left out. Copy the film from the camera again"
@@ -122,9 +121,13 @@ def _header(path: Path) -> Header:
     except OSError as error:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
     values = _of_xml(path, data) if b"<cih>" in data else _of_text(data)
+    hint = "Save the film again from PFV, as MRAW with its header, or export it as TIFF."
+
+    def word(name: str) -> str:
+        return next((values[key] for key in _KEYS[name] if key in values), "").strip().lower()
 
     def number(name: str, least: float, most: float, default: float | None = None) -> float:
-        text = next((values[key] for key in _KEYS[name] if key in values), "")
+        text = word(name)
         try:
             value = float(text) if text or default is None else default
         except ValueError:
@@ -132,11 +135,8 @@ def _header(path: Path) -> Header:
         if not least <= value <= most:
             said = f"found {shorten(text)}" if text else "found nothing"
             message = f'"{_KEYS[name][0]}" must be a number from {least:g} to {most:g}; {said}'
-            raise SourceError(path, message, hint="Save the film again from PFV, as MRAW with its header.")
+            raise SourceError(path, message, hint=hint)
         return value
-
-    def word(name: str) -> str:
-        return next((values[key] for key in _KEYS[name] if key in values), "").strip().lower()
 
     width, height = (int(number(name, 1, _LARGEST_SIDE)) for name in ("width", "height"))
     bits = int(number("bits", 1, 64))
@@ -152,19 +152,15 @@ def _header(path: Path) -> Header:
     count, start = int(number("count", 1, 2**31)), int(number("start", -(2**31), 2**31, 0))
     day = moment(word("date"))
     trigger = int(day.replace(tzinfo=UTC).timestamp()) << 32 if day else 0
-    return Header(count, start, height, width, bits, rate, _exposure(values, rate), white, trigger)
+    exposure = _exposure(word("shutter_ns"), word("shutter"), rate)
+    return Header(count, start, height, width, bits, rate, exposure, white, trigger)
 
 
 def _of_text(data: bytes) -> dict[str, str]:
     """Return the entries of a .cih, which ends at the first empty line."""
-    found: dict[str, str] = {}
-    for line in data.decode("utf-8", "replace").lstrip("\ufeff").splitlines():
-        key, colon, value = line.partition(":")
-        if colon:
-            found.setdefault(key.strip().lower(), value.strip())
-        elif not line.strip():
-            break
-    return found
+    lines = takewhile(str.strip, data.decode("utf-8", "replace").lstrip("\ufeff").splitlines())
+    parts = [line.partition(":") for line in lines if ":" in line]
+    return {key.strip().lower(): value.strip() for key, _, value in reversed(parts)}
 
 
 def _of_xml(path: Path, data: bytes) -> dict[str, str]:
@@ -173,78 +169,46 @@ def _of_xml(path: Path, data: bytes) -> dict[str, str]:
     if b"<!" in text:
         raise SourceError(path, "the header declares a document type, which no camera writes")
     try:
-        root = ET.fromstring(text.decode("utf-8", "replace"))  # noqa: S314 - without a document type
+        root = ET.fromstring(text.decode("utf-8", "replace").lower())  # noqa: S314 - without a document type
     except ET.ParseError as error:
         raise SourceError(path, f"the header is no XML: {error}", hint="Save the film again from PFV.") from None
-    found: dict[str, str] = {}
-    pending = [(child, "") for child in root]
-    while pending:
-        element, above = pending.pop()
-        key = above + element.tag.lower()
-        found.setdefault(key, (element.text or "").strip())
-        pending += [(child, key + "/") for child in element]
-    return found
+    found = {key: root.findtext(key) for keys in _KEYS.values() for key in keys[1:]}
+    return {key: value.strip() for key, value in found.items() if value is not None}
 
 
-def _exposure(values: dict[str, str], rate: float) -> float | None:
+def _exposure(nanoseconds: str, seconds: str, rate: float) -> float | None:
     """Return the exposure [s]: in nanoseconds, as 1/x, or as a number that fits the rate; None where none does."""
-    for name, factor in (("shutter_ns", 1e-9), ("shutter", 1.0)):
-        text = next((values[key] for key in _KEYS[name] if key in values), "").replace(" ", "")
-        match = re.fullmatch(r"(?:(1)/)?([0-9.]+(?:[eE][-+]?\d+)?)", text)
-        try:
+    for text, factor in ((nanoseconds, 1e-9), (seconds, 1.0)):
+        match = re.fullmatch(r"(?:(1)/)?([0-9.]+(?:e[-+]?\d+)?)", text.replace(" ", ""))
+        with contextlib.suppress(ValueError, ZeroDivisionError):
             value = float(match[2]) if match else 0.0
-        except ValueError:
-            continue
-        if value <= 0.0:
-            continue
-        seconds = 1.0 / value if match and match[1] else value * factor
-        for candidate in (seconds, 1.0 / value):
-            if 0.0 < candidate <= 1.001 / rate:
-                return candidate
+            for candidate in (1.0 / value if match and match[1] else value * factor, 1.0 / value):
+                if 0.0 < candidate <= 1.001 / rate:
+                    return candidate
     return None
 
 
-class MrawFrames(ShownFrames):
-    """The frames of a .mraw: ``window`` maps the file, of which the first ``whole`` frames are there completely."""
+class MrawFrames(MappedFrames[Header]):
+    """The frames of a .mraw, of which the first ``whole`` are there completely."""
 
-    def __init__(
-        self, window: Window, header: Header, whole: int, rows: range | None = None, columns: range | None = None
-    ) -> None:
-        self._window, self._header, self._whole = window, header, whole
-        self._rows = range(header.height) if rows is None else rows
-        self._columns = range(header.width) if columns is None else columns
-        if not self._rows or not self._columns or self._rows.step != 1 or self._columns.step != 1:
-            raise InputError(f"the region of interest {self._rows}, {self._columns} is no rectangle of the image")
-
-    @property
-    def header(self) -> Header:
-        """Description of the frames by the camera."""
-        return self._header
-
-    @property
-    def path(self) -> Path:
-        """The file of the frames."""
-        return self._window.path
+    def __init__(self, window: Window, header: Header, whole: int) -> None:
+        super().__init__(window, header)
+        self._whole = whole
 
     @property
     def time(self) -> Floats:
         """Time of every frame in s, the trigger being 0; shape (frame,)."""
-        return (self._header.start + np.arange(len(self))) / self._header.rate
+        return (self._header.start + np.arange(self._count)) / self._header.rate
 
     @property
     def exposure(self) -> Floats | None:
         """Exposure of every frame in s, or None."""
-        return None if self._header.exposure is None else np.full(len(self), self._header.exposure)
+        return None if self._header.exposure is None else np.full(self._count, self._header.exposure)
 
     @property
-    def shape(self) -> tuple[int, int, int]:
-        """Number of frames that the header declares, rows, columns."""
-        return self._header.count, len(self._rows), len(self._columns)
-
-    @cached_property
     def valid(self) -> Flags:
         """False for frames beyond the end of the file; shape (frame,)."""
-        return np.arange(len(self)) < self._whole
+        return np.arange(self._count) < self._whole
 
     @property
     def levels(self) -> tuple[float, float]:
@@ -253,28 +217,19 @@ class MrawFrames(ShownFrames):
 
     def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one frame, first row on top; SourceError where the file does not hold it."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        index = int(index) % len(self)
+        index, header = self._place(index), self._header
         if index >= self._whole:
             raise SourceError(self.path, f"frame {index} is beyond the end of the file", hint="Copy the film again.")
-        header = self._header
         first, last = self._rows.start * header.width, self._rows.stop * header.width  # pixels
-        if header.bits == 12:
-            first, inset = first // 2 * 2, first % 2
-            last += last % 2
+        inset = first % 2 if header.bits == 12 else 0
+        first, last = first - inset, last + (last % 2 if header.bits == 12 else 0)
         start = index * header.frame_bytes
         stored = self._window.bytes[start + first * header.bits // 8 : start + last * header.bits // 8]
         self._window.note_use(stored.size)
+        pixels: NDArray[np.integer[Any]] = stored
         if header.bits == 12:
-            high, middle, low = stored.reshape(-1, 3).astype(np.uint16).T
-            pairs = np.stack([high << 4 | middle >> 4, (middle & 15) << 8 | low], axis=1)
-            pixels = pairs.ravel()[inset : inset + len(self._rows) * header.width]
-        else:
-            pixels = stored.view("<u2") if header.bits == 16 else stored
+            pixels = unpacked(stored[None], 12)[0, inset : inset + len(self._rows) * header.width]
+        elif header.bits == 16:
+            pixels = stored.view("<u2")
         image = pixels.reshape(-1, header.width)[:, self._columns.start : self._columns.stop]
         return np.array(image, np.uint8 if header.bits == 8 else np.uint16)
-
-    def roi(self, rows: slice, columns: slice) -> "MrawFrames":
-        """Return a view of a rectangle of this view; rows outside are not read."""
-        return MrawFrames(self._window, self._header, self._whole, self._rows[rows], self._columns[columns])

@@ -10,12 +10,12 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from instruments._quantities import BESIDE, fits
+from instruments._quantities import OTHERS, fits
 from instruments.tables._headings import Heading, facts, is_begin, parsed, stated_in_title
 
 #: Ways to part a line, in the order in which they are tried.
-TAB, SEMICOLON, COMMA, BAR, GAPS, BRACKETS, BLANKS = "\t", ";", ",", "|", "two blanks", "after brackets", "blanks"
-_OF_ROWS = (TAB, SEMICOLON, COMMA, BAR, BLANKS)
+TAB, SEMICOLON, COMMA, GAPS, BLANKS = "\t", ";", ",", "two blanks", "blanks"
+_OF_ROWS = (TAB, SEMICOLON, COMMA, BLANKS)
 
 #: Marks of a cell without a reading.
 ABSENT = (
@@ -82,17 +82,12 @@ class Block:
 
 def cells(line: str, separator: str) -> list[str]:
     """Part one line into cells."""
-    if separator in (TAB, SEMICOLON, COMMA, BAR):
-        text = line.strip().strip("|") if separator == BAR else line
+    if separator in (TAB, SEMICOLON, COMMA):
         # A quotation mark in place of two primes does not begin a quotation.
-        if re.search(rf'(?:^|{re.escape(separator)})\s*"[^"]*"\s*(?:{re.escape(separator)}|$)', text):
-            return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
-        return [cell.strip() for cell in text.split(separator)]
-    if separator == GAPS:
-        return re.split(r"\s{2,}", line.strip())
-    if separator == BRACKETS:
-        return re.split(r"(?<=[)\]])\s+", line.strip())
-    return line.split()
+        if re.search(rf'(?:^|{separator})\s*"[^"]*"\s*(?:{separator}|$)', line):
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+        return [cell.strip() for cell in line.split(separator)]
+    return re.split(r"\s{2,}", line.strip()) if separator == GAPS else line.split()
 
 
 def trimmed(found: list[str]) -> list[str]:
@@ -123,18 +118,14 @@ def plain_lines(lines: Iterable[str]) -> list[tuple[int, str]]:
     return [(number, _MINUS.sub("-", line)) for number, line in enumerate(lines, 1) if line.strip("\t;,| \ufeff")]
 
 
-def separators_of(line: str) -> tuple[str, ...]:
-    """Return the ways to part a line of headings: at TABs alone where TABs separate."""
-    return (TAB,) if TAB in line.rstrip() else (SEMICOLON, COMMA, BAR, GAPS, BRACKETS, BLANKS)
-
-
 def headings_of(line: str) -> tuple[list[Heading], str] | None:
     """Return the headings of a line that begins a table, and the sign between them; None of others."""
     bare = _MARK.sub("", line)
     if len(bare) > _LONGEST or not any(c.isalpha() for c in bare):
         return None
     best: tuple[int, list[Heading], str] | None = None
-    for separator in separators_of(bare):
+    # At TABs alone where TABs separate.
+    for separator in (TAB,) if TAB in bare.rstrip() else (SEMICOLON, COMMA, GAPS, BLANKS):
         texts = trimmed([re.sub(r'^"(.*)"$', r"\1", cell) for cell in cells(bare, separator)])
         if len(texts) < 2 or any(is_numeric(text) or text == "=" for text in texts):
             continue  # "at 25 °C" is no a_T
@@ -172,7 +163,9 @@ def blocks(lines: Sequence[tuple[int, str]]) -> list[Block]:
             its = stated | stated_in_title(title) | (stated_in_title(before) if headings_of(before) is None else {})
             block = Block(number, named[0], title=title, facts=its, above=before)
             k = _fill(block, lines, k + 1, named[1])
-        elif last is not None and _goes_on(line, last):
+        elif last is not None and (  # a whole row below some words goes on with the table above them
+            len(cells(line, last.separator)) == max(last.widths) and _is_row(line, last, last.separator)
+        ):
             above = stated_in_title(lines[k - 1][1])
             block = replace(last, rows=[], widths=[], facts=last.facts | stated | above)
             k = _fill(block, lines, k, last.separator)
@@ -194,11 +187,6 @@ def columns_below(lines: Sequence[str]) -> Iterator[str]:
     """Yield the lines, and those of Universal Analysis, ``Sig1  Time (min)``, joined to one line of headings."""
     yield from lines
     yield TAB.join(match[1] for line in lines if (match := _SIGNAL.fullmatch(line)) is not None)
-
-
-def _goes_on(line: str, block: Block) -> bool:
-    """Return whether a line below some words is a whole row of the table above them."""
-    return len(cells(line, block.separator)) == max(block.widths) and _is_row(line, block, block.separator)
 
 
 def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:
@@ -231,6 +219,11 @@ def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str
 def _take_units(block: Block, line: str, separator: str) -> bool:
     """Take a row of units; between blanks nobody sees which column has none, so the best fit counts."""
     bare = _MARK.sub("", line)
+
+    def fitting(units: Sequence[str]) -> int:
+        pairs = zip(block.headings, units, strict=False)
+        return sum(each.is_known and bool(unit.strip()) and fits(each.name, unit) for each, unit in pairs)
+
     for way in dict.fromkeys((separator, *_OF_ROWS)):
         texts = cells(bare, way) if way in (TAB, SEMICOLON, COMMA) else trimmed(cells(bare, way))
         lost = len(block.headings) - len(trimmed(texts))
@@ -238,18 +231,12 @@ def _take_units(block: Block, line: str, separator: str) -> bool:
             continue
         shifts = range(lost + 1) if way in (BLANKS, GAPS) else range(1)
         rows = [["" for _ in range(k)] + texts for k in shifts]
-        count, units = max(((_fitting(block.headings, row), row) for row in rows), key=lambda one: one[0])
+        count, units = max(((fitting(row), row) for row in rows), key=lambda one: one[0])
         if count or (way == separator and len(trimmed(texts)) > 1):
             padded = units + [""] * len(block.headings)
             block.headings = [heading.with_unit(unit) for heading, unit in zip(block.headings, padded, strict=False)]
             return True
     return False
-
-
-def _fitting(headings: Sequence[Heading], units: Sequence[str]) -> int:
-    """Count the known columns whose unit is one of their quantity."""
-    pairs = zip(headings, units, strict=False)
-    return sum(heading.is_known and bool(unit.strip()) and fits(heading.name, unit) for heading, unit in pairs)
 
 
 def _separator_of_rows(line: str, block: Block, separator: str) -> str:
@@ -271,7 +258,7 @@ def _is_row(line: str, block: Block, separator: str) -> bool:
     known = [
         cell
         for heading, cell in zip(block.headings, trimmed(cells(line, way)), strict=False)
-        if heading.is_known and heading.name not in BESIDE and heading.name not in ("set", "point") and cell
+        if heading.is_known and heading.name not in OTHERS and heading.name not in ("set", "point") and cell
     ]
     good = sum(is_numeric(cell) or cell.casefold() in ABSENT or is_clock(cell) for cell in known)
     return bool(known) and good == len(known) and any(map(is_numeric, known))

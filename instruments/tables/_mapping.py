@@ -15,6 +15,7 @@ import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +76,15 @@ def chosen(columns: Columns) -> tuple[Chosen, ...]:
         texts = columns.split(";" if ";" in columns else ",")
         given = [(parsed(text), number) for number, text in enumerate(texts, 1)]
         found = tuple(Chosen(h.name, number, h.unit) for h, number in given if h.is_known)
+    elif isinstance(columns, str):
+        text = columns.strip().removeprefix("columns").lstrip(" =").strip()
+        try:
+            table = tomllib.loads(f"columns = {text if text.startswith('{') else '{' + text + '}'}")["columns"]
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"columns cannot be read ({error}); write {_EXAMPLE}") from None
+        found = tuple(_one(name, value) for name, value in table.items())
     else:
-        found = tuple(_one(name, value) for name, value in _table(columns).items())
+        found = tuple(_one(name, value) for name, value in columns.items())
     names = [each.name for each in found]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
@@ -89,17 +97,6 @@ def chosen(columns: Columns) -> tuple[Chosen, ...]:
             f"for example {_EXAMPLE}"
         )
     return found
-
-
-def _table(columns: Columns) -> Mapping[str, Any]:
-    if not isinstance(columns, str):
-        return columns
-    text = columns.strip().removeprefix("columns").lstrip(" =").strip()
-    try:
-        found: Mapping[str, Any] = tomllib.loads(f"columns = {text if text.startswith('{') else '{' + text + '}'}")
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"columns cannot be read ({error}); write {_EXAMPLE}") from None
-    return dict(found["columns"])
 
 
 def _one(name: str, value: Any) -> Chosen:
@@ -127,7 +124,9 @@ def located(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, 
         There is no such heading, a unit is missing or contradicts the file, or a cell is no number.
     """
     found, start = _headings(path, lines, wanted)
-    places = _places(found, wanted)
+    places = [c.column - 1 if isinstance(c.column, int) else _at(found.headings, c.column) or 0 for c in wanted]
+    if found.line:
+        found.headings = [found.headings[k] if k < len(found.headings) else "" for k in places]
     _settle_units(path, found, lines, start, places)
     passed: list[int] = []
     for number, line in lines[start:]:
@@ -172,7 +171,10 @@ def _headings(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen
                 return Located(wanted, 0, way, [f"column {c.column}" for c in wanted], []), k
             hits = sum(_at(parts, text) is not None for text in named)
             if hits == len(named):
-                return Located(wanted, number, _separator_below(lines[k + 1 :], way, len(parts)), parts, []), k + 1
+                # The sign between the cells of the rows need not be that between the headings.
+                rows = (text for _, text in lines[k + 1 :] if any(map(is_numeric, cells(text, BLANKS))))
+                is_same = way in (TAB, SEMICOLON, COMMA) or len(cells(next(rows, ""), way)) >= min(len(parts), 2)
+                return Located(wanted, number, way if is_same else BLANKS, parts, []), k + 1
             if (hits > best[0] or (not best[1] and len(parts) > 1)) and not any(map(is_numeric, parts)):
                 best = (hits, parts, number)
     lost = next((text for text in named if _at(best[1], text) is None), "") if named else ""
@@ -189,14 +191,6 @@ def _way_of_row(line: str) -> str:
     return max(found, key=lambda way: (all(found[way]), sum(found[way])))  # of equals the first
 
 
-def _separator_below(lines: Sequence[tuple[int, str]], way: str, width: int) -> str:
-    """Return the sign between the cells of the rows, which need not be that between the headings."""
-    row = next((line for _, line in lines if any(map(is_numeric, cells(line, BLANKS))) or is_numeric(line)), "")
-    if len(cells(row, way)) >= min(width, 2) or way in (TAB, SEMICOLON, COMMA):
-        return way
-    return BLANKS
-
-
 def _at(parts: Sequence[str], text: str) -> int | None:
     """Return which heading a text names, as a whole or without its unit; None for none or several."""
     for spell in (_plain, lambda one: _plain(_BRACKET.sub("", one))):
@@ -210,13 +204,6 @@ def _plain(text: str) -> str:
     return " ".join(unicodedata.normalize("NFKC", text).casefold().split())
 
 
-def _places(found: Located, wanted: Sequence[Chosen]) -> list[int]:
-    places = [c.column - 1 if isinstance(c.column, int) else _at(found.headings, c.column) for c in wanted]
-    if found.line:
-        found.headings = [found.headings[k] if k is not None and k < len(found.headings) else "" for k in places]
-    return [k or 0 for k in places]
-
-
 def _settle_units(
     path: Path, found: Located, lines: Sequence[tuple[int, str]], start: int, places: Sequence[int]
 ) -> None:
@@ -227,7 +214,9 @@ def _settle_units(
         if each.name not in TIMES and quantity(_BRACKET.sub("", heading)) in TIMES:
             raise SourceError(path, f"{shorten(heading)} is a time, no {each.name.replace('_', ' ')}", line=found.line)
         in_file = next((m for m in _BRACKET.findall(heading) if m.strip() and is_unit(m)), "")
-        in_file = in_file or _parted(each.name, heading)
+        head = parsed(heading)  # a unit behind a slash or a comma, of a quantity that is known by its heading
+        if head.is_known and fits(head.name, head.unit) and (head.name == each.name or each.name in TIMES):
+            in_file = in_file or head.unit
         in_file = in_file or next((r[place] for r in rows if place < len(r) and r[place] and is_unit(r[place])), "")
         in_file = in_file or _in_header(lines[:start][-_ABOVE:], each.name in TIMES, place, found.separator)
         si = _OF_TRACES.get(each.name) or SI_OF[each.name]
@@ -247,12 +236,6 @@ def _settle_units(
         found.units.append(unit)
 
 
-def _parted(name: str, heading: str) -> str:
-    """Return a unit behind a slash or a comma, of a quantity that is known by its heading."""
-    head = parsed(heading)
-    return head.unit if head.is_known and fits(head.name, head.unit) and (head.name == name or name in TIMES) else ""
-
-
 def _in_header(lines: Sequence[tuple[int, str]], is_time: bool, place: int, way: str) -> str:
     """Return the unit that a line such as ``Y_Unit_Label  Volts`` or ``Vertical Units,V`` states for a column."""
     for _, line in lines:
@@ -266,6 +249,14 @@ def _in_header(lines: Sequence[tuple[int, str]], is_time: bool, place: int, way:
 _USUAL = {"m": "mm", "degC": "degC", "Pa": "MPa"}
 
 
+#: SI units of traces, by the first word of a heading that states none.
+_TRACE_WORDS = {
+    **dict.fromkeys(("displacement", "position", "distance", "height", "weg", "abstand", "laser"), "m"),
+    **dict.fromkeys(("voltage", "spannung", "channel", "ch1", "ai0"), "V"),
+    **dict.fromkeys(("force", "load", "kraft"), "N"),
+}
+
+
 def _quoted(text: str | int) -> str:
     return str(text) if isinstance(text, int) else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
@@ -275,13 +266,14 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
     found: dict[str, str] = {}
     for number, heading in enumerate(headings, 1):
         has_sense = not heading.unit or not is_unit(heading.unit) or fits(heading.name, heading.unit)
-        name = heading.name if heading.is_known and heading.at is None and has_sense else _of_unit(heading)
+        is_known = heading.is_known and heading.at is None and has_sense
+        name, usual = (heading.name, "") if is_known else _of_trace(heading)
         if name in ("", "point", "set") or name in found or name not in (*SI_OF, *_OF_TRACES):
             continue
         column = number if by_number else heading.text
         si = _OF_TRACES.get(name) or SI_OF[name]
         has_unit = si == _UNITLESS or (heading.unit and is_unit(heading.unit) and unit_of(heading.unit).si in si)
-        unit = heading.unit.strip("[]()") if has_unit else _USUAL.get(si[0], si[0])
+        unit = heading.unit.strip("[]()") if has_unit else usual or _USUAL.get(si[0], si[0])
         if by_number or not has_unit:
             stated = f'{{ column = {_quoted(column)}, unit = "{unit}" }}' if si != _UNITLESS else _quoted(column)
             found[name] = stated
@@ -294,14 +286,14 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
     return f"columns = {{ {', '.join(f'{name} = {text}' for name, text in found.items())} }}"
 
 
-def _of_unit(heading: Heading) -> str:
-    """Guess the quantity of a trace for the line to copy, by the unit of its heading."""
+def _of_trace(heading: Heading) -> tuple[str, str]:
+    """Propose the quantity of a trace for the line to copy, and its usual unit, by unit and first word of a heading."""
     unit = next((m for m in _BRACKET.findall(heading.text) if m.strip() and is_unit(m)), heading.unit)
     word = slug(_BRACKET.sub("", heading.text)).split("_")[0]
-    if quantity(word) in TIMES:
-        return "time"
-    si = unit_of(unit).si if unit and is_unit(unit) else ""
-    return {"m": "displacement", "V": "displacement", "N": "force", "s": "time"}.get(si, "")
+    if quantity(word) in TIMES or heading.text.strip() == "X_Value":  # of LabVIEW
+        return "time", "s"
+    si = unit_of(unit).si if unit and is_unit(unit) else _TRACE_WORDS.get(word, "")
+    return {"m": "displacement", "V": "displacement", "N": "force", "s": "time"}.get(si, ""), _USUAL.get(si, si)
 
 
 def suggestion(lines: Sequence[tuple[int, str]]) -> str:
@@ -313,8 +305,13 @@ def suggestion(lines: Sequence[tuple[int, str]]) -> str:
     above = [cells(text, way) for _, text in lines[max(first - 3, 0) : first]]
     names = next((row for row in reversed(above) if _are_names(row, width)), [])
     units = next((row for row in reversed(above) if row != names and any(map(is_unit, filter(None, row)))), [])
-    units = units + [""] * len(names)
-    return line_to_copy([parsed(name).with_unit(unit) for name, unit in zip(names, units, strict=False)])
+    headings = [parsed(name).with_unit(unit) for name, unit in zip_longest(names, units[: len(names)], fillvalue="")]
+    for k, heading in enumerate(headings):
+        if cells(lines[first][1], way)[k : k + 1] == [""]:
+            headings[k] = Heading("", "")  # an empty column
+        elif not heading.unit and (name := _of_trace(heading)[0]):  # a line of the header may state it
+            headings[k] = heading.with_unit(_in_header(lines[:first], name == "time", k, way))
+    return line_to_copy(headings)
 
 
 def _run(lines: Sequence[tuple[int, str]], way: str) -> tuple[int, str, int]:

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments._moduli import missing, needed, with_moduli
+from instruments._moduli import celsius, missing, needed, with_moduli
 from instruments._quantities import FREQUENCIES, MODULI, RESPONSES, SI_OF, TEMPERATURES, TIMES, fits, slug, unit_of
-from instruments._temperatures import celsius
 from instruments.anton_paar import Column, Interval
 from instruments.tables._headings import Heading, is_of_parameters, is_unit
 from instruments.tables._layout import ABSENT, Block, is_clock, is_numeric
@@ -42,7 +41,11 @@ def intervals(path: Path, block: Block, signs: Separators, first: int) -> list[I
     short = _short_rows(path, block, wanted)
     values = _numbers(path, block, signs, wanted)
     values[short] = np.nan
-    _warn_of_specimens(path, block)
+    for k, heading in enumerate(block.headings):
+        names = sorted({row[k] for _, row in block.rows if k < len(row) and row[k]})
+        if heading.name in _SPECIMEN and len(names) > 1:
+            text = f"{heading.text} names {len(names)} specimens ({shorten(', '.join(names))}), which are read as one; "
+            warn_of(path, text + "if they are of different materials, give each a file of its own", line=block.line)
     point = next((v for h, v in zip(block.headings, values.T, strict=True) if h.name == "point"), None)
     unnumbered = np.zeros(len(values), dtype=bool) if point is None else np.isnan(point) & np.isfinite(point).any()
     found: list[Interval] = []
@@ -191,19 +194,6 @@ def _numbers(path: Path, block: Block, signs: Separators, wanted: set[str]) -> F
     return table
 
 
-def _warn_of_specimens(path: Path, block: Block) -> None:
-    """Say that a column names several specimens, whose rows are read as those of one."""
-    for k, heading in enumerate(block.headings):
-        names = sorted({row[k] for _, row in block.rows if k < len(row) and row[k]})
-        if heading.name in _SPECIMEN and len(names) > 1:
-            warn_of(
-                path,
-                f"{heading.text} names {len(names)} specimens ({shorten(', '.join(names))}), which are read as one; "
-                "if they are of different materials, give each a file of its own",
-                line=block.line,
-            )
-
-
 def _parts(path: Path, block: Block, values: Floats, wanted: set[str]) -> Iterator[list[Pair]]:
     """Yield the columns of a table, or those of each frequency or temperature that headings state.
 
@@ -234,7 +224,9 @@ def _unique(path: Path, block: Block, pairs: Sequence[Pair], wanted: set[str]) -
         before = kept.setdefault(heading.name, (heading, column))
         if before[1] is column or not heading.is_known or heading.name not in wanted - TIMES:
             continue
-        if _are_alike(block, before, (heading, column)):
+        # The same readings, in units of their own or rounded to three digits.
+        scale = unit_of(_unit(block, heading)).factor / unit_of(_unit(block, before[0])).factor
+        if np.allclose(column * scale, before[1], rtol=2e-3, equal_nan=True):
             continue
         if heading.name in MODULI | RESPONSES:
             raise SourceError(
@@ -247,12 +239,6 @@ def _unique(path: Path, block: Block, pairs: Sequence[Pair], wanted: set[str]) -
         message = f"two columns hold {heading.name.replace('_', ' ')} and differ; the first, {before[0].text}, is taken"
         warn_of(path, message, line=block.line)
     return list(kept.values())
-
-
-def _are_alike(block: Block, one: Pair, other: Pair) -> bool:
-    """Return whether two columns hold the same readings, in units of their own or rounded to three digits."""
-    scale = unit_of(_unit(block, other[0])).factor / unit_of(_unit(block, one[0])).factor
-    return bool(np.allclose(other[1] * scale, one[1], rtol=2e-3, equal_nan=True))
 
 
 def _converted(path: Path, block: Block, pairs: Sequence[Pair], wanted: set[str]) -> dict[str, Column]:

@@ -98,7 +98,12 @@ def read(
     check_decimal(decimal)
     path = Path(path)
     named = None if columns is None else chosen(columns)
-    found = _in_sheets(path) if is_workbook(first_bytes(path)) else _in_text(path, encoding)
+    if is_workbook(first_bytes(path)):
+        found = _in_sheets(path)
+    else:
+        source = survey(path, declared=(encoding,) if encoding else CODECS, limits=_LIMITS)
+        open_line = 0 if source.is_ended else source.n_lines
+        found = _Found([("", plain_lines(source.lines()))], source.encoding, open_line)
     if found.open_line and allow_incomplete:
         title, lines = found.sheets[-1]
         if lines and lines[-1][0] == found.open_line:
@@ -107,9 +112,12 @@ def read(
     if named is None:
         return _sweeps(path, found, _blocks(path, found), decimal)
     where = _located(path, found, named)
-    names = {each.name for each in named}
-    if not names & set(_traces.CONTENTS):
-        return _sweeps(path, found, [_as_block(where)], decimal)
+    if not {each.name for each in named} & set(_traces.CONTENTS):
+        units = zip(where.chosen, where.headings, where.units, strict=True)
+        headings = [Heading(heading, each.name, unit, is_known=True) for each, heading, unit in units]
+        block = Block(where.line or where.rows[0][0], headings, rows=where.rows, separator=where.separator)
+        block.widths, block.facts = [len(headings)] * len(where.rows), where.facts
+        return _sweeps(path, found, [block], decimal)
     last, cells = where.rows[-1][0], [cell for _, row in where.rows for cell in row]
     if found.open_line == last:
         message = "the last line has no line end; if the file was cut, its last number is wrong"
@@ -117,12 +125,6 @@ def read(
     signs = DOT if where.separator == COMMA else _signs(path, found, cells, decimal)
     made = _traces.trace(path, where, signs, cycle)
     return made.assign_attrs(source=path.name, encoding=found.encoding, decimal=signs.decimal)
-
-
-def _in_text(path: Path, encoding: str | None) -> _Found:
-    source = survey(path, declared=(encoding,) if encoding else CODECS, limits=_LIMITS)
-    lines = plain_lines(source.lines())
-    return _Found([("", lines)], source.encoding, 0 if source.is_ended else source.n_lines)
 
 
 def _in_sheets(path: Path) -> _Found:
@@ -176,34 +178,35 @@ def _located(path: Path, found: _Found, named: tuple[object, ...]) -> Located:
     raise first or SourceError(path, "the file holds no line")
 
 
-def _as_block(where: Located) -> Block:
-    """Make a table of named columns one that is read like any other."""
-    headings = [
-        Heading(heading, each.name, unit, is_known=True)
-        for each, heading, unit in zip(where.chosen, where.headings, where.units, strict=True)
-    ]
-    block = Block(where.line or where.rows[0][0], headings, rows=where.rows, separator=where.separator)
-    block.widths, block.facts = [len(headings)] * len(where.rows), where.facts
-    return block
-
-
 def _sweeps(path: Path, found: _Found, tables: Sequence[Block], decimal: str | None) -> xr.Dataset:
     """Convert the tables that can be used to one Dataset."""
-    if found.open_line:
-        _check_last_row(path, found.open_line, tables[-1])
-    signs = _signs(path, found, [cell for block in tables for cell in _cells(block)], decimal)
+    last = tables[-1]
+    if found.open_line and last.rows and last.rows[-1][0] == found.open_line:
+        if len(last.rows[-1][1]) < max(len(row) for _, row in last.rows):
+            text = "the last line has no line end and fewer cells than the others; it is cut"
+            hint = "Complete the line, or drop it with allow_incomplete=True."
+            raise SourceError(path, text, line=found.open_line, hint=hint)
+        message = "the last line has no line end; it is kept, as no cell is missing, but if the file was cut, its last "
+        warn_of(path, message + "number is wrong", line=found.open_line)
+    evidence = [
+        cell
+        for block in tables
+        for _, row in block.rows
+        for heading, cell in zip(block.headings, row, strict=False)
+        if heading.is_known and heading.name != "point"
+    ]
+    signs = _signs(path, found, evidence, decimal)
     made: list[Interval] = []
     whole = _complete(path, tables)
     for block in whole:
         made += intervals(_place(path, block), block, signs, len(made) + 1)
     made, notes = in_one_unit(made)
-    for note in notes:
-        warn_of(path, note)
     sizes = [interval.point.size for interval in made]
     is_cut = len(sizes) > 2 and len(set(sizes[:-1])) == 1 and sizes[-1] < sizes[0]
     if is_cut:
-        warn_of(path, f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
-    work = {"bytes_read": path.stat().st_size, "rows_read": sum(sizes), "intervals_read": len(made)}
+        notes.append(f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
+    for note in notes:
+        warn_of(path, note)
     numbers = [np.asarray(column.values, dtype=float) for interval in made for column in interval.columns]
     dataset = assemble(
         made,
@@ -211,21 +214,12 @@ def _sweeps(path: Path, found: _Found, tables: Sequence[Block], decimal: str | N
         encoding=found.encoding,
         header="",
         empty_cells=int(sum(np.isnan(values).sum() for values in numbers)),
-        work=json.dumps(work),
+        work=json.dumps({"bytes_read": path.stat().st_size, "rows_read": sum(sizes), "intervals_read": len(made)}),
         delimiter=whole[0].separator,
         decimal=signs.decimal,
     )
     dataset.attrs |= {"instrument": DEVICE, "layout": "plain table"} | ({"incomplete": 1} if is_cut else {})
     return dataset
-
-
-def _cells(block: Block) -> list[str]:
-    return [
-        cell
-        for _, row in block.rows
-        for heading, cell in zip(block.headings, row, strict=False)
-        if heading.is_known and heading.name != "point"
-    ]
 
 
 def _signs(path: Path, found: _Found, cells: Sequence[str], decimal: str | None) -> Separators:
@@ -241,17 +235,6 @@ def _signs(path: Path, found: _Found, cells: Sequence[str], decimal: str | None)
         return separators(cell.lower().split("e")[0] for cell in cells)  # a power of ten says nothing
     except InputError as error:
         raise SourceError(path, str(error)) from None
-
-
-def _check_last_row(path: Path, line: int, block: Block) -> None:
-    """Refuse a last line that lost cells; of a whole one, say that its number may be short."""
-    if not block.rows or block.rows[-1][0] != line:
-        return
-    if len(block.rows[-1][1]) < max(len(cells) for _, cells in block.rows):
-        text = "the last line has no line end and fewer cells than the others; it is cut"
-        raise SourceError(path, text, line=line, hint="Complete the line, or drop it with allow_incomplete=True.")
-    message = "the last line has no line end; it is kept, as no cell is missing, but if the file was cut, its last "
-    warn_of(path, message + "number is wrong", line=line)
 
 
 def _complete(path: Path, tables: Sequence[Block]) -> list[Block]:

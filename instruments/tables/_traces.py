@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from instruments._clock import even_interval
 from instruments._quantities import unit_of
 from instruments.tables._layout import ABSENT
 from instruments.tables._mapping import Located
@@ -123,26 +124,3 @@ def _force(path: Path, columns: dict[str, _Column], lines: list[int]) -> xr.Data
     made = mach1.assemble([exact])
     made["compression_sign"] = made["compression_sign"].copy(data=[1])
     return made.assign_attrs(compression_sign=1)
-
-
-def even_interval(path: Path, time: Floats, resolution: float, lines: list[int]) -> float:
-    """Return the interval [s] of times that lie evenly, each within its last decimal.
-
-    Raises
-    ------
-    SourceError
-        They do not, or one is missing.
-    """
-    steps = np.diff(time)
-    interval = float((time[-1] - time[0]) / steps.size) if steps.size else 0.0
-    off = np.abs(time - time[0] - interval * np.arange(time.size))
-    if interval > 0 and (off <= 1.001 * resolution + 1e-9 * interval).all():
-        return interval
-    usual = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
-    row = int(np.argmax(np.nan_to_num(np.abs(steps - usual), nan=np.inf))) if steps.size else -1
-    raise SourceError(
-        path,
-        f"the times are uneven: a step of {steps[row] if steps.size else 0.0:.6g} s, {usual:.6g} s elsewhere",
-        line=lines[row + 1],
-        hint="Rows are missing, repeated or moved: export the file again, without gaps.",
-    )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration._time_base import UNCHECKED_CLOCK, corrected, filter_delay, time_base
+from calibration._time_base import corrected, filter_delay, time_base
 from labpipe.errors import InputError
 from labpipe.units import Quantity
 from tests.rounding import rounding
@@ -16,10 +16,6 @@ def test_delay_is_the_centroid_of_the_averaged_samples(averaging):
     newest = 0.0
     centroid = np.mean(newest - 50e-6 * np.arange(averaging))
     assert filter_delay(averaging, 50e-6) == pytest.approx(-centroid, rel=rounding(averaging), abs=0.0)
-
-
-def test_delay_counts_samples_not_stored_points():
-    assert time_base(ATTRS).delay == pytest.approx(31.5 * 50e-6)
 
 
 def test_average_of_a_ramp_read_at_corrected_times_is_the_ramp():
@@ -36,12 +32,6 @@ def test_calibrated_clock_stretches_the_time():
     assert base.interval == pytest.approx(500e-6 * 1.0001, rel=1e-12)
     assert base.u_interval == pytest.approx(500e-6 * 1e-6, rel=1e-9, abs=0.0)
     assert (base.averaging, base.delay, base.is_calibrated) == (1, 0.0, True)
-
-
-def test_unchecked_clock_has_the_assumed_uncertainty():
-    base = time_base(ATTRS)
-    assert base.u_relative == UNCHECKED_CLOCK
-    assert not base.is_calibrated
 
 
 def test_senseless_inputs_are_refused():

@@ -36,7 +36,7 @@ def keyence_text(rows: int = 12) -> bytes:
     time = np.arange(rows) * 50e-6
     outputs = {1: 2e-3 * np.cos(300 * time), 2: -1e-3 * np.sin(500 * time)}
     recording = keyence.make_recording(outputs, cycle="50 us", start=START, measuring_range=1.99e-3)
-    return keyence.encode(recording, encoding="utf-8")
+    return keyence.encode(recording).removeprefix(b"\xef\xbb\xbf")
 
 
 def anton_paar_text() -> bytes:

@@ -1,7 +1,6 @@
 """Exported images with wrong bits: a PNG's own checksums tell every one of them."""
 
 import random
-import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,21 +37,6 @@ def test_any_wrong_bit_of_a_png_spoils_this_image_alone(tmp_path: Path, amount: 
     assert np.array_equal(film[-1], IMAGES[2])
 
 
-@pytest.mark.parametrize("kept", [33, 60, -13, -1])
-def test_a_png_cut_anywhere_is_no_frame(tmp_path: Path, kept: int) -> None:
-    for i, image in enumerate(IMAGES):
-        (tmp_path / f"f{i}.png").write_bytes(png(image)[: kept if i == 1 else None])
-    with pytest.warns(UserWarning, match=r"1 of 3 images is not whole and left out, f1\.png"):
-        film = images.read(tmp_path, fps=100.0)
-    assert film.valid.tolist() == [True, False, True]
-
-
-def test_bytes_behind_a_png_are_noticed(tmp_path: Path) -> None:
-    (tmp_path / "f0.png").write_bytes(png(IMAGES[0]) + b"more")
-    with pytest.warns(UserWarning, match="1 of 1 images is not whole"):
-        assert not images.read(tmp_path, fps=100.0).valid.any()
-
-
 def folder(path: Path, names: list[str]) -> Path:
     for name in names:
         (path / name).write_bytes(png(IMAGES[0]))
@@ -78,38 +62,17 @@ def test_a_frame_rate_that_is_none_is_refused(tmp_path: Path, fps: float) -> Non
         images.read(folder(tmp_path, ["f0.png"]), fps=fps)
 
 
-def test_regions_and_frames_that_do_not_exist_are_refused(tmp_path: Path) -> None:
-    film = images.read(folder(tmp_path, ["f0.png"]), fps=100.0, exposure=1e-3)
-    assert film.exposure.tolist() == [1e-3]
-    with pytest.raises(IndexError, match="frame 1 of 1"):
-        film[1]
-    for rows in (slice(20, 30), slice(0, 8, 2)):
-        with pytest.raises(InputError, match="no rectangle"):
-            film.roi(rows, slice(0, 4))
-
-
-def test_an_image_that_is_another_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "f0.png").write_bytes(b"GIF89a" + bytes(60))
-    with pytest.raises(SourceError, match="neither PNG nor TIFF"):
-        images.read(tmp_path, fps=100.0)
-
-
-TIFFS = {
-    "an offset outside": (b"II*\0\xff\xff\xff\x7f", "points outside of itself"),
-    "no page": (b"II*\0\0\0\0\0", "holds no image"),
-    "a field of an unknown type": (
-        b"II*\0" + struct.pack("<IHHHII", 8, 1, 256, 99, 1, 3) + bytes(4),
-        "field of type 99",
-    ),
-    "big, an offset outside": (b"MM\0+" + bytes(4) + b"\xff" * 8, "points outside of itself"),
-}
-
-
-@pytest.mark.parametrize("name", TIFFS)
-def test_a_tiff_that_contradicts_itself_is_refused(tmp_path: Path, name: str) -> None:
-    data, says = TIFFS[name]
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"II*\0\xff\xff\xff\x7f",  # an offset outside of the file
+        b"II*\0\0\0\0\0",  # no page
+        b"MM\0+" + bytes(4) + b"\xff" * 8,
+    ],
+)
+def test_a_tiff_that_contradicts_itself_is_refused(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "a.tif").write_bytes(data)
-    with pytest.raises(SourceError, match=says):
+    with pytest.raises(SourceError, match="the TIFF is cut off or damaged"):
         images.read(tmp_path / "a.tif", fps=100.0)
 
 
@@ -145,7 +108,7 @@ def test_a_video_is_a_film_in_any_order(video: Path) -> None:
     assert [frame.shape for frame in view] == [(4, 16)] * 3
     with pytest.raises(IndexError, match="frame 3 of 3"):
         film[3]
-    with pytest.raises(InputError, match="no rectangle"):
+    with pytest.raises(InputError, match="region of interest"):
         film.roi(slice(99, 120), slice(0, 4))
 
 

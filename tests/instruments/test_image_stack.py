@@ -13,7 +13,7 @@ from PIL import Image
 import instruments
 from instruments.images import _files
 from labpipe.errors import InputError, SourceError
-from labpipe.frames import FrameSource, IncompleteFilmWarning, SmoothedFilmWarning
+from labpipe.frames import FrameSource, IncompleteFilmWarning
 
 
 def images(count: int, dtype: type = np.uint8) -> np.ndarray:
@@ -69,25 +69,6 @@ def test_beside_a_plus_sign_a_minus_sign_is_no_hyphen(tmp_path: Path) -> None:
     assert found.time.tolist() == [0.0, 1.0, 2.0, 3.0]
 
 
-def test_what_an_image_is_tells_its_content_and_not_the_end_of_its_name(tmp_path: Path) -> None:
-    film = write_folder(tmp_path / "f", ["a1.png", "a2.png"])
-    for path in sorted((tmp_path / "f").iterdir()):
-        path.rename(path.with_suffix(".jpg"))
-    assert instruments.identify(tmp_path / "f") == "image_stack"
-    np.testing.assert_array_equal(np.stack(list(instruments.read(tmp_path / "f", fps=1.0))), film)
-    write_folder(tmp_path / "g", ["b1.jpg", "b2.jpg"])
-    for path in sorted((tmp_path / "g").iterdir()):
-        path.rename(path.with_suffix(".png"))
-    with pytest.warns(SmoothedFilmWarning, match="JPEG images have"):
-        instruments.read(tmp_path / "g", fps=1.0)
-
-
-def test_without_a_frame_rate_there_is_no_time_and_no_film(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["a1.png", "a2.png"])
-    with pytest.raises(InputError, match="fps=10000"):
-        instruments.read(tmp_path / "f")
-
-
 def test_pages_of_a_tiff_are_frames(tmp_path: Path) -> None:
     film = images(4, np.uint16)
     assert cv2.imwritemulti(str(tmp_path / "f.tif"), list(film))
@@ -96,14 +77,7 @@ def test_pages_of_a_tiff_are_frames(tmp_path: Path) -> None:
     assert found.valid.all()
 
 
-def test_an_image_of_another_size_is_named(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["a1.png", "a2.png"])
-    cv2.imwrite(str(tmp_path / "f/a3.png"), np.zeros((5, 5), np.uint8))
-    with pytest.raises(SourceError, match=r"a3\.png: 5 × 5 px"):
-        instruments.read(tmp_path / "f", fps=1.0)
-
-
-@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("suffix", ["png", "tif", "bmp"])
 @pytest.mark.parametrize("cut", [0, 20, 60, -4])
 def test_a_cut_image_is_left_out(tmp_path: Path, cut: int, suffix: str) -> None:
     film = write_folder(tmp_path / "f", [f"a{i}.{suffix}" for i in (1, 2, 3)])
@@ -113,7 +87,7 @@ def test_a_cut_image_is_left_out(tmp_path: Path, cut: int, suffix: str) -> None:
         found = instruments.read(tmp_path / "f", fps=1.0)
     assert found.valid.tolist() == [True, False, True]
     np.testing.assert_array_equal(found[2], film[2])
-    with pytest.raises(SourceError, match=r"ends|cut off|points outside|empty"):
+    with pytest.raises(SourceError, match=r"ends|cut off|empty"):
         found[1]
 
 
@@ -129,28 +103,11 @@ def test_a_tiff_of_several_pages_gives_those_before_the_cut(tmp_path: Path) -> N
         np.testing.assert_array_equal(found[int(index)], film[index])
 
 
-def test_a_folder_of_nothing_but_cut_images_is_refused(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["a1.png", "a2.png"])
-    for path in (tmp_path / "f").iterdir():
-        path.write_bytes(path.read_bytes()[:20])
-    with pytest.raises(SourceError, match="ends within its header"):
-        instruments.read(tmp_path / "f", fps=1.0)
-
-
-def test_a_cut_tiff_page_is_flagged(tmp_path: Path) -> None:
-    path = tmp_path / "f.tif"
-    assert cv2.imwrite(str(path), images(1, np.uint16)[0], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
-    data = bytearray(path.read_bytes())
-    at = struct.unpack("<I", data[4:8])[0]
-    for i in range(struct.unpack("<H", data[at : at + 2])[0]):
-        entry = at + 2 + 12 * i
-        if struct.unpack("<H", data[entry : entry + 2])[0] == 279:
-            data[entry + 8 : entry + 12] = struct.pack("<I", 10**6)
-            data[entry + 4 : entry + 8] = struct.pack("<I", 1)
-            data[entry + 2 : entry + 4] = struct.pack("<H", 4)
-    path.write_bytes(bytes(data))
-    with pytest.warns(UserWarning, match="1 of 1 images is not whole"):
-        assert not instruments.read(path, fps=1.0).valid.all()
+def test_a_stack_of_imagej_beyond_four_gigabytes_is_not_taken_for_its_first_image(tmp_path: Path) -> None:
+    note = "ImageJ=1.53t\nimages=500\nslices=500\n"
+    Image.fromarray(images(1)[0]).save(tmp_path / "f.tif", tiffinfo={270: note})
+    with pytest.raises(SourceError, match="ImageJ states 500 images, of which 1 are described"):
+        instruments.read(tmp_path / "f.tif", fps=1.0)
 
 
 def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
@@ -160,7 +117,7 @@ def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
     data += struct.pack(">I", zlib.crc32(chunk)) + b"\0\0\0\0IEND\xaeB`\x82"
     (tmp_path / "f").mkdir()
     (tmp_path / "f/a1.png").write_bytes(data)
-    with pytest.raises(SourceError, match="60000 × 60000 px"):
+    with pytest.raises(SourceError, match="declares an image that no camera takes"):
         instruments.read(tmp_path / "f", fps=1.0)
 
 
@@ -248,25 +205,9 @@ def test_images_of_two_films_in_one_folder_are_refused_though_no_number_occurs_t
         instruments.read(tmp_path / "f", fps=1000.0)
 
 
-def test_a_video_is_read_with_a_warning(tmp_path: Path) -> None:
-    path = tmp_path / "f.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48), False)
-    if not writer.isOpened():
-        pytest.skip("this OpenCV writes no MJPG")
-    for level in (20, 120, 220):
-        writer.write(np.full((48, 64), level, np.uint8))
-    writer.release()
-    with pytest.warns(UserWarning, match="levels baked in"):
-        found = instruments.read(path, fps=10_000.0)
-    assert found.shape == (3, 48, 64)
-    assert found.time[1] == pytest.approx(1e-4)
-    assert [round(float(found[i].mean()), -1) for i in (2, 0, 1)] == [220, 20, 120]
-    assert found.roi(slice(0, 4), slice(0, 6))[1].shape == (4, 6)
-
-
 @pytest.mark.filterwarnings("ignore:.*levels baked in:UserWarning")
-def test_a_video_that_breaks_off_within_its_last_frame(tmp_path: Path) -> None:
-    """The decoder fills such a frame up with the one before."""
+def test_a_video_that_breaks_off_has_the_frames_that_are_there(tmp_path: Path) -> None:
+    """Without the index at its end a decoder counts the frames that it finds."""
     path = tmp_path / "f.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (160, 120), True)
     if not writer.isOpened():
@@ -276,12 +217,6 @@ def test_a_video_that_breaks_off_within_its_last_frame(tmp_path: Path) -> None:
         writer.write(np.repeat(rng.integers(0, 255, (120, 160, 1), np.uint8), 3, axis=2))
     writer.release()
     whole = path.read_bytes()
-    last = whole.rfind(b"00dc", 0, whole.rfind(b"idx1"))
-    path.write_bytes(whole[: last + 8 + int.from_bytes(whole[last + 4 : last + 8], "little") // 3])
-    with pytest.warns(UserWarning, match="6 frames are declared, 5 can be read"):
-        found = instruments.read(path, fps=10_000.0)
-    assert found.shape == (5, 120, 160)
-    # without the index at its end a decoder counts what it finds
     path.write_bytes(whole[: whole.find(b"00dc", len(whole) // 2) + 99])
     with pytest.warns(UserWarning, match="6 frames are declared, [23] can be read"):
         instruments.read(path, fps=10_000.0)
@@ -314,42 +249,6 @@ def test_threads_that_read_one_video_get_the_frames_they_ask_for(tmp_path: Path,
     np.testing.assert_allclose(seen, 5.0 * asked + 20, atol=2.5)
 
 
-def test_what_a_system_hides_among_images_is_no_image(tmp_path: Path) -> None:
-    film = write_folder(tmp_path / "f", ["a1.png", "a2.png"])
-    for name in ("._a1.png", ".DS_Store", "Thumbs.db"):
-        (tmp_path / "f" / name).write_bytes(b"\0\5\x16\7")
-    np.testing.assert_array_equal(np.stack(list(instruments.read(tmp_path / "f", fps=1.0))), film)
-    for path in (tmp_path / "f").glob("a*.png"):
-        path.unlink()
-    with pytest.raises(SourceError, match="A folder is read when it holds"):
-        instruments.read(tmp_path / "f", fps=1.0)
-
-
-def test_bitmaps_are_read_and_their_ends_are_missed(tmp_path: Path) -> None:
-    film = write_folder(tmp_path / "f", ["a1.bmp", "a2.bmp", "a3.bmp"])
-    np.testing.assert_array_equal(np.stack(list(instruments.read(tmp_path / "f", fps=1.0))), film)
-    path = tmp_path / "f/a2.bmp"
-    path.write_bytes(path.read_bytes()[:-5])
-    with pytest.warns(IncompleteFilmWarning, match=r"1 of 3 images is not whole and left out, a2\.bmp: the BMP is cut"):
-        assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
-
-
-@pytest.mark.parametrize(("suffix", "options"), [("png", []), ("tif", [cv2.IMWRITE_TIFF_COMPRESSION, 5])])
-def test_one_damaged_image_costs_one_frame(tmp_path: Path, suffix: str, options: list[int]) -> None:
-    (tmp_path / "f").mkdir()
-    film = np.random.default_rng(0).integers(0, 4095, (4, 60, 80)).astype(np.uint16)
-    for i, image in enumerate(film):
-        cv2.imwrite(str(tmp_path / f"f/a{i}.{suffix}"), image, options)
-    path = tmp_path / f"f/a2.{suffix}"
-    data = bytearray(path.read_bytes())
-    data[2000:2040] = b"\xff" * 40
-    path.write_bytes(bytes(data))
-    found = instruments.read(tmp_path / "f", fps=1.0)
-    with pytest.warns(IncompleteFilmWarning, match=rf"1 of 4 images is damaged and left out, a2\.{suffix}"):
-        assert found.valid.tolist() == [True, True, False, True]
-    np.testing.assert_array_equal(found[3], film[3])
-
-
 def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> None:
     write_folder(tmp_path / "out", [])
     write_folder(tmp_path / "out/PNG", ["a1.png"])
@@ -378,7 +277,7 @@ def test_jpeg_images_are_a_film_to_whoever_gives_a_frame_rate(tmp_path: Path) ->
     np.testing.assert_array_equal([found[i] for i in range(3)], decoded)
     cut = tmp_path / "f/a9.jpg"
     whole = cut.read_bytes()
-    for left, what in ((-40, "is cut off: its end mark is missing"), (30, "ends within its header")):
+    for left, what in ((-40, "is cut off: its end is missing"), (30, "ends within its header")):
         cut.write_bytes(whole[:left])
         with pytest.warns(UserWarning, match="smooths"), pytest.warns(IncompleteFilmWarning, match=rf"a9\.jpg.*{what}"):
             assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
@@ -448,13 +347,6 @@ def test_times_of_a_clock_are_no_numbers_of_frames(tmp_path: Path, names: list[s
     write_folder(tmp_path / "f", [f"cam_{name}.png" for name in names])
     with pytest.raises(SourceError, match=f"{told}[^\\n]*\n.*number the images in the order"):
         instruments.read(tmp_path / "f", fps=1000.0)
-
-
-@pytest.mark.parametrize("form", ["{i:03d}_cam_{clock}", "cam_{clock}_{i:03d}", "cam_{clock}_{i:03d}_12bit"])
-def test_a_count_beside_the_time_of_a_clock_is_found(tmp_path: Path, form: str) -> None:
-    clocks = enumerate(["145958", "145959", "145959", "150001"])
-    write_folder(tmp_path / "f", [form.format(i=i, clock=clock) + ".png" for i, clock in clocks])
-    np.testing.assert_allclose(instruments.read(tmp_path / "f", fps=1000.0).time, [0, 1e-3, 2e-3, 3e-3])
 
 
 def test_numbers_that_go_up_by_more_than_one_are_told(tmp_path: Path) -> None:

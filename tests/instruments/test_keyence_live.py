@@ -66,19 +66,6 @@ def test_every_fault_is_an_error_that_names_the_controller(protocol: str, fault:
         assert f"127.0.0.1:{made.port}" in str(caught.value)
 
 
-def test_an_answer_that_comes_byte_by_byte_is_put_together() -> None:
-    for protocol in (LK_G5000, DL_EN1):
-        with emulator(protocol, lambda n: [n + 7], {0: "pieces"}) as made:
-            assert ask(made).counts == (7,)
-
-
-def test_random_answers_of_the_right_length_are_never_readings() -> None:
-    with emulator(LK_G5000, lambda n: [n], dict.fromkeys(range(100), "random")) as made:
-        for _ in range(100):
-            with pytest.raises(SourceError, match="no readings"):
-                ask(made)
-
-
 def test_what_does_not_exist_is_refused() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

@@ -80,15 +80,6 @@ def test_values_are_si_and_keep_their_unit_as_provenance(tmp_path):
     assert readings.position_theta.attrs["units"] == "rad"
 
 
-@pytest.mark.parametrize(("unit", "newtons"), [("N", 1.0), ("mN", 1e-3), ("gf", GF), ("kgf", 1e3 * GF)])
-def test_units_of_force_are_converted(tmp_path, unit, newtons):
-    read_blocks(tmp_path, sinusoid())
-    path = tmp_path / "other.txt"
-    path.write_bytes((tmp_path / "made.txt").read_bytes().replace(b"Fz, gf", f"Fz, {unit}".encode()))
-    written = float(path.read_text().partition(f"Fz, {unit}\n")[2].splitlines()[0].split("\t")[2])
-    assert mach1.read(path).force_z.values[0] == pytest.approx(written * newtons, rel=1e-15)
-
-
 def test_blocks_with_other_columns_leave_nan(tmp_path):
     readings = read_blocks(tmp_path, sinusoid(30), relaxation(40))
     assert readings.sizes == {"sample": 70, "block_index": 2}
@@ -121,12 +112,6 @@ def test_declared_parameters_are_si_over_blocks(tmp_path):
     assert readings.declared_relaxation_rate.attrs["units"] == "N/s"
 
 
-def test_start_is_iso_and_per_block_past_midnight(tmp_path):
-    readings = read_blocks(tmp_path, relaxation(), sinusoid())
-    assert readings.start_time.values.tolist() == ["2023-07-19T23:59:59.900", "2024-01-24T10:08:47.546"]
-    assert readings.attrs["start"] == "2023-07-19T23:59:59.900"
-
-
 @pytest.mark.parametrize("date", ["2023-07-19", "2023/07/19", "19.07.2023"])
 def test_start_is_read_from_other_forms_of_a_date(tmp_path, date):
     read_blocks(tmp_path, relaxation())
@@ -135,17 +120,6 @@ def test_start_is_read_from_other_forms_of_a_date(tmp_path, date):
     path.write_text(text.replace("Wed, Jul 19, 2023", date), "utf-8", newline="")
     assert "Wed, Jul 19" in text
     assert mach1.read(path).attrs["start"] == "2023-07-19T23:59:59.900"
-
-
-def test_json_of_blocks_says_everything(tmp_path):
-    block = json.loads(read_blocks(tmp_path, sinusoid()).attrs["blocks"])[0]
-    assert block["filter"] == {"order": 3, "cutoff": 20.0}
-    assert block["load_cell"]["type"] == "Single-axis"
-    assert block["load_cell"]["name"] == "25kg SN:0000000"  # a colon inside the value
-    assert block["images_folder"] == "Rep1_004"
-    assert block["sampling_interval"] == pytest.approx(0.01)
-    assert block["incomplete"] is False
-    assert [column["unit"] for column in block["columns"]] == ["s", "mm", "gf"]
 
 
 def test_split_blocks_gives_each_its_own_time_and_columns(tmp_path):
@@ -158,12 +132,6 @@ def test_split_blocks_gives_each_its_own_time_and_columns(tmp_path):
     assert float(first.declared_frequency) == 1.0
     np.testing.assert_allclose(second.time.values, np.arange(40) * 0.01, rtol=rounding(10))
     assert json.loads(second.attrs["block"])["function"] == "Stress Relaxation"
-
-
-def test_made_block_sits_on_the_steps_of_stage_and_cell():
-    block = relaxation()
-    on_steps = block.values[:, [1, 5, 6]] / [1e-4, 0.00085, 0.006003]
-    np.testing.assert_allclose(on_steps, np.round(on_steps), atol=1e-3)
 
 
 def test_layout_is_that_of_the_instrument(tmp_path):

@@ -73,13 +73,17 @@ def test_the_table_of_a_recorder_is_read_by_its_columns(tmp_path, name):
     assert read_laser(path, Keyence(columns=columns)).out1.values == pytest.approx(FALL, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", ["PASCO", "PicoScope"])
+@pytest.mark.parametrize("name", ["PASCO", "PicoScope", "LabVIEW", "Tektronix"])
 def test_the_refusal_prints_the_line_to_copy(tmp_path, name):
     path = write(tmp_path, RECORDERS[name][0])
     with pytest.raises(SourceError, match="no instrument recognises") as caught:
         instruments.read(path)
     copied = caught.value.hint.partition("columns = ")[2]
     np.testing.assert_allclose(instruments.read(path, columns=copied).out1, FALL, atol=1e-6)
+    path = write(tmp_path, LVM + rows(FALL, form="\t{:.7f}"))
+    with pytest.raises(SourceError, match="no instrument recognises") as caught:
+        instruments.read(path)
+    assert caught.value.hint.endswith('columns = { displacement = "Laser" }')  # the column of times is empty
     path = write(tmp_path, RECORDERS["blanks"][0].replace("z[cm]", "Weg[cm]"))
     with pytest.raises(SourceError, match="no instrument recognises") as caught:
         instruments.read(path)

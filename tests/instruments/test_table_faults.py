@@ -133,25 +133,12 @@ def test_a_file_that_was_cut_between_two_lines_is_noted(tmp_path):
     assert "incomplete" not in read(tmp_path, MANY).attrs
 
 
-def test_merged_cells_and_sets_named_in_words(tmp_path):
-    rows = [("ramp", 20, 0.1, 9), ("", "", 1, 10), ("sweep", 40, 0.1, 5), ("", "", 1, 6)]
-    text = "Segment;T (°C);f (Hz);E' (MPa);tan δ\n" + "".join(f"{s};{t};{f};{e};0.1\n" for s, t, f, e in rows)
-    found = read(tmp_path, text)
-    assert found.temperature.values.tolist() == [20, 20, 40, 40]
-
-
 def test_several_specimens_in_a_table_are_noted(tmp_path):
     text = "Sample," + table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL)
     lines = text.splitlines()
     text = "\n".join([lines[0], *(f"{'A' if k < 6 else 'B'},{row}" for k, row in enumerate(lines[1:]))]) + "\n"
     with pytest.warns(UserWarning, match="Sample names 2 specimens"):
         assert read(tmp_path, text).sizes["sample"] == F.size
-
-
-def test_a_header_that_states_the_decimal_sign_is_believed(tmp_path):
-    head = "#FORMAT:NETZSCH5\n#DECIMAL:COMMA\n#SEPARATOR:SEMICOLON\n\n##Temp./°C;Freq./Hz;E'/MPa;E\"/MPa\n"
-    found = read(tmp_path, head + "20,000;1,000;950,125;45,125\n")
-    assert found.storage_modulus.values == pytest.approx([950.125e6])
 
 
 def damaged(text: str, source: random.Random) -> str:

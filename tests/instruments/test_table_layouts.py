@@ -41,7 +41,6 @@ LAYOUTS = {
     "blanks": table("omega  Gp  Gpp  T\nrad/s  Pa  Pa  C", OMEGA, STORAGE, LOSS, T, sep="   "),
     "a comment of numpy": table("# f_Hz E1_Pa E2_Pa T_C", F, STORAGE, LOSS, T, sep=" ", form=".18e"),
     "a comment of matlab": table("% f (Hz), E' (MPa), E'' (MPa), T (C)", *ALL, sep=" "),
-    "bars": table("| f (Hz) | E' (MPa) | E'' (MPa) | T (°C) |\n|---|---|---|---|", *ALL, sep=" | "),
     "decimal comma": table("Frequenz [Hz]\tSpeichermodul [MPa]\tVerlustmodul [MPa]\tTemperatur [°C]", *ALL, sep="\t", decimal=","),
     "decimal comma between blanks": table("f (Hz)  E' (MPa)  E'' (MPa)  T (°C)", *ALL, sep="  ", decimal=","),
     "powers of ten with a comma": table("f (Hz);E' (Pa);E'' (Pa);T (°C)", F, STORAGE, LOSS, T, sep=";", decimal=",", form=".13e"),

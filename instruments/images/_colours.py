@@ -1,12 +1,11 @@
-"""What films of exported images are decoded from: the contract, and the one intensity of grey colours."""
+"""The one intensity of an image that may be stored in colours."""
 
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Flags
 from labpipe.errors import SourceError
 
 Channel = Literal["red", "green", "blue"]
@@ -16,32 +15,7 @@ SMOOTHED = "smooths fine detail away, which no uncertainty here contains"
 ROUNDED = 4  # levels by which the compression of videos and JPEG rounds the three colours of grey apart
 
 
-class Pictures(Protocol):
-    """Whole images of one size, one at a time."""
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Rows and columns."""
-
-    @property
-    def levels(self) -> tuple[float, float]:
-        """Black and white level."""
-
-    @property
-    def valid(self) -> Flags:
-        """Which images can be decoded; shape (image,)."""
-
-    def __len__(self) -> int:
-        """Return the number of images."""
-
-    def fault(self, index: int) -> str:
-        """Say why an image cannot be decoded, or ""."""
-
-    def whole(self, index: int) -> NDArray[np.integer[Any]]:
-        """Decode one image; raises SourceError where it cannot be."""
-
-
-def one_intensity(image: NDArray[Any], allowed: int, path: Path, what: str, channel: Channel | None) -> NDArray[Any]:
+def one_intensity(image: NDArray[Any], allowed: int, path: Path, name: str, channel: Channel | None) -> NDArray[Any]:
     """Return the intensity of an image: of the channel, or of colours that are equal within so many levels.
 
     Raises
@@ -57,7 +31,7 @@ def one_intensity(image: NDArray[Any], allowed: int, path: Path, what: str, chan
     if int(np.ptp(colours, axis=2).max()) > allowed:
         raise SourceError(
             path,
-            f"{what} is in colour, expected grey",
+            f"{name} is in colour, expected grey",
             hint='Choose the channel that is measured, channel="green" (or "red", "blue"; in session.toml: channel = '
             '"green"), or export the film as grey. Green is the finest of most colour sensors.',
         )

@@ -1,0 +1,93 @@
+"""Films in files of any kind: the rectangle of their frames that is shown, and pixels without gaps between them."""
+
+import copy
+from pathlib import Path
+from typing import Any, Generic, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.binary import Window
+from labpipe.errors import InputError
+from labpipe.frames import ShownFrames
+
+#: Pixels and bytes of one group of pixels that are packed without gaps, by their bits.
+PACKED_GROUPS = {10: (4, 5), 12: (2, 3)}
+
+
+class StoredFrames(ShownFrames):
+    """Frames of one size, ``count`` of them, of which a rectangle is decoded; the whole image at first."""
+
+    def __init__(self, count: int, height: int, width: int) -> None:
+        self._count, self._rows, self._columns = count, range(height), range(width)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of frames that the file declares, rows, columns."""
+        return self._count, len(self._rows), len(self._columns)
+
+    def roi(self, rows: slice, columns: slice) -> Self:
+        """Return a view of a rectangle of this view; rows outside are not read.
+
+        Raises
+        ------
+        InputError
+            The rectangle holds no pixel, or leaves rows or columns out.
+        """
+        view = copy.copy(self)
+        view._rows, view._columns = self._rows[rows], self._columns[columns]
+        if view._rows.step != 1 or view._columns.step != 1:
+            raise InputError("a region of interest is a contiguous rectangle; found a step other than 1")
+        if not view._rows or not view._columns:
+            size = f"{len(self._rows)} rows × {len(self._columns)} columns"
+            raise InputError(f"the region of interest {rows}, {columns} holds no pixel of the {size}")
+        return view
+
+    def _place(self, index: int) -> int:
+        """Return the number of a frame, counted from the first; IndexError where there is no such frame."""
+        if not -self._count <= index < self._count:
+            raise IndexError(f"frame {index} of {self._count}")
+        return int(index) % self._count
+
+
+_Header = TypeVar("_Header", bound=Any)  # with count, height and width [px]
+
+
+class MappedFrames(StoredFrames, Generic[_Header]):
+    """Frames of a camera's own file: ``window`` maps it, ``header`` describes it."""
+
+    def __init__(self, window: Window, header: _Header) -> None:
+        super().__init__(header.count, header.height, header.width)
+        self._window, self._header = window, header
+
+    @property
+    def header(self) -> _Header:
+        """Description of the film by the camera."""
+        return self._header
+
+    @property
+    def path(self) -> Path:
+        """The file of the frames."""
+        return self._window.path
+
+
+def unpacked(stored: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
+    """Unpack pixels of 10 or 12 bits, most significant bits first.
+
+    Parameters
+    ----------
+    stored : array (row, byte)
+        Whole groups: 4 pixels in 5 bytes, or 2 in 3.
+    bits : {10, 12}
+
+    Returns
+    -------
+    array (row, pixel)
+    """
+    pixels, size = PACKED_GROUPS[bits]
+    groups = stored.reshape(len(stored), -1, size).astype(np.uint16)
+    starts = [bits * k for k in range(pixels)]
+    words = [
+        (groups[..., at // 8] << 8 | groups[..., at // 8 + 1]) >> (16 - at % 8 - bits) & 2**bits - 1 for at in starts
+    ]
+    return np.stack(words, axis=-1).reshape(len(stored), -1)
