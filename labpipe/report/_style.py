@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from labpipe.errors import InputError
+from labpipe.report._tables import MINUS, SUPERSCRIPT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -213,6 +214,24 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 
 
+def _write_plain_powers(figure: "Figure") -> None:
+    """Have logarithmic axes write raised digits: parsing formulas takes a third of the time of a figure."""
+    from matplotlib.ticker import LogFormatterSciNotation
+
+    class Plain(LogFormatterSciNotation):
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            text = super().__call__(x, pos).replace("$", "").replace(r"\mathdefault", "").replace(r"\times", "×")
+            factor, _, power = text.replace("{", "").replace("}", "").partition("^")
+            return factor + power.replace(MINUS, "-").translate(SUPERSCRIPT)
+
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        major, minor = axis.get_major_formatter(), axis.get_minor_formatter()
+        if type(major) is LogFormatterSciNotation:
+            axis.set_major_formatter(Plain(labelOnlyBase=major.labelOnlyBase))
+        if type(minor) is LogFormatterSciNotation:
+            axis.set_minor_formatter(Plain(labelOnlyBase=minor.labelOnlyBase))
+
+
 def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -> bytes:
     """Draw a figure into memory; the same figure gives the same bytes.
 
@@ -236,6 +255,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
     from matplotlib.backend_bases import get_registered_canvas_class
     from matplotlib.layout_engine import PlaceHolderLayoutEngine
 
+    _write_plain_powers(figure)
     keys = ("svg.hashsalt", "svg.fonttype", "pdf.fonttype", "path.simplify")
     settings: Any = {key: _settings()[key] for key in keys}
     target, engine, canvas, resolution = BytesIO(), figure.get_layout_engine(), figure.canvas, figure.dpi

@@ -50,7 +50,7 @@ _FORMS: dict[str, tuple[tuple[float, str], ...]] = {
 
 # Plain decimals are read at a glance inside this range, powers of ten outside it.
 _PLAIN_FROM, _PLAIN_BELOW = 1e-4, 1e6
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 class DisplayUnit(NamedTuple):
@@ -112,7 +112,7 @@ def number(value: float, digits: int = 4) -> str:
 
 def power_of_ten(exponent: int) -> str:
     """Write a power of ten, as ``10⁻⁵``."""
-    return "10" + str(exponent).translate(_SUPERSCRIPT)
+    return "10" + str(exponent).translate(SUPERSCRIPT)
 
 
 def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:

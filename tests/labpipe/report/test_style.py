@@ -106,5 +106,6 @@ def test_numbers_at_ticks_are_written_as_text():
         linear.plot([0.0, 2e-7], [-1e12, 2e12])
         powers.loglog([1e-5, 1e3], [1.0, 1e9])
         text = figure_bytes(figure, "svg").decode()
-    assert "1e12" in text
+    assert ">10⁻⁴<" in text
+    assert ">10⁸<" in text
     assert "mathdefault" not in text
