@@ -8,6 +8,7 @@ The hues follow Okabe and Ito, *Color universal design* (2008), darkened on whit
 on black until thin lines keep a contrast of at least 3 to 1.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -214,22 +215,32 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 
 
-def _write_plain_powers(figure: "Figure") -> None:
-    """Have logarithmic axes write raised digits: parsing formulas takes a third of the time of a figure."""
-    from matplotlib.ticker import LogFormatterSciNotation
+def _write_plain_numbers(figure: "Figure") -> None:
+    """Have all ticks write raised digits in place of formulas, whose parsing takes a third of the time of a figure."""
+    from matplotlib.ticker import Formatter
 
-    class Plain(LogFormatterSciNotation):
+    def plain(text: str) -> str:
+        bare = re.sub(r"\$|\\mathdefault|\\(?=times)", "", text).replace("times", "×")
+        raised = re.sub(r"\^\{([^{}]+)\}", lambda found: found[1].replace(MINUS, "-").translate(SUPERSCRIPT), bare)
+        number = re.sub(r"[{}]", "", raised)
+        return number if "$" in text and re.fullmatch(rf"[0-9.,+\-{MINUS}×⁰¹²³⁴⁵⁶⁷⁸⁹⁻ eE]*", number) else text
+
+    class Plain(Formatter):
+        def __init__(self, inner: Formatter) -> None:
+            self.inner, self.set_axis, self.set_locs = inner, inner.set_axis, inner.set_locs
+
         def __call__(self, x: float, pos: int | None = None) -> str:
-            text = super().__call__(x, pos).replace("$", "").replace(r"\mathdefault", "").replace(r"\times", "×")
-            factor, _, power = text.replace("{", "").replace("}", "").partition("^")
-            return factor + power.replace(MINUS, "-").translate(SUPERSCRIPT)
+            return plain(self.inner(x, pos))
+
+        def format_ticks(self, values: Any) -> list[str]:
+            return [plain(text) for text in self.inner.format_ticks(values)]
+
+        def get_offset(self) -> str:
+            return plain(self.inner.get_offset())
 
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
-        major, minor = axis.get_major_formatter(), axis.get_minor_formatter()
-        if type(major) is LogFormatterSciNotation:
-            axis.set_major_formatter(Plain(labelOnlyBase=major.labelOnlyBase))
-        if type(minor) is LogFormatterSciNotation:
-            axis.set_minor_formatter(Plain(labelOnlyBase=minor.labelOnlyBase))
+        axis.set_major_formatter(Plain(axis.get_major_formatter()))
+        axis.set_minor_formatter(Plain(axis.get_minor_formatter()))
 
 
 def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -> bytes:
@@ -255,7 +266,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
     from matplotlib.backend_bases import get_registered_canvas_class
     from matplotlib.layout_engine import PlaceHolderLayoutEngine
 
-    _write_plain_powers(figure)
+    _write_plain_numbers(figure)
     keys = ("svg.hashsalt", "svg.fonttype", "pdf.fonttype", "path.simplify")
     settings: Any = {key: _settings()[key] for key in keys}
     target, engine, canvas, resolution = BytesIO(), figure.get_layout_engine(), figure.canvas, figure.dpi

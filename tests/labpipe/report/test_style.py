@@ -108,4 +108,5 @@ def test_numbers_at_ticks_are_written_as_text():
         text = figure_bytes(figure, "svg").decode()
     assert ">10⁻⁴<" in text
     assert ">10⁸<" in text
+    assert ">×10¹²<" in text
     assert "mathdefault" not in text
