@@ -49,7 +49,7 @@ class Paragraph:
     Attributes
     ----------
     text : str
-        Plain text. It is shown as it stands; it cannot hold markup.
+        Plain text, shown unchanged; it cannot hold markup.
     copyable : bool
         Offer a button that copies the text (methods paragraphs).
     """
@@ -70,7 +70,7 @@ class Link:
     Attributes
     ----------
     text : str
-        What is there.
+        Text of the link.
     href : str
         Path relative to this page, with ``/``.
     remark : str
@@ -100,7 +100,7 @@ class KeyValues:
     rows : sequence of (name, value, unit or remark)
         Texts; see :func:`labpipe.report.value_with_uncertainty` for numbers.
     caption : str
-        What the list describes.
+        Subject of the list.
     """
 
     rows: Sequence[tuple[str, str, str]]
@@ -151,7 +151,7 @@ class Details:
     summary : str
         The line that is always visible.
     blocks : sequence of blocks
-        What unfolds.
+        Blocks that unfold.
     text : str
         Preformatted text that unfolds after the blocks, in a typewriter face.
     """
@@ -170,13 +170,13 @@ class Picture:
     data : bytes
         A whole PNG, JPEG or SVG file.
     alt : str
-        What the picture shows, for those who cannot see it.
+        Description of the picture, for those who cannot see it.
     caption : str
         Text below it.
     width_px : int, optional
         Width at which it is shown; by default its own, never wider than the page.
     at : float, optional
-        Where a frame of a gallery lies along x of the charts of the gallery's group.
+        Position of a frame of a gallery along x of the charts of the gallery's group.
     """
 
     data: bytes
@@ -198,7 +198,7 @@ class Gallery:
     Attributes
     ----------
     title : str
-        What the frames show.
+        Subject of the frames.
     frames : sequence of Picture
         At least one; the caption of each names its time or frame number.
     start : int
@@ -206,7 +206,7 @@ class Gallery:
     caption : str
         Text below the frames.
     group : str
-        The charts of this group mark where the shown frame lies (:attr:`Picture.at`).
+        The charts of this group mark the place of the shown frame (:attr:`Picture.at`).
     """
 
     title: str
@@ -231,9 +231,9 @@ class Bars:
     Attributes
     ----------
     title : str
-        What is shared out.
+        Quantity that is shared out.
     rows : sequence of (name, share, text)
-        Share between 0 and 1; the text stands at the bar's end (empty: the share in per cent).
+        Share between 0 and 1; the text is shown at the bar's end (empty: the share in per cent).
     caption : str
         Text below.
     """
@@ -320,7 +320,7 @@ class Deviations:
     Attributes
     ----------
     title : str
-        What is compared.
+        Subject of the comparison.
     rows : sequence of (name, points)
         Points as (deviation, whose); a finite number and a text that shows on hovering.
     caption : str
@@ -332,7 +332,7 @@ class Deviations:
     caption: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what has no place on the scale."""
+        """Refuse numbers without a place on the scale."""
         for name, points in self.rows:
             if not all(math.isfinite(value) for value, _ in points):
                 raise InputError(f'deviations "{self.title}": "{name}" has one that is no number; leave it out')
@@ -380,7 +380,7 @@ class Section:
     Attributes
     ----------
     title : str
-        Heading; it stands in the page's contents too.
+        Heading, also of the page's contents.
     blocks : sequence of blocks
         Paragraph, Link, KeyValues, Notice, Details, Picture, Gallery, Bars, Table, LineChart or
         ScatterChart.

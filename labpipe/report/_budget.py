@@ -48,7 +48,7 @@ def difference_unit(unit: str) -> str:
 
 
 def shown_source(source: str) -> str:
-    """Return the name of an input as a reader sees it: what it is, and in brackets of what."""
+    """Return the name of an input for a reader: the quantity, and in brackets its owner."""
     text = source if " " in source else source.replace("_", " ")
     what, _, of = text.partition(", ")  # behind it may stand the name of an experiment, as it is
     what = what.replace("_", " ")

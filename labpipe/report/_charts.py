@@ -27,22 +27,22 @@ class Series:
     Attributes
     ----------
     name : str
-        Stands in the legend.
+        Entry of the legend.
     x, y : array_like (n,)
         Numbers in the units that the axis labels name. NaN in `y` is a gap. A
         :class:`LineChart` needs `x` ascending.
     style : {"line", "points", "step"}
         A step holds its value until the next point.
     role : {"measured", "model", "residual", "reference", "repeat"} or None
-        What the curve is; decides colour, dashes and marker.
+        Kind of curve; decides colour, dashes and marker.
     u : array_like (n,), optional
         Standard uncertainty of `y`, drawn as error bars.
     on_hover : bool
         Show the curve only while its chart is pointed at, the nearest of them lit and named (each
         repeat behind a band). Still pictures leave it out.
     level : float, optional
-        Where the curve stands in a family, from 0 (cold) to 1 (warm): it takes its colour from a
-        scale, and its name stands at its end.
+        Place of the curve in a family, from 0 (cold) to 1 (warm): it takes its colour from a
+        scale, and its name is shown at its end.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class Series:
     level: float | None = None
 
     def __post_init__(self) -> None:
-        """Turn the inputs into arrays of float and refuse what cannot be drawn."""
+        """Turn the inputs into arrays of float and refuse unusable ones."""
         if self.level is not None and not 0.0 <= self.level <= 1.0:
             raise InputError(f'"{self.name}": level {self.level} lies outside 0 to 1')
         _check_choice(self.name, "style", self.style, get_args(Style))
@@ -78,7 +78,7 @@ class Band:
     Attributes
     ----------
     name : str
-        Stands in the legend; say what the band covers ("mean ± 1 sd, n = 5").
+        Entry of the legend; name the coverage of the band ("mean ± 1 sd, n = 5").
     x, low, high : array_like (n,)
         Numbers in the units that the axis labels name; NaN is a gap.
     role : str or None
@@ -92,7 +92,7 @@ class Band:
     role: Role | None = None
 
     def __post_init__(self) -> None:
-        """Turn the inputs into arrays of float and refuse what cannot be drawn."""
+        """Turn the inputs into arrays of float and refuse unusable ones."""
         _check_choice(self.name, "role", self.role, ROLES)
         for field, array in _arrays(self.name, x=self.x, low=self.low, high=self.high).items():
             object.__setattr__(self, field, array)
@@ -142,7 +142,7 @@ class LineChart:
     height_px: int = 320
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
+        """Refuse charts that cannot be drawn."""
         _check_chart(self)
         import numpy as np
 
@@ -188,7 +188,7 @@ class ScatterChart:
     height_px: int = 420
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
+        """Refuse charts that cannot be drawn."""
         _check_chart(self)
         for series in self.series:
             if isinstance(series, Band) or series.on_hover:

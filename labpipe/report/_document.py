@@ -69,7 +69,7 @@ class Document:
         ----------
         max_bytes : int
             Size that the page should keep to. Pictures that are too large for it become JPEG, and
-            the charts share what the rest leaves over.
+            the charts share the remaining bytes.
 
         Warns
         -----

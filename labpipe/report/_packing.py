@@ -32,7 +32,7 @@ _MARGIN = 0.02
 
 @dataclass(frozen=True)
 class Drawn:
-    """The part of one series that is drawn: after thinning, with what an axis cannot show as gaps.
+    """The part of one series that is drawn: after thinning, with values that an axis cannot show as gaps.
 
     ``source``: where it comes from; ``x`` (m,): positions; ``index`` (m,): which samples these are; None when all are
     kept; ``curves`` (m,): ``(y,)``, ``(y, u)`` or ``(low, high)``; ``look``: colour, dashes, marker; ``is_marked``:

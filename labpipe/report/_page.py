@@ -2,7 +2,7 @@
 
 Every text of a page passes through jinja2's escaping and through :func:`clean`; data for scripts
 travel as JSON that cannot end its element. The policy names the digests of the three scripts that
-may run, so that nothing else can, even if a text were to slip through.
+may run, so that nothing else can, even if a text were not escaped.
 """
 
 import base64

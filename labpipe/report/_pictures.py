@@ -195,7 +195,7 @@ class _Panel:
         return self.left + self.width * _part(values, self.x, self.chart.x_scale)
 
     def down(self, values: Floats) -> Floats:
-        """Places along y, which grow downwards; what lies below a logarithmic axis is at its lower end."""
+        """Places along y, which grow downwards; values below a logarithmic axis are at its lower end."""
         shown = np.where(values <= 0.0, self.y[0], values) if self.chart.y_scale == "log" else values
         return self.top + self.height * (1.0 - _part(shown, self.y, self.chart.y_scale))
 

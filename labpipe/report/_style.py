@@ -1,6 +1,6 @@
 """The common style of figures and charts: colours, dashes, markers and sizes by role.
 
-A line's *role* says what it is (measured, model, ...) and decides its colour, its dashes and
+A line's *role* is its kind (measured, model, ...) and decides its colour, its dashes and
 its marker, so that curves stay apart for colour-blind readers and in a greyscale print. The
 interactive charts of a page and the figures of a paper take their colours from the same table.
 
@@ -93,8 +93,8 @@ def looks(roles: Sequence[str | None]) -> tuple[LineLook, ...]:
     """Give every curve of one chart its look.
 
     A role that occurs once keeps its own colour. When it occurs several times (four heights,
-    measured and modelled), the colour tells the curves of one role apart and the dashes still
-    tell the roles: the second measured curve and the second model curve share a colour.
+    measured and modelled), the colour distinguishes the curves of one role and the dashes still
+    the roles: the second measured curve and the second model curve share a colour.
     Curves without a role take colour, dashes and marker from a cycle of six.
 
     ``roles`` has one entry per curve, in drawing order; an unknown one raises InputError.
@@ -182,7 +182,7 @@ def line_arguments(role: Role | None = None, *, style: str = "line", count: int 
     Parameters
     ----------
     role : str or None
-        What the curve is.
+        Kind of curve.
     style : {"line", "points", "both"}
         Draw the line, the markers or both.
     count : int
@@ -249,7 +249,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
     Parameters
     ----------
     figure : matplotlib Figure
-        What to draw.
+        The figure.
     file_format : {"pdf", "svg", "png"}
         The file format.
     dpi : float, optional

@@ -69,7 +69,7 @@ def display_unit(values: Iterable[float], unit: str) -> DisplayUnit:
         Numbers in SI; the median of their magnitudes decides. NaN, infinities and zeros are
         left out.
     unit : str
-        SI unit text as in a Dataset's ``units``. Any other text is shown as it stands.
+        SI unit text as in a Dataset's ``units``. Any other text is shown unchanged.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def power_of_ten(exponent: int) -> str:
 
 
 def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
-    """Write a value with its standard uncertainty, both rounded to what the latter supports.
+    """Write a value with its standard uncertainty, both rounded to the digits that the latter supports.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
         Value and standard uncertainty in SI. ``u = 0`` means exact (no ``±`` is written); a
         NaN `u` is said to be unknown.
     unit : str
-        SI unit text; a prefix is chosen for the reader. Other texts are shown as they stand.
+        SI unit text; a prefix is chosen for the reader. Other texts are shown unchanged.
 
     Raises
     ------
@@ -231,7 +231,7 @@ class Column:
         Heading.
     unit : str
         SI unit of the numbers below; the heading shows the prefix that was chosen. A text that
-        is no SI unit (``"mm"``, ``"%"``) is shown as it stands and nothing is rescaled.
+        is no SI unit (``"mm"``, ``"%"``) is shown unchanged and nothing is rescaled.
     digits : int
         Significant digits of numbers without an uncertainty.
     decimals : int, optional
@@ -295,7 +295,7 @@ class Listed:
     title, unit, digits
         As of :class:`Column`.
     cells : sequence
-        What stands in it, from the top.
+        Its cells, from the top.
     u : sequence of float, optional
         Standard uncertainties of the cells.
     """
