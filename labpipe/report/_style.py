@@ -227,7 +227,13 @@ def _write_plain_numbers(figure: "Figure") -> None:
 
     class Plain(Formatter):
         def __init__(self, inner: Formatter) -> None:
-            self.inner, self.set_axis, self.set_locs = inner, inner.set_axis, inner.set_locs
+            self.inner = inner
+
+        def set_axis(self, axis: Any) -> None:
+            self.inner.set_axis(axis)
+
+        def set_locs(self, locs: Any) -> None:
+            self.inner.set_locs(locs)
 
         def __call__(self, x: float, pos: int | None = None) -> str:
             return plain(self.inner(x, pos))

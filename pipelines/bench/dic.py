@@ -126,7 +126,7 @@ def lucas_kanade(film: Film, points: Floats, window: int) -> Floats:
     moved = start.copy()
     result = np.zeros((len(film), len(points), 2))
     for k in range(1, len(film)):
-        options = {"winSize": (window, window), "maxLevel": 0, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+        options: dict[str, Any] = {"winSize": (window, window), "maxLevel": 0, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
         flow, found, _ = cv2.calcOpticalFlowPyrLK(film[0], film[k], start, moved.copy(), **options)
         moved = np.asarray(flow, np.float32)
         result[k] = np.where(found > 0, (moved - start)[:, 0], np.nan)

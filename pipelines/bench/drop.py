@@ -56,8 +56,10 @@ def run(quick: bool) -> list[Suite]:
     first = Suite("drop-first", title, error, points, notes=[speed_up(points)])
 
     solid = Prony.from_creep(2e9, np.full(15, _SHARE), _TAU, nu=0.35)
-    tolerances, steps = ((1e-3, 1e-4), (2e-4,)) if quick else ((1e-2, 1e-3, 1e-4, 1e-5), (2e-4, 1e-4, 5e-5))
-    points = _measured(_solvers(solid, 0.5, tolerances, steps), _train_error, 1 if quick else 3)
+    calls = _solvers(
+        solid, 0.5, (1e-3, 1e-4) if quick else (1e-2, 1e-3, 1e-4, 1e-5), (2e-4,) if quick else (2e-4, 1e-4, 5e-5)
+    )
+    points = _measured(calls, _train_error, 1 if quick else 3)
     title = "34 bounces in 0.5 s of an acrylic-like sphere, 15 terms from 1e-10 to 1e2 s"
     error = "worst relative error of touch times, forces, restitutions (1)"
     notes = [speed_up(points), "A wrong number of bounces counts as an error of 1."]

@@ -1,7 +1,7 @@
 """The page of a sweep: its parameters, a chart of every output, failed points."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _SHOWN_PROBLEMS = 20
+Scale = Literal["linear", "log"]
 
 
 def render(plan: Design, swept: Swept) -> str:
@@ -106,8 +107,8 @@ def _output(values: "xr.DataArray") -> Iterator[Block]:
     if not numbers:
         points = list(np.ndindex(mean.shape))
         columns = [Listed(n, [str(mean[n].values[p[i]]) for p in points]) for i, n in enumerate(names)]
-        u = None if deviation is None else deviation.values.ravel().tolist()
-        yield listed([*columns, Listed(title, mean.values.ravel().tolist(), unit, u=u)])
+        spread = None if deviation is None else deviation.values.ravel().tolist()
+        yield listed([*columns, Listed(title, mean.values.ravel().tolist(), unit, u=spread)])
         return
     shown = display_unit(mean.values[np.isfinite(mean.values)].tolist(), unit)
     along = mean[numbers[0]]
@@ -115,10 +116,11 @@ def _output(values: "xr.DataArray") -> Iterator[Block]:
     x = along.values / x_shown.factor
     order, family = np.argsort(x, kind="stable"), mean[numbers[1]].values if len(numbers) > 1 else [None]
     labels = [f"{_read(n)}{f' / {s.text}' if s.text else ''}" for n, s in ((numbers[0], x_shown), (title, shown))]
+    charts: dict[str, list[Series | Band]] = {}
     for group in np.ndindex(*(mean.sizes[name] for name in names)):
         own = dict(zip(names, group, strict=True))
         name = ", ".join(str(mean[n].values[i]) for n, i in own.items())
-        series: list[Series | Band] = []
+        series = charts.setdefault(name if len(numbers) > 1 else "", [])
         for place, number in enumerate(family):
             at = own | ({numbers[1]: place} if number is not None else {})
             y = mean.isel(at).values[order] / shown.factor
@@ -128,15 +130,14 @@ def _output(values: "xr.DataArray") -> Iterator[Block]:
                 u = deviation.isel(at).values[order] / shown.factor
                 series.append(Band(f"{curve}: ± 1 sd of the draws", x[order], y - u, y + u))
             series.append(Series(curve, x[order], y, level=level))
-        if not any(np.isfinite(np.asarray(s.y)).any() for s in series if isinstance(s, Series)):
-            continue
-        remark = [*remarks, f"curves: {_read(numbers[1])}"] if len(numbers) > 1 else remarks
-        caption = "; ".join([*remark, *(["mean of the draws"] if DRAW in values.dims else [])])
-        is_geometric = (
-            x.size > 2 and x.min() > 0.0 and np.ptp(np.diff(np.log(x[order]))) < 1e-3 < np.ptp(np.diff(x[order]))
-        )
-        scale = "log" if is_geometric and x.max() > 3.0 * x.min() else "linear"
-        yield LineChart(f"{title}{f', {name}' if name else ''}", *labels, series, x_scale=scale, caption=caption)
+    remarks += [f"curves: {_read(numbers[1])}"] if len(numbers) > 1 else []
+    caption = "; ".join([*remarks, *(["mean of the draws"] if DRAW in values.dims else [])])
+    steps = np.diff(np.log(x[order])) if x.min() > 0.0 else np.zeros(1)
+    is_geometric = x.size > 2 and steps.min() > 0.0 and np.ptp(steps) < 1e-3 * steps.max()
+    scale: Scale = "log" if is_geometric and x.max() > 3.0 * x.min() else "linear"
+    for name, series in charts.items():
+        heading = f"{title}{f', {name}' if name else ''}"
+        yield LineChart(heading, labels[0], labels[1], series, x_scale=scale, caption=caption)
 
 
 def _problems(dataset: "xr.Dataset") -> Table:
