@@ -77,7 +77,7 @@ def _summary(plan: Design, swept: Swept) -> tuple[Block, ...]:
         blocks.append(Notice("warning", text))
     if fixed:
         blocks.append(Details("Held fixed", blocks=(KeyValues(fixed),)))
-    blocks.append(Paragraph(f"The numbers stand in {swept.path.name}, in SI units."))
+    blocks.append(Paragraph(f"The numbers are in {swept.path.name}, in SI units."))
     return tuple(blocks)
 
 
@@ -125,10 +125,14 @@ def _output(values: "xr.DataArray") -> Iterator[Block]:
             at = own | ({numbers[1]: place} if number is not None else {})
             y = mean.isel(at).values[order] / shown.factor
             level = None if number is None else place / max(len(family) - 1, 1)
-            curve = name or title if number is None else _text(float(number), mean[numbers[1]].attrs["units"])
+            curve = (
+                name or ("mean of the draws" if DRAW in values.dims else title)
+                if number is None
+                else _text(float(number), mean[numbers[1]].attrs["units"])
+            )
             if deviation is not None and number is None:
                 u = deviation.isel(at).values[order] / shown.factor
-                series.append(Band(f"{curve}: ± 1 sd of the draws", x[order], y - u, y + u))
+                series.append(Band(f"{name}: ± 1 sd of the draws".lstrip(": "), x[order], y - u, y + u))
             series.append(Series(curve, x[order], y, level=level))
     remarks += [f"curves: {_read(numbers[1])}"] if len(numbers) > 1 else []
     caption = "; ".join([*remarks, *(["mean of the draws"] if DRAW in values.dims else [])])
