@@ -24,7 +24,6 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from pipelines.sweeps.grid import DRAW, Design
-from pipelines.sweeps.run import Swept
 from pipelines.sweeps.simulators import SIMULATORS, Value
 
 if TYPE_CHECKING:
@@ -34,18 +33,16 @@ _SHOWN_PROBLEMS = 20
 Scale = Literal["linear", "log"]
 
 
-def render(plan: Design, swept: Swept) -> str:
-    """Return the page of a sweep as HTML text."""
+def render(plan: Design, dataset: "xr.Dataset", file: str) -> str:
+    """Return the page of a sweep as HTML text; ``file``: the name of its netCDF file."""
+    failed = int(np.count_nonzero(dataset["problem"].values != ""))
     outputs = [name for name in SIMULATORS[plan.simulator].outputs if name != "solver_steps"]
     sections = [
-        Section("Sweep", _summary(plan, swept)),
-        *(
-            Section(str(swept.dataset[name].attrs["long_name"]), tuple(_output(swept.dataset[name])))
-            for name in outputs
-        ),
+        Section("Sweep", _summary(plan, failed, file)),
+        *(Section(str(dataset[name].attrs["long_name"]), tuple(_output(dataset[name]))) for name in outputs),
     ]
-    if swept.failed:
-        sections.append(Section("Points without result", (_problems(swept.dataset),)))
+    if failed:
+        sections.append(Section("Points without result", (_problems(dataset),)))
     size = " × ".join(map(str, plan.shape)) or "1"
     return Document(
         title=f"Sweep of the simulator: {plan.simulator}",
@@ -55,7 +52,7 @@ def render(plan: Design, swept: Swept) -> str:
     ).render()
 
 
-def _summary(plan: Design, swept: Swept) -> tuple[Block, ...]:
+def _summary(plan: Design, failed: int, file: str) -> tuple[Block, ...]:
     known = SIMULATORS[plan.simulator].parameters
     rows = []
     for axis in plan.axes:
@@ -72,12 +69,12 @@ def _summary(plan: Design, swept: Swept) -> tuple[Block, ...]:
         if name not in plan.drawn and value is not None
     ]
     blocks: list[Block] = [KeyValues(rows)] if rows else []
-    if swept.failed:
-        text = f"{swept.failed} points have no result; run the sweep again to retry them."
+    if failed:
+        text = f"{failed} points have no result; run the sweep again to retry them."
         blocks.append(Notice("warning", text))
     if fixed:
         blocks.append(Details("Held fixed", blocks=(KeyValues(fixed),)))
-    blocks.append(Paragraph(f"The numbers are in {swept.path.name}, in SI units."))
+    blocks.append(Paragraph(f"The numbers are in {file}, in SI units."))
     return tuple(blocks)
 
 

@@ -135,9 +135,9 @@ def sweep(
     plan = design(simulator, axes, fixed, draws=draws, seed=seed)
     engine = choose((jobs or processors()) if jobs != 1 else 0, cluster)
     swept = run_design(plan, out, engine, progress=progress)
-    from pipelines.sweeps.page import render
+    from pipelines.sweeps.page import render  # the page's kit is of no use to a worker
 
-    files.write_text(swept.page, render(plan, swept))
+    files.write_text(swept.page, render(plan, swept.dataset, swept.path.name))
     return swept
 
 

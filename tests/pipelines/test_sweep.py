@@ -163,7 +163,7 @@ def test_failed_points_are_told_kept_apart_and_tried_again(
     assert swept.failed == 1
     assert np.isnan(swept.dataset["sum"].values[0])
     assert "x is negative" in str(swept.dataset["problem"].values[0])
-    page = render(plan, swept)
+    page = render(plan, swept.dataset, "map.nc")
     assert "1 points have no result" in page
     assert "x is negative" in page
     again = run_design(plan, tmp_path / "map.nc")
