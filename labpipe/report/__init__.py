@@ -9,12 +9,16 @@ from typing import TYPE_CHECKING
 
 from labpipe.installation import lazily
 from labpipe.report._blocks import (
+    SURE as SURE,
     Bars as Bars,
     Block as Block,
     Details as Details,
     Deviations as Deviations,
     Gallery as Gallery,
+    IndexRow as IndexRow,
+    IndexTable as IndexTable,
     KeyValues as KeyValues,
+    Level as Level,
     Link as Link,
     Notice as Notice,
     Paragraph as Paragraph,
@@ -28,15 +32,8 @@ from labpipe.report._budget import (
     shown_source as shown_source,
 )
 from labpipe.report._charts import Band as Band, LineChart as LineChart, ScatterChart as ScatterChart, Series as Series
-from labpipe.report._document import (
-    MAX_PAGE_BYTES as MAX_PAGE_BYTES,
-    SURE as SURE,
-    Document as Document,
-    amended as amended,
-)
-from labpipe.report._embedded import Report as Report
-from labpipe.report._index import IndexRow as IndexRow, IndexTable as IndexTable
-from labpipe.report._media import Level as Level
+from labpipe.report._document import MAX_PAGE_BYTES as MAX_PAGE_BYTES, Document as Document, amended as amended
+from labpipe.report._page import Report as Report
 from labpipe.report._style import (
     Role as Role,
     figure_bytes as figure_bytes,

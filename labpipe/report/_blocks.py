@@ -1,15 +1,45 @@
-"""Blocks of a page besides tables and charts: texts, notices, pictures, galleries, bars."""
+"""Blocks of a page besides tables and charts: texts, notices, pictures, galleries, bars, the index of a session."""
 
+import base64
 import math
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TypeAlias, get_args
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias, get_args
 
 from labpipe.errors import InputError
 from labpipe.report._charts import LineChart, ScatterChart
-from labpipe.report._index import IndexTable
-from labpipe.report._media import Level, check_inside, mime_type
-from labpipe.report._tables import Table
+from labpipe.report._tables import MINUS, Cell, Column, Table, number
+
+Level = Literal["ok", "info", "warning", "error"]
+SURE = 1.96
+"""Standard uncertainties within which 95 % of the differences lie."""
+_WORDS: dict[Level, str] = {"ok": "OK", "info": "Note", "warning": "Warning", "error": "Error"}
+_SIGNATURES = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"))
+_SVG_HEAD = re.compile(rb"\s*(<\?xml[^>]*\?>\s*)?(<!--.*?-->\s*|<!DOCTYPE[^>]*>\s*)*<svg[\s>]", re.DOTALL)
+
+
+def data_address(data: bytes) -> str:
+    """Return a PNG, JPEG or SVG file as an address that holds the picture itself.
+
+    Raises
+    ------
+    InputError
+        The bytes are no such picture.
+    """
+    mime = next((name for signature, name in _SIGNATURES if data.startswith(signature)), "")
+    if not mime and not _SVG_HEAD.match(data[:4096]):
+        start = f"{len(data)} bytes that start with {data[:8]!r}"
+        raise InputError(f"a picture must be a PNG, JPEG or SVG file, found {start}")
+    return f"data:{mime or 'image/svg+xml'};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def _check_inside(owner: str, href: str) -> None:
+    """Refuse an address that leaves the folder of the page, or names a scheme."""
+    parts = re.split(r"[/\\]", href)
+    if ":" in parts[0] or ".." in parts or parts[0] == "":
+        message = f'{owner}: the page "{href}" must be a path inside the folder of this page, such as drop_1.html'
+        raise InputError(message)
 
 
 @dataclass(frozen=True)
@@ -19,13 +49,18 @@ class Paragraph:
     Attributes
     ----------
     text : str
-        Plain text. It is shown as it stands; it cannot hold markup.
+        Plain text, shown unchanged; it cannot hold markup.
     copyable : bool
         Offer a button that copies the text (methods paragraphs).
     """
 
     text: str
     copyable: bool = False
+
+    @property
+    def parts(self) -> list[str]:
+        """The paragraphs."""
+        return [part for part in re.split(r"\n[ \t]*\n", self.text.strip()) if part]
 
 
 @dataclass(frozen=True)
@@ -35,7 +70,7 @@ class Link:
     Attributes
     ----------
     text : str
-        What is there.
+        Text of the link.
     href : str
         Path relative to this page, with ``/``.
     remark : str
@@ -53,7 +88,7 @@ class Link:
 
     def __post_init__(self) -> None:
         """Refuse addresses outside the folder of the page."""
-        check_inside(f'link "{self.text}"', self.href)
+        _check_inside(f'link "{self.text}"', self.href)
 
 
 @dataclass(frozen=True)
@@ -65,7 +100,7 @@ class KeyValues:
     rows : sequence of (name, value, unit or remark)
         Texts; see :func:`labpipe.report.value_with_uncertainty` for numbers.
     caption : str
-        What the list describes.
+        Subject of the list.
     """
 
     rows: Sequence[tuple[str, str, str]]
@@ -101,6 +136,11 @@ class Notice:
         if self.level not in get_args(Level):
             raise InputError(f'unknown level "{self.level}"; expected one of {", ".join(get_args(Level))}')
 
+    @property
+    def word(self) -> str:
+        """The level in words."""
+        return _WORDS[self.level]
+
 
 @dataclass(frozen=True)
 class Details:
@@ -111,7 +151,7 @@ class Details:
     summary : str
         The line that is always visible.
     blocks : sequence of blocks
-        What unfolds.
+        Blocks that unfold.
     text : str
         Preformatted text that unfolds after the blocks, in a typewriter face.
     """
@@ -130,13 +170,13 @@ class Picture:
     data : bytes
         A whole PNG, JPEG or SVG file.
     alt : str
-        What the picture shows, for those who cannot see it.
+        Description of the picture, for those who cannot see it.
     caption : str
         Text below it.
     width_px : int, optional
         Width at which it is shown; by default its own, never wider than the page.
     at : float, optional
-        Where a frame of a gallery lies along x of the charts of the gallery's group.
+        Position of a frame of a gallery along x of the charts of the gallery's group.
     """
 
     data: bytes
@@ -144,10 +184,11 @@ class Picture:
     caption: str = ""
     width_px: int | None = None
     at: float | None = None
+    address: str = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse bytes that are no picture."""
-        mime_type(self.data)
+        object.__setattr__(self, "address", data_address(self.data))
 
 
 @dataclass(frozen=True)
@@ -157,7 +198,7 @@ class Gallery:
     Attributes
     ----------
     title : str
-        What the frames show.
+        Subject of the frames.
     frames : sequence of Picture
         At least one; the caption of each names its time or frame number.
     start : int
@@ -165,7 +206,7 @@ class Gallery:
     caption : str
         Text below the frames.
     group : str
-        The charts of this group mark where the shown frame lies (:attr:`Picture.at`).
+        The charts of this group mark the place of the shown frame (:attr:`Picture.at`).
     """
 
     title: str
@@ -190,9 +231,9 @@ class Bars:
     Attributes
     ----------
     title : str
-        What is shared out.
+        Quantity that is shared out.
     rows : sequence of (name, share, text)
-        Share between 0 and 1; the text stands at the bar's end (empty: the share in per cent).
+        Share between 0 and 1; the text is shown at the bar's end (empty: the share in per cent).
     caption : str
         Text below.
     """
@@ -210,13 +251,76 @@ class Bars:
 
 
 @dataclass(frozen=True)
+class IndexRow:
+    """One experiment on the session's page.
+
+    Attributes
+    ----------
+    name : str
+        The experiment.
+    state : str
+        "done", "failed", "waiting for files", ...
+    level : {"ok", "info", "warning", "error"}
+        How the state is coloured.
+    href : str
+        Path of its page relative to the index, with ``/``; empty when there is none.
+    metrics : sequence of float, int, str, bool or None
+        One cell for each metric column, numbers in SI.
+    thumbnail : bytes or None
+        A small PNG, JPEG or SVG file (:func:`labpipe.report.thumbnail`).
+    remark : str
+        A short line below the name (kind of experiment, or why it failed).
+
+    Raises
+    ------
+    InputError
+        `href` leaves the folder of the index, or `thumbnail` is no picture.
+    """
+
+    name: str
+    state: str = "done"
+    level: Level = "ok"
+    href: str = ""
+    metrics: Sequence[Cell] = ()
+    thumbnail: bytes | None = None
+    remark: str = ""
+    address: str = field(init=False, repr=False, default="")
+
+    def __post_init__(self) -> None:
+        """Refuse addresses outside the folder of the index, and bytes that are no picture."""
+        if self.href:
+            _check_inside(f'experiment "{self.name}"', self.href)
+        if self.thumbnail is not None:
+            object.__setattr__(self, "address", data_address(self.thumbnail))
+
+
+@dataclass(frozen=True)
+class IndexTable:
+    """All experiments of a session; a block of the session's page.
+
+    Attributes
+    ----------
+    columns : sequence of Column
+        The metrics.
+    rows : sequence of IndexRow
+        One per experiment; each with one metric per column.
+    caption : str
+        Above the table.
+    """
+
+    columns: Sequence[Column]
+    rows: Sequence[IndexRow]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
 class Deviations:
     """Differences in units of their uncertainty, a row for each quantity (a forest plot).
 
     Attributes
     ----------
     title : str
-        What is compared.
+        Subject of the comparison.
     rows : sequence of (name, points)
         Points as (deviation, whose); a finite number and a text that shows on hovering.
     caption : str
@@ -228,15 +332,44 @@ class Deviations:
     caption: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what has no place on the scale."""
+        """Refuse numbers without a place on the scale."""
         for name, points in self.rows:
             if not all(math.isfinite(value) for value, _ in points):
                 raise InputError(f'deviations "{self.title}": "{name}" has one that is no number; leave it out')
 
+    def view(self) -> dict[str, Any]:
+        """Return places in per cent of a scale that ends at 4 to 12 standard uncertainties: ticks, band and rows."""
+        most = max((abs(value) for _, points in self.rows for value, _ in points), default=0.0)
+        reach = float(min(max(math.ceil(most), 4), 12))
+
+        def place(value: float) -> float:
+            return round(50 + 50 * min(max(value / reach, -1.0), 1.0), 2)
+
+        def state(value: float) -> str:
+            return "beyond" if abs(value) > reach else "outside" if abs(value) > SURE else "inside"
+
+        rows = [
+            (name, [(place(v), state(v), f"{whose}: {number(v, 2)} u") for v, whose in points])
+            for name, points in self.rows
+        ]
+        ticks = [(place(value), f"{value:g}".replace("-", MINUS)) for value in (-reach, -SURE, 0.0, SURE, reach)]
+        return {"rows": rows, "ticks": ticks, "band": (place(-SURE), round(100 * SURE / reach, 2))}
+
 
 Block: TypeAlias = (
-    "Paragraph | Link | KeyValues | Notice | Details | Picture | Gallery | Bars | Deviations | Table"
-    " | IndexTable | LineChart | ScatterChart"
+    Paragraph
+    | Link
+    | KeyValues
+    | Notice
+    | Details
+    | Picture
+    | Gallery
+    | Bars
+    | Deviations
+    | Table
+    | IndexTable
+    | LineChart
+    | ScatterChart
 )
 
 
@@ -247,7 +380,7 @@ class Section:
     Attributes
     ----------
     title : str
-        Heading; it stands in the page's contents too.
+        Heading, also of the page's contents.
     blocks : sequence of blocks
         Paragraph, Link, KeyValues, Notice, Details, Picture, Gallery, Bars, Table, LineChart or
         ScatterChart.

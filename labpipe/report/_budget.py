@@ -10,23 +10,10 @@ from labpipe.report._tables import Column, Table, quantity
 def budget_table(
     rows: Sequence[Mapping[str, Any]], caption: str, unit: str, columns: Mapping[str, Mapping[str, Any]] | None = None
 ) -> tuple[Block, ...]:
-    """Show the rows of a budget as a table, and their shares of the variance as bars.
+    """Show the rows of a budget as a table, and their shares of the variance as bars; nothing without a row.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        As :func:`labpipe.uncertainty.budget_rows` makes them.
-    caption : str
-        What the budget is of.
-    unit : str
-        SI unit of the result.
-    columns : mapping of str to mapping of str to cell, optional
-        Further columns by title and source.
-
-    Returns
-    -------
-    tuple of Block
-        Empty without a row.
+    ``rows``: as :func:`labpipe.uncertainty.budget_rows` makes them; ``unit``: SI unit of the result; ``columns``:
+    further cells by column and source.
     """
     if not rows:
         return ()
@@ -35,8 +22,8 @@ def budget_table(
     cells = [
         (
             shown_source(r["source"]),
-            _written(r["value"], r["unit"], 5),
-            _written(r["u"], difference_unit(r["unit"]), 2),
+            quantity(r["value"], r["unit"], 5) if r["value"] else "0",
+            quantity(r["u"], difference_unit(r["unit"]), 2) if r["u"] else "0",
             r["sensitivity"],
             r["contribution"],
             *(values.get(r["source"]) for values in more.values()),
@@ -61,12 +48,8 @@ def difference_unit(unit: str) -> str:
 
 
 def shown_source(source: str) -> str:
-    """Return the name of an input as a reader sees it: what it is, and in brackets of what."""
+    """Return the name of an input for a reader: the quantity, and in brackets its owner."""
     text = source if " " in source else source.replace("_", " ")
     what, _, of = text.partition(", ")  # behind it may stand the name of an experiment, as it is
     what = what.replace("_", " ")
     return f"{what} ({of})" if of else what
-
-
-def _written(value: float, unit: str, digits: int) -> str:
-    return quantity(value, unit, digits) if value else "0"

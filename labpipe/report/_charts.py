@@ -27,22 +27,22 @@ class Series:
     Attributes
     ----------
     name : str
-        Stands in the legend.
+        Entry of the legend.
     x, y : array_like (n,)
         Numbers in the units that the axis labels name. NaN in `y` is a gap. A
         :class:`LineChart` needs `x` ascending.
     style : {"line", "points", "step"}
         A step holds its value until the next point.
     role : {"measured", "model", "residual", "reference", "repeat"} or None
-        What the curve is; decides colour, dashes and marker.
+        Kind of curve; decides colour, dashes and marker.
     u : array_like (n,), optional
         Standard uncertainty of `y`, drawn as error bars.
     on_hover : bool
         Show the curve only while its chart is pointed at, the nearest of them lit and named (each
         repeat behind a band). Still pictures leave it out.
     level : float, optional
-        Where the curve stands in a family, from 0 (cold) to 1 (warm): it takes its colour from a
-        scale, and its name stands at its end.
+        Place of the curve in a family, from 0 (cold) to 1 (warm): it takes its colour from a
+        scale, and its name is shown at its end.
 
     Raises
     ------
@@ -61,15 +61,13 @@ class Series:
     level: float | None = None
 
     def __post_init__(self) -> None:
-        """Turn the inputs into arrays of float and refuse what cannot be drawn."""
+        """Turn the inputs into arrays of float and refuse unusable ones."""
         if self.level is not None and not 0.0 <= self.level <= 1.0:
             raise InputError(f'"{self.name}": level {self.level} lies outside 0 to 1')
         _check_choice(self.name, "style", self.style, get_args(Style))
-        _check_role(self.name, self.role)
-        x, y = _coordinates(self.name, self.x), _heights(self.name, "y", self.y)
-        u = None if self.u is None else _heights(self.name, "u", self.u)
-        _check_lengths(self.name, {"x": x, "y": y} | ({} if u is None else {"u": u}))
-        for field, array in (("x", x), ("y", y), ("u", u)):
+        _check_choice(self.name, "role", self.role, ROLES)
+        bars = {} if self.u is None else {"u": self.u}
+        for field, array in _arrays(self.name, x=self.x, y=self.y, **bars).items():
             object.__setattr__(self, field, array)
 
 
@@ -80,7 +78,7 @@ class Band:
     Attributes
     ----------
     name : str
-        Stands in the legend; say what the band covers ("mean ± 1 sd, n = 5").
+        Entry of the legend; name the coverage of the band ("mean ± 1 sd, n = 5").
     x, low, high : array_like (n,)
         Numbers in the units that the axis labels name; NaN is a gap.
     role : str or None
@@ -94,12 +92,9 @@ class Band:
     role: Role | None = None
 
     def __post_init__(self) -> None:
-        """Turn the inputs into arrays of float and refuse what cannot be drawn."""
-        _check_role(self.name, self.role)
-        x = _coordinates(self.name, self.x)
-        low, high = _heights(self.name, "low", self.low), _heights(self.name, "high", self.high)
-        _check_lengths(self.name, {"x": x, "low": low, "high": high})
-        for field, array in (("x", x), ("low", low), ("high", high)):
+        """Turn the inputs into arrays of float and refuse unusable ones."""
+        _check_choice(self.name, "role", self.role, ROLES)
+        for field, array in _arrays(self.name, x=self.x, low=self.low, high=self.high).items():
             object.__setattr__(self, field, array)
 
 
@@ -147,7 +142,7 @@ class LineChart:
     height_px: int = 320
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
+        """Refuse charts that cannot be drawn."""
         _check_chart(self)
         import numpy as np
 
@@ -179,8 +174,6 @@ class ScatterChart:
         Drawn in this order.
     x_scale, y_scale : {"linear", "log"}
         Kind of axes.
-    has_equal_axes : bool
-        One unit is equally long on both axes (trajectories, a fitted circle).
     height_px : int
         Height of the plot.
     """
@@ -192,11 +185,10 @@ class ScatterChart:
     x_scale: Scale = "linear"
     y_scale: Scale = "linear"
     caption: str = ""
-    has_equal_axes: bool = False
     height_px: int = 420
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be drawn."""
+        """Refuse charts that cannot be drawn."""
         _check_chart(self)
         for series in self.series:
             if isinstance(series, Band) or series.on_hover:
@@ -217,49 +209,26 @@ def _check_chart(chart: LineChart | ScatterChart) -> None:
         raise InputError(f'chart "{chart.title}": height_px must be positive, found {chart.height_px}')
 
 
-def _check_choice(owner: str, what: str, found: str, choices: Sequence[str]) -> None:
-    if found not in choices:
+def _check_choice(owner: str, what: str, found: str | None, choices: Sequence[str]) -> None:
+    if found is not None and found not in choices:
         raise InputError(f'"{owner}": unknown {what} "{found}"; expected one of {", ".join(choices)}')
 
 
-def _check_role(owner: str, role: str | None) -> None:
-    if role is not None:
-        _check_choice(owner, "role", role, ROLES)
-
-
-def _array(owner: str, field: str, values: "ArrayLike") -> "Floats":
+def _arrays(owner: str, **given: "ArrayLike") -> "dict[str, Floats]":
+    """Return arrays of float (n,), the first of them without gaps, all of one length and without infinities."""
     import numpy as np
 
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1:
-        raise InputError(f'series "{owner}": {field} has {array.ndim} dimensions; expected one')
-    return array
-
-
-def _coordinates(owner: str, values: "ArrayLike") -> "Floats":
-    import numpy as np
-
-    array = _array(owner, "x", values)
-    if not np.isfinite(array).all():
-        count = int(np.count_nonzero(~np.isfinite(array)))
-        raise InputError(
-            f'series "{owner}": {count} of {array.size} x values are NaN or infinite; drop those '
-            "points, or set y to NaN for a gap"
-        )
-    return array
-
-
-def _heights(owner: str, field: str, values: "ArrayLike") -> "Floats":
-    import numpy as np
-
-    array = _array(owner, field, values)
-    if np.isinf(array).any():
-        count = int(np.count_nonzero(np.isinf(array)))
-        raise InputError(f'series "{owner}": {count} of {array.size} {field} values are infinite; use NaN for a gap')
-    return array
-
-
-def _check_lengths(owner: str, arrays: "dict[str, Floats]") -> None:
+    arrays = {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
+    for name, array in arrays.items():
+        if array.ndim != 1:
+            raise InputError(f'series "{owner}": {name} has {array.ndim} dimensions; expected one')
+        wrong = ~np.isfinite(array) if name == "x" else np.isinf(array)
+        if wrong.any():
+            state, hint = "infinite", "use NaN for a gap"
+            if name == "x":
+                state, hint = "NaN or infinite", "drop those points, or set y to NaN for a gap"
+            raise InputError(f'series "{owner}": {int(wrong.sum())} of {array.size} {name} values are {state}; {hint}')
     if len({array.size for array in arrays.values()}) > 1:
-        found = ", ".join(f"{field} {array.size}" for field, array in arrays.items())
+        found = ", ".join(f"{name} {array.size}" for name, array in arrays.items())
         raise InputError(f'series "{owner}": arrays of different lengths ({found}); expected equal ones')
+    return arrays

@@ -32,7 +32,7 @@ _MARGIN = 0.02
 
 @dataclass(frozen=True)
 class Drawn:
-    """The part of one series that is drawn: after thinning, with what an axis cannot show as gaps.
+    """The part of one series that is drawn: after thinning, with values that an axis cannot show as gaps.
 
     ``source``: where it comes from; ``x`` (m,): positions; ``index`` (m,): which samples these are; None when all are
     kept; ``curves`` (m,): ``(y,)``, ``(y, u)`` or ``(low, high)``; ``look``: colour, dashes, marker; ``is_marked``:
@@ -114,9 +114,8 @@ def pack(thinned: ThinnedChart) -> dict[str, Any]:
     chart = thinned.chart
     axes = _shared_axes([d.x for d in thinned.series])
     axis_of = {m: place for place, members in enumerate(axes) for m in members}
-    is_plane = isinstance(chart, ScatterChart)
     return {
-        "kind": "plane" if is_plane else "line",
+        "kind": "plane" if isinstance(chart, ScatterChart) else "line",
         "title": chart.title,
         "xLabel": chart.x_label,
         "yLabel": chart.y_label,
@@ -124,10 +123,9 @@ def pack(thinned: ThinnedChart) -> dict[str, Any]:
         "yScale": chart.y_scale,
         "height": chart.height_px,
         "range": list(thinned.x_range),
-        "group": "" if isinstance(chart, ScatterChart) else chart.group,
-        "views": [] if isinstance(chart, ScatterChart) else [[a, b] for _, a, b in chart.views],
-        "lines": [] if isinstance(chart, ScatterChart) else [[n, x] for n, x in chart.vlines],
-        "equal": isinstance(chart, ScatterChart) and chart.has_equal_axes,
+        "group": getattr(chart, "group", ""),
+        "views": [[a, b] for _, a, b in getattr(chart, "views", ())],
+        "lines": [[n, x] for n, x in getattr(chart, "vlines", ())],
         "axes": [_packed_axis(thinned.series[members[0]]) for members in axes],
         "series": [_packed_series(d, axis_of[m]) for m, d in enumerate(thinned.series)],
     }

@@ -2,15 +2,18 @@
 
 Every text of a page passes through jinja2's escaping and through :func:`clean`; data for scripts
 travel as JSON that cannot end its element. The policy names the digests of the three scripts that
-may run, so that nothing else can, even if a text were to slip through.
+may run, so that nothing else can, even if a text were not escaped.
 """
 
 import base64
 import hashlib
+import html
 import unicodedata
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -53,11 +56,6 @@ def clean_all(data: Any) -> Any:
     if isinstance(data, list | tuple):
         return [clean_all(value) for value in data]
     return data
-
-
-def data_address(data: bytes, mime: str) -> str:
-    """Return a picture as an address that holds the picture itself."""
-    return f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def fill(macro: str, **values: Any) -> str:
@@ -123,3 +121,32 @@ def _environment() -> "Environment":
 def _finalize(value: Any) -> Any:
     # Markup is a text that is already escaped and cleaned.
     return clean(value) if type(value) is str else value
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """One report; a notebook shows it in a frame of its own, where its scripts reach nothing else.
+
+    Attributes
+    ----------
+    experiment : str
+        Name of its experiment.
+    path : Path
+        The HTML file.
+    """
+
+    experiment: str
+    path: Path
+
+    @property
+    def html(self) -> str:
+        """The page as it was written."""
+        return self.path.read_text("utf-8")
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.html, quote=True)
+        name = html.escape(self.experiment, quote=True)
+        return (
+            f'<iframe title="{name}" sandbox="allow-scripts" srcdoc="{page}" '
+            f'style="width:100%;height:640px;border:1px solid #9aa"></iframe>'
+        )

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
+from typing import NamedTuple
 
 from labpipe.errors import InputError
 
@@ -49,11 +50,10 @@ _FORMS: dict[str, tuple[tuple[float, str], ...]] = {
 
 # Plain decimals are read at a glance inside this range, powers of ten outside it.
 _PLAIN_FROM, _PLAIN_BELOW = 1e-4, 1e6
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-@dataclass(frozen=True, slots=True)
-class DisplayUnit:
+class DisplayUnit(NamedTuple):
     """A unit as it is shown: ``shown = SI value / factor``."""
 
     factor: float
@@ -69,7 +69,7 @@ def display_unit(values: Iterable[float], unit: str) -> DisplayUnit:
         Numbers in SI; the median of their magnitudes decides. NaN, infinities and zeros are
         left out.
     unit : str
-        SI unit text as in a Dataset's ``units``. Any other text is shown as it stands.
+        SI unit text as in a Dataset's ``units``. Any other text is shown unchanged.
 
     Examples
     --------
@@ -111,18 +111,12 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def power_of_ten(exponent: int) -> str:
-    """Write a power of ten.
-
-    Examples
-    --------
-    >>> power_of_ten(-5)
-    '10⁻⁵'
-    """
-    return "10" + str(exponent).translate(_SUPERSCRIPT)
+    """Write a power of ten, as ``10⁻⁵``."""
+    return "10" + str(exponent).translate(SUPERSCRIPT)
 
 
 def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
-    """Write a value with its standard uncertainty, both rounded to what the latter supports.
+    """Write a value with its standard uncertainty, both rounded to the digits that the latter supports.
 
     Parameters
     ----------
@@ -130,7 +124,7 @@ def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
         Value and standard uncertainty in SI. ``u = 0`` means exact (no ``±`` is written); a
         NaN `u` is said to be unknown.
     unit : str
-        SI unit text; a prefix is chosen for the reader. Other texts are shown as they stand.
+        SI unit text; a prefix is chosen for the reader. Other texts are shown unchanged.
 
     Raises
     ------
@@ -147,9 +141,7 @@ def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
     '(0.8 ± 2.0) µm'
     """
     shown = display_unit([u if u > abs(value) else value], unit)
-    suffix = f" {shown.text}" if shown.text else ""
-    if shown.text == "°":
-        suffix = shown.text
+    suffix = shown.text if shown.text in ("", "°") else f" {shown.text}"
     if not math.isfinite(value):
         return _not_finite(value)
     if math.isnan(u):
@@ -239,7 +231,7 @@ class Column:
         Heading.
     unit : str
         SI unit of the numbers below; the heading shows the prefix that was chosen. A text that
-        is no SI unit (``"mm"``, ``"%"``) is shown as it stands and nothing is rescaled.
+        is no SI unit (``"mm"``, ``"%"``) is shown unchanged and nothing is rescaled.
     digits : int
         Significant digits of numbers without an uncertainty.
     decimals : int, optional
@@ -303,7 +295,7 @@ class Listed:
     title, unit, digits
         As of :class:`Column`.
     cells : sequence
-        What stands in it, from the top.
+        Its cells, from the top.
     u : sequence of float, optional
         Standard uncertainties of the cells.
     """
@@ -342,17 +334,15 @@ def listed(columns: Iterable[Listed], caption: str = "", *, sortable: bool = Tru
     return Table(tuple(heads), list(zip(*cells, strict=True)), caption, sortable)
 
 
-@dataclass(frozen=True, slots=True)
-class CellView:
-    """A cell ready for the page: its text, the key it is sorted by, whether it is a number."""
+class CellView(NamedTuple):
+    """A cell ready for the page: its text, the key it is sorted by, and its kind."""
 
     text: str
-    key: str
-    is_number: bool
+    key: str = ""
+    is_number: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingView:
+class HeadingView(NamedTuple):
     """A heading ready for the page."""
 
     title: str
@@ -360,12 +350,9 @@ class HeadingView:
     is_number: bool
 
 
-@dataclass(frozen=True, slots=True)
-class TableView:
-    """A table ready for the page."""
+class TableView(NamedTuple):
+    """Headings and cells of a table ready for the page."""
 
-    caption: str
-    sortable: bool
     headings: tuple[HeadingView, ...]
     rows: tuple[tuple[CellView, ...], ...]
 
@@ -373,57 +360,37 @@ class TableView:
 def table_view(table: Table) -> TableView:
     """Turn numbers into texts: prefixes per column, uncertainties joined to their values."""
     joined = {column.u for column in table.columns if column.u is not None}
-    shown = [index for index in range(len(table.columns)) if index not in joined]
-    units = {i: _column_unit(table, i) for i in shown}
-    cells = [[_cell(table, row, i, units[i].factor) for i in shown] for row in table.rows]
-    numeric = [any(row[place].is_number for row in cells) for place in range(len(shown))]
-    # A missing number stands where the number would stand.
-    rows = tuple(
-        tuple(
-            replace(c, is_number=True) if n and c.text == NOT_AVAILABLE else c
-            for c, n in zip(row, numeric, strict=True)
-        )
-        for row in cells
-    )
-    headings = tuple(
-        HeadingView(table.columns[i].title, units[i].text, numeric[place]) for place, i in enumerate(shown)
-    )
-    return TableView(table.caption, table.sortable, headings, rows)
+    headings, columns = [], []
+    for index, column in enumerate(table.columns):
+        if index in joined:
+            continue
+        pairs = [(row[index], None if column.u is None else row[column.u]) for row in table.rows]
+        # a value far below its own uncertainty takes the prefix of that
+        sizes = (max((abs(float(c)) for c in pair if _is_number(c)), default=0.0) for pair in pairs)  # type: ignore[arg-type]
+        unit = display_unit(sizes, column.unit)
+        cells = [_cell(cell, u, column, unit.factor) for cell, u in pairs]
+        is_number = any(cell.is_number for cell in cells)
+        # a missing number stands where the number would stand
+        columns.append([c._replace(is_number=is_number and (c.is_number or c.text == NOT_AVAILABLE)) for c in cells])
+        headings.append(HeadingView(column.title, unit.text, is_number))
+    rows = tuple(zip(*columns, strict=True)) if columns else ((),) * len(table.rows)
+    return TableView(tuple(headings), rows)
 
 
-def _column_unit(table: Table, index: int) -> DisplayUnit:
-    """Return the unit of a column; what is far below its own uncertainty takes the prefix of that."""
-    unit, beside = table.columns[index].unit, table.columns[index].u
-    sizes = []
-    for row in table.rows:
-        cells = (row[index], None if beside is None else row[beside])
-        sizes.append(max((abs(float(c)) for c in cells if _is_number(c)), default=0.0))  # type: ignore[arg-type]
-    return display_unit(sizes, unit)
-
-
-def _cell(table: Table, row: Sequence[Cell], index: int, factor: float) -> CellView:
-    cell = row[index]
+def _cell(cell: Cell, u: Cell, column: Column, factor: float) -> CellView:
     if isinstance(cell, bool):
-        return CellView("yes" if cell else "no", str(int(cell)), False)
-    if cell is None:
-        return CellView(NOT_AVAILABLE, "", False)
-    if not _is_number(cell):
-        return CellView(str(cell), str(cell), False)
-    column = table.columns[index]
+        return CellView("yes" if cell else "no", str(int(cell)))
+    if cell is None or isinstance(cell, str) or not _is_number(cell):
+        return CellView(NOT_AVAILABLE) if cell is None else CellView(str(cell), str(cell))
     value = float(cell) / factor
-    text = _number_text(value, column, is_whole=isinstance(cell, int) and factor == 1.0)
-    u = row[column.u] if column.u is not None else None
-    if u is not None and _is_number(u) and math.isfinite(value):
+    if math.isfinite(value) and u is not None and _is_number(u):
         text = plus_minus(value, float(u) / factor)
+    elif isinstance(cell, int) and factor == 1.0:
+        text = str(cell).replace("-", MINUS)
+    else:
+        is_fixed = column.decimals is not None and math.isfinite(value)
+        text = _fixed(value, column.decimals or 0) if is_fixed else number(value, column.digits)
     return CellView(text, "" if math.isnan(value) else repr(float(cell)), True)
-
-
-def _number_text(value: float, column: Column, *, is_whole: bool) -> str:
-    if is_whole:
-        return str(int(value)).replace("-", MINUS)
-    if column.decimals is not None and math.isfinite(value):
-        return _fixed(value, column.decimals)
-    return number(value, column.digits)
 
 
 def _is_number(cell: object) -> bool:

@@ -1,7 +1,7 @@
 """Thinning of long recordings for a page that preserves extremes and gaps.
 
 Inside the windows that the reader is offered every sample is kept. Elsewhere the recording is
-cut into buckets and from each the samples of its extremes are kept: what is drawn are true
+cut into buckets and from each the samples of its extremes are kept: the drawn points are true
 samples, and no peak is lost.
 """
 

@@ -28,7 +28,7 @@ Told = dict[str, Any]
 
 
 class Answers:
-    """Answers of the page of one folder, which is resolved; nothing outside it is told."""
+    """Answers of the page of one folder, which is resolved; nothing outside it is shown."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -38,7 +38,7 @@ class Answers:
         self._surveyed: tuple[object, list[Surveyed]] = (None, [])
 
     def application(self) -> Starlette:
-        """Return what answers (ASGI)."""
+        """Return the application (ASGI)."""
         gets: dict[str, Callable[[Request], Response]] = {
             "/": lambda request: _asset("app.html"),
             "/assets/{name}": lambda request: _asset(request.path_params["name"], _NAMES),
@@ -91,7 +91,7 @@ class Answers:
         return self._surveyed[1]
 
     def path(self, name: object) -> Path:
-        """Return where a file of the folder is, and refuse what is not inside it or not there."""
+        """Return where a file of the folder is, and refuse paths outside it and missing files."""
         if not isinstance(name, str):
             raise InputError("expected the name of a file")
         path = safe_join(self.folder, name)
@@ -169,7 +169,7 @@ class Answers:
         return texts, setup.changed(texts, asked.get("edits"))
 
     def outlook(self) -> Told:
-        """Say what a run would do."""
+        """Return the outlook of a run."""
         return outlook(self.folder, self._survey())
 
     def run(self, asked: Told) -> Told:
@@ -201,7 +201,7 @@ def _refused(error: LabpipeError) -> Response:
 
 
 def _guarded(answer: Callable[[Request], Response]) -> Callable[[Request], Response]:
-    """Say what is wrong instead of failing."""
+    """Report errors instead of failing."""
 
     def answered(request: Request) -> Response:
         try:
@@ -219,7 +219,7 @@ def _told(answer: Callable[[Request], Told]) -> Callable[[Request], Response]:
 
 
 def _asked(answer: Callable[[Told], Told]) -> Any:
-    """Read the JSON of a request, and answer it beside the others."""
+    """Read the JSON of a request, and answer it in parallel with the others."""
     from starlette.concurrency import run_in_threadpool
 
     async def answered(request: Request) -> Response:

@@ -20,7 +20,7 @@ _INTERRUPTED = 130
 
 
 def main(mode: str, folder: Path) -> int:
-    """Process or watch a session and tell what happens; return an exit code."""
+    """Process or watch a session and report each event; return an exit code."""
     threading.Thread(target=_end_with_the_page, daemon=True).start()
     try:
         return _watched(folder) if mode == "watch" else _processed(folder)

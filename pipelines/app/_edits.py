@@ -2,7 +2,7 @@
 
 Single values are set by tomlkit. Whole experiments are moved as blocks of lines, from a header to
 the next one with the remarks above it. After every change the file is read again: it must hold
-exactly what was meant, or the change is refused.
+exactly the wanted one, or the change is refused.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def set_value(text: str, place: Place, value: Any) -> str:
 def set_values(text: str, changes: Sequence[tuple[Place, Any]]) -> str:
     """Set values, or with None take them out; the text is parsed once for all of them.
 
-    A change is of keys, and positions in arrays, to what TOML can hold; tables that are not there are made.
+    A change is of keys, and positions in arrays, to values of TOML; tables that are not there are made.
 
     Raises
     ------
     InputError
-        The text is not TOML, or a place lies in something that is not a table.
+        The text is not TOML, or a place is within something that is not a table.
     """
     meant = _tree(text)
     place: Place = ()
@@ -176,7 +176,7 @@ def values(kind: type[msgspec.Struct], table: Any, place: Place) -> Iterator[tup
 
 
 def remarks(text: str) -> dict[Place, str]:
-    r"""Return what stands behind a value on its line, as ``init`` says where it has it from.
+    r"""Return the comment behind a value on its line, as ``init`` says where it has it from.
 
     Examples
     --------
@@ -200,7 +200,7 @@ def remarks(text: str) -> dict[Place, str]:
 
 
 def as_value(kind: Any, text: str) -> Any:
-    """Return a typed text as TOML keeps it for a field; what does not fit stays a text."""
+    """Return a typed text as TOML keeps it for a field; an unsuitable one stays a text."""
     bare = split(bare_type(kind))[0]
     try:
         if bare is bool:

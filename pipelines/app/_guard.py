@@ -25,7 +25,7 @@ App = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 
 
 class Guard:
-    """Refuses what does not come from the page itself.
+    """Refuses requests that do not come from the page itself.
 
     ``app`` answers (ASGI) and sees addresses without the ``token``, the first part of each; ``port`` is this server's.
     """

@@ -13,7 +13,7 @@ _STYLE = Path(__file__).parent / "assets/app.css"
 
 
 def application() -> Starlette:
-    """Return what answers (ASGI)."""
+    """Return the application (ASGI)."""
     from pipelines.guide import FIRST, PICTURES, pages
 
     made = pages()

@@ -1,6 +1,6 @@
-"""Lengths in a picture or a frame: two clicks, refined to what lies under them, with uncertainty.
+"""Lengths in a picture or a frame: two clicks, refined to the feature under each, with uncertainty.
 
-Across each end, profiles along the line between the clicks are taken, one beside the other. Each
+Across each end, profiles along the line between the clicks are taken next to each other. Each
 is fitted by an edge (an error function) or a graduation (a Gaussian line), whichever leaves less; a
 straight line through the places found gives the place on the line of the clicks, its scatter the
 standard uncertainty, and its slope by how much the line was drawn askew.
@@ -77,7 +77,7 @@ class Length:
     """A length between two places of a picture.
 
     ``points`` are these, x to the right and y down [px], the centre of the first pixel at (0, 0). ``value`` and ``u``
-    are in px; ``found`` is what lies at either end, ``"edge"`` or ``"graduation"``.
+    are in px; ``found`` is the feature at either end, ``"edge"`` or ``"graduation"``.
     """
 
     points: tuple[tuple[float, float], tuple[float, float]]
@@ -115,7 +115,7 @@ class _End:
 
 
 def _refined(grey: NDArray[np.float64], place: NDArray[np.float64], along: NDArray[np.float64]) -> _End:
-    """Find what lies near a place, along a direction."""
+    """Find the feature near a place, along a direction."""
     across = np.array([-along[1], along[0]])
     x, rows = np.arange(-_REACH, _REACH + 1.0), np.arange(-_ROWS, _ROWS + 1.0)
     at = place + x[None, :, None] * along + rows[:, None, None] * across
@@ -155,7 +155,7 @@ def _interpolated(grey: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray
 
 
 def _coarse(x: NDArray[np.float64], profile: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return first guesses: the steepest place, and the place that stands out most, near the click."""
+    """Return first guesses: the steepest place, and the most prominent place, near the click."""
     window = np.exp(-0.5 * (x / (0.5 * _REACH)) ** 2)
     steep = np.gradient(profile)
     edge = int(np.argmax(np.abs(steep) * window))
@@ -171,7 +171,7 @@ def _coarse(x: NDArray[np.float64], profile: NDArray[np.float64]) -> dict[str, N
 def _fitted(
     x: NDArray[np.float64], profile: NDArray[np.float64], kind: str, start: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float, float, float]:
-    """Fit a profile; return height, place, width and base, what is left, the height, and the noise.
+    """Fit a profile; return height, place, width and base, residuals, the height, and the noise.
 
     Only the neighbourhood of the first guess counts: graduations stand side by side.
     """

@@ -1,4 +1,4 @@
-"""What a run would do, by experiment: how many steps and why, what waits, what failed last time."""
+"""Outlook of a run, by experiment: number of steps and reasons, waiting and failed ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MOST_STEPS = 60
 
 
 def outlook(folder: Path, surveyed: Iterable[Surveyed]) -> dict[str, Any]:
-    """Say what a run of a session would do; nothing is computed.
+    """Return the outlook of a run of a session; nothing is computed.
 
     It is ``summary``, ``known`` (whether it is known how long it takes), ``experiments`` in the order of a run,
     ``problem`` where nothing can run before session.toml is corrected, and ``unused``, surveyed files that no
@@ -70,7 +70,7 @@ def shortened(experiment: str, lines: Iterable[str]) -> list[str]:
 
 
 def _failures(session: Session) -> dict[str, str]:
-    """Return what failed in every experiment when it was last tried, by the log of the runs."""
+    """Return the failures of every experiment at its last run, from the log of the runs."""
     found: dict[str, dict[tuple[Any, Any], str]] = {}
     for event in events(session):
         if event.get("event") == "ended":

@@ -1,6 +1,6 @@
 """The run of a session in a process of its own, which ends when this one does.
 
-The process is told to stop, and learns of the death of this one, by the end of its input; it then
+The process is asked to stop, and learns of the death of this one, by the end of its input; it then
 ends as by Ctrl-C, and all results that were complete stay.
 """
 
@@ -19,7 +19,7 @@ _MOST_TEXT = 2000
 
 
 class Runs:
-    """At most one run of a session, in ``folder``, at a time, and what it has told."""
+    """At most one run of a session, in ``folder``, at a time, and its events."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -32,7 +32,7 @@ class Runs:
         self._takers: list[threading.Thread] = []
 
     def start(self, mode: Mode) -> None:
-        """Begin or go on; ``watch`` processes what arrives until it is stopped.
+        """Begin or go on; ``watch`` processes arriving files until it is stopped.
 
         Raises
         ------
@@ -58,7 +58,7 @@ class Runs:
             taker.start()
 
     def stop(self) -> None:
-        """End the run as by Ctrl-C; what was complete is kept."""
+        """End the run as by Ctrl-C; complete results are kept."""
         with self._lock:
             if self._child is not None and self._child.stdin is not None and not self._child.stdin.closed:
                 self._child.stdin.close()
@@ -76,7 +76,7 @@ class Runs:
             taker.join()
 
     def state(self, after: int = 0) -> dict[str, Any]:
-        """Return what has happened: whether it runs, and the events from a number on."""
+        """Return the state: whether it runs, and the events from a number on."""
         with self._lock:
             code = None if self._child is None else self._child.poll()
             return {

@@ -58,7 +58,7 @@ def _text(path: Path) -> str:
 
 
 def digest(texts: Mapping[str, str]) -> str:
-    """Return what tells whether somebody else has changed the files meanwhile."""
+    """Return a digest that shows whether somebody else has changed the files meanwhile."""
     return hashlib.sha256(files.canonical(dict(texts)).encode()).hexdigest()
 
 
@@ -125,7 +125,7 @@ _LONGEST = 2000
 
 
 def _as_value(kind: Any, typed: str, before: Any) -> Any:
-    """Return what is written for a typed text; a bare number gets the unit that stood there, or the usual one."""
+    """Return the value written for a typed text; a bare number gets the previous unit, or the usual one."""
     usual = gap_for(kind).removeprefix(GAP).strip()
     stood = before.rpartition(" ")[2] if usual and isinstance(before, str) else usual
     return edits.as_value(kind, in_unit(typed, usual if any(c.isdigit() for c in stood) else stood))
@@ -159,7 +159,7 @@ def _type_at(text: str, name: str, place: edits.Place) -> tuple[Any, bool]:
 
 
 def _is_required(kind: Any, path: edits.Place) -> bool:
-    """Tell whether a field and all tables around it must be there."""
+    """Return whether a field and all tables around it must be there."""
     for key in path:
         if isinstance(key, int):
             continue
@@ -184,7 +184,7 @@ def _tree(text: str) -> dict[str, Any]:
 
 
 def state(folder: Path, texts: Mapping[str, str]) -> Told:
-    """Return the set-up as texts give it: experiments, records, and what is wrong or still to come."""
+    """Return the set-up as texts give it: experiments, records, with their errors and missing values."""
     problems, waiting = _problems(folder, texts)
     tree = _tree(texts[FILE_NAME])
     records = [name for name in texts if name != FILE_NAME]
@@ -262,7 +262,7 @@ def _fields(
 
 
 def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> bool:
-    """Tell whether something is wrong or to come in an experiment, or in a record that it names."""
+    """Return whether something is wrong or missing in an experiment, or in a record that it names."""
     place = dotted((edits.EXPERIMENTS, name))
     inside, records = (f"{place}.", f"{place}["), [table.get(key) for key in _RECORD_FIELDS]
     return any(p["place"] == place or p["place"].startswith(inside) or p["file"] in records for p in problems)
@@ -284,7 +284,7 @@ def _label(path: edits.Place) -> str:
 
 
 def _expected(kind: Any, path: edits.Place) -> str:
-    """Say what a field takes when it is typed here, where texts need no quotation marks."""
+    """Describe the values of a field as typed here, where texts need no quotation marks."""
     if path[-1] == "material":
         return f"one of {', '.join(library_names())}"
     return describe(kind).replace("text in quotation marks", "a text").replace(" (without quotation marks)", "")
@@ -299,7 +299,7 @@ def _as_text(value: Any) -> str:
 
 
 def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mapping[str, Any]]:
-    """Check every text by the code that reads it; return what is wrong, and which experiments wait."""
+    """Check every text by the code that reads it; return errors, and the waiting experiments."""
     told: list[str] = []
     waiting: Mapping[str, Any] = {}
     try:
@@ -325,7 +325,7 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
 
 
 def _record_problems(path: Path, kind: Any, text: str) -> list[str]:
-    """Return what is wrong or still to come in a record."""
+    """Return the errors and missing values of a record."""
     gaps: list[str] = []
     try:
         document = parse(path, text)
@@ -348,7 +348,7 @@ def difference(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
 
 
 def write(folder: Path, old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
-    """Write what has changed, session.toml last, and return the names."""
+    """Write the changed files, session.toml last, and return the names."""
     names = sorted((name for name in new if new[name] != old.get(name)), key=lambda name: name == FILE_NAME)
     for name in names:
         files.write_text(safe_join(folder, name), new[name])

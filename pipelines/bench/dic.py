@@ -2,13 +2,16 @@
 
 The film shows discs that are drawn analytically and shifted; 8 bit, white noise in every frame. Every row states the
 error against the known shift and the processor time of the whole call, measured in turn with the other rows in the
-same process.
+same process. Peers: OpenCV, the settings of the thesis's program DICe, and pyidi.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import contextlib
+import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,7 +20,6 @@ from scipy.special import erf
 
 from labpipe.arrays import Floats
 from labpipe.imaging import track
-from pipelines.bench import dic_peers
 from pipelines.bench.measure import Bound, Extra, Suite, Timing, race
 
 Film = NDArray[np.uint8]
@@ -26,83 +28,64 @@ _NOISE = 2.0  # grey levels, as of a good high-speed camera
 _STEP = (0.1, 0.05)  # px from frame to frame, that of a falling holder early on
 _SUBSET = 31
 _BORDER = 30  # px
+_TAPS = np.arange(-2, 4)  # of the kernel of Keys
 _DEFAULT = "quintic, 121 points"
 _LUCAS_KANADE = "Lucas–Kanade, 121 points"
 
 
-def run(quick: bool) -> Suite:
-    """Measure error and time of the settings and of the peers.
-
-    Parameters
-    ----------
-    quick : bool
-        121 points only, and fewer repeats.
-    """
+def run(quick: bool) -> list[Suite]:
+    """Measure error and time of the settings and of the peers; quick: 121 points only, and fewer repeats."""
     frames = 11 if quick else 20
     film, truth = make_film(512, frames, _NOISE)
-    calls: dict[str, tuple[str, Callable[[], Floats]]] = {}
+    bound = cramer_rao(film[0], _SUBSET)
+    has_pyidi = find_spec("pyidi") is not None
+    calls: dict[str, tuple[str, Callable[[], object]]] = {}
     counts: dict[str, int] = {}
     for side in (11,) if quick else (11, 41):
         axis = np.rint(np.linspace(_BORDER, 511 - _BORDER, side))
         points = np.stack([axis.ravel() for axis in np.meshgrid(axis, axis)], axis=1)
-        methods: list[tuple[str, str, Callable[[], Floats], int]] = [
-            ("", "quintic", partial(_correlate, film, points, 5, "auto"), 1),
-            ("", "bicubic", partial(_correlate, film, points, 3, "auto"), 1),
-            ("", "quintic, affine", partial(_correlate, film, points, 5, "affine"), 1),
-            ("OpenCV", "Lucas–Kanade", partial(dic_peers.lucas_kanade, film, points, _SUBSET), 1),
-            (
-                "thesis",
-                "settings of DICe (Keys, 4th order)",
-                partial(dic_peers.keys_correlation, film, points[::16], _SUBSET),
-                16,
-            ),
+        few = points[::16]
+        methods: list[tuple[str, str, Callable[..., Floats], Floats]] = [
+            ("", "quintic", partial(_correlate, order=5, shape="auto"), points),
+            ("", "bicubic", partial(_correlate, order=3, shape="auto"), points),
+            ("", "quintic, affine", partial(_correlate, order=5, shape="affine"), points),
+            ("OpenCV", "Lucas–Kanade", lucas_kanade, points),
+            ("thesis", "settings of DICe (Keys, 4th order)", keys_correlation, few),
+            *([("pyidi", "pyidi Lucas–Kanade", pyidi, points)] if has_pyidi else []),
         ]
-        if dic_peers.has_pyidi():
-            methods.append(("pyidi", "pyidi Lucas–Kanade", partial(dic_peers.pyidi, film, points, _SUBSET), 1))
-        for group, name, method, thinning in methods:
+        for group, name, method, given in methods:
             setting = f"{name}, {side**2} points"
-            calls[setting], counts[setting] = (group, method), len(points[::thinning])
+            calls[setting], counts[setting] = (group, partial(method, film, given, _SUBSET)), len(given)
 
     def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
         error = np.asarray(timings[name].value) - truth[:, None]
-        ratio, low, high = timings[name].ratio(timings[_LUCAS_KANADE])
-        share = counts[_LUCAS_KANADE] / counts[name]
         rms = float(np.sqrt(np.nanmean(error[1:] ** 2)))
-        return rms, {
-            "error / bound": rms / cramer_rao(film[0], _SUBSET),
-            "time / Lucas–Kanade, per point": ratio * share,
-            "lowest": low * share,
-            "highest": high * share,
-            "lost (%)": 100.0 * float(np.isnan(error).mean()),
-        }
+        per_point = timings[name].ratio(timings[_LUCAS_KANADE])[0] * counts[_LUCAS_KANADE] / counts[name]
+        lost = 100.0 * float(np.isnan(error).mean())
+        return rms, {"error / bound": rms / bound, "time / Lucas–Kanade, per point": per_point, "lost (%)": lost}
 
-    with _one_thread():
-        timed = race(calls, 3 if quick else 7, judge, _DEFAULT, budget=40.0, traced=(_DEFAULT,))
-    return Suite(
-        "dic",
-        f"Displacement of subsets of {_SUBSET} px, {frames} frames of 512 × 512 px of sprayed speckle, noise of "
-        f"{_NOISE:g} grey levels",
-        "RMS error (px)",
-        [replace(p, seconds=p.seconds / (frames * counts[p.setting])) for p in timed],
-        [Bound(f"Cramér–Rao, {_SUBSET} px", cramer_rao(film[0], _SUBSET))],
-        [] if dic_peers.has_pyidi() else ["pyidi is not installed; it is not compared."],
-        time_label="run time per point and frame (s)",
-    )
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Hold OpenCV to one thread, as the kernels of the others have only one."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # as the kernels of the others have only one
     try:
-        yield
+        timed = race(calls, 3 if quick else 7, judge, _DEFAULT, budget=40.0, traced=(_DEFAULT,))
     finally:
-        cv2.setNumThreads(before)
+        cv2.setNumThreads(threads)
+    return [
+        Suite(
+            "dic",
+            f"Displacement of subsets of {_SUBSET} px, {frames} frames of 512 × 512 px of sprayed speckle, noise of "
+            f"{_NOISE:g} grey levels",
+            "RMS error (px)",
+            [replace(p, seconds=p.seconds / (frames * counts[p.setting])) for p in timed],
+            [Bound(f"Cramér–Rao, {_SUBSET} px", bound)],
+            [] if has_pyidi else ["pyidi is not installed; it is not compared."],
+            time_label="run time per point and frame (s)",
+        )
+    ]
 
 
 def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
-    """Film (frame, row, column) of shifted sprayed speckle and its shifts (frame, 2) in px.
+    """Make a film (frame, row, column) of shifted sprayed speckle and its shifts (frame, 2) in px.
 
     Dark discs of 1.2 to 2.6 px radius with edges that lens and pixel blur by 0.8 px (standard deviation).
     """
@@ -131,7 +114,96 @@ def cramer_rao(image: Film, subset: int) -> float:
     return float(np.sqrt(2 * (_NOISE**2 + 1 / 12) / (slopes * subset**2)))
 
 
-def _correlate(film: Film, points: Floats, order: int, shape: str) -> Floats:
+def _correlate(film: Film, points: Floats, subset: int, order: Any, shape: Any) -> Floats:
     """Displacements (frame, point, 2) in px by :func:`labpipe.imaging.track`."""
-    found = track(film, points, _SUBSET, shape, order)  # type: ignore[arg-type]
+    found = track(film, points, subset, shape, order)
     return np.stack([found.dx.values, found.dy.values], axis=-1)
+
+
+def lucas_kanade(film: Film, points: Floats, window: int) -> Floats:
+    """Displacements (frame, point, 2) in px by OpenCV on one level, from the frame before."""
+    start = points.astype(np.float32)[:, None]
+    moved = start.copy()
+    result = np.zeros((len(film), len(points), 2))
+    for k in range(1, len(film)):
+        options: dict[str, Any] = {"winSize": (window, window), "maxLevel": 0, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+        flow, found, _ = cv2.calcOpticalFlowPyrLK(film[0], film[k], start, moved.copy(), **options)
+        moved = np.asarray(flow, np.float32)
+        result[k] = np.where(found > 0, (moved - start)[:, 0], np.nan)
+    return result
+
+
+def keys_correlation(film: Film, points: Floats, subset: int) -> Floats:
+    """Displacements (frame, point, 2) in px with the interpolation of DICe's default.
+
+    DICe (Sandia), which the thesis used, is no Python package: its published default is written out here in NumPy:
+    zero-normalised least squares, slopes of the reference, interpolation by the fourth-order kernel of Keys. Its
+    error is that of DICe; its run time is that of this emulation.
+
+    References
+    ----------
+    R. G. Keys, IEEE Trans. Acoust. Speech Signal Process. 29 (1981) 1153-1160,
+    https://doi.org/10.1109/TASSP.1981.1163711;
+    D. Z. Turner, DICe reference manual, SAND2015-10606 O (2015).
+    """
+    half = subset // 2
+    offset = np.arange(-half, half + 1)
+    result = np.zeros((len(film), len(points), 2))
+    first = film[0].astype(float)
+    # DICe takes its slopes from the reference with this five-point rule
+    slope_y, slope_x = (
+        (np.roll(first, 2, k) - 8 * np.roll(first, 1, k) + 8 * np.roll(first, -1, k) - np.roll(first, -2, k)) / 12.0
+        for k in (0, 1)
+    )
+    for n, (x, y) in enumerate(np.rint(points).astype(int)):
+        area = np.ix_(y + offset, x + offset)
+        f = first[area] - first[area].mean()
+        slopes = np.stack([slope_x[area].ravel(), slope_y[area].ravel()])
+        slopes -= slopes.mean(axis=1, keepdims=True)
+        inverse = np.linalg.inv(slopes @ slopes.T)
+        shift = np.zeros(2)
+        for k in range(1, len(film)):
+            for _ in range(20):
+                g = _shifted(film[k], x, y, half, shift)
+                g -= g.mean()
+                g *= np.sqrt((f**2).sum() / (g**2).sum())
+                step = inverse @ (slopes @ (f - g).ravel())
+                shift = shift + step
+                if np.hypot(*step) < 1e-4:
+                    break
+            result[k, n] = shift
+    return result
+
+
+def _shifted(image: Film, x: int, y: int, half: int, shift: Floats) -> Floats:
+    """Grey levels of a subset between the pixels."""
+    whole = np.floor(shift).astype(int)
+    rows = np.arange(-half + _TAPS[0], half + _TAPS[-1] + 1) + y + whole[1]
+    columns = np.arange(-half + _TAPS[0], half + _TAPS[-1] + 1) + x + whole[0]
+    part = image[np.ix_(rows, columns)].astype(float)
+    weights_x, weights_y = (_keys(part_of - _TAPS) for part_of in shift - whole)
+    size = 2 * half + 1
+    along = sum(w * part[:, k : k + size] for k, w in enumerate(weights_x))
+    return np.asarray(sum(w * along[k : k + size] for k, w in enumerate(weights_y)))
+
+
+def _keys(distance: Floats) -> Floats:
+    """Kernel of Keys of the fourth order (six points)."""
+    s = np.abs(distance)
+    near = (4 / 3 * s - 7 / 3) * s**2 + 1
+    middle = ((-7 / 12 * s + 3) * s - 59 / 12) * s + 15 / 6
+    far = ((s / 12 - 2 / 3) * s + 21 / 12) * s - 3 / 2
+    return np.where(s < 1, near, np.where(s < 2, middle, np.where(s < 3, far, 0.0)))
+
+
+def pyidi(film: Film, points: Floats, subset: int) -> Floats:
+    """Displacements (frame, point, 2) in px by pyidi's compiled Lucas–Kanade (translation)."""
+    from pyidi import LucasKanade, VideoReader  # type: ignore[import-not-found]
+
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(None), contextlib.redirect_stderr(None):
+        method = LucasKanade(VideoReader(film, root=folder))
+        method.set_points(points[:, ::-1])
+        method.configure(roi_size=(subset, subset), verbose=0, show_pbar=False)
+        found = np.asarray(method.get_displacements(autosave=False))
+    # (point, frame, (y, x))
+    return found.transpose(1, 0, 2)[..., ::-1]

@@ -1,225 +1,265 @@
-"""Time–temperature superposition: error of the shifts against run time, on known materials."""
+"""Time–temperature superposition: error of the shifts against run time, on two known materials.
 
-import time
+The sweeps are computed without any formula of the analysis. Peers: pyvisco, mastercurves, and the procedure of
+RepTate, which has no interface without windows and is written out here.
+"""
+
+import contextlib
+import importlib
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, cast
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+import pandas as pd
+import xarray as xr
+from scipy.optimize import minimize
 
+from labpipe.arrays import Complexes, Floats
 from labpipe.materials import MasterCurve, master_curve
-from pipelines.bench import rheology_peers
-from pipelines.bench.measure import Extra, Point, Suite, Timing, paired, race
-from pipelines.bench.rheology_scenes import scenes
-from pipelines.bench.rheology_truth import FRACTIONAL, GLASS, MAXWELL, SINGLE_TIMES, Measured, Truth, measured
+from pipelines.bench.measure import Extra, Suite, Timing, race
 
-_FIRST_SEED = 700
-_QUICK_SEEDS = 2
-_LONGEST = 20.0  # processor time (s) that a peer may take on the records of one scene
+PEERS = ("pyvisco", "mastercurves")
+_PROCEDURE = "RepTate's procedure"
 _DEFAULT = "free shifts"
-_OTHER_DATA: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("6 temperatures", {"temperatures": 6}),
-    ("17 temperatures", {"temperatures": 17}),
-    ("4 points a sweep", {"points": 4}),
-    ("21 points a sweep", {"points": 21}),
-    ("noise 0.5 %", {"noise": 0.005}),
-    ("noise 5 %", {"noise": 0.05}),
-)
+_SURE = 1.96
+#: Decades that two isotherms have to share, and the distance of a pair that shares less.
+_LEAST_OVERLAP, _APART = 0.05, 1e3
 
 
-def run(quick: bool) -> tuple[Suite, ...]:
-    """Measure settings and peers on two truths, and our default on more and poorer data."""
-    return (
-        _against_peers("master-curve", MAXWELL, quick),
-        _against_peers("master-curve-fractional", FRACTIONAL, quick),
-        _other_truths(quick),
-        _other_data(quick),
-        _ten_scenes(quick),
-    )
+def run(quick: bool) -> list[Suite]:
+    """Measure settings and peers on two materials: mean errors over the seeds, and how often the bars hold."""
+    return [_compared("master-curve", MAXWELL, quick), _compared("master-curve-fractional", FRACTIONAL, quick)]
 
 
-def _ten_scenes(quick: bool) -> Suite:
-    """Compare ours with peers on ten kinds of record: errors, what the bars hold, processor time."""
-    points = []
-    for scene in scenes():
-        sets = [scene.build(_FIRST_SEED + k) for k in range(1 if quick else 10)]
-        runs = [_timed(partial(_result, made, {})) for made in sets]
-        found = [cast(MasterCurve, value) for value, _ in runs]
-        errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
-        verdicts = [one.verdict.level for one in found]
-        points.append(
-            Point(
-                scene.name,
-                float(np.mean(errors)),
-                float(np.median([seconds for _, seconds in runs])),
-                is_default=True,
-                extra={
-                    "worst (decades)": float(np.max(errors)),
-                    "95 % bars that hold (%)": 100.0 * _covered(sets, found),
-                    "verdicts": ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts)),
-                },
-            )
-        )
-        points += [] if quick else _peers_on(scene.name, sets)
-    notes = [f"{1 if quick else 10} records of each kind, processor time of one call, one thread"]
-    notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()
-    error, taken = "RMS error of log10 a_T (decades)", "processor time of a call (s)"
-    return Suite("master-curve-scenes", "Shifts of ten kinds of record", error, points, notes=notes, time_label=taken)
-
-
-def _peers_on(name: str, sets: list[Measured]) -> list[Point]:
-    """Run every peer on the records of a scene, on fewer of them where it takes long."""
-    points = []
-    for label, (group, _) in rheology_peers.shifters(sets[0]).items():
-        errors: list[float] = []
-        seconds: list[float] = []
-        for made in sets:
-            if sum(seconds) > _LONGEST:
-                break
-            answer = _answered(rheology_peers.shifters(made)[label][1])
-            if answer is not None:
-                seconds.append(answer[1])
-                errors.append(made.error(_shifts(answer[0])))
-        finite = [error for error in errors if np.isfinite(error)]
-        points.append(
-            Point(
-                f"{name}: {label}",
-                float(np.mean(finite)) if finite else float("nan"),
-                float(np.median(seconds)) if seconds else float("nan"),
-                group,
-                extra={
-                    "worst (decades)": float(np.max(finite)) if finite else None,
-                    "records with an answer": f"{len(finite)} of {len(sets)}",
-                },
-            )
-        )
-    return points
-
-
-def _answered(call: Callable[[], object]) -> tuple[object, float] | None:
-    """Return the answer of a peer and its processor time; None whatever it raises instead."""
-    try:
-        return _timed(call)
-    except Exception:
-        return None
-
-
-def _timed(call: Callable[[], object]) -> tuple[object, float]:
-    """Return what a call returns, and its processor time (s) on one thread of linear algebra."""
-    with threadpool_limits(limits=1, user_api="blas"):
-        start = time.process_time()
-        value = call()
-        return value, time.process_time() - start
-
-
-def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
-    sets = [measured(truth, _FIRST_SEED + k) for k in range(_QUICK_SEEDS if quick else 10)]
-    settings = _settings(truth)
-    calls = {label: ("", _ours(sets[0], options)) for label, options in settings.items()}
-    calls |= {} if quick else rheology_peers.shifters(sets[0])
+def _compared(name: str, truth: "Truth", quick: bool) -> Suite:
+    sets = [measured(truth, 700 + seed) for seed in range(2 if quick else 10)]
+    settings: dict[str, dict[str, Any]] = {
+        _DEFAULT: {},
+        "free shifts, laws asked for": {"vertical": "linear", "delay": True},
+        "free shifts, no laws tried": {"vertical": "none", "delay": False, "levels": False},
+        **({"WLF inside the fit": {"law": "wlf"}} if truth is MAXWELL else {}),
+    }
+    methods: dict[str, tuple[str, Callable[[Measured], Any]]] = {
+        label: ("", partial(_ours, **options)) for label, options in settings.items()
+    }
+    methods |= {} if quick else peers()
+    calls = {label: (group, partial(method, sets[0])) for label, (group, method) in methods.items()}
 
     def judge(label: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
-        errors = [sets[0].error(_shifts(timings[label].value))]
-        for made in sets[1:]:
-            call = _ours(made, settings[label]) if label in settings else rheology_peers.shifters(made)[label][1]
-            errors.append(made.error(_shifts(call())))
-        return float(np.mean(errors)), {"worst (decades)": float(np.max(errors))}
+        found: list[Any] = [timings[label].value, *(methods[label][1](made) for made in sets[1:])]
+        shifts = [one.log10_aT.values if isinstance(one, MasterCurve) else one for one in found]
+        errors = [made.error(one) for made, one in zip(sets, shifts, strict=True)]
+        extra: dict[str, float] = {"worst (decades)": float(np.max(errors))}
+        if isinstance(found[0], MasterCurve):
+            pairs = [(one, made, made.log10_aT != 0.0) for made, one in zip(sets, found, strict=True)]
+            off = [np.abs(one.log10_aT.values - made.log10_aT)[others] for one, made, others in pairs]
+            reach = [_SURE * one.u_log10_aT.values[others] for one, _, others in pairs]
+            extra["95 % bars that hold (%)"] = 100.0 * float(np.mean(np.concatenate(off) <= np.concatenate(reach)))
+        return float(np.mean(errors)), extra
 
     traced = (_DEFAULT,) if quick else calls
     points = race(calls, 2 if quick else 5, judge, _DEFAULT, budget=20.0, traced=traced)
     notes = [f"mean over {len(sets)} seeds; 12 temperatures, 11 points each, 2 % noise"]
-    notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()
+    absent = [f"{peer} is not installed" for peer in PEERS if find_spec(peer) is None]
+    notes += ["peers are left out of the quick run"] if quick else absent
     return Suite(name, f"Shifts of {truth.name}", "RMS error of log10 a_T (decades)", points, notes=notes)
 
 
-def _other_truths(quick: bool) -> Suite:
-    """Show the default on hard materials: how far it errs, and whether its bars say so."""
-    seeds = range(_FIRST_SEED, _FIRST_SEED + (_QUICK_SEEDS if quick else 20))
-    points = []
-    for truth, options in (
-        (MAXWELL, {}),
-        (FRACTIONAL, {}),
-        (SINGLE_TIMES, {}),
-        (GLASS, {}),
-        (MAXWELL, {"points": 3}),
-        (FRACTIONAL, {"points": 3}),
-    ):
-        label = truth.name + (f", {options['points']} points a sweep" if options else "")
-        is_default = truth is MAXWELL and not options
-        points.append(_of_default(label, truth, seeds, options, quick, is_default, "95 % bars that hold (%)", _covered))
-    note = f"the default over {len(seeds)} seeds; 12 temperatures, 2 % noise"
-    error = "RMS error of log10 a_T (decades)"
-    return Suite("master-curve-truths", "Shifts of other materials", error, points, notes=[note])
-
-
-def _of_default(
-    label: str,
-    truth: Truth,
-    seeds: range,
-    options: Mapping[str, Any],
-    quick: bool,
-    is_default: bool,
-    name: str,
-    share: Callable[[list[Measured], list[MasterCurve]], float],
-) -> Point:
-    """Return how far the default errs over some seeds, and a share in % of what it found."""
-    sets = [measured(truth, seed, **options) for seed in seeds]
-    timing = paired({label: _ours(sets[0], {})}, 1 if quick else 3)[label]
-    found = [cast(MasterCurve, timing.value), *(_result(made, {}) for made in sets[1:])]
-    errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
-    extra = {"worst (decades)": float(np.max(errors)), name: 100.0 * share(sets, found)}
-    return Point(label, float(np.mean(errors)), timing.seconds, is_default=is_default, extra=extra)
-
-
-def _storage(sets: list[Measured], found: list[MasterCurve]) -> float:
-    """Return the relative error of the fitted storage modulus, mean over the sets."""
-    ratios = [one.data["storage_fitted"].values / made.exact.real for made, one in zip(sets, found, strict=True)]
-    return float(np.mean([np.sqrt(np.mean((ratio - 1) ** 2)) for ratio in ratios]))
-
-
-def _covered(sets: list[Measured], found: list[MasterCurve]) -> float:
-    """Return how often the true shift lies within 1.96 stated standard uncertainties."""
-    hits: list[bool] = []
-    for made, one in zip(sets, found, strict=True):
-        off = np.abs(one.log10_aT.values - made.log10_aT)
-        at = int(np.argmin(np.abs(made.sweeps["temperature"].values - made.reference)))
-        hits += np.delete(off <= 1.96 * one.u_log10_aT.values, at).tolist()
-    return float(np.mean(hits))
-
-
-def _other_data(quick: bool) -> Suite:
-    """Show what more temperatures, more points and less noise buy."""
-    seeds = range(_FIRST_SEED, _FIRST_SEED + (_QUICK_SEEDS if quick else 10))
-    points = []
-    for label, options in (("12 temperatures, 11 points, noise 2 %", {}), *_OTHER_DATA):
-        points.append(_of_default(label, MAXWELL, seeds, options, quick, not options, "storage modulus (%)", _storage))
-    note = f"the default over {len(seeds)} seeds; −40 to 120 °C, 0.1 to 10 Hz"
-    title, error = f"Shifts of {MAXWELL.name}: what the data buy", "RMS error of log10 a_T (decades)"
-    return Suite("master-curve-data", title, error, points, notes=[note])
-
-
-def _settings(truth: Truth) -> dict[str, dict[str, Any]]:
-    plain = {"vertical": "none", "delay": False, "levels": False}
-    found: dict[str, dict[str, Any]] = {
-        _DEFAULT: {},
-        "free shifts, laws asked for": {"vertical": "linear", "delay": True},
-        "free shifts, no laws tried": plain,
-    }
-    if truth is MAXWELL:
-        found["WLF inside the fit"] = {"law": "wlf"}
-    return found
-
-
-def _ours(made: Measured, options: dict[str, Any]) -> Callable[[], object]:
-    return lambda: _result(made, options)
-
-
-def _result(made: Measured, options: dict[str, Any]) -> MasterCurve:
+def _ours(made: "Measured", **options: Any) -> MasterCurve:
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         return master_curve(made.sweeps, T_ref=made.reference, **options)
 
 
-def _shifts(found: Any) -> Any:
-    return found.log10_aT.values if isinstance(found, MasterCurve) else found
+# --- materials ---
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """A material and its shift law: E(ω, T) = E(a_T ω, T_ref).
+
+    ``name``; ``T_ref`` [degC]: where ``modulus`` is given; ``modulus``: complex modulus (Pa) at angular frequencies
+    (rad/s); ``shift``: log10 a at temperatures in degC, up to a constant.
+    """
+
+    name: str
+    T_ref: float
+    modulus: Callable[[Floats], Complexes]
+    shift: Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One set of sweeps and what is true of it.
+
+    ``sweeps``; ``reference`` [degC]: the isotherm that errors are counted from; ``log10_aT`` (temperature,): true
+    shifts from that isotherm; ``exact`` (temperature, frequency) [Pa]: true complex modulus.
+    """
+
+    sweeps: xr.Dataset
+    reference: float
+    log10_aT: Floats
+    exact: Complexes
+
+    def error(self, log10_aT: Floats) -> float:
+        """Root-mean-square error of shifts counted from any isotherm (decades)."""
+        at = int(np.argmin(np.abs(self.sweeps["temperature"].values - self.reference)))
+        return float(np.sqrt(np.mean((log10_aT - log10_aT[at] - self.log10_aT) ** 2)))
+
+
+def measured(truth: Truth, seed: int, temperatures: int = 12, noise: float = 0.02, points: int = 11) -> Measured:
+    """Measure a material from −40 to 120 °C at 0.1 to 10 Hz, relative noise on both moduli."""
+    rng = np.random.default_rng(seed)
+    temperature, frequency = np.linspace(-40.0, 120.0, temperatures), np.logspace(-1.0, 1.0, points)
+    at = int(np.argmin(np.abs(temperature - truth.T_ref)))
+    law = truth.shift(temperature)
+    from_reference = law - truth.shift(np.array([truth.T_ref]))[0]
+    exact = truth.modulus(2.0 * np.pi * frequency * 10.0 ** from_reference[:, None])
+    dims = ("temperature", "frequency")
+    sweeps = xr.Dataset(
+        {
+            name: (dims, part * (1.0 + noise * rng.standard_normal(exact.shape)), {"units": "Pa"})
+            for name, part in (("storage", exact.real), ("loss", exact.imag))
+        },
+        coords={
+            "temperature": ("temperature", temperature, {"units": "degC"}),
+            "frequency": ("frequency", frequency, {"units": "Hz"}),
+        },
+    )
+    return Measured(sweeps, float(temperature[at]), law - law[at], exact)
+
+
+def _maxwell(omega: Floats) -> Complexes:
+    """Twenty terms, 1e-10 to 1e2 s, 8 MPa to 3 GPa, two loss peaks."""
+    rho = np.logspace(-10.0, 2.0, 20)
+    x = np.log10(rho)
+    weight = np.exp(-0.5 * ((x + 6.0) / 1.6) ** 2)
+    weight = weight + 0.12 * np.exp(-0.5 * ((x + 0.5) / 1.1) ** 2) + 0.004
+    z = 1j * omega[..., None] * rho
+    return np.asarray(8e6 + (z / (1.0 + z)) @ (weight / weight.sum() * (3e9 - 8e6)))
+
+
+def _fractional(omega: Floats) -> Complexes:
+    """Two fractional Zener elements: no sum of exponentials."""
+    total = np.full(omega.shape, 12e6, dtype=complex)
+    for strength, time, exponent in ((1.9e9, 3e-5, 0.32), (7e8, 2e-1, 0.55)):
+        z = (1j * omega * time) ** exponent
+        total += strength * z / (1.0 + z)
+    return total
+
+
+def _wlf(temperature: Floats) -> Floats:
+    return np.asarray(-15.0 * (temperature - 40.0) / (210.0 + temperature))
+
+
+def _kinked(temperature: Floats) -> Floats:
+    """Arrhenius below 30 °C, WLF above."""
+    cold = 150e3 / (8.314462618 * np.log(10.0)) * (1.0 / (temperature + 273.15) - 1.0 / 303.15)
+    warm = np.maximum(temperature, 30.0)
+    return np.where(temperature < 30.0, cold, -11.0 * (warm - 30.0) / (100.0 + warm))
+
+
+MAXWELL = Truth("twenty Maxwell terms, WLF", 60.0, _maxwell, _wlf)
+FRACTIONAL = Truth("two fractional elements, kinked law", 40.0, _fractional, _kinked)
+
+
+# --- peers ---
+
+
+def peers() -> "dict[str, tuple[str, Callable[[Measured], Floats]]]":
+    """Name every installed way to find shifts: group, and a function that returns log10 a (temperature,)."""
+    found: dict[str, tuple[str, Callable[[Measured], Floats]]] = {
+        f"{_PROCEDURE}, {label}": (_PROCEDURE, partial(pairwise_shifts, is_vertical=is_vertical))
+        for label, is_vertical in (("horizontal", False), ("horizontal and vertical", True))
+    }
+    if find_spec("pyvisco"):
+        found["pyvisco, storage"] = "pyvisco", _pyvisco_shifts
+    if find_spec("mastercurves"):
+        found["mastercurves, loss"] = "mastercurves", _gaussian_processes
+    return found
+
+
+def pairwise_shifts(made: Measured, is_vertical: bool) -> Floats:
+    """Shift one isotherm after the other, nearest to the reference first, onto a table that grows.
+
+    Both moduli count by the mean square of the distances of their logarithms over the frequencies
+    that an isotherm shares with the table; the simplex of Nelder and Mead moves it. Returned is
+    log10 a (temperature,), zero at the reference.
+    """
+    temperature = made.sweeps["temperature"].values
+    x = np.log10(made.sweeps["frequency"].values)
+    moduli = np.stack([np.log10(made.sweeps[name].values) for name in ("storage", "loss")], axis=1)
+    order = np.argsort(np.abs(temperature - made.reference), kind="stable")
+    shifts = np.zeros(temperature.size)
+    table_x, table_y = x.copy(), moduli[order[0]].copy()
+    for k in order[1:]:
+        nearest = order[: list(order).index(k)]
+        start = shifts[nearest[np.argmin(np.abs(temperature[nearest] - temperature[k]))]]
+        moved = partial(_distance, table_x, table_y, x, moduli[k])
+        size = 2 if is_vertical else 1
+        simplex = np.vstack([np.zeros(size), 0.5 * np.eye(size)]) + np.array([start, 0.0])[:size]
+        best = minimize(moved, simplex[0], method="Nelder-Mead", options={"initial_simplex": simplex}).x
+        shifts[k] = best[0]
+        table_x = np.concatenate([table_x, x + best[0]])
+        table_y = np.concatenate([table_y, moduli[k] - (best[1] if is_vertical else 0.0)], axis=1)
+        by = np.argsort(table_x, kind="stable")
+        table_x, table_y = table_x[by], table_y[:, by]
+    return shifts
+
+
+def _distance(table_x: Floats, table_y: Floats, x: Floats, y: Floats, move: Floats) -> float:
+    """Return the mean squared distance of a moved isotherm from the table, in decades squared."""
+    at = x + move[0]
+    inside = (at >= table_x[0]) & (at <= table_x[-1])
+    if not inside.any() or np.ptp(at[inside]) < _LEAST_OVERLAP:
+        return _APART + float(np.min(np.abs(at[:, None] - table_x)))
+    down = move[1] if move.size > 1 else 0.0
+    rest = [(row[inside] - down) - np.interp(at[inside], table_x, known) for row, known in zip(y, table_y, strict=True)]
+    return float(np.mean(np.square(rest)))
+
+
+def _pyvisco_shifts(made: Measured) -> Floats:
+    """Shift by pyvisco, which takes a frame in MPa."""
+    sweeps = made.sweeps
+    rows = [
+        (
+            frequency,
+            *(float(sweeps[name][k, i]) * 1e-6 for name in ("storage", "loss")),
+            temperature,
+            round(temperature),
+            k,
+        )
+        for k, temperature in enumerate(sweeps["temperature"].values)
+        for i, frequency in enumerate(sweeps["frequency"].values)
+    ]
+    frame = pd.DataFrame(rows, columns=["f_set", "E_stor", "E_loss", "T", "T_round", "Set"])
+    master = importlib.import_module("pyvisco.master")
+    with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(None):
+        for name, value in (("modul", "E"), ("domain", "freq")):
+            object.__setattr__(frame, name, value)
+        table, _ = master.get_aT(frame, round(made.reference))
+    return np.asarray(table["log_aT"], dtype=float)
+
+
+def _gaussian_processes(made: Measured) -> Floats:
+    """Superpose the loss modulus pair by pair, from the coldest isotherm on.
+
+    The package looks for factors from 0.01 to 1, those of a warmer isotherm on a colder one.
+    """
+    package = importlib.import_module("mastercurves")
+    transforms = importlib.import_module("mastercurves.transforms")
+    sweeps = made.sweeps
+    count = sweeps.sizes["temperature"]
+    with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(None):
+        curve = package.MasterCurve(fixed_noise=0.02)
+        curve.add_data(
+            [np.log(sweeps["frequency"].values)] * count,
+            [np.log(row) for row in sweeps["loss"].values],
+            list(sweeps["temperature"].values),
+        )
+        curve.add_htransform(transforms.Multiply())
+        curve.superpose()
+    return np.log10(np.asarray(curve.hparams[0], dtype=float))

@@ -1,43 +1,51 @@
 """Results of a benchmark, and the measurement of time and memory.
 
-A *part* is a module of ``pipelines.bench`` with ``run(quick) -> Suite`` or several suites. A suite
-is one work–precision diagram: settings of ours, of the thesis's method and of peers as points of
-error against run time, with physical limits as bounds.
+A *part* is a module of ``pipelines.bench`` with ``run(quick)``, which returns suites. A suite is one work–precision
+diagram: settings of ours, of the thesis's method and of peers as points of error against run time, with physical
+limits as bounds.
 
-Machines are shared and their clocks wander, so contenders are run in turn (A, B, C, A, B, C, …)
-and compared run by run: a slow spell hits all of them alike, and the median of the ratios is
-steadier than the ratio of two medians.
+Machines are shared and their clocks wander, so contenders run in turn (A, B, C, A, B, C, …) and are compared run by
+run: a slow spell hits all of them, and the median of the ratios is steadier than the ratio of two medians.
 """
 
-import gc
 import math
+import os
+import platform
+import re
 import time
 import tracemalloc
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from statistics import median
-from typing import TypeVar
+from typing import Any
 
 from labpipe.errors import InputError
+from labpipe.workflow.engines import processors
+from labpipe.workflow.provenance import program
 
-T = TypeVar("T")
 Extra = Mapping[str, float | int | str | bool | None]
+Calls = Mapping[str, tuple[str, Callable[[], object]]]
+"""Contenders by their setting: the group of each, and what to call."""
 
 #: Groups of points: ours have no name, the thesis's own method has this one, all others are peers.
 OURS, THESIS = "", "thesis"
 
+CLOCK = time.process_time if time.get_clock_info("process_time").resolution < 1e-4 else time.perf_counter
+"""Processor time of all threads, where the system resolves it (Windows does not)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One setting: how wrong and how long.
+    """One setting: its error and its run time.
 
-    ``setting``: what was set, in words ("quintic, 31 px"). ``error``: against known truth, in the unit of the suite's
-    ``error_label``. NaN: not defined. ``seconds``: median of the warm runs (s). NaN: not timed. ``group``: ``""`` for
+    ``setting``: in words ("quintic, 31 px"). ``error``: against known truth, in the unit of the suite's
+    ``error_label``; NaN: not defined. ``seconds``: median of the warm runs (s); NaN: not timed. ``group``: ``""`` for
     ours, ``"thesis"`` (or a name that starts so) for the thesis's own method, the name of a peer otherwise.
-    ``is_default``: whether this is what a user gets without asking. ``cold_seconds``: the first run of the process,
+    ``is_default``: the setting that a user gets without asking. ``cold_seconds``: the first run of the process,
     compilation or cache loading included (s). ``peak_bytes``: most memory in use at once during one run. ``samples``:
-    the warm runs in order (s), of contenders that ran in turn: for ratios run by run. ``extra``: further columns of the
-    table, unit in the name ("bias (px)").
+    the warm runs in order (s), for ratios run by run. ``extra``: further columns of the table, unit in the name
+    ("bias (px)").
     """
 
     setting: str
@@ -59,30 +67,20 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A limit that no setting can pass: of the error, of the time, or of both.
-
-    ``label``: What the limit is ("Cramér–Rao, 31 px"). ``error``: Smallest possible error, in the unit of the suite.
-    ``seconds``: Shortest possible time (s), such as bytes over memory bandwidth.
-    """
+    """A limit ("Cramér–Rao, 31 px") of the error that no setting can pass, in the unit of the suite."""
 
     label: str
-    error: float | None = None
-    seconds: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.error is None and self.seconds is None:
-            raise InputError(f'the bound "{self.label}" limits neither error nor time; give one')
+    error: float
 
 
 @dataclass(frozen=True, slots=True)
 class Suite:
     """One work–precision diagram and its table.
 
-    ``name``: short, unique within a run ("dic"); ``title``: what is measured, against which truth; ``error_label``:
-    axis label of the error, with its unit: "RMS error (px)"; ``points``: the settings; ``bounds``: physical limits;
-    ``notes``: what a reader must know: data, truth, peers that are not installed; ``time_label``: axis label of the
-    time, if it is not that of one whole call; ``has_diagram``: false where only the table makes sense (counts,
-    exponents, refusals).
+    ``name``: short, unique within a run ("dic"); ``title``: the measured quantity and its truth; ``error_label``:
+    axis label of the error, with its unit: "RMS error (px)"; ``notes``: data, truth, peers that are not installed;
+    ``time_label``: axis label of the time, if it is not that of one whole call; ``has_diagram``: false where only the
+    table makes sense.
     """
 
     name: str
@@ -100,7 +98,7 @@ class Timing:
     """Run times of one contender.
 
     ``seconds``: median of the warm runs (s); ``cold_seconds``: the first run (s); ``samples``: the warm runs in the
-    order in which they were made (s); ``value``: what the first run returned, so that its error needs no further run.
+    order in which they were made (s); ``value``: the first run's result, so that its error needs no further run.
     """
 
     seconds: float
@@ -109,20 +107,13 @@ class Timing:
     value: object
 
     def ratio(self, reference: "Timing") -> tuple[float, float, float]:
-        """Return the time against that of another contender of the same :func:`paired` call, run by run.
-
-        They are median, lowest and highest of the ratios of simultaneous runs.
-        """
+        """Return median, lowest and highest ratio of the time to that of another contender of one call, run by run."""
         ratios = [a / b for a, b in zip(self.samples, reference.samples, strict=True)]
         return median(ratios), min(ratios), max(ratios)
 
 
-CLOCK = time.process_time if time.get_clock_info("process_time").resolution < 1e-4 else time.perf_counter
-"""Processor time of all threads, where the system tells it finely enough (Windows does not)."""
-
-
 def held_against(goals: Mapping[str, bool]) -> str:
-    """Say which goals, told by whether each is met, a row misses.
+    """Name the goals that a row misses.
 
     Examples
     --------
@@ -133,18 +124,15 @@ def held_against(goals: Mapping[str, bool]) -> str:
     return f"missed: {', '.join(missed)}" if missed else "met"
 
 
-def paired(
-    contenders: Mapping[str, Callable[[], object]],
-    repeats: int,
-    budget: float = math.inf,
-    clock: Callable[[], float] = CLOCK,
-) -> dict[str, Timing]:
-    """Time contenders in turn: first each once cold, then rounds of warm runs.
+def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget: float = math.inf) -> dict[str, Timing]:
+    """Time contenders in turn: first each once cold, then ``repeats`` rounds of warm runs.
 
-    ``contenders``: what to time; called without arguments; ``repeats``: rounds of warm runs, at least one; ``budget``:
-    rounds stop early once all warm runs together took longer than this (s); ``clock``: what tells the time (s): by
-    default that of the processor, in which a busy machine shows less; ``time.perf_counter`` where the work is done in
-    other processes. Returns the timings in the order of the contenders. Raises InputError: ``repeats`` is not positive.
+    Rounds stop early once all warm runs together took longer than ``budget`` (s).
+
+    Raises
+    ------
+    InputError
+        ``repeats`` is not positive.
 
     Examples
     --------
@@ -154,20 +142,16 @@ def paired(
     """
     if repeats < 1:
         raise InputError(f"{repeats} repeats give no median; ask for one at least")
-    cold = {name: _timed(call, clock) for name, call in contenders.items()}
+    cold = {name: _timed(call) for name, call in contenders.items()}
     samples: dict[str, list[float]] = {name: [] for name in contenders}
     spent = 0.0
     for done in range(repeats):
         if done and spent > budget:
             break
         for name, call in contenders.items():
-            samples[name].append(_timed(call, clock)[0])
+            samples[name].append(_timed(call)[0])
             spent += samples[name][-1]
     return {name: Timing(median(taken), cold[name][0], tuple(taken), cold[name][1]) for name, taken in samples.items()}
-
-
-Calls = Mapping[str, tuple[str, Callable[[], object]]]
-"""Contenders by their setting: the group of each, and what to call."""
 
 
 def race(
@@ -182,7 +166,7 @@ def race(
 ) -> list[Point]:
     """Time contenders in turn, and return a point for each.
 
-    ``calls``: what runs against each other; ``repeats``, ``budget``: as of :func:`paired`; ``judge``: takes a setting
+    ``calls``: the contenders; ``repeats``, ``budget``: as of :func:`paired`; ``judge``: takes a setting
     and all timings; returns its error, and further columns; ``default``: the setting that a user gets without asking;
     ``per``: pieces of work in a call; the time is that of one; ``traced``: settings whose memory is measured, in one
     more run.
@@ -198,12 +182,7 @@ def race(
 
 
 def peak_bytes(call: Callable[[], object]) -> int:
-    """Return the most memory [byte] that a call holds at once beyond what was in use, as allocated by Python and numpy.
-
-    Pages of mapped files are not counted: the system takes them back when it needs them. Tracing
-    slows the call, so time it apart.
-    """
-    gc.collect()
+    """Return the most memory [byte] that a call allocates at once in Python and NumPy; tracing slows it down."""
     tracemalloc.start()
     try:
         before = tracemalloc.get_traced_memory()[0]
@@ -214,7 +193,40 @@ def peak_bytes(call: Callable[[], object]) -> int:
         tracemalloc.stop()
 
 
-def _timed(call: Callable[[], T], clock: Callable[[], float]) -> tuple[float, T]:
-    start = clock()
+def _timed(call: Callable[[], object]) -> tuple[float, object]:
+    start = CLOCK()
     value = call()
-    return clock() - start, value
+    return CLOCK() - start, value
+
+
+def machine() -> dict[str, Any]:
+    """Return processor, cores, memory, system, versions and thread settings; neither the machine's name nor a path.
+
+    Examples
+    --------
+    >>> machine()["cores"] >= 1
+    True
+    """
+
+    def first(path: str, pattern: str) -> str:
+        try:
+            found = re.search(pattern, Path(path).read_text("utf-8"), re.MULTILINE)
+        except OSError:  # not Linux
+            return ""
+        return found.group(1).strip() if found else ""
+
+    about = program()
+    kilobytes = first("/proc/meminfo", r"^MemTotal:\s*(\d+) kB$")
+    threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+    return {
+        "processor": first("/proc/cpuinfo", r"^model name\s*:\s*(.+)$") or platform.machine(),
+        "cores": processors(),
+        "memory_bytes": int(kilobytes) * 1024 if kilobytes else None,
+        "system": platform.system(),
+        "architecture": platform.machine(),
+        "python": about["python"],
+        "labpipe": about["labpipe"],
+        "commit": about["git"],
+        "libraries": about["libraries"],
+        "threads": {name: os.environ[name] for name in threads if name in os.environ},
+    }

@@ -1,106 +1,144 @@
-"""The benchmark's page and its JSON document."""
+"""The benchmark's page and its JSON document: a diagram and a table for every suite, and one table of ratios."""
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from statistics import median
 from typing import Any
 
 import msgspec
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
-from labpipe.report import Block, Column, Document, KeyValues, Notice, Paragraph, Picture, Section, Table, number
-from pipelines.bench.measure import Point, Suite
+from labpipe.report import (
+    Block,
+    Column,
+    Document,
+    KeyValues,
+    Listed,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    figure_bytes,
+    figure_style,
+    listed,
+    number,
+)
+from pipelines.bench.measure import OURS, THESIS, Point, Suite
 from pipelines.bench.parts import PARTS, PartFailure, PartResult
-from pipelines.bench.ratios import LARGEST_SPREAD, table as table_of_ratios
 
-JSON_NAME, PAGE_NAME = "bench.json", "bench.html"
+LARGEST_SPREAD = 0.2
+"""Of a ratio to either side, from run to run; a larger one measures the machine."""
 _HOW = (
     "Every diagram shows error against run time of one part of labpipe, on data whose truth is known. Filled marker: "
-    "the default setting. Numbers beside the markers are those of the table below. Dashed lines are theoretical "
+    "the default setting. Numbers at the markers are those of the table below. Dashed lines are theoretical "
     "limits. The methods of one diagram ran alternately in one process; times are medians of the processor time of "
-    "warm runs (of the clock, for whole sessions), the first run is the cold one. On a busy machine only ratios are "
-    "meaningful."
+    "warm runs, the first run is the cold one. On a busy machine only ratios are meaningful."
 )
 _EQUAL = (
     "At equal error: the most accurate setting of every other method against our fastest setting that is at least as "
     "accurate (else the default). Above 1 ours is more accurate, or faster. Lowest and highest are of alternating runs "
     f"on the same data; where they lie further than {100 * LARGEST_SPREAD:g} % to either side, no ratio is given."
 )
-_BINARY = 1024.0
+#: Okabe and Ito's colours; the markers distinguish the methods without them.
+_LOOKS = {OURS: ("#0066a6", "o"), THESIS: ("#cc4e00", "s")}
+_PEERS = (("#00795a", "^"), ("#8a3a6b", "D"), ("#8f6400", "v"), ("#2b2b2b", "P"), ("#7f97a8", "X"))
+_DASHES = ((5.0, 3.0), (2.0, 2.0), (8.0, 2.0, 2.0, 2.0), (1.0, 1.5))
 
 
 def as_document(
     results: Sequence[PartResult], failures: Sequence[PartFailure], machine: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return everything measured as plain values, and why parts gave nothing; NaN becomes null."""
+    """Return everything measured as plain values, and why parts failed; NaN becomes null."""
     found = {"machine": machine, "parts": results, "failures": failures}
     document: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(found, enc_hook=np.generic.item))
     return document
 
 
-def as_json(document: Mapping[str, Any]) -> str:
-    """Return the document as JSON text."""
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    """Return a number of numpy as Python's, and NaN or infinity as None."""
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    # numpy's own truth values have no __float__ worth printing
-    if type(value).__name__ == "bool":
-        return bool(value)
-    number_found = float(value)
-    return number_found if math.isfinite(number_found) else None
-
-
 def render(results: Sequence[PartResult], failures: Sequence[PartFailure], machine: Mapping[str, Any]) -> str:
     """Return the page of a run; arguments as of :func:`as_document`."""
-    head = Section("Machine", (Paragraph(_HOW), _machine(machine)))
-    ratios = table_of_ratios([suite for r in results for suite in r.suites])
-    if ratios is not None:
-        head = Section("Machine, and comparison with other methods", (*head.blocks, Paragraph(_EQUAL), ratios))
-    failed = tuple(Notice("error", f"{f.name}: {f.message}") for f in failures)
-    parts = [Section(PARTS[r.name][1].rstrip("."), _blocks(r), r.name) for r in results]
-    sections = [head, *([Section("Failed", failed)] if failed else []), *parts]
-    return Document("Accuracy against run time", "labpipe bench", "", sections).render()
-
-
-def _machine(machine: Mapping[str, Any]) -> KeyValues:
-    libraries = ", ".join(f"{k} {v}" for k, v in machine["libraries"].items() if v)
-    threads = ", ".join(f"{k}={v}" for k, v in machine["threads"].items())
+    sections = [Section(PARTS[r.name][1].rstrip("."), tuple(_blocks(r)), r.name) for r in results]
+    if (compared := ratios([suite for r in results for suite in r.suites])) is not None:
+        sections.insert(0, Section("Comparison with other methods", (Paragraph(_EQUAL), compared)))
+    if failures:
+        sections.insert(0, Section("Failed", [Notice("error", f"{f.name}: {f.message}") for f in failures]))
     memory = machine["memory_bytes"]
-    return KeyValues(
+    libraries = ", ".join(f"{name} {version}" for name, version in machine["libraries"].items() if version)
+    threads = ", ".join(f"{name}={count}" for name, count in machine["threads"].items())
+    about = KeyValues(
         (
             ("processor", str(machine["processor"]), str(machine["architecture"])),
             ("cores", str(machine["cores"]), "usable by this process"),
-            ("memory", number(memory / _BINARY**3, 3) if memory else "unknown", "GiB"),
+            ("memory", number(memory / 2**30, 3) if memory else "unknown", "GiB"),
             ("system", str(machine["system"]), f"Python {machine['python']}"),
             ("libraries", libraries, ""),
             ("threads", threads or "as the libraries choose", ""),
         )
     )
+    sections.append(Section("Method and machine", (Paragraph(_HOW), about)))
+    return Document("Accuracy against run time", "labpipe bench", "", sections).render()
 
 
-def _blocks(result: PartResult) -> tuple[Block, ...]:
-    from pipelines.bench.diagram import draw, is_drawable
-
-    blocks: list[Block] = []
+def _blocks(result: PartResult) -> Iterator[Block]:
     for suite in result.suites:
-        blocks.append(Paragraph(suite.title))
-        if is_drawable(suite):
-            alt = f"{suite.title}: {suite.error_label} against {suite.time_label}"
-            blocks.append(Picture(draw(suite), alt))
+        yield Paragraph(suite.title)
+        if drawable(suite):
+            yield Picture(draw(suite), f"{suite.title}: {suite.error_label} against {suite.time_label}")
         if suite.points:
-            blocks.append(table(suite))
-        blocks.extend(Notice("info", note) for note in suite.notes)
-        if (one := _traced_alone(suite)) is not None:
-            blocks.append(Paragraph(f"Peak memory of {one.setting}: {number(_mebibytes(one.peak_bytes), 3)} MiB."))
-    text = f"Measured in {number(result.seconds, 3)} s"
-    if math.isfinite(result.processor_seconds):
-        text += f", {number(result.processor_seconds, 3)} s of processor time"
-    blocks.append(Paragraph(text + "."))
-    return tuple(blocks)
+            yield table(suite)
+        yield from (Notice("info", note) for note in suite.notes)
+    used = number(result.processor_seconds, 3)
+    yield Paragraph(f"Measured in {number(result.seconds, 3)} s, {used} s of processor time.")
+
+
+def drawable(suite: Suite) -> list[tuple[int, Point]]:
+    """Return the points of a suite's diagram with their numbers in the table: those with an error and a run time."""
+    timed = [(n, p) for n, p in enumerate(suite.points, 1) if p.seconds > 0 and math.isfinite(p.error)]
+    return timed if suite.has_diagram else []
+
+
+def draw(suite: Suite) -> bytes:
+    """Draw the work–precision diagram of a suite as SVG.
+
+    An error of exactly 0 has no place on a logarithmic axis; it is drawn a decade below the least.
+    """
+    shown = drawable(suite)
+    floor = min((p.error for _, p in shown if p.error > 0), default=1e-16) / 10.0
+    peers = iter(_PEERS * len(shown))
+    looks: dict[str, tuple[str, str]] = {}
+    with figure_style(columns=2, aspect=0.5):
+        figure = Figure(layout="constrained")
+        axes: Axes = figure.subplots()
+        axes.set(xscale="log", yscale="log", xlabel=suite.time_label, ylabel=textwrap.fill(suite.error_label, 42))
+        axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))  # more labels would cover each other
+        labels: set[str] = set()
+        for place, point in shown:
+            base = THESIS if point.group.startswith(THESIS) else point.group
+            if base not in looks:
+                looks[base] = _LOOKS.get(base) or next(peers)
+            colour, marker = looks[base]
+            label = (point.group or "labpipe") + (", default" if point.is_default else "")
+            where = (point.seconds, max(point.error, floor))
+            axes.plot(
+                *where,
+                marker=marker,
+                linestyle="none",
+                color=colour,
+                markerfacecolor=colour if point.is_default else "white",
+                markersize=8.0 if point.is_default else 5.0,
+                label=None if label in labels else label,
+            )
+            labels.add(label)
+            axes.annotate(str(place), where, xytext=(5, 3), textcoords="offset points", fontsize=6.0)
+        for bound, dashes in zip(suite.bounds, _DASHES, strict=False):
+            axes.axhline(bound.error, color="#404040", linewidth=0.9, linestyle=(0.0, dashes), label=bound.label)
+        axes.margins(0.12, 0.15)
+        figure.legend(loc="outside right upper")
+        return figure_bytes(figure, "svg")
 
 
 def table(suite: Suite) -> Table:
@@ -110,41 +148,52 @@ def table(suite: Suite) -> Table:
     """
     points = suite.points
     base = next((p.seconds for p in points if p.is_default and p.seconds > 0), math.nan)
-    extras = list(dict.fromkeys(name for point in points for name in point.extra))
-    columns: list[tuple[Column, list[Any]]] = [
-        (Column("#"), list(range(1, len(points) + 1))),
-        (Column("method and setting"), [_named(p) for p in points]),
-        (Column(suite.error_label, digits=3), [_plain(p.error) for p in points]),
-        (Column("run time", "s", digits=3), [_plain(p.seconds) for p in points]),
-        (Column("× default", digits=3), [_plain(p.seconds / base) for p in points]),
-        (Column("first run", "s", digits=3), [_plain(p.cold_seconds) for p in points]),
+    named = [f"{p.group or 'labpipe'}: {p.setting}{' (default)' if p.is_default else ''}" for p in points]
+    memory = [None if p.peak_bytes is None else p.peak_bytes / 2**20 for p in points]
+    columns = [
+        Listed("#", list(range(1, len(points) + 1))),
+        Listed("method and setting", named),
+        Listed(suite.error_label, [_known(p.error) for p in points], digits=3),
+        Listed("run time", [_known(p.seconds) for p in points], "s", digits=3),
+        Listed("× default", [_known(p.seconds / base) for p in points], digits=3),
+        Listed("first run", [_known(p.cold_seconds) for p in points], "s", digits=3),
+        Listed("peak memory (MiB)", memory, digits=3),
     ]
-    if not _traced_alone(suite):
-        columns.append((Column("peak memory (MiB)", digits=3), [_plain(_mebibytes(p.peak_bytes)) for p in points]))
-    for name in extras:
-        if name == "lowest":
-            columns.append((Column("lowest to highest"), [_range(p.extra) for p in points]))
-        elif name != "highest":
-            columns.append((Column(name, digits=3), [_plain(p.extra.get(name)) for p in points]))
-    kept = [(c, cells) for c, cells in columns if any(cell is not None for cell in cells)]
-    rows = list(zip(*(cells for _, cells in kept), strict=True))
-    return Table(tuple(column for column, _ in kept), rows)
+    extras = dict.fromkeys(name for point in points for name in point.extra)
+    columns += [Listed(name, [_known(p.extra.get(name)) for p in points], digits=3) for name in extras]
+    return listed(column for column in columns if any(cell is not None for cell in column.cells))
 
 
-def _traced_alone(suite: Suite) -> Point | None:
-    """Return the only point whose memory was watched: a sentence, not a column."""
-    traced = [p for p in suite.points if p.peak_bytes is not None]
-    return traced[0] if len(traced) == 1 else None
+def ratios(suites: Iterable[Suite]) -> Table | None:
+    """Compare every other method with ours at equal error; None without another method.
+
+    Of the other method the most accurate setting is taken, of ours the fastest that errs no more, or the default where
+    none is as accurate. Times are compared run by run.
+    """
+    rows: list[tuple[str | float | None, ...]] = []
+    for suite in suites:
+        points = [point for _, point in drawable(suite)]
+        ours = [p for p in points if p.group == OURS]
+        for group in dict.fromkeys(p.group for p in points if p.group != OURS and ours):
+            other = min((p for p in points if p.group == group), key=lambda p: p.error)
+            as_good = sorted((p for p in ours if p.error <= other.error), key=lambda p: p.seconds)
+            mine = (as_good or [p for p in ours if p.is_default] or ours)[0]
+            error = other.error / mine.error if mine.error > 0 else math.inf
+            time, low, high = other.seconds / mine.seconds, math.nan, math.nan
+            if mine.samples and len(mine.samples) == len(other.samples):
+                # rows of a suite may be of unequal work (per point and frame): times know by how much
+                share = time * median(mine.samples) / median(other.samples)
+                pairs = [share * b / a for a, b in zip(mine.samples, other.samples, strict=True)]
+                time, low, high = median(pairs), min(pairs), max(pairs)
+                time = time if high - low <= 2.0 * LARGEST_SPREAD * time else math.nan
+            name = other.setting if group in other.setting else f"{group}: {other.setting}"
+            rows.append((suite.name, name, mine.setting, *map(_known, (error, time, low, high))))
+    numbers = ("its error / ours", "its time / ours", "lowest", "highest")
+    heads = (*map(Column, ("part", "other method", "ours")), *(Column(title, digits=3) for title in numbers))
+    return Table(heads, rows) if rows else None
 
 
-def _named(point: Point) -> str:
-    return f"{point.group or 'labpipe'}: {point.setting}{' (default)' if point.is_default else ''}"
-
-
-def _range(extra: Mapping[str, Any]) -> str | None:
-    low, high = (_plain(extra.get(name)) for name in ("lowest", "highest"))
-    return None if low is None or high is None else f"{number(low, 3)} to {number(high, 3)}"
-
-
-def _mebibytes(size: int | None) -> float:
-    return math.nan if size is None else size / _BINARY**2
+def _known(value: Any) -> Any:
+    """Return a value as a cell of a table: NaN and infinity as None, numpy's scalars as Python's."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(plain, float) and not math.isfinite(plain) else plain

@@ -1,5 +1,6 @@
 """The command bench: accuracy against run time of every numerical part."""
 
+import json
 from pathlib import Path
 
 import click
@@ -36,20 +37,22 @@ def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json:
             echo(f"{name:18}{PARTS[name][1]}")
         return
     from labpipe import files
-    from pipelines.bench import machine, page
+    from pipelines.bench import page
+    from pipelines.bench.measure import machine
     from pipelines.commands.progress import counted
 
     with counted(len(wanted), enabled=not as_json) as begin:
         results, failures = measure_all(wanted, quick, begin or (lambda _: None))
-    about = machine.facts()
+    about = machine()
     document = page.as_document(results, failures, about)
     out.mkdir(parents=True, exist_ok=True)
-    files.write_text(out / page.JSON_NAME, page.as_json(document))
-    files.write_text(out / page.PAGE_NAME, page.render(results, failures, about))
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    files.write_text(out / "bench.json", text + "\n")
+    files.write_text(out / "bench.html", page.render(results, failures, about))
     if as_json:
         echo_json(document)
     else:
         for failure in failures:
             click.echo(f"failed: {failure.name}: {failure.message}", err=True)
-        echo(f"wrote {out / page.PAGE_NAME} and {page.JSON_NAME} beside it")
+        echo(f"wrote {out / 'bench.html'}, and bench.json in the same folder")
     click.get_current_context().exit(bool(failures))

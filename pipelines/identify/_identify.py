@@ -3,7 +3,7 @@
 Results that are up to date (or are made first) become evidence (:mod:`labpipe.identification`):
 bounces of the laser, largest contact radii of the film, forces of relaxations, dynamic stiffness
 of harmonic indentations, and moduli of the rheometer as prior. Experiments on one material are
-taken together; what they share (sphere, punch, load cell) is one unknown.
+taken together; a shared sphere, punch or load cell is one unknown.
 """
 
 import warnings
@@ -28,9 +28,9 @@ Say = Callable[[str], None]
 class Identified:
     """One identified material.
 
-    ``material`` is its name in the session, ``known`` what is known of it (its fit is ``known.fit``), ``relaxed`` what
-    is known of the long-time modulus. ``prior`` is what the rheometer alone says, when it was taken as prior;
-    ``remarks`` say what was left out and why; ``drawn`` are draws of the posterior, when they were asked for.
+    ``material`` is its name in the session, ``known`` the posterior (its fit is ``known.fit``), ``relaxed`` the
+    limits of the long-time modulus. ``prior`` is the posterior of the rheometer alone, when it was taken as prior;
+    ``remarks`` name omitted data and the reasons; ``drawn`` are draws of the posterior, when they were asked for.
     """
 
     material: str
@@ -43,7 +43,7 @@ class Identified:
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What to identify and how, by the names that :func:`pipelines.identify.identify` explains."""
+    """Choices of an identification, by the names that :func:`pipelines.identify.identify` explains."""
 
     experiments: tuple[str, ...] = ()
     prior: str | None = None
@@ -54,7 +54,7 @@ class Wish:
 
 @dataclass(slots=True)
 class _Group:
-    """Experiments on one material, the rheometer's that is its prior, and what they tell."""
+    """Experiments on one material, the rheometer's that is its prior, and their evidence."""
 
     experiments: list[Experiment] = field(default_factory=list)
     prior: Experiment | None = None
@@ -66,7 +66,7 @@ def identify_materials(
 ) -> list[Identified]:
     """Identify every material on which a session holds experiments, and write nothing.
 
-    The other arguments, and what is raised, are those of :func:`pipelines.identify.identify`.
+    The other arguments, and the errors, are those of :func:`pipelines.identify.identify`.
 
     Examples
     --------

@@ -40,7 +40,7 @@ def of_temperature(experiments: Sequence[Experiment]) -> str:
 
 
 def known_before(experiment: Experiment) -> Derived:
-    """Return what an experiment gives as prior.
+    """Return the prior that an experiment gives.
 
     Raises
     ------

@@ -18,7 +18,6 @@ from labpipe.report import (
     LineChart,
     Notice,
     Paragraph,
-    Picture,
     Role,
     Section,
     Series,
@@ -29,7 +28,6 @@ from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.pages import log_log, session_document, synthetic_notice
-from pipelines.identify._corner import best_frequency, corner, main_quantities
 from pipelines.identify._identify import Identified
 from pipelines.identify._result import UNCHANGED, dataset, verdicts
 
@@ -49,8 +47,7 @@ def render(session: Session, found: Identified) -> str:
         Section("Moduli over frequency", _curves(found)),
         Section("Fit and residuals", _fits(found)),
         Section("Unknowns", _unknowns(found)),
-        *([Section("Draws of the posterior", _draws(found))] if found.drawn is not None else []),
-        Section("What was learnt about the experiments", _contraction(found)),
+        Section("Information about the experiments", _contraction(found)),
         Section("Method", _method(found)),
     )
     return session_document(session, f"Identification: {found.material}", sections)
@@ -68,7 +65,7 @@ def _percent(share: float) -> str:
 
 
 def relaxed_text(found: Identified) -> str:
-    """Say what is known of the long-time modulus, and what that rests on."""
+    """State the limits of the long-time modulus and their reason."""
     said = found.relaxed
     end, high = quantity(said.end, "s"), _shown(said.high, "Pa")
     if said.verdict == "not identifiable":
@@ -98,7 +95,7 @@ def _shown(value: float, unit: str) -> str:
 
 
 def statements(found: Identified) -> list[str]:
-    """Return what else was found, what was not, and what a reader must know, one sentence each."""
+    """Return the other findings, the undetermined quantities and the remarks, one sentence each."""
     known = found.known
     texts = [*_found(found), *_not_found(found)]
     for (experiment, group), misfit in known.fit.misfits.items():
@@ -118,17 +115,20 @@ def statements(found: Identified) -> list[str]:
 
 
 def _found(found: Identified) -> list[str]:
-    """Say where modulus and loss are known, how well, and what that owes to what is assumed."""
+    """State the range in which modulus and loss are known, their uncertainty, and its part from assumptions."""
     made = dataset(found)
     inside = made["is_determined"].values.astype(bool)
     if not inside.any():
         return ["modulus and loss are not determined at any frequency"]
     frequency = made["frequency"].values[inside]
     low, high = (quantity(float(f), "Hz") for f in (frequency.min(), frequency.max()))
+    storage, loss = (made[name].values[inside] for name in ("storage", "loss_factor"))
     u, u_loss = (100.0 * made[f"u_ln_{n}"].values[inside] for n in ("storage", "loss_factor"))
+    best = int(np.argmin(u**2 + u_loss**2))
     texts = [
         f"found: from {low} to {high} the storage modulus is known to {_span(u)} and the loss factor to "
-        f"{_span(u_loss)} (standard uncertainties); {_at_best(found)}"
+        f"{_span(u_loss)} (standard uncertainties); best at {quantity(float(frequency[best]), 'Hz')}: "
+        f"{quantity(float(storage[best]), 'Pa')} ± {u[best]:.2g} %, loss factor {loss[best]:.3g} ± {u_loss[best]:.2g} %"
     ]
     texts.append(_of_poissons_ratio(found))
     if found.known.structures:
@@ -141,7 +141,7 @@ def _found(found: Identified) -> list[str]:
 
 
 def _of_poissons_ratio(found: Identified) -> str:
-    """Say what Poisson's ratio does to the moduli, and whether that is in their uncertainties."""
+    """State the effect of Poisson's ratio on the moduli, and whether their uncertainties include it."""
     problem = found.known.fit.problem
     nu = float(problem.spectrum.nu)
     by_ratio = 2.0 * nu / (1.0 - nu**2)
@@ -170,20 +170,8 @@ def _span(percent: Floats) -> str:
     return f"{most} %" if least == most else f"{least} to {most} %"
 
 
-def _at_best(found: Identified) -> str:
-    """Say modulus and loss where the data know them best."""
-    made = dataset(found)
-    frequency = best_frequency(found)
-    at = made.sel(frequency=frequency)
-    storage, loss, u, u_loss = (float(at[n]) for n in ("storage", "loss_factor", "u_ln_storage", "u_ln_loss_factor"))
-    return (
-        f"best at {quantity(frequency, 'Hz')}: {quantity(storage, 'Pa')} ± {100 * u:.2g} %, "
-        f"loss factor {loss:.3g} ± {100 * u_loss:.2g} %"
-    )
-
-
 def _not_found(found: Identified) -> list[str]:
-    """Say what the experiments do not tell."""
+    """Name the quantities that the experiments do not determine."""
     texts = [
         "not found: modulus and loss at lower and higher frequencies; curves and bands there follow from what is "
         "assumed of polymers"
@@ -207,7 +195,7 @@ def _not_found(found: Identified) -> list[str]:
 
 
 def _answer(found: Identified) -> tuple[Block, ...]:
-    """Say what the data determine, what is known of the long-time modulus, and what both rest on."""
+    """Show the determined range, the long-time modulus, and the remarks on both."""
     first, *further = (f"{text[0].upper()}{text[1:]}." for text in statements(found))
     is_found = bool(dataset(found)["is_determined"].values.any())
     is_known = found.relaxed.verdict == "identified"
@@ -295,41 +283,20 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
 
 
 def _unknowns(found: Identified) -> tuple[Block, ...]:
-    parameters = found.known.fit.problem.parameters
-    rows = _rows(found)
-    is_change = [p.name.startswith(SHAPE) for p in parameters]
-    main = [row for row, own in zip(rows, is_change, strict=True) if not own]
-    blocks: list[Block] = [_table(main)]
-    blocks.append(
-        Picture(
-            corner(found),
-            "corner plot of the main quantities",
-            "68 % and 95 % of the normal approximation"
-            + ("" if found.drawn is None else "; points: draws of the posterior")
-            + ". Unknowns of the experiments in standard deviations of their prior, whose own "
-            "68 % are shaded.",
-            760,
-        )
-    )
-    blocks.append(_spectrum(found))
-    return tuple(blocks)
-
-
-def _rows(found: Identified) -> list[tuple[str, ...]]:
-    made = dataset(found)
-    texts = verdicts(found)
+    made, texts = dataset(found), verdicts(found)
     rows: list[tuple[str, ...]] = []
     for i, parameter in enumerate(found.known.fit.problem.parameters):
+        if parameter.name.startswith(SHAPE):
+            continue
         ends = [float(made[n][i]) for n in ("low", "high", "prior_low", "prior_high")]
         shown = [_shown(e, parameter.unit) if isfinite(e) else "none" for e in ends]
         value, after, before = _shown(float(made["value"][i]), parameter.unit), shown[:2], shown[2:]
         rows.append((parameter.name, parameter.text, value, " to ".join(after), " to ".join(before), texts[i]))
-    return rows
-
-
-def _table(rows: list[tuple[str, ...]]) -> Table:
     titles = ("unknown", "meaning", "most probable", "95 % posterior", "95 % prior", "verdict")
-    return Table(tuple(map(Column, titles)), rows, sortable=False)
+    table = Table(tuple(map(Column, titles)), rows, sortable=False)
+    drawn = found.drawn
+    said = () if drawn is None else (Notice("ok" if drawn.is_reliable else "warning", drawn.statement),)
+    return table, *said, _spectrum(found)
 
 
 def _spectrum(found: Identified) -> Block:
@@ -352,24 +319,6 @@ def _spectrum(found: Identified) -> Block:
         ),
         vlines=(("data begin", low), ("data end", high)),
     )
-
-
-def _draws(found: Identified) -> tuple[Block, ...]:
-    """Compare the normal approximation with draws of the posterior."""
-    if found.drawn is None:
-        return ()
-    drawn, shown = found.drawn, main_quantities(found)
-    kind: Literal["ok", "warning"] = "ok" if drawn.is_reliable else "warning"
-    numbers = (shown.centre, np.sqrt(np.diag(shown.covariance)), *drawn.mean_and_sd(shown.drawn(found)))
-    rows = [
-        (name.replace("\n", " "), centre, u, m, s, (m - centre) / u, s / u)
-        for name, centre, u, m, s in zip(shown.names, *(column.tolist() for column in numbers), strict=True)
-    ]
-    heads = (("normal: value", 4), ("u", 2), ("draws: mean", 4), ("u", 2), ("shift over u", 2), ("ratio of u", 3))
-    columns = (Column("quantity"), *(Column(title, digits=digits) for title, digits in heads))
-    caption = "Where the ratio is far from one, do not use the normal approximation but the "
-    caption += "quantiles of the draws in the netCDF file."
-    return Notice(kind, drawn.statement), Table(columns, rows, caption=caption, sortable=False)
 
 
 def _contraction(found: Identified) -> tuple[Block, ...]:

@@ -27,7 +27,7 @@ def dataset(found: Identified) -> xr.Dataset:
     factor with ``u_ln_``, the standard deviations of their logarithms, ``open_ln_``,
     contribution of the unknown structure to them, those of the prior, and ``is_determined``.
     Over ``parameter``: values with 95 % intervals, prior and verdict. Over ``structure``: its
-    probability. Over ``combination``: singular values. Over ``observation``: observed,
+    probability. Over ``observation``: observed,
     predicted, residuals. With draws of the posterior also their 95 % intervals,
     ``drawn_…_low`` and ``drawn_…_high``.
     """
@@ -60,11 +60,6 @@ def dataset(found: Identified) -> xr.Dataset:
     chances = structure(found)
     table["structure_name"] = ("structure", list(chances), described("1", "structure of the spectrum"))
     table["structure_probability"] = ("structure", list(chances.values()), described("1", "its posterior probability"))
-    table["singular_value"] = (
-        "combination",
-        known.singular_values,
-        described("1", "ratio of prior to data standard deviation of a combination"),
-    )
     return xr.Dataset(
         table,
         coords={"frequency": ("frequency", curve.frequency, described("Hz", "frequency"))},
@@ -93,7 +88,7 @@ def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
 
 
 def structure(found: Identified) -> dict[str, float]:
-    """Return the probabilities of what the structure of the spectrum may be, most probable first.
+    """Return the probabilities of the structures of the spectrum, most probable first.
 
     Empty where the spectrum was given a form.
     """
@@ -187,7 +182,7 @@ def _attributes(found: Identified) -> dict[str, Any]:
 
 def document(found: Identified) -> dict[str, Any]:
     """Return the main results as plain JSON types."""
-    made = dataset(found)
+    made, said = dataset(found), found.relaxed
     rows = [
         {
             "name": str(made["parameter_name"].values[i]),
@@ -202,7 +197,13 @@ def document(found: Identified) -> dict[str, Any]:
     return {
         "material": found.material,
         "experiments": json.loads(made.attrs["experiments"]),
-        "E_relaxed": rows[0] | _long_time(found),
+        "E_relaxed": rows[0]
+        | {
+            "end": said.end,
+            "modulus_at_end": said.modulus,
+            "fall_per_decade": said.fall,
+            "after_thirty_years": said.left,
+        },
         "unknowns": rows[1:],
         "structure": structure(found),
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
@@ -210,17 +211,6 @@ def document(found: Identified) -> dict[str, Any]:
         "discrepancies": json.loads(made.attrs["discrepancies"]),
         "sampler": made.attrs["sampler"],
         "remarks": list(found.remarks),
-    }
-
-
-def _long_time(found: Identified) -> dict[str, Any]:
-    """Return what the limits of the long-time modulus rest on."""
-    said = found.relaxed
-    return {
-        "end": said.end,
-        "modulus_at_end": said.modulus,
-        "fall_per_decade": said.fall,
-        "after_thirty_years": said.left,
     }
 
 

@@ -75,9 +75,9 @@ def identify(
     Parameters
     ----------
     folder : path-like
-        The session folder; what is not processed yet is processed first.
+        The session folder; missing results are computed first.
     experiments : str or iterable of str
-        Only these; by default all that can tell of a material.
+        Only these; by default all that can identify a material.
     prior : str, optional
         ``"dma"`` for the moduli of the session's rheometer experiment, or the name of one.
     spectrum : {"smooth", "fractional"}
@@ -98,7 +98,7 @@ def identify(
     Raises
     ------
     UsageError
-        An experiment is unknown, or none of them can tell of a material.
+        An experiment is unknown, or none of them can identify a material.
     InputError
         A step before failed.
 

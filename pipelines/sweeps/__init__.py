@@ -1,5 +1,4 @@
 """Maps of the simulator over its parameters: grids and random draws, on any number of workers."""
 
 from pipelines.sweeps.grid import Axis as Axis, Design as Design, axis as axis, design as design
-from pipelines.sweeps.run import Swept as Swept, run_design as run_design
-from pipelines.sweeps.verb import sweep as sweep
+from pipelines.sweeps.run import Swept as Swept, run_design as run_design, sweep as sweep

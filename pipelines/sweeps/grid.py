@@ -9,8 +9,7 @@ import numpy as np
 from labpipe.errors import InputError, UsageError
 from labpipe.units import Quantity, quantity
 from labpipe.workflow.fields import suggest
-from pipelines.sweeps.parameters import Parameter, Simulator, Value
-from pipelines.sweeps.simulators import SIMULATORS
+from pipelines.sweeps.simulators import SIMULATORS, Parameter, Value
 
 DRAW = "draw"
 """Name of the dimension of random draws."""
@@ -139,7 +138,7 @@ def design(
     fixed : mapping
         Text with a unit, ``"9.525 ± 0.005 mm"``, or numbers in SI; the others keep their default.
     draws : int
-        Random draws of what is uncertain (normal distribution).
+        Random draws of uncertain parameters (normal distribution).
     seed : int
         Of the draws.
 
@@ -149,7 +148,7 @@ def design(
         A parameter is unknown, given twice or in another unit; draws and uncertainties do not
         belong together; or the points are more than ten million.
     """
-    known = _simulator(simulator).parameters
+    known = _parameters(simulator)
     names = [a.name for a in axes]
     given = dict(fixed or {})
     for name in [*names, *given]:
@@ -173,29 +172,25 @@ def design(
             else 'nothing to draw: give a fixed parameter an uncertainty, "9.525 ± 0.005 mm"'
         )
         raise UsageError(message)
-    made = Design(simulator, tuple(axes), values, _draw(spread, draws, seed))
+    generator = np.random.default_rng(seed)
+    drawn = {name: tuple(generator.normal(q.value, q.u, draws).tolist()) for name, q in spread.items()}
+    made = Design(simulator, tuple(axes), values, drawn)
     if made.count > MOST_POINTS:
         raise UsageError(f"{made.count} points; at most {MOST_POINTS} in one sweep")
     return made
 
 
-def _draw(spread: Mapping[str, Quantity], draws: int, seed: int) -> dict[str, tuple[float, ...]]:
-    generator = np.random.default_rng(seed)
-    return {name: tuple(generator.normal(q.value, q.u, draws).tolist()) for name, q in spread.items()}
-
-
-def _simulator(name: str) -> Simulator:
-    if name not in SIMULATORS:
-        known = ", ".join(SIMULATORS)
-        raise UsageError(f'no simulator "{name}"{suggest(name, SIMULATORS)}; there are {known}')
-    return SIMULATORS[name]
-
-
 def _parameter(simulator: str, name: str) -> Parameter:
-    known = _simulator(simulator).parameters
+    known = _parameters(simulator)
     if name not in known:
         raise UsageError(f'no parameter "{name}"{suggest(name, known)}; there are {", ".join(known)}')
     return known[name]
+
+
+def _parameters(simulator: str) -> dict[str, Parameter]:
+    if simulator not in SIMULATORS:
+        raise UsageError(f'no simulator "{simulator}"{suggest(simulator, SIMULATORS)}')
+    return SIMULATORS[simulator].parameters
 
 
 def _value(simulator: str, name: str, given: str | float) -> Quantity | str:

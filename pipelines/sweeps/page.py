@@ -1,52 +1,48 @@
-"""The page of a sweep: its parameters, a map or a curve of every output, failed points."""
+"""The page of a sweep: its parameters, a chart of every output, failed points."""
 
-from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from labpipe.report import (
+    Band,
     Block,
     Column,
     Details,
     Document,
     KeyValues,
+    LineChart,
+    Listed,
     Notice,
     Paragraph,
-    Picture,
     Section,
+    Series,
     Table,
     display_unit,
-    figure_bytes,
-    figure_style,
+    listed,
     value_with_uncertainty,
 )
 from pipelines.sweeps.grid import DRAW, Design
-from pipelines.sweeps.parameters import Value
-from pipelines.sweeps.run import Swept
-from pipelines.sweeps.simulators import SIMULATORS
+from pipelines.sweeps.simulators import SIMULATORS, Value
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
 
 _SHOWN_PROBLEMS = 20
-_PANEL = 3.35  # in, the width of a journal's column
-_WIDTH = 560  # px on the page, of one panel
-_LABEL = 26  # characters in a line beside an axis
-_BESIDE = 2  # maps in a row
-_MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
+Scale = Literal["linear", "log"]
 
 
-def render(plan: Design, swept: Swept) -> str:
-    """Return the page of what was swept as HTML text."""
+def render(plan: Design, dataset: "xr.Dataset", file: str) -> str:
+    """Return the page of a sweep as HTML text; ``file``: the name of its netCDF file."""
+    failed = int(np.count_nonzero(dataset["problem"].values != ""))
     outputs = [name for name in SIMULATORS[plan.simulator].outputs if name != "solver_steps"]
     sections = [
-        Section("Sweep", _summary(plan, swept)),
-        *(Section(_title(swept.dataset, name), _output(swept.dataset, name)) for name in outputs),
+        Section("Sweep", _summary(plan, failed, file)),
+        *(Section(str(dataset[name].attrs["long_name"]), tuple(_output(dataset[name]))) for name in outputs),
     ]
-    if swept.failed:
-        sections.append(Section("Points without result", (_problems(swept.dataset),)))
+    if failed:
+        sections.append(Section("Points without result", (_problems(dataset),)))
     size = " × ".join(map(str, plan.shape)) or "1"
     return Document(
         title=f"Sweep of the simulator: {plan.simulator}",
@@ -56,11 +52,7 @@ def render(plan: Design, swept: Swept) -> str:
     ).render()
 
 
-def _title(dataset: "xr.Dataset", name: str) -> str:
-    return str(dataset[name].attrs["long_name"])
-
-
-def _summary(plan: Design, swept: Swept) -> tuple[Block, ...]:
+def _summary(plan: Design, failed: int, file: str) -> tuple[Block, ...]:
     known = SIMULATORS[plan.simulator].parameters
     rows = []
     for axis in plan.axes:
@@ -77,12 +69,12 @@ def _summary(plan: Design, swept: Swept) -> tuple[Block, ...]:
         if name not in plan.drawn and value is not None
     ]
     blocks: list[Block] = [KeyValues(rows)] if rows else []
-    if swept.failed:
-        text = f"{swept.failed} points have no result; run the sweep again to retry them."
+    if failed:
+        text = f"{failed} points have no result; run the sweep again to retry them."
         blocks.append(Notice("warning", text))
     if fixed:
         blocks.append(Details("Held fixed", blocks=(KeyValues(fixed),)))
-    blocks.append(Paragraph(f"The numbers stand in {swept.path.name}, in SI units."))
+    blocks.append(Paragraph(f"The numbers are in {file}, in SI units."))
     return tuple(blocks)
 
 
@@ -97,136 +89,56 @@ def _text(value: Value, unit: str) -> str:
     return f"{value / shown.factor:.6g} {'' if shown.text == '1' else shown.text}".strip()
 
 
-def _output(dataset: "xr.Dataset", name: str) -> tuple[Block, ...]:
-    """One output over the swept numbers; one curve per name, further numbers held fixed."""
-    values, remark = dataset[name], ""
-    numbers = [d for d in values.dims if d != DRAW and values[d].dtype.kind == "f"]
+def _output(values: "xr.DataArray") -> Iterator[Block]:
+    """Chart an output over its first swept number; a second number makes a family of curves, others are held fixed."""
+    numbers = [str(d) for d in values.dims if d != DRAW and values[d].dtype.kind == "f"]
+    remarks = []
     for dim in numbers[2:]:
         middle = values.sizes[dim] // 2
-        remark += f" {_read(str(dim))} = {_text(float(values[dim][middle]), values[dim].attrs['units'])}."
+        remarks.append(f"{_read(dim)} = {_text(float(values[dim][middle]), values[dim].attrs['units'])}")
         values = values.isel({dim: middle})
-    numbers = numbers[:2]
-    names = [d for d in values.dims if d not in (*numbers, DRAW)]
-    if not numbers:
-        return (_table(values, [str(n) for n in names]),)
-    groups = values.stack(group=names) if names else values.expand_dims("group")
-    labels = [_label(groups, i, bool(names)) for i in range(groups.sizes["group"])]
-    parts = [groups.isel(group=i) for i in range(groups.sizes["group"])]
-    is_map = len(numbers) == 2
-    picture = (_maps if is_map else _curves)(parts, labels, [str(n) for n in numbers])
-    spread = " Bands: ± 1 standard deviation of the draws." if DRAW in values.dims else ""
-    mean = " Mean of the draws." if DRAW in values.dims and len(numbers) == 2 else ""
-    alt = f"{_title(dataset, name)} over {' and '.join(_read(str(n)) for n in numbers)}"
-    caption = f"{alt}.{mean or spread}{remark}"
-    return (Picture(picture, alt, caption=caption, width_px=_WIDTH * min(_BESIDE, len(parts)) if is_map else _WIDTH),)
-
-
-def _label(groups: "xr.DataArray", i: int, is_named: bool) -> str:
-    if not is_named:
-        return ""
-    value = groups["group"].values[i]
-    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-
-
-def _statistics(values: "xr.DataArray") -> "tuple[xr.DataArray, xr.DataArray | None]":
-    if DRAW not in values.dims:
-        return values, None
-    return values.mean(DRAW), values.std(DRAW, ddof=1)
-
-
-def _table(values: "xr.DataArray", names: list[str]) -> Table:
-    mean, deviation = _statistics(values)
+    names = [str(d) for d in values.dims if d not in (*numbers, DRAW)]
+    mean = values.mean(DRAW) if DRAW in values.dims else values
+    deviation = values.std(DRAW, ddof=1) if DRAW in values.dims else None
     title, unit = str(values.attrs["long_name"]), str(values.attrs["units"])
-    rows: list[list[Any]] = []
-    for index in np.ndindex(mean.shape):
-        own = [str(mean[name].values[i]) for name, i in zip(mean.dims, index, strict=True)]
-        number = float(mean.values[index])
-        u = None if deviation is None else float(deviation.values[index])
-        rows.append([*own, number, u])
-    place = len(names)
-    columns = [Column(name) for name in names]
-    columns += [Column(title, unit, u=place + 1), Column("standard deviation of the draws", unit)]
-    return Table(tuple(columns), rows)
-
-
-def _curves(parts: "list[xr.DataArray]", labels: list[str], numbers: list[str]) -> bytes:
-    from matplotlib.figure import Figure
-
-    (x_factor, x_text), (factor, text) = _in(parts[0][numbers[0]]), _in(*parts)
-    with figure_style(columns=1):
-        figure = Figure(figsize=(_PANEL, 2.3), layout="constrained")
-        axes = figure.add_subplot()
-        for i, (part, label) in enumerate(zip(parts, labels, strict=True)):
-            mean, deviation = _statistics(part / factor)
-            x = mean[numbers[0]].values / x_factor
-            line = axes.plot(x, mean.values, marker=_MARKS[i % len(_MARKS)], markersize=3, label=label)[0]
-            if deviation is not None:
-                low, high = mean - deviation, mean + deviation
-                axes.fill_between(x, low.values, high.values, color=line.get_color(), alpha=0.25, linewidth=0)
-        _scale(axes.set_xscale, parts[0][numbers[0]].values)
-        axes.set(xlabel=x_text, ylabel=text)
-        if any(labels):
-            axes.legend()
-        return figure_bytes(figure, "svg")
-
-
-def _maps(parts: "list[xr.DataArray]", labels: list[str], numbers: list[str]) -> bytes:
-    from matplotlib.figure import Figure
-
-    factor, text = _in(*parts)
-    shown = [_in(parts[0][number]) for number in numbers]
-    means = [_statistics(part / factor)[0].transpose(*reversed(numbers)) for part in parts]
-    finite = np.concatenate([m.values[np.isfinite(m.values)] for m in means])
-    ends = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    columns = min(_BESIDE, len(means))
-    rows = -(-len(means) // columns)
-    with figure_style(columns=1):
-        figure = Figure(figsize=(_PANEL * columns, 2.4 * rows), layout="constrained")
-        panels: list[Axes] = []
-        for i, (mean, label) in enumerate(zip(means, labels, strict=True)):
-            axes = figure.add_subplot(rows, columns, i + 1)
-            x, y = (mean[number].values / own for number, (own, _) in zip(numbers, shown, strict=True))
-            # One colour scale for all, so that the panels can be compared.
-            drawn = axes.pcolormesh(
-                _edges(x), _edges(y), mean.values, vmin=ends[0], vmax=ends[1], cmap="viridis", rasterized=True
+    if not numbers:
+        points = list(np.ndindex(mean.shape))
+        columns = [Listed(n, [str(mean[n].values[p[i]]) for p in points]) for i, n in enumerate(names)]
+        spread = None if deviation is None else deviation.values.ravel().tolist()
+        yield listed([*columns, Listed(title, mean.values.ravel().tolist(), unit, u=spread)])
+        return
+    shown = display_unit(mean.values[np.isfinite(mean.values)].tolist(), unit)
+    along = mean[numbers[0]]
+    x_shown = display_unit(along.values.tolist(), along.attrs["units"])
+    x = along.values / x_shown.factor
+    order, family = np.argsort(x, kind="stable"), mean[numbers[1]].values if len(numbers) > 1 else [None]
+    labels = [f"{_read(n)}{f' / {s.text}' if s.text else ''}" for n, s in ((numbers[0], x_shown), (title, shown))]
+    charts: dict[str, list[Series | Band]] = {}
+    for group in np.ndindex(*(mean.sizes[name] for name in names)):
+        own = dict(zip(names, group, strict=True))
+        name = ", ".join(str(mean[n].values[i]) for n, i in own.items())
+        series = charts.setdefault(name if len(numbers) > 1 else "", [])
+        for place, number in enumerate(family):
+            at = own | ({numbers[1]: place} if number is not None else {})
+            y = mean.isel(at).values[order] / shown.factor
+            level = None if number is None else place / max(len(family) - 1, 1)
+            curve = (
+                name or ("mean of the draws" if DRAW in values.dims else title)
+                if number is None
+                else _text(float(number), mean[numbers[1]].attrs["units"])
             )
-            _scale(axes.set_xscale, x)
-            _scale(axes.set_yscale, y)
-            axes.set(title=label, xlabel=shown[0][1], ylabel=shown[1][1])
-            panels.append(axes)
-        figure.colorbar(drawn, ax=panels, label=text)
-        return figure_bytes(figure, "png")
-
-
-def _in(*parts: "xr.DataArray") -> tuple[float, str]:
-    """Return the factor and the axis label of the unit in which curves are read."""
-    attributes = parts[0].attrs
-    values = np.concatenate([np.ravel(part.values) for part in parts])
-    unit = display_unit(values[np.isfinite(values)].tolist(), attributes["units"])
-    return unit.factor, fill(attributes["long_name"] + (f" / {unit.text}" if unit.text else ""), _LABEL)
-
-
-def _scale(set_scale: Any, values: Any) -> None:
-    if _is_geometric(values):
-        set_scale("log")
-
-
-def _is_geometric(values: Any) -> bool:
-    """Tell whether values are spaced by equal ratios."""
-    if values.size < 3 or values.min() <= 0.0:
-        return False
-    ratios = values[1:] / values[:-1]
-    return bool(np.allclose(ratios, ratios[0], rtol=1e-3) and abs(ratios[0] - 1.0) > 1e-3)
-
-
-def _edges(values: Any) -> Any:
-    """Return where the cells of a map end: half way between the values, as the axis shows them."""
-    if _is_geometric(values):
-        return np.exp(_edges(np.log(values)))
-    if values.size < 2:
-        return np.array([values[0] - 0.5, values[0] + 0.5])
-    middle = 0.5 * (values[1:] + values[:-1])
-    return np.concatenate([[2 * values[0] - middle[0]], middle, [2 * values[-1] - middle[-1]]])
+            if deviation is not None and number is None:
+                u = deviation.isel(at).values[order] / shown.factor
+                series.append(Band(f"{name}: ± 1 sd of the draws".lstrip(": "), x[order], y - u, y + u))
+            series.append(Series(curve, x[order], y, level=level))
+    remarks += [f"curves: {_read(numbers[1])}"] if len(numbers) > 1 else []
+    caption = "; ".join([*remarks, *(["mean of the draws"] if DRAW in values.dims else [])])
+    steps = np.diff(np.log(x[order])) if x.min() > 0.0 else np.zeros(1)
+    is_geometric = x.size > 2 and steps.min() > 0.0 and np.ptp(steps) < 1e-3 * steps.max()
+    scale: Scale = "log" if is_geometric and x.max() > 3.0 * x.min() else "linear"
+    for name, series in charts.items():
+        heading = f"{title}{f', {name}' if name else ''}"
+        yield LineChart(heading, labels[0], labels[1], series, x_scale=scale, caption=caption)
 
 
 def _problems(dataset: "xr.Dataset") -> Table:

@@ -1,4 +1,6 @@
-"""Run a sweep block by block, so that a stopped sweep can resume."""
+"""Sweep the simulator block by block, so that a stopped sweep can resume; write its netCDF file and its page."""
+
+from __future__ import annotations
 
 import contextlib
 import hashlib
@@ -18,11 +20,10 @@ from labpipe.errors import LabpipeError, UsageError
 from labpipe.notebook import html_table
 from labpipe.variables import described, variable
 from labpipe.workflow import code
-from labpipe.workflow.engines import Died, Engine, Serial, side_by_side
+from labpipe.workflow.engines import Died, Engine, Serial, choose, processors, side_by_side
 from pipelines.simulator_inputs import material
-from pipelines.sweeps.grid import DRAW, Design
-from pipelines.sweeps.parameters import Outputs, Value
-from pipelines.sweeps.simulators import SIMULATORS
+from pipelines.sweeps.grid import DRAW, Design, axis, design
+from pipelines.sweeps.simulators import SIMULATORS, Outputs, Value
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,14 +55,14 @@ class Swept:
     """
 
     path: Path
-    dataset: "xr.Dataset"
+    dataset: xr.Dataset
     computed: int
     reused: int
     failed: int
 
     @property
     def page(self) -> Path:
-        """The page that the verb writes beside the file."""
+        """The page that the verb writes to the same folder."""
         return self.path.with_suffix(".html")
 
     @property
@@ -77,40 +78,124 @@ class Swept:
         return html_table(f"{self.summary}; {self.path}", (), ()) + shown
 
 
+def sweep(
+    simulator: str,
+    out: str | Path,
+    *,
+    vary: Mapping[str, str] | None = None,
+    fixed: Mapping[str, str | float] | None = None,
+    draws: int = 0,
+    seed: int = 0,
+    jobs: int = 1,
+    cluster: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Swept:
+    """Simulate every combination of some parameters; write one netCDF file and a page.
+
+    The same call resumes a stopped sweep and retries failed points.
+
+    Parameters
+    ----------
+    simulator : {"drop", "indent", "adhesion", "heating", "amplitude"}
+    out : path-like
+        netCDF file; the page is written to the same folder.
+    vary : mapping
+        Values of swept parameters: ``{"height": "1 mm : 10 mm : 7"}``, with ``: log`` for equal
+        ratios, or a list ``{"material": "acrylic, ptfe"}``.
+    fixed : mapping
+        Other parameters, ``{"radius": "9.525 ± 0.005 mm"}``, or numbers in SI.
+    draws : int
+        Random draws, per point, of parameters with an uncertainty.
+    seed : int
+        Of the draws.
+    jobs : int
+        Local processes; 0 for one per processor.
+    cluster : str, optional
+        Address of a Dask scheduler, which computes instead.
+    progress : callable, optional
+        Called with the fraction of the points that is done.
+
+    Returns
+    -------
+    Swept
+        With the map as a Dataset.
+
+    Raises
+    ------
+    UsageError
+        A parameter is unknown or in another unit, or ``out`` is no netCDF name.
+    StorageError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> sweep("drop", "heights.nc", vary={"height": "1 mm, 5 mm, 10 mm"})  # doctest: +SKIP
+    """
+    axes = [axis(simulator, name, text) for name, text in (vary or {}).items()]
+    plan = design(simulator, axes, fixed, draws=draws, seed=seed)
+    engine = choose((jobs or processors()) if jobs != 1 else 0, cluster)
+    swept = run_design(plan, out, engine, progress=progress)
+    from pipelines.sweeps.page import render  # the page's kit is of no use to a worker
+
+    files.write_text(swept.page, render(plan, swept.dataset, swept.path.name))
+    return swept
+
+
 def run_design(
     plan: Design, out: str | Path, engine: Engine | None = None, *, progress: Callable[[float], None] | None = None
 ) -> Swept:
     """Simulate every point of a design.
 
-    Blocks that are done lie in ``OUT.parts`` until the sweep is complete; run again, only what is
-    missing, damaged or failed is computed. The file does not depend on the engine, on the number
+    Blocks that are done lie in ``OUT.parts`` until the sweep is complete; run again, only missing,
+    damaged or failed ones are computed. The file does not depend on the engine, on the number
     of workers or on interruptions: the same points give the same bytes.
 
-    Without an engine (:mod:`labpipe.workflow.engines`) all is done here; the other arguments, and what
-    is raised, are those of :func:`pipelines.sweeps.sweep`.
+    Without an engine (:mod:`labpipe.workflow.engines`) all is done here; the other arguments, and the errors, are
+    those of :func:`sweep`.
     """
     path = Path(out)
     if path.suffix != ".nc":
         raise UsageError(f"{path}: the result of a sweep is a netCDF file; give a name that ends in .nc")
     parts = path.with_name(f"{path.stem}.parts")
-    blocks, results = _Blocks.of(plan), _Results(plan)
-    for key in blocks:
-        outcome = _kept(parts, key, blocks.length(key))
-        if outcome is not None:
-            results.take(key, blocks, outcome)
-    reused = results.n_known
-    missing = blocks.without(results)
-    found = side_by_side(engine or Serial(), COMPUTE, missing, imports=_IMPORTS)
-    for key, answer in found:
-        lost = isinstance(answer, Died)
-        outcome = [str(answer)] * blocks.length(key) if lost else answer
-        files.write_bytes(parts / f"{key}.json", files.seal(outcome))
-        results.take(key, blocks, outcome)
+    size = max(BLOCK, ceil(plan.count / MOST_BLOCKS))
+    places: dict[str, list[int]] = {}  # of equal blocks, by content key
+    contents: dict[str, str] = {}
+    for start in range(0, plan.count, size):
+        key = _key(plan.simulator, plan.points(start, start + size), contents)
+        places.setdefault(key, []).append(start)
+    is_known = np.zeros(plan.count, dtype=bool)
+    values = {name: np.full(plan.count, np.nan) for name in SIMULATORS[plan.simulator].outputs}
+    problems = np.full(plan.count, "", dtype=object)
+
+    def take(key: str, outcomes: Sequence[Outcome]) -> None:
+        for start in places[key]:
+            block = slice(start, min(start + size, plan.count))
+            if is_known[block].any() or len(outcomes) != is_known[block].size:
+                raise LabpipeError(f"points from {start} on: {len(outcomes)} results, or a second time")
+            is_known[block] = True
+            for point, outcome in enumerate(outcomes, start):
+                if isinstance(outcome, str):
+                    problems[point] = outcome
+                else:
+                    for name, column in values.items():
+                        column[point] = outcome[name]
+
+    for key, (start, *_) in places.items():
+        if (kept := _kept(parts, key, min(size, plan.count - start))) is not None:
+            take(key, kept)
+    reused = int(np.count_nonzero(is_known))
+    missing = _Blocks(plan, size, {key: own[0] for key, own in places.items() if not is_known[own[0]]})
+    for key, answer in side_by_side(engine or Serial(), COMPUTE, missing, imports=_IMPORTS):
+        length = min(size, plan.count - places[key][0])
+        outcomes = [str(answer)] * length if isinstance(answer, Died) else answer
+        files.write_bytes(parts / f"{key}.json", files.seal(outcomes))
+        take(key, outcomes)
         if progress is not None:
-            progress(results.n_known / plan.count)
-    dataset = results.dataset()
+            progress(float(np.mean(is_known)))
+    if not is_known.all():
+        raise LabpipeError(f"{np.count_nonzero(~is_known)} points of the sweep have no outcome")
+    dataset, failed = _dataset(plan, values, problems), int(np.count_nonzero(problems != ""))
     files.write_dataset(path, dataset)
-    failed = len(results.problems)
     if not failed and parts.is_dir():
         shutil.rmtree(parts)
     return Swept(path, dataset, plan.count - reused, reused, failed)
@@ -120,14 +205,14 @@ def compute(simulator: str, block: Block) -> list[Outcome]:
     """Simulate the points of a block; a point that fails is its message."""
     run, together = SIMULATORS[simulator].run, SIMULATORS[simulator].together
     if together is not None:
-        # Where one point has no answer all are asked again, one by one: it is told which.
+        # Where one point has no answer all are asked again, one by one, to find it.
         with contextlib.suppress(Exception):
             return [*together(block)]
     found: list[Outcome] = []
     for point in block:
         try:
             found.append(run(point))
-        # A point of a map may lie where there is no answer: that is told and the others go on.
+        # A point of a map may lie where there is no answer: it is named and the others go on.
         except Exception as error:
             found.append(f"{type(error).__name__}: {error}")
     return found
@@ -135,87 +220,21 @@ def compute(simulator: str, block: Block) -> list[Outcome]:
 
 @dataclass(frozen=True, slots=True)
 class _Blocks(Mapping[str, tuple[str, Block]]):
-    """What to compute, by content key; spelt out when asked for, a sweep may have many points."""
+    """Blocks to compute, by content key; spelt out when asked for, since a sweep may have many points."""
 
     plan: Design
     size: int
-    places: dict[str, list[int]]
-
-    @classmethod
-    def of(cls, plan: Design) -> "_Blocks":
-        contents: dict[str, str] = {}
-        places: dict[str, list[int]] = {}
-        size = max(BLOCK, ceil(plan.count / MOST_BLOCKS))
-        for start in range(0, plan.count, size):
-            key = _key(plan.simulator, plan.points(start, start + size), contents)
-            places.setdefault(key, []).append(start)
-        return cls(plan, size, places)
-
-    def without(self, results: "_Results") -> "_Blocks":
-        """Return those whose results are not known."""
-        missing = {k: p for k, p in self.places.items() if not results.is_known[p[0]]}
-        return _Blocks(self.plan, self.size, missing)
+    starts: dict[str, int]
 
     def __getitem__(self, key: str) -> tuple[str, Block]:
-        start = self.places[key][0]
+        start = self.starts[key]
         return self.plan.simulator, self.plan.points(start, start + self.size)
 
-    def length(self, key: str) -> int:
-        """Points of a block; the last one may be shorter."""
-        return min(self.size, self.plan.count - self.places[key][0])
-
     def __iter__(self) -> Iterator[str]:
-        return iter(self.places)
+        return iter(self.starts)
 
     def __len__(self) -> int:
-        return len(self.places)
-
-
-class _Results:
-    """What is known of every point: numbers, or why there are none."""
-
-    def __init__(self, plan: Design) -> None:
-        self.plan = plan
-        self.is_known = np.zeros(plan.count, dtype=bool)
-        self.values = {name: np.full(plan.count, np.nan) for name in SIMULATORS[plan.simulator].outputs}
-        self.problems: dict[int, str] = {}
-
-    @property
-    def n_known(self) -> int:
-        """Points with an outcome."""
-        return int(np.count_nonzero(self.is_known))
-
-    def take(self, key: str, blocks: _Blocks, outcomes: list[Outcome]) -> None:
-        """Take the outcomes of a block, at every place where it stands in the grid.
-
-        Raises
-        ------
-        LabpipeError
-            It was taken before, or is not as long as the block: a defect of the program.
-        """
-        for start in blocks.places[key]:
-            stop = min(start + blocks.size, self.plan.count)
-            if self.is_known[start:stop].any() or len(outcomes) != stop - start:
-                raise LabpipeError(f"points {start} to {stop}: {len(outcomes)} results, or a second time")
-            self.is_known[start:stop] = True
-            for point, outcome in enumerate(outcomes, start):
-                if isinstance(outcome, str):
-                    self.problems[point] = outcome
-                else:
-                    for name, values in self.values.items():
-                        values[point] = outcome[name]
-
-    def dataset(self) -> "xr.Dataset":
-        """Return all results over the named dimensions.
-
-        Raises
-        ------
-        LabpipeError
-            A point is missing: a defect of the program.
-        """
-        if not self.is_known.all():
-            raise LabpipeError(f"{self.plan.count - self.n_known} points of the sweep have no outcome")
-        return _dataset(self.plan, self.values, self.problems)
+        return len(self.starts)
 
 
 @cache
@@ -248,7 +267,7 @@ def _kept(parts: Path, key: str, size: int) -> list[Outcome] | None:
     return None if any(isinstance(one, str) for one in outcome) else outcome
 
 
-def _dataset(plan: Design, values: Mapping[str, NDArray[np.float64]], reasons: Mapping[int, str]) -> "xr.Dataset":
+def _dataset(plan: Design, values: Mapping[str, NDArray[np.float64]], problems: NDArray[np.object_]) -> xr.Dataset:
     import xarray as xr
 
     simulator = SIMULATORS[plan.simulator]
@@ -256,25 +275,16 @@ def _dataset(plan: Design, values: Mapping[str, NDArray[np.float64]], reasons: M
         name: variable(plan.dims, values[name].reshape(plan.shape), unit, text)
         for name, (unit, text) in simulator.outputs.items()
     }
-    problems = np.full(plan.count, "", dtype=object)
-    for point, reason in reasons.items():
-        problems[point] = reason
-    variables["problem"] = variable(
-        plan.dims, problems.reshape(plan.shape), "1", "Why a point has no result; empty when it has"
-    )
-    coordinates: dict[str, Any] = {
-        axis.name: variable(
-            axis.name,
-            np.array(axis.values),
-            simulator.parameters[axis.name].unit or "1",
-            axis.name.replace("_", " ").capitalize(),
-        )
-        for axis in plan.axes
-    }
+    text = "Why a point has no result; empty when it has"
+    variables["problem"] = variable(plan.dims, problems.reshape(plan.shape), "1", text)
+    coordinates: dict[str, Any] = {}
+    for swept in plan.axes:
+        unit, text = simulator.parameters[swept.name].unit or "1", swept.name.replace("_", " ").capitalize()
+        coordinates[swept.name] = variable(swept.name, np.array(swept.values), unit, text)
     for name, draws in plan.drawn.items():
         labels = described(simulator.parameters[name].unit, f"Drawn {name}")
         coordinates[name] = (DRAW, np.array(draws), labels)
-    attributes: dict[str, Any] = {
+    attributes = {
         "simulator": plan.simulator,
         "simulator_code": code_of(plan.simulator),
         "fixed": files.canonical(plan.fixed),

@@ -1,23 +1,80 @@
 """Simulators for sweeps: a set of parameters in, a few numbers out.
 
-Each takes plain values in SI and returns plain floats, so that a point means the same in this
-process, in another one, and on another machine.
+Each takes plain values in SI and returns plain floats, so that a point means the same in this process, in another one,
+and on another machine.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.simulator_inputs import ramp_hold_oscillation
-from pipelines.sweeps.beyond import BEYOND
-from pipelines.sweeps.parameters import FALL, OSCILLATION, Outputs, Parameter, Simulator, Value, numbers, solid
+from pipelines.simulator_inputs import material, ramp_hold_oscillation, thermal_of
 
 if TYPE_CHECKING:
     from labpipe.materials import Prony
 
-_PER_CYCLE = 200
+_PER_CYCLE = 200  # samples of an oscillation
+
+Value = float | str | None
+"""None: the parameter is not there."""
+Outputs = dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter: SI unit ("" for a name), default, and meaning."""
+
+    unit: str
+    default: Value
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Simulator:
+    """A function, its parameters, and the units of its outputs.
+
+    ``together`` does the same for many points at once, where that is faster; when one of them has
+    no answer it raises.
+    """
+
+    run: Callable[[Mapping[str, Value]], Outputs]
+    parameters: dict[str, Parameter]
+    outputs: dict[str, tuple[str, str]]
+    together: Callable[[Sequence[Mapping[str, Value]]], list[Outputs]] | None = None
+
+
+_MATERIAL = {
+    "temperature": Parameter("degC", None, "of the material; without it, that of its data"),
+    "vertical_shift": Parameter("1", 1.0, "factor b_T on all moduli at that temperature"),
+}
+_LIBRARY = "library name or TOML file"
+_RUBBER = {"material": Parameter("", "nbr", _LIBRARY), **_MATERIAL}
+_FALL = {
+    "material": Parameter("", "acrylic", _LIBRARY),
+    **_MATERIAL,
+    "radius": Parameter("m", 9.525e-3, "of the sphere"),
+    "mass": Parameter("kg", 0.505, "total moving mass"),
+    "height": Parameter("m", 1.5e-3, "drop height, from release to first touch"),
+    "gravity": Parameter("m/s2", 9.81, "of the place"),
+}
+
+
+def _solid(point: Mapping[str, Value]) -> "Prony":
+    """Return the material of a point, at its temperature."""
+    temperature, shift = point["temperature"], point["vertical_shift"]
+    return material(
+        str(point["material"]),
+        None if temperature is None else float(temperature),
+        1.0 if shift is None else float(shift),
+    )
+
+
+def _numbers(point: Mapping[str, Value]) -> dict[str, float]:
+    """Return the parameters of a point that are numbers."""
+    return {name: float(v) for name, v in point.items() if isinstance(v, int | float)}
 
 
 def drop(point: Mapping[str, Value]) -> Outputs:
@@ -27,56 +84,48 @@ def drop(point: Mapping[str, Value]) -> Outputs:
 
 def drops(points: Sequence[Mapping[str, Value]]) -> list[Outputs]:
     """First impacts of many: each material is made once."""
-    found: list[Outputs] = [{} for _ in points]
-    for rtol in {numbers(point)["rtol"] for point in points}:
-        places = [i for i, point in enumerate(points) if numbers(point)["rtol"] == rtol]
-        for i, made in zip(places, _first_impacts([points[i] for i in places], rtol), strict=True):
-            found[i] = made
-    return found
-
-
-def _first_impacts(points: Sequence[Mapping[str, Value]], rtol: float) -> list[Outputs]:
-    """First impacts at one tolerance."""
     from labpipe import contact
 
+    found: list[Outputs] = [{} for _ in points]
     solids: dict[tuple[Value, ...], Prony] = {}
-    given: list[Prony] = []
-    plates: list[contact.Plate | None] = []
-    duration = []
-    for point in points:
-        number = numbers(point)
-        material = tuple(point[name] for name in ("material", "temperature", "vertical_shift"))
-        if material not in solids:
-            solids[material] = solid(point)
-        given.append(solids[material])
-        plate = number["plate_mass"], number["plate_frequency"], number["plate_damping"]
-        plates.append(contact.Plate(*plate) if plate[0] > 0.0 else None)
-        duration.append(float(np.sqrt(2.0 * number["height"] / number["gravity"])) + number["after_touch"])
-    radius, mass, height, gravity = (
-        [numbers(point)[name] for point in points] for name in ("radius", "mass", "height", "gravity")
-    )
-    made = contact.impacts(given, radius, mass, height, duration, rtol=rtol, gravity=gravity, plate=plates)
-    for point, happened in zip(points, made["impacts"].values.tolist(), strict=True):
-        if not happened:
-            after = numbers(point)["after_touch"]
-            raise ValueError(f"the sphere has not left within {after:g} s after its fall; raise after_touch")
-    names = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
-    columns = {name: made[name].values[:, 0].tolist() for name in names}
-    columns["solver_steps"] = made["solver_steps"].values.astype(float).tolist()
-    return [{name: values[i] for name, values in columns.items()} for i in range(len(points))]
+    for rtol in {_numbers(point)["rtol"] for point in points}:
+        places = [i for i, point in enumerate(points) if _numbers(point)["rtol"] == rtol]
+        given = [_numbers(points[i]) for i in places]
+        own: list[Prony] = []
+        for i in places:
+            key = tuple(points[i][name] for name in ("material", "temperature", "vertical_shift"))
+            solids[key] = solids.get(key) or _solid(points[i])
+            own.append(solids[key])
+        plates = [
+            contact.Plate(n["plate_mass"], n["plate_frequency"], n["plate_damping"]) if n["plate_mass"] > 0.0 else None
+            for n in given
+        ]
+        duration = [float(np.sqrt(2.0 * n["height"] / n["gravity"])) + n["after_touch"] for n in given]
+        radius, mass, height, gravity = ([n[name] for n in given] for name in ("radius", "mass", "height", "gravity"))
+        made = contact.impacts(own, radius, mass, height, duration, rtol=rtol, gravity=gravity, plate=plates)
+        for number, happened in zip(given, made["impacts"].values.tolist(), strict=True):
+            if not happened:
+                after = number["after_touch"]
+                raise ValueError(f"the sphere has not left within {after:g} s after its fall; raise after_touch")
+        names = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
+        columns = {name: made[name].values[:, 0].tolist() for name in names}
+        columns["solver_steps"] = made["solver_steps"].values.astype(float).tolist()
+        for place, i in enumerate(places):
+            found[i] = {name: values[place] for name, values in columns.items()}
+    return found
 
 
 def indent(point: Mapping[str, Value]) -> Outputs:
     """Oscillation of a periodic punch in a half-plane after a ramp and a hold."""
     from labpipe import contact
 
-    number = numbers(point)
+    number = _numbers(point)
     mean, amplitude, frequency = number["mean"], number["amplitude"], number["frequency"]
     cycles, form = round(number["cycles"]), {"hold": number["hold"], "ramp": number["ramp"]}
     time, displacement = ramp_hold_oscillation(mean, amplitude, frequency, cycles, **form, per_cycle=_PER_CYCLE)
     tip_radius, period, depth = number["tip_radius"], number["period"], number["depth"]
     profile = str(point["profile"])
-    found = contact.indent(solid(point), tip_radius, period, depth, time, displacement, profile=profile)
+    found = contact.indent(_solid(point), tip_radius, period, depth, time, displacement, profile=profile)
     force = found["force"].values
     last = slice(time.size - _PER_CYCLE - 1, None)
     return {
@@ -88,11 +137,47 @@ def indent(point: Mapping[str, Value]) -> Outputs:
     }
 
 
+def adhesion(point: Mapping[str, Value]) -> Outputs:
+    """Adhesion of a sphere after JKR, with the relaxed modulus."""
+    from labpipe import contact
+    from labpipe.contact import lost_energy
+
+    number, body = _numbers(point), _solid(point)
+    modulus = body.factor("contact") * body.E_relaxed
+    sphere = (number["radius"], modulus, number["work"])
+    return {
+        "pull_off": contact.pull_off(*sphere),
+        "radius_at_no_load": float(contact.jkr_at_force(0.0, *sphere).contact_radius),
+        "tabor": contact.tabor(*sphere, number["distance"]),
+        "lost_energy": lost_energy(*sphere),
+    }
+
+
+def heating(point: Mapping[str, Value]) -> Outputs:
+    """Self-heating of a train of bounces."""
+    from labpipe import contact
+    from labpipe.materials import describe
+
+    number, known = _numbers(point), describe(str(point["material"]))
+    radius, mass, height, duration = (number[name] for name in ("radius", "mass", "height", "duration"))
+    rtol, gravity = number["rtol"], number["gravity"]
+    fall = contact.drop(_solid(point), radius, mass, height, duration, rtol=rtol, gravity=gravity)
+    thermal = thermal_of(str(point["material"]), number.get("heat_capacity"), number.get("conductivity"))
+    found = contact.self_heating(fall, known, thermal, number.get("temperature"))
+    return {
+        "impacts": float(fall.sizes["impact"]),
+        "bulk_rise": float(found.dataset["bulk_rise"][0]),
+        "train_rise": found.train,
+        "train_rise_adiabatic": found.train_adiabatic,
+        "modulus_change": found.modulus_change,
+    }
+
+
 SIMULATORS = {
     "drop": Simulator(
         drop,
         {
-            **FALL,
+            **_FALL,
             "after_touch": Parameter("s", 20e-3, "simulated after the fall"),
             "plate_mass": Parameter("kg", 0.0, "of a ringing substrate; 0 for a rigid one"),
             "plate_frequency": Parameter("Hz", 390.0, "natural frequency of the substrate"),
@@ -111,7 +196,13 @@ SIMULATORS = {
     "indent": Simulator(
         indent,
         {
-            **OSCILLATION,
+            **_RUBBER,
+            "tip_radius": Parameter("m", 2e-3, "of curvature"),
+            "period": Parameter("m", 8e-3, "distance of two tips"),
+            "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
+            "mean": Parameter("m", 1e-4, "mean indentation"),
+            "amplitude": Parameter("m", 1e-5, "of the oscillation"),
+            "frequency": Parameter("Hz", 1.0, "of the oscillation"),
             "cycles": Parameter("1", 5.0, "whole cycles; the last one is evaluated"),
             "hold": Parameter("s", 600.0, "before the oscillation"),
             "ramp": Parameter("m/s", 1e-3, "speed of pressing in"),
@@ -125,5 +216,37 @@ SIMULATORS = {
             "solver_steps": ("1", "Steps of the simulator"),
         },
     ),
-    **BEYOND,
+    "adhesion": Simulator(
+        adhesion,
+        {
+            **_RUBBER,
+            "radius": Parameter("m", 9.525e-3, "of the sphere"),
+            "work": Parameter("J/m2", 0.05, "of adhesion"),
+            "distance": Parameter("m", 0.3e-9, "equilibrium distance of the surfaces"),
+        },
+        {
+            "pull_off": ("N", "Pull-off force"),
+            "radius_at_no_load": ("m", "Contact radius without load"),
+            "tabor": ("1", "Tabor's parameter"),
+            "lost_energy": ("J", "Energy lost, closing and opening"),
+        },
+    ),
+    "heating": Simulator(
+        heating,
+        {
+            **_FALL,
+            "duration": Parameter("s", 0.5, "from the release"),
+            "heat_capacity": Parameter("J/kg/K", None, "without it, the library's"),
+            "conductivity": Parameter("W/m/K", None, "without it, the library's"),
+            "rtol": Parameter("1", 1e-3, "relative error aimed at"),
+        },
+        {
+            "impacts": ("1", "Impacts"),
+            "bulk_rise": ("K", "Rise of the contact by the first impact"),
+            "train_rise": ("K", "Largest rise, with conduction"),
+            "train_rise_adiabatic": ("K", "Largest rise, without conduction"),
+            "modulus_change": ("1", "Relative change of the modulus"),
+        },
+    ),
 }
+"""Keys as ``labpipe sweep`` names them."""

@@ -360,14 +360,6 @@
     return [Math.min(...ranges.map((r) => r[0])), Math.max(...ranges.map((r) => r[1]))];
   };
 
-  /** Widen one of two windows until a unit is equally long along both. */
-  const equalised = (u, [x0, x1], [y0, y1]) => {
-    const width = u.over.clientWidth || 1, height = u.over.clientHeight || 1;
-    const perPixel = Math.max((x1 - x0) / width, (y1 - y0) / height);
-    const about = (a, b, length) => [(a + b - perPixel * length) / 2, (a + b + perPixel * length) / 2];
-    return [about(x0, x1, width), about(y0, y1, height)];
-  };
-
   const apply = (chart) => {
     const u = chart.plot;
     for (const button of chart.buttons) button.setAttribute("aria-pressed", String(isCurrent(chart, Number(button.dataset.view))));
@@ -377,8 +369,7 @@
       chart.slider.setAttribute("aria-valuetext", present?.textContent ?? "between two views");
     }
     if (u === null) return;
-    const whole = [chart.window, chart.yWindow ?? heights(chart, chart.window)];
-    const [[x0, x1], [y0, y1]] = chart.description.equal ? equalised(u, ...whole) : whole;
+    const [x0, x1] = chart.window, [y0, y1] = chart.yWindow ?? heights(chart, chart.window);
     u.batch(() => {
       u.setScale("x", { min: x0, max: x1 });
       u.setScale("y", { min: y0, max: y1 });

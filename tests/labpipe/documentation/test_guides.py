@@ -29,7 +29,7 @@ def commands() -> list[tuple[str, str]]:
         lines += re.findall(r"`(labpipe [^`\n]*)`", text) + re.findall(r"^\$ (labpipe .*)$", text, re.M)
         for line in lines:
             for part in line.split("&&"):
-                words = part.split("#")[0].strip().removeprefix(".venv/bin/")
+                words = re.split("[#|]", part)[0].strip().removeprefix(".venv/bin/")
                 if words.startswith("labpipe "):
                     found.append((page.name, words))
     return sorted(set(found))

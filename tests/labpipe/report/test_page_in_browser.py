@@ -82,7 +82,7 @@ def page(tmp_path_factory):
             x_scale="log",
             y_scale="log",
         ),
-        ScatterChart("loop", "x / m", "F / N", (Series("loop", np.cos(phase), np.sin(phase)),), has_equal_axes=True),
+        ScatterChart("loop", "x / m", "F / N", (Series("loop", np.cos(phase), np.sin(phase)),)),
     )
     folded = LineChart("folded", "x", "y", (Series("a", t, height, "step"),))
     table = Table((Column("n"), Column("e")), [(1, 0.8), (2, 0.5), (10, None), (3, -0.1)])

@@ -114,7 +114,7 @@ def test_a_table_is_made_of_columns_that_bring_their_cells():
     known = Listed("radius", [34e-6, 36e-6], "m", u=[1.2e-6, 1.1e-6])
     table = listed([Listed("impact", [1, 2, 3]), known.extended(3)], "peaks", sortable=False)
     view = table_view(table)
-    assert (view.caption, view.sortable) == ("peaks", False)
+    assert (table.caption, table.sortable) == ("peaks", False)
     assert [(h.title, h.unit) for h in view.headings] == [("impact", ""), ("radius", "µm")]
     assert [[cell.text for cell in row] for row in view.rows] == [["1", "34.0 ± 1.2"], ["2", "36.0 ± 1.1"], ["3", "–"]]
     with pytest.raises(ValueError, match="longer"):

@@ -17,9 +17,9 @@ def each_contender_runs_once(request: pytest.FixtureRequest) -> Iterator[None]:
     known: dict[int, tuple[Callable[[], Any], tuple[float, Any]]] = {}
     timed = measure._timed
 
-    def once(call: Callable[[], Any], clock: Callable[[], float]) -> tuple[float, Any]:
+    def once(call: Callable[[], Any]) -> tuple[float, Any]:
         if id(call) not in known:
-            known[id(call)] = call, timed(call, clock)
+            known[id(call)] = call, timed(call)
         return known[id(call)][1]
 
     with pytest.MonkeyPatch.context() as patch:
