@@ -63,7 +63,8 @@ def place_for_code(stated: str) -> Path:
 
 
 _HERE = Path(__file__).parent
-_PLACE = place_for_code(numba.config.CACHE_DIR)
+_CONFIG: Any = numba.config  # its names are made when it is imported
+_PLACE = place_for_code(_CONFIG.CACHE_DIR)
 numba.njit()(lambda: None)()  # fills the tables of the compiler, which processes forked from this one then share
 
 
@@ -76,7 +77,7 @@ def njit(*, cache: bool = False, **options: Any) -> _Decorator:
     def decorate(function: Callable[..., Any]) -> Any:
         beside = Path(function.__code__.co_filename).parent
         folders = (_HERE,) if beside.is_relative_to(_HERE) else (_HERE, beside)
-        numba.config.CACHE_DIR = str(_PLACE / f"kernels-{kernel_digest(*folders)}")
+        _CONFIG.CACHE_DIR = str(_PLACE / f"kernels-{kernel_digest(*folders)}")
         return numba.njit(cache=cache, **options)(function)
 
     return decorate

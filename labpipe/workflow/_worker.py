@@ -196,7 +196,8 @@ class _Run:
             return Outcome(*task.id, SKIPPED, message=text, is_of_run=is_of_run, reason=NO_INPUT)
         self.emit("started", task.id)
         begun, begun_processor = time.perf_counter(), time.process_time()
-        key, failure = None, {}
+        key: str | None = None
+        failure: dict[str, Any] = {}
         try:
             key = self._made(task)
         except _StartAgain:

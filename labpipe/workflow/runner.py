@@ -357,7 +357,7 @@ class _SessionRun:
             return
         self.log("worker died", experiment=experiment, task=blamed, message=str(answer))
         self.deaths[experiment, blamed] += 1
-        failure = {"message": str(answer), "exit_code": 1, "is_of_run": True}
+        failure: dict[str, Any] = {"message": str(answer), "exit_code": 1, "is_of_run": True}
         if self.deaths[experiment, blamed] >= _TRIES:
             if blamed is None or blamed in self.killed:
                 for row in self.plan.to_run:
