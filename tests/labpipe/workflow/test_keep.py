@@ -10,7 +10,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from labpipe.workflow import code
 from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.plan import Plan, make_plan, plan
@@ -109,7 +108,6 @@ class Laboratory:
 def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[Laboratory]:
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # the code changes within a second
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(code, "_memory", lambda: tmp_path / "memory.json")
     name = f"laboratory_{abs(hash(request.node.name))}"
     made = Laboratory(tmp_path, name, partial(forget, monkeypatch))
     made.run()
