@@ -10,7 +10,7 @@ and ``lp.export``; make a synthetic one with ``lp.sample`` or ``lp.demo``; simul
 ``lp.indent`` and ``lp.sweep``.
 
 Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`,
-:mod:`labpipe.contact`, :mod:`labpipe.imaging`, :mod:`labpipe.identification`; beside them
+:mod:`labpipe.contact`, :mod:`labpipe.imaging`, :mod:`labpipe.identification`; next to them
 :mod:`labpipe.workflow`, :mod:`labpipe.judging` and :mod:`labpipe.report`, which know none of the
 physics. They know no instrument, no calibration and no experiment; this file alone names the
 packages above, and loads each when a name of it is first used. Importing labpipe imports none of
@@ -18,11 +18,10 @@ the numerical libraries.
 """
 
 import sys
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from labpipe.installation import BUILD as BUILD, __version__ as __version__, keep_compiled_code, lazily
+from labpipe.installation import BUILD as BUILD, __version__ as __version__, lazily
 
 if TYPE_CHECKING:
     from instruments import read
@@ -103,6 +102,3 @@ class _Door(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Door
-
-_HERE = Path(__file__).parent
-keep_compiled_code(_HERE, _HERE.parent / "pipelines/rig")

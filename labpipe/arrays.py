@@ -1,4 +1,4 @@
-"""Types of arrays, by what they hold; their shapes stand in the docstrings."""
+"""Types of arrays by their elements; shapes are given in the docstrings."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -16,7 +16,7 @@ _KEPT = 64 * 2**20
 class Window:
     """A memory-mapped file from which nothing beyond its end can be read.
 
-    What has been looked at (:meth:`note_use`) is given back to the system now and then, so that
+    Pages that were read (:meth:`note_use`) are given back to the system now and then, so that
     going through a large file does not fill this process's memory with it.
 
     Parameters

@@ -1,30 +1,89 @@
-"""Decorators for compiled kernels, by public options of numba.
+"""Decorators for compiled kernels, by public options of numba, and the folder that keeps their machine code.
 
-The machine code is kept in ``NUMBA_CACHE_DIR``, which labpipe sets when it is imported
-(:func:`labpipe.installation.keep_compiled_code`).
+By itself numba compares the file of a kernel alone, not those of the kernels and constants that its code holds. So
+the folder belongs to the present source of all kernels. It is in ``NUMBA_CACHE_DIR`` where that is stated,
+otherwise in the user's folder for caches; where nothing can be written, or the disk is full, in a temporary one.
 """
 
+import atexit
+import hashlib
+import os
+import re
+import shutil
+import sys
+import tempfile
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
-from numba import njit
-
-njit()(lambda: None)()  # fills the tables of the compiler, which processes that are forked from this one then share
+import numba
 
 _Decorator = Callable[[Callable[..., Any]], Any]
+_KERNELS = re.compile(r"\bnjit\b|labpipe\.compilation")
+_IMPORTED = re.compile(r"^from (?:\w+\.)*(\w+) import", re.MULTILINE)
+_ROOM = 50_000_000
+"""Bytes; all kernels together take a tenth of it."""
 
 
-def compiled(**options: Any) -> _Decorator:
-    """Compile a kernel that Python calls, and keep its machine code; ``options`` are those of ``numba.njit``."""
-    return njit(cache=True, **options)
+def cache_folder() -> Path:
+    """Folder of the user for files that can be made again: ``$XDG_CACHE_HOME/labpipe``, or the system's equivalent."""
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111 (Path.home raises where there is none)
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData/Local")
+    elif sys.platform == "darwin":
+        base = home / "Library/Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return base / "labpipe"
 
 
-def part(**options: Any) -> _Decorator:
-    """Compile a function that only kernels call: each of them holds its code."""
-    return njit(**options)
+@cache
+def kernel_digest(*folders: Path) -> str:
+    """Digest of the source of all kernels in folders, and of the modules that they import from there."""
+    sources = {path: path.read_text("utf-8", "replace") for folder in folders for path in folder.rglob("*.py")}
+    kernels = {path for path, text in sources.items() if _KERNELS.search(text)}
+    imported = {name for path in kernels for name in _IMPORTED.findall(sources[path])}
+    held = sorted(path for path in sources if path in kernels or path.stem in imported)
+    return hashlib.sha256("".join(sources[path] for path in held).encode("utf-8", "replace")).hexdigest()[:16]
 
 
-#: The same where a division by zero gives infinity, as in NumPy.
-lean = partial(compiled, error_model="numpy")
-inner = partial(part, error_model="numpy")
+def place_for_code(stated: str) -> Path:
+    """Return a folder that can be written to: the stated one, that of the user, or a temporary one."""
+    base = Path(stated or cache_folder())
+    there = next(path for path in (base, *base.parents) if path.exists())
+    try:
+        can_write = there.is_dir() and os.access(there, os.W_OK | os.X_OK)
+        if not (can_write and shutil.disk_usage(there).free > _ROOM):
+            base = Path(tempfile.mkdtemp(prefix="labpipe-"))
+            atexit.register(shutil.rmtree, base, ignore_errors=True)
+    except OSError:  # numba looks for a place itself
+        pass
+    return base
+
+
+_HERE = Path(__file__).parent
+_CONFIG: Any = numba.config  # its names are made when it is imported
+_PLACE = place_for_code(_CONFIG.CACHE_DIR)
+numba.njit()(lambda: None)()  # fills the tables of the compiler, which processes forked from this one then share
+
+
+def njit(*, cache: bool = False, **options: Any) -> _Decorator:
+    """Compile a function as ``numba.njit`` does; with ``cache`` its machine code is kept, as for one that Python calls.
+
+    A function that only kernels call needs none: each of them holds its code.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        beside = Path(function.__code__.co_filename).parent
+        folders = (_HERE,) if beside.is_relative_to(_HERE) else (_HERE, beside)
+        _CONFIG.CACHE_DIR = str(_PLACE / f"kernels-{kernel_digest(*folders)}")
+        return numba.njit(cache=cache, **options)(function)
+
+    return decorate
+
+
+compiled = partial(njit, cache=True)
+#: The same where a division by zero gives infinity, as in NumPy: for Python, and for kernels alone.
+lean = partial(njit, cache=True, error_model="numpy")
+inner = partial(njit, error_model="numpy")

@@ -7,17 +7,18 @@
     ├── SourceError (3)           a file cannot be read as the format it seems to have
     ├── ConfigError (3)           session.toml holds one or more mistakes, all listed
     ├── CalibrationError (3)      a calibration record is missing, expired, or for another view
-    ├── InputError (3)            a value handed to a function lies outside its domain
+    ├── InputError (3)            a value handed to a function is outside its domain
     ├── InstallationError (3)     files of the program are not its own, or not those it began with
     ├── StageError (1)            one step of one experiment failed; the others go on
     ├── StoreError (4)            a stored result is damaged
     └── StorageError (5)          no space, or no permission, to write a result
 
-Every message says where, what was found, what was expected, and what to do.
+Every message gives the place, the finding, the expectation and the remedy.
 """
 
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from os import PathLike
 from typing import Self
 
@@ -38,10 +39,10 @@ class LabpipeError(Exception):
     exit_code : int
         Of the command line.
     is_of_run : bool
-        Whether the run was stopped by something else than what it was given: such an error says
+        Whether the run was stopped by something else than its input: such an error says
         nothing about a record, and the same run may succeed another time.
     reason : str
-        One of the constants of this module, or the name of what was given wrongly, where a caller acts on why it
+        One of the constants of this module, or the name of a wrong argument, where a caller acts on why it
         was raised; else empty.
     """
 
@@ -62,20 +63,20 @@ class UsageError(LabpipeError):
 
 
 class SourceError(LabpipeError):
-    """A file cannot be read as what it claims to be.
+    """A file cannot be read in the format that it claims.
 
     Parameters
     ----------
     path : path-like
         The file.
     message : str
-        What was found and what was expected.
+        The finding and the expectation.
     line, column : int, optional
         Position in a text file, both counted from 1.
     offset : int, optional
         Position in a binary file in bytes, counted from 0.
     hint : str, optional
-        What the user can do about it.
+        Remedy for the user.
     """
 
     exit_code = 3
@@ -113,13 +114,8 @@ class SourceError(LabpipeError):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Rebuild from the fields, so that the error survives a process boundary."""
-        return _rebuild_source_error, (self.path, self.message, self.line, self.column, self.offset, self.hint)
-
-
-def _rebuild_source_error(
-    path: str, message: str, line: int | None, column: int | None, offset: int | None, hint: str | None
-) -> SourceError:
-    return SourceError(path, message, line=line, column=column, offset=offset, hint=hint)
+        where = {"line": self.line, "column": self.column, "offset": self.offset}
+        return partial(SourceError, self.path, self.message, hint=self.hint, **where), ()
 
 
 class ConfigError(LabpipeError):
@@ -128,7 +124,7 @@ class ConfigError(LabpipeError):
     Parameters
     ----------
     problems : sequence of str
-        One line each, already formatted as ``file:line: key: what is wrong``.
+        One line each, already formatted as ``file:line: key: mistake``.
     """
 
     exit_code = 3
@@ -156,20 +152,20 @@ class CalibrationError(LabpipeError):
 
 
 class InputError(LabpipeError, ValueError):
-    """A value handed to a function lies outside the domain where its answer is right."""
+    """A value handed to a function is outside its domain."""
 
     exit_code = 3
 
 
 class StageError(LabpipeError):
-    """One step of one experiment could not be made, or gave what no step may give.
+    """One step of one experiment could not be made, or gave an unusable result.
 
     Parameters
     ----------
     experiment, stage : str
         Where it failed.
     message : str
-        What was found, what was expected, what to do.
+        Finding, expectation and remedy.
     """
 
     is_of_run = True
@@ -200,7 +196,7 @@ class StorageError(LabpipeError):
 
 
 class SourceWarning(UserWarning):
-    """What is told of a file that is read all the same; ``message`` is that without the name of the file."""
+    """Remark on a file that is read all the same; ``message`` is that without the name of the file."""
 
     def __init__(self, path: str | PathLike[str], message: str, line: int | None = None) -> None:
         self.message = message if line is None else f"line {line}: {message}"
@@ -210,5 +206,5 @@ class SourceWarning(UserWarning):
 def warn_of(
     path: str | PathLike[str], message: str, *, line: int | None = None, category: type[SourceWarning] = SourceWarning
 ) -> None:
-    """Warn whoever reads a file of what was found in it."""
+    """Warn the reader of a file."""
     warnings.warn(category(path, message, line), stacklevel=5)

@@ -107,7 +107,7 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> "xr.Da
     Returns
     -------
     Dataset
-        What was read back, as :func:`read_dataset` returns it.
+        The Dataset read back, as :func:`read_dataset` returns it.
 
     Raises
     ------
@@ -185,9 +185,9 @@ _FLUSH_INTERVAL = 1.0
 
 @contextlib.contextmanager
 def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
-    """Make a file that grows while something is measured, so that a kill leaves what came.
+    """Make a file that grows during a measurement, so that a kill loses no reading.
 
-    What was appended is with the operating system when the call returns, and on the disk at least
+    Appended text is with the operating system when the call returns, and on the disk at least
     every second in which something is appended. The file is locked as by :func:`lock`.
 
     Parameters
@@ -306,7 +306,7 @@ def require_space(path: str | os.PathLike[str], needed: int) -> None:
 
 
 def _replace(path: Path, needed: int, fill: Callable[[Path], None], verify: Callable[[Path], None]) -> None:
-    """Fill a temporary file beside ``path``, verify it, make it durable, and rename it."""
+    """Fill a temporary file next to ``path``, verify it, make it durable, and rename it."""
     # The temporary name is short whatever the final one is, so a 255-byte name still works.
     part = path.parent / f".{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{PART_SUFFIX}"
     try:
@@ -328,7 +328,7 @@ def _replace(path: Path, needed: int, fill: Callable[[Path], None], verify: Call
 
 @functools.cache
 def _machine() -> str:
-    """Tell numbers of processes apart: of other machines on a share, of other containers here."""
+    """Distinguish process numbers of this machine from those of others on a share, or of other containers."""
     name = os.uname().nodename if hasattr(os, "uname") else ""
     with contextlib.suppress(OSError):
         name += str(Path("/proc/self/ns/pid").readlink())
@@ -336,26 +336,21 @@ def _machine() -> str:
 
 
 def _remove_orphans(folder: Path) -> None:
-    """Remove what killed processes of this machine left half-written in a folder."""
+    """Remove half-written files of killed processes of this machine from a folder."""
     if os.name == "nt":  # where asking for a process would end it
         return
     head = f".{_machine()}-"
     with contextlib.suppress(OSError):
         for name in os.listdir(folder):  # noqa: PTH208  # names alone, of folders with many files
-            if name.startswith(head) and name.endswith(PART_SUFFIX):
-                process = name.removeprefix(head).partition("-")[0]
-                if process.isdigit() and not _is_alive(int(process)):
-                    (folder / name).unlink(missing_ok=True)
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):  # somebody else's, or no number of a process at all
-        return True
-    return True
+            process = name.removeprefix(head).partition("-")[0]
+            if not (name.startswith(head) and name.endswith(PART_SUFFIX) and process.isdigit()):
+                continue
+            try:
+                os.kill(int(process), 0)
+            except ProcessLookupError:
+                (folder / name).unlink(missing_ok=True)
+            except (OSError, OverflowError):  # somebody else's, or no number of a process at all
+                continue
 
 
 def _flush(path: Path) -> None:
@@ -367,7 +362,7 @@ def _flush(path: Path) -> None:
 
 
 def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
-    """Say why a file could not be written, in terms of what the user can change."""
+    """Say why a file could not be written, in terms that the user can act on."""
     number = error.errno if isinstance(error, OSError) else None
     # HDF5 reports a limit on the size of files as a missing permission.
     is_hdf = number == errno.EACCES and os.access(path.parent, os.W_OK)
@@ -380,19 +375,14 @@ def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
     elif number == errno.ENAMETOOLONG:
         why = "the path is too long for this file system; move the session to a shorter path"
     else:
-        free = _free_or_none(path)
+        free = None
+        with contextlib.suppress(OSError):  # a share that went away has no free space to report
+            free = free_bytes(path)
         if number in (errno.ENOSPC, errno.EDQUOT) or (free is not None and free < needed):
             why = f"no space left: {needed} bytes are needed, {free} are free; make room there"
         else:
             why = f"{needed} bytes could not be written ({error}); is the disk there and not full?"
     return StorageError(f"{path}: {why}")
-
-
-def _free_or_none(path: Path) -> int | None:
-    try:
-        return free_bytes(path)
-    except OSError:  # a share that went away has no free space to report
-        return None
 
 
 # --- locks -----------------------------------------------------------------------------------
@@ -478,7 +468,7 @@ def seal(value: Any) -> bytes:
 
 
 def unseal(data: bytes) -> Any:
-    """Return what :func:`seal` was given, or None when a single bit differs."""
+    """Return the value given to :func:`seal`, or None when a single bit differs."""
     body = data[len(_sealed(b"")) - len(_END) : -len(_END)]
     try:
         return json.loads(body) if _sealed(body) == data else None
@@ -500,7 +490,7 @@ _RACE = 2_000_000_000
 
 
 class Stamp(NamedTuple):
-    """What says that a file is still the same, without reading it.
+    """Evidence that a file is still the same, without reading it.
 
     The inode's change time is part of it, which no program can set back; so new content under an
     old modification time is noticed.
@@ -513,7 +503,7 @@ class Stamp(NamedTuple):
 
     @classmethod
     def of(cls, status: os.stat_result) -> "Stamp":
-        """Return the stamp of what the operating system says of a file."""
+        """Return the stamp of a file by its status."""
         return cls(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
 
     def is_recent(self) -> bool:
@@ -538,15 +528,8 @@ class HashIndex:
     def __init__(self, path: str | os.PathLike[str], *, paranoid: bool = False) -> None:
         self._path = Path(path)
         self._paranoid = paranoid
-        self._known: _Known | None = None
+        self._known: _Known | None = None  # read when it is first asked for: most who open a store read one result
         self._fresh: _Known = {}
-
-    @property
-    def _entries(self) -> _Known:
-        """What was kept, read when it is first asked for: most who open a store read one result."""
-        if self._known is None:
-            self._known = self._load()
-        return self._known
 
     def digest(self, path: str | os.PathLike[str]) -> str:
         """Return the SHA-256 of a file or folder; see :func:`labpipe.digest`."""
@@ -560,7 +543,8 @@ class HashIndex:
             raise SourceError(source, f"cannot be read: {error.strerror}") from error
         known = self._fresh.get(name)
         if known is None and not self._paranoid:
-            known = self._entries.get(name)
+            self._known = self._load() if self._known is None else self._known
+            known = self._known.get(name)
         if known is not None and known[0] == stamp:
             return known[1]
         found = digest(source)
@@ -569,7 +553,7 @@ class HashIndex:
         return found
 
     def save(self) -> None:
-        """Keep what was learnt; entries that another process added meanwhile are kept too."""
+        """Keep new digests; entries that another process added meanwhile are kept too."""
         if not self._fresh:
             return
         # The index only saves time: where it cannot be kept, the next call reads again.
@@ -589,6 +573,8 @@ class HashIndex:
 # --- names from untrusted text -------------------------------------------------------------------
 
 _RESERVED = re.compile(r"(?i)^(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)(\.|$)")
+_DIRECTIONS = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+"""Embeddings, overrides and isolates, which can make a name read as another one; marks cannot."""
 _LONGEST_NAME = 255
 """Bytes in one component of a path: the limit of ext4, XFS, APFS and NTFS alike."""
 
@@ -634,7 +620,10 @@ def name_problem(name: str) -> str | None:
     """Say why a session cannot name a file so, or None when it can."""
     if not name.strip():
         return "it is empty"
-    if any(unicodedata.category(c) in ("Cc", "Cs") or _is_direction(c) for c in name):
+    # Embeddings, overrides and isolates can make a name read as another one; marks cannot.
+    if any(
+        unicodedata.category(c) in ("Cc", "Cs") or "\u202a" <= c <= "\u202e" or "\u2066" <= c <= "\u2069" for c in name
+    ):
         return "it contains a control character or one that turns the reading direction"
     if "\\" in name:
         return "it contains a backslash; separate folders by /"
@@ -647,7 +636,7 @@ def name_problem(name: str) -> str | None:
 def _link_problem(joined: Path, base: Path) -> str | None:
     """Say where links lead that must not be followed.
 
-    A circle shows in ``stat``; what ``resolve`` does with one hangs on the version of Python.
+    A circle shows in ``stat``; the result of ``resolve`` depends on the version of Python.
     """
     try:
         joined.stat()
@@ -663,7 +652,7 @@ def _link_problem(joined: Path, base: Path) -> str | None:
 
 
 def _part_problem(part: str) -> str | None:
-    """Say what is wrong with one component of a path on any of the common file systems."""
+    """Name the fault of one component of a path on any of the common file systems."""
     if part == "..":
         return 'it contains ".."'
     if _RESERVED.match(part):
@@ -675,11 +664,6 @@ def _part_problem(part: str) -> str | None:
     if len(part.encode("utf-8")) > _LONGEST_NAME:
         return f"a part of it is longer than {_LONGEST_NAME} bytes"
     return None
-
-
-def _is_direction(character: str) -> bool:
-    """Embeddings, overrides and isolates can make a name read as another one; marks cannot."""
-    return "\u202a" <= character <= "\u202e" or "\u2066" <= character <= "\u2069"
 
 
 def printable(text: str) -> str:

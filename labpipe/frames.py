@@ -16,7 +16,7 @@ class IncompleteFilmWarning(SourceWarning):
 
 
 class SmoothedFilmWarning(SourceWarning):
-    """Compression smoothed the frames of a film, by an amount that nothing in its file tells."""
+    """Compression smoothed the frames of a film, by an amount that its file does not state."""
 
 
 @runtime_checkable
@@ -61,7 +61,7 @@ class FrameSource(Protocol):
 
 
 class ShownFrames:
-    """What a film of any kind shows of itself, for which nothing is decoded; its length, and its frames in order."""
+    """Length, iteration and representation of a film of any kind; nothing is decoded for the latter."""
 
     def __len__(self) -> int:
         """Return the number of frames."""

@@ -1,4 +1,4 @@
-"""Datasets as netCDF-4: what can be stored, the digest of the values, and the checks on reading.
+"""Datasets as netCDF-4: types that can be stored, the digest of the values, and the checks on reading.
 
 Every chunk carries a Fletcher-32 checksum, but attributes, scalars, text and the file's own tables
 do not, and a single wrong bit in those can crash the HDF5 library. So the file ends with a mark and
@@ -128,7 +128,7 @@ def size(dataset: xr.Dataset) -> int:
 
 
 def write(path: Path, prepared: xr.Dataset) -> None:
-    """Write what was prepared, with checksums, NaN as it is, and what :func:`_as_written` asks for.
+    """Write a prepared Dataset with checksums, NaN as it is, and the marks that :func:`_as_written` needs.
 
     All is declared before the first value is stored: by xarray's own writer, which goes from variable
     to variable, a session's small files take twice as long.
@@ -153,7 +153,7 @@ def write(path: Path, prepared: xr.Dataset) -> None:
 
 
 def trailer(path: Path) -> bytes:
-    """Return what is to be appended to a file that has just been written."""
+    """Return the bytes to be appended to a file that has just been written."""
     return _MARK + _digest_before(path, path.stat().st_size)
 
 
@@ -167,7 +167,7 @@ def _digest_before(path: Path, end: int) -> bytes:
 
 
 def _check_trailer(path: Path) -> bool:
-    """Refuse a file of ours whose bytes have changed; tell whether it is one of ours.
+    """Refuse a file of ours whose bytes have changed; return whether it is one of ours.
 
     One without our mark has other checks.
     """
@@ -182,7 +182,7 @@ def _check_trailer(path: Path) -> bool:
 
 
 def verify(path: Path, prepared: xr.Dataset) -> xr.Dataset:
-    """Return what the file gives back; InputError when that is anything but the prepared Dataset."""
+    """Return the Dataset read back; InputError when it differs from the prepared one."""
     try:
         found = read(path)
     except StoreError as error:
@@ -193,7 +193,7 @@ def verify(path: Path, prepared: xr.Dataset) -> xr.Dataset:
 
 
 def read(path: Path) -> xr.Dataset:
-    """Read a file whole after comparing its digest, and what it declares with its size."""
+    """Read a file whole after comparing its digest, and the declared sizes with its own."""
     try:
         is_ours = _check_trailer(path)
         with netCDF4.Dataset(os.fspath(path), "r") as handle:
@@ -214,7 +214,7 @@ def read(path: Path) -> xr.Dataset:
 
 
 def _as_written(handle: netCDF4.Dataset) -> xr.Dataset:
-    """Take back what was written here, without asking what other programs may have meant.
+    """Read a file of ours, without the conventions of other programs.
 
     A session is some thousand small files: by xarray's own reader, which knows all conventions,
     opening them takes longer than many a stage computes.

@@ -19,7 +19,7 @@ class Shown(NamedTuple):
 
 
 class ShownAsTable:
-    """An object that shows itself as one table, in a terminal and in a notebook alike."""
+    """An object that shows itself as one table, both in a terminal and in a notebook."""
 
     __slots__ = ()
 

@@ -1,12 +1,12 @@
-"""Plug-ins: what other distributions add to labpipe by entry points.
+"""Plug-ins: additions to labpipe from other distributions, by entry points.
 
 A distribution declares in its ``pyproject.toml``, for example ::
 
     [project.entry-points."labpipe.instruments"]
     profilometer = "our_lab.profilometer:INSTRUMENT"
 
-Nothing is imported before it is asked for. A plug-in that cannot be used is left out and told,
-never fatal; what labpipe itself brings is not replaced by one of the same name.
+Nothing is imported before it is asked for. A plug-in that cannot be used is left out with a
+warning; a part of labpipe itself is not replaced by one of the same name.
 """
 
 import warnings
@@ -26,16 +26,16 @@ class PluginWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True)
 class Plugin(Generic[T]):
-    """One entry point: where it comes from, and what it gave or why it is left out.
+    """One entry point: where it comes from, and its object or the reason why it is left out.
 
     Attributes
     ----------
     name : str
         Of the entry point.
     distribution : str
-        Name and version of what installed it.
+        Name and version of its distribution.
     found : object or None
-        What it names; None when it is left out.
+        Its object; None when it is left out.
     problem : str
         Why it is left out, "" when it is used.
     """
@@ -64,7 +64,7 @@ def survey(entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[s
         Of ``importlib.metadata.entry_points``; the caller names the group in so many words, so that
         the code that a result depends on can be followed into it.
     expected : type
-        What an entry point must name; its ``name`` is that by which it is known.
+        Type that an entry point must name; its ``name`` is that by which it is known.
     taken : sequence of str
         Names that labpipe itself uses.
 
@@ -73,15 +73,21 @@ def survey(entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[s
     tuple of Plugin
         Ordered by distribution and name, so that every machine asks them in the same order.
     """
-    names, found = set(taken), []
-    for entry in sorted(entries, key=lambda e: (_distribution(e), e.name)):
-        made = _loaded(entry, expected)
-        name = getattr(made.found, "name", entry.name)
-        if made.found is not None and name in names:
-            made = made.left_out(f'the name "{name}" is taken')
-        names.add(name)
-        found.append(made)
-    return tuple(found)
+    names, plugins = set(taken), []
+    for where, entry in sorted(((_distribution(e), e) for e in entries), key=lambda pair: (pair[0], pair[1].name)):
+        try:
+            found = entry.load()
+        except Exception as error:  # somebody else's code may raise anything
+            plugins.append(Plugin[T](entry.name, where, None, f"{type(error).__name__}: {error}"))
+            continue
+        name = getattr(found, "name", entry.name)
+        if not isinstance(found, expected):
+            problem = f"{entry.value} is a {type(found).__name__}, expected a {expected.__name__}"
+        else:
+            problem = f'the name "{name}" is taken' if name in names else ""
+            names.add(name)
+        plugins.append(Plugin(entry.name, where, None if problem else found, problem))
+    return tuple(plugins)
 
 
 def tell(plugins: Iterable[Plugin[T]]) -> None:
@@ -93,16 +99,3 @@ def tell(plugins: Iterable[Plugin[T]]) -> None:
 
 def _distribution(entry: "EntryPoint") -> str:
     return "an unknown distribution" if entry.dist is None else (f"{entry.dist.name} {entry.dist.version}")
-
-
-def _loaded(entry: "EntryPoint", expected: type[T]) -> Plugin[T]:
-    """Import what an entry point names; whatever goes wrong there is its own."""
-    where = _distribution(entry)
-    try:
-        found = entry.load()
-    except Exception as error:  # somebody else's code may raise anything
-        return Plugin(entry.name, where, None, f"{type(error).__name__}: {error}")
-    if not isinstance(found, expected):
-        problem = f"{entry.value} is a {type(found).__name__}, expected a {expected.__name__}"
-        return Plugin(entry.name, where, None, problem)
-    return Plugin(entry.name, where, found)

@@ -37,7 +37,7 @@ def check(dataset: "xr.Dataset", schema: Schema) -> "xr.Dataset":
     ------
     InputError
         A variable is missing, has other dimensions, or another unit; or a variable carries no
-        ``units`` or ``long_name``; or an uncertainty ``u_x`` stands without its ``x``.
+        ``units`` or ``long_name``; or an uncertainty ``u_x`` comes without its ``x``.
     """
     problems = []
     for name, expected in schema.variables.items():

@@ -1,10 +1,9 @@
 """Text files of instruments: encoding, size, completeness, and tables of numbers.
 
-A text file is looked at twice. :func:`survey` goes through it once in pieces: it settles the codec
-(byte order mark, then strict UTF-8, then the codecs that the format declares), refuses control
-characters, files and lines beyond :class:`Limits`, and notes whether the last line is complete.
-Then :meth:`TextFile.lines` streams the decoded lines, so that a file of 150 MB is never whole in
-memory.
+:func:`survey` goes through a file once in pieces: it settles the codec (byte order mark, then strict UTF-8,
+then the codecs that the format declares), refuses control characters, files and lines beyond :class:`Limits`, and
+notes whether the last line is complete. Then :meth:`TextFile.lines` streams the decoded lines, so that a file of
+150 MB is never whole in memory.
 
 Numbers are parsed by numpy and the result is verified (rows, columns, finite); on any doubt the
 lines are read again one cell at a time, only to name the file, the line and the column.
@@ -43,7 +42,7 @@ DOT = Separators(".", "")
 
 
 def is_number(cell: str) -> bool:
-    """Tell whether a cell is a finite decimal number with a dot (not ``nan``, not ``1_000``).
+    """Return whether a cell is a finite decimal number with a dot (not ``nan``, not ``1_000``).
 
     Examples
     --------
@@ -101,37 +100,21 @@ def separators(cells: Iterable[str]) -> Separators:
     proved: set[Separators] = set()
     ambiguous: str | None = None
     for cell in map(str.strip, cells):
-        verdict = _evidence(cell)
-        if verdict is None:
+        has_both = "," in cell and "." in cell
+        if not ("," in cell or "." in cell) or not cell.strip("+-").replace(",", "").replace(".", "").isdigit():
             continue
-        if verdict:
-            proved.add(verdict[0])
-        else:
+        if has_both:
+            decimal = max(",", ".", key=cell.rfind)
+            thousands = "," if decimal == "." else "."
+            if _GROUPED[thousands].fullmatch(cell):
+                proved.add(Separators(decimal, thousands))
+            continue
+        sign, other = (",", ".") if "," in cell else (".", ",")
+        is_grouped = _GROUPED[sign].fullmatch(cell) is not None
+        if cell.count(sign) == 1 and is_grouped:
             ambiguous = ambiguous or cell
-    return _weigh(proved, ambiguous)
-
-
-def _evidence(cell: str) -> tuple[Separators, ...] | None:
-    """Return what a cell proves; () when it may be read in two ways; None when it says nothing."""
-    has_comma, has_dot = "," in cell, "." in cell
-    if not (has_comma or has_dot) or not cell.strip("+-").replace(",", "").replace(".", "").isdigit():
-        return None
-    sign, other = (",", ".") if has_comma else (".", ",")
-    if has_comma and has_dot:
-        decimal = max(sign, other, key=cell.rfind)
-        thousands = "," if decimal == "." else "."
-        is_regular = _GROUPED[thousands].fullmatch(cell) is not None
-        return (Separators(decimal, thousands),) if is_regular else None
-    grouped = _GROUPED[sign].fullmatch(cell) is not None
-    if cell.count(sign) > 1:
-        return (Separators(other, sign),) if grouped else None
-    # One dot is the decimal sign unless something else in the file proves otherwise.
-    if grouped:
-        return ()
-    return (Separators(sign, ""),)
-
-
-def _weigh(proved: set[Separators], ambiguous: str | None) -> Separators:
+        elif cell.count(sign) == 1 or is_grouped:
+            proved.add(Separators(other, sign) if is_grouped else Separators(sign, ""))
     decimals = {each.decimal for each in proved}
     if len(decimals) > 1:
         raise InputError(
@@ -139,14 +122,13 @@ def _weigh(proved: set[Separators], ambiguous: str | None) -> Separators:
             'say which one is meant with decimal="." or decimal=","'
         )
     if proved:
-        thousands = max(each.thousands for each in proved)
-        return Separators(decimals.pop(), thousands)
+        return Separators(decimals.pop(), max(each.thousands for each in proved))
     if ambiguous is not None and "," in ambiguous:
         raise InputError(
             f'"{ambiguous}" may hold a decimal comma or a thousands comma, and nothing else in '
             'the file decides it; say which with decimal="." or decimal=","'
         )
-    return Separators(".", "")
+    return DOT  # one dot is the decimal sign unless something else in the file proves otherwise
 
 
 def plain_number(cell: str, signs: Separators = DOT) -> float | None:
@@ -209,16 +191,13 @@ _MARKS = (
 # Bytes at the beginning that tell the codec, and characters that tell one without a mark.
 _FIRST, _LEAST_WIDE = 512, 8
 
-# Every codec but the wide ones keeps these bytes for these characters alone.
-_CONTROL_BYTES = bytes(code for code in (*range(32), 127) if code not in b"\t\n\r")
-_CONTROL = re.compile(f"[{re.escape(_CONTROL_BYTES.decode())}]")
-_LINE_END = re.compile(r"\r\n?|\n")
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _MARKER = re.compile(r"-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+")  # what an instrument writes in place of a reading
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What is refused before it is read.
+    """Sizes that are refused before reading.
 
     Parameters
     ----------
@@ -292,7 +271,7 @@ def survey(
     declared : sequence of str
         Codecs to try, in this order, when there is no byte order mark and it is not UTF-8.
     limits : Limits, optional
-        What to refuse.
+        Sizes to refuse.
 
     Returns
     -------
@@ -306,8 +285,16 @@ def survey(
     """
     limits = limits or Limits()
     path = Path(path)
-    size = _checked_size(path, limits)
     head = first_bytes(path)
+    size = path.stat().st_size
+    if size == 0:
+        raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
+    if size > limits.max_bytes:
+        raise SourceError(
+            path,
+            f"the file has {size} bytes, at most {limits.max_bytes} are read",
+            hint="If it really is a recording, raise Limits(max_bytes=…).",
+        )
     marked = next((codec for mark, codec in _MARKS if head.startswith(mark)), None) or unmarked_codec(head)
     candidates = (marked,) if marked else ("utf-8", *declared)
     failures = []
@@ -329,7 +316,7 @@ def survey(
 
 
 def unmarked_codec(head: bytes) -> str | None:
-    """Tell UTF-16 without its mark by the zeros beside most characters; None of another text.
+    """Recognise UTF-16 without its mark by the zeros next to most characters; None of another text.
 
     Examples
     --------
@@ -343,33 +330,17 @@ def unmarked_codec(head: bytes) -> str | None:
     return None
 
 
-def _checked_size(path: Path, limits: Limits) -> int:
-    try:
-        status = path.stat()
-    except OSError as error:
-        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
-    if not path.is_file():
-        raise SourceError(path, "is not a regular file")
-    if status.st_size == 0:
-        raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
-    if status.st_size > limits.max_bytes:
-        raise SourceError(
-            path,
-            f"the file has {status.st_size} bytes, at most {limits.max_bytes} are read",
-            hint="If it really is a recording, raise Limits(max_bytes=…).",
-        )
-    return status.st_size
-
-
 def first_bytes(path: Path, count: int = _FIRST) -> bytes:
     """Return the beginning of a file.
 
     Raises
     ------
     SourceError
-        It cannot be opened.
+        It cannot be opened, or is no file.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise SourceError(path, "is not a regular file")
         with path.open("rb") as stream:
             return stream.read(count)
     except OSError as error:
@@ -377,74 +348,35 @@ def first_bytes(path: Path, count: int = _FIRST) -> bytes:
 
 
 def _scan(path: Path, encoding: str, limits: Limits) -> tuple[int, bool]:
-    """Count lines and find what is refused; UnicodeError when the codec does not fit."""
-    is_wide = encoding.startswith(("utf-16", "utf-32"))
-    decoder = codecs.getincrementaldecoder(encoding)(errors="strict")
-    n_ends = 0
-    open_length = 0  # characters after the last line end so far
-    last = ""
-    with path.open("rb") as stream:
-        while True:
-            piece = stream.read(_PIECE)
-            text = decoder.decode(piece, final=not piece)
-            if not piece and not text:
-                break
-            if is_wide or len(piece.translate(None, _CONTROL_BYTES)) < len(piece):
-                _refuse_control(path, text, n_ends, open_length)
-            if last == "\r" and text.startswith("\n"):
-                n_ends -= 1  # one line end that the piece boundary cut in two
-            n_ends, open_length = _count(path, text, n_ends, open_length, limits)
-            last = text[-1:] or last
-    is_ended = last in ("\n", "\r")
+    """Count lines and refuse control characters (damage, or no text at all) and long lines.
+
+    UnicodeError when the codec does not fit.
+    """
+    n_ends, begun = 0, 0  # line ends so far, and characters after the last one
+    text = ""
+    with path.open(encoding=encoding, errors="strict", newline=None) as stream:
+        while piece := stream.read(_PIECE):
+            text = piece
+            if found := _CONTROL.search(text):
+                line_start = text.rfind("\n", 0, found.start()) + 1
+                name = "NUL" if found[0] == "\0" else shorten(found[0])
+                raise SourceError(
+                    path,
+                    f"the control character {name} where text was expected: the file is damaged or binary",
+                    line=n_ends + text.count("\n", 0, found.start()) + 1,
+                    column=found.start() - line_start + 1 + (0 if line_start else begun),
+                    hint="Copy it from the instrument again.",
+                )
+            lengths = [begun, *map(len, text.split("\n"))]
+            lengths[:2] = [lengths[0] + lengths[1]]
+            if max(lengths) > limits.max_line:
+                line = n_ends + next(i for i, length in enumerate(lengths, 1) if length > limits.max_line)
+                message = f"the line is longer than {limits.max_line} characters"
+                hint = "This is not a table of readings; if it is, raise Limits(max_line=…)."
+                raise SourceError(path, message, line=line, hint=hint)
+            n_ends, begun = n_ends + len(lengths) - 1, lengths[-1]
+    is_ended = text.endswith("\n")
     return n_ends + (not is_ended), is_ended
-
-
-def _count(path: Path, text: str, n_ends: int, open_length: int, limits: Limits) -> tuple[int, int]:
-    start = 0
-    first = text.find("\n")
-    has_lone_returns = "\r" in text.replace("\r\n", "")
-    is_short = first >= 0 and max(len(text), open_length + first) <= limits.max_line
-    if is_short and not has_lone_returns:
-        # No line inside this piece can be too long, nor the one that began before it.
-        return n_ends + text.count("\n"), len(text) - 1 - text.rfind("\n")
-    if has_lone_returns:
-        ends: Iterable[tuple[int, int]] = (m.span() for m in _LINE_END.finditer(text))
-    else:
-        ends = _newlines(text)
-    for first, after in ends:
-        if open_length + first - start > limits.max_line:
-            break
-        n_ends, open_length, start = n_ends + 1, 0, after
-    else:
-        open_length += len(text) - start
-        if open_length <= limits.max_line:
-            return n_ends, open_length
-    text = f"the line is longer than {limits.max_line} characters"
-    hint = "This is not a table of readings; if it is, raise Limits(max_line=…)."
-    raise SourceError(path, text, line=n_ends + 1, hint=hint)
-
-
-def _newlines(text: str) -> Iterator[tuple[int, int]]:
-    position = text.find("\n")
-    while position >= 0:
-        yield position, position + 1
-        position = text.find("\n", position + 1)
-
-
-def _refuse_control(path: Path, text: str, n_ends: int, open_length: int) -> None:
-    """Refuse NUL and its kin: damage, or no text at all; some of them pass for blanks."""
-    found = _CONTROL.search(text)
-    if found is None:
-        return
-    before = _LINE_END.split(text[: found.start()])
-    name = "NUL" if found[0] == "\0" else shorten(found[0])
-    raise SourceError(
-        path,
-        f"the control character {name} where text was expected: the file is damaged or binary",
-        line=n_ends + len(before),
-        column=len(before[-1]) + 1 + (open_length if len(before) == 1 else 0),
-        hint="Copy it from the instrument again.",
-    )
 
 
 def parse_rows(
@@ -473,8 +405,9 @@ def parse_rows(
     if not lines:
         return np.empty((0, n_columns))
     rows = np.empty((0, 0))
-    dotted = _dotted(lines, signs)
-    if dotted is not None:
+    has_comma = signs.decimal == "," and not any("." in line for line in lines)
+    if signs == DOT or (has_comma and not signs.thousands):  # otherwise only a look at every cell can tell
+        dotted = [line.replace(",", ".") for line in lines] if has_comma else lines
         with contextlib.suppress(ValueError):
             rows = np.loadtxt(dotted, delimiter=delimiter, comments=None, ndmin=2)
     # loadtxt skips empty lines and takes "nan" and "inf": neither may pass unseen.
@@ -487,15 +420,6 @@ def parse_rows(
     return np.array(slow, dtype=np.float64).reshape(len(lines), n_columns)
 
 
-def _dotted(lines: Sequence[str], signs: Separators) -> Sequence[str] | None:
-    """Rewrite decimal commas as dots; None when only a look at every cell can tell."""
-    if signs == DOT:
-        return lines
-    if signs.thousands or signs.decimal == "." or any("." in line for line in lines):
-        return None
-    return [line.replace(signs.decimal, ".") for line in lines]
-
-
 def parse_row(
     line: str,
     n_columns: int,
@@ -505,7 +429,7 @@ def parse_row(
     line_number: int,
     signs: Separators = DOT,
 ) -> list[float]:
-    """Parse one row and name the line and the column of what is wrong with it.
+    """Parse one row and name the line and the column of its mistake.
 
     Raises
     ------
@@ -549,5 +473,5 @@ def not_a_number(cell: str, *, path: str | os.PathLike[str], line_number: int, c
 
 
 def marker_reason(cell: str) -> str:
-    """Reason of an error for a cell: that it may be what an instrument writes in place of a reading, or none."""
+    """Reason of an error for a cell: that it may be an instrument's marker in place of a reading, or none."""
     return MARKER if _MARKER.fullmatch(cell) else ""

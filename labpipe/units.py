@@ -166,7 +166,7 @@ def quantity(text: str) -> Quantity:
     """Parse ``"1.5 mm"``, ``"12.0 ± 0.2 deg"`` or ``"12 ± 0,2°"`` into SI.
 
     The number after ``±`` is the standard uncertainty (one sigma); without it, it is zero. The unit
-    may stand after both numbers. A comma stands before decimals; one that may as well group
+    may stand after both numbers. A comma separates decimals; one that may as well group
     thousands, as in ``"1,500 mm"``, is refused.
 
     Raises
@@ -209,7 +209,7 @@ def si(given: Measure, unit_of: str, name: str) -> float:
     Parameters
     ----------
     given : float, str or Quantity
-        A number in SI, or a text with a unit; what stands after ``±`` is left aside.
+        A number in SI, or a text with a unit; an uncertainty after ``±`` is left aside.
     unit_of : str
         The SI unit of the argument; several that mean the same, ``"m or m/px"``.
     name : str
@@ -255,7 +255,7 @@ def require_positive(unit: str = "", **values: float) -> None:
 
 
 def _example(unit_of: str) -> str:
-    """Say what an argument takes, with an example in the unit that laboratories write."""
+    """Describe an argument, with an example in the unit that laboratories write."""
     first = unit_of.partition(" or ")[0]
     usual = {"m": "9.5 mm", "kg": "505 g", "s": "0.5 s", "Pa": "3.2 GPa", "degC": "39 °C"}
     text = usual.get(first, f"1 {first}")

@@ -8,7 +8,7 @@ Variable = tuple[str | Sequence[str], Any, dict[str, Any]]
 
 
 def described(units: str, long_name: str, **more: Any) -> dict[str, Any]:
-    """Return the attributes of a variable: its SI unit, what it is in words, and more.
+    """Return the attributes of a variable: its SI unit, its long name, and more.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def variable(dims: str | Sequence[str], values: Any, units: str, long_name: str,
 def with_u(
     name: str, dims: str | Sequence[str], values: Any, u: Any, units: str, long_name: str, part: str = ""
 ) -> dict[str, Variable]:
-    """Return a variable by its name, and its standard uncertainty beside it.
+    """Return a variable by its name, and its standard uncertainty.
 
     ``part`` says of which part that is, such as ``"from first touch"``.
 
@@ -65,7 +65,7 @@ def from_rows(
     rows : sequence of mapping
         Values by name; ``u_NAME`` is the standard uncertainty of NAME.
     columns : mapping of str to (str, str)
-        Unit and long name of what is taken; an uncertainty that the rows hold comes with it.
+        Unit and long name of each column; an uncertainty that the rows hold comes with it.
     """
     made: dict[str, Variable] = {}
     for name, (units, text) in columns.items():

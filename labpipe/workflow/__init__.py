@@ -6,7 +6,8 @@
 - :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages and tasks
 - :mod:`~labpipe.workflow._keys`, :mod:`~labpipe.workflow.code`: content keys, and the code in them
 - :mod:`~labpipe.workflow.plan`: the steps of a run, with the reason of each
-- :mod:`~labpipe.workflow.store`, :mod:`~labpipe.workflow.results`: results by key, and their reader
+- :mod:`~labpipe.workflow.store`, :mod:`~labpipe.workflow.results`: results by key, and their
+  reader; the log of all runs
 - :mod:`~labpipe.workflow.runner`, :mod:`~labpipe.workflow.engines`: the run, in processes or on a cluster
 - :mod:`~labpipe.workflow.run_result`, :mod:`~labpipe.workflow.provenance`, :mod:`~labpipe.workflow.context`: the
   outcome, its origin, and the part of both that a page receives
@@ -21,7 +22,6 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.workflow._log import events as events
     from labpipe.workflow.context import Context as Context
     from labpipe.workflow.graph import Stage as Stage
     from labpipe.workflow.plan import Plan as Plan
@@ -29,6 +29,6 @@ if TYPE_CHECKING:
     from labpipe.workflow.run_result import RunResult as RunResult
     from labpipe.workflow.runner import run as run, run_all as run_all
     from labpipe.workflow.session import Experiment as Experiment, Session as Session, load as load
-    from labpipe.workflow.store import Store as Store
+    from labpipe.workflow.store import Store as Store, events as events
 else:
     __getattr__ = lazily(__name__)

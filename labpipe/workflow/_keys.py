@@ -1,4 +1,4 @@
-"""The key of every result: all that it depends on.
+"""The key of every result: all that it depends on, and the differences between two keys.
 
 The code of the packages that the stage belongs to, the parameters, the contents of the files and the keys of the
 other inputs. Equal key, equal result.
@@ -11,20 +11,26 @@ from typing import Any
 
 import msgspec
 
+from labpipe import files
 from labpipe.errors import SourceError
-from labpipe.files import HashIndex, files_below
+from labpipe.units import Quantity
 from labpipe.workflow.code import behind
+from labpipe.workflow.context import code_changed
+from labpipe.workflow.fields import show
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store, key_of
 from labpipe.workflow.tasks import Task, TaskId, ancestors
 
+_CODE = {"function", "code", "version", "format"}
+"""Ingredients that say how a result was made, not from which inputs; the last two in old records."""
+
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A task's key with what it was made of; ``value`` is None when a file cannot be read.
+    """A task's key with its ingredients; ``value`` is None when a file cannot be read.
 
-    ``kept`` says what has changed in the code since the result was made, where an earlier result
+    ``kept`` names the changed code since the result was made, where an earlier result
     is taken as it is; the key is then that of the earlier one, ``taken_for`` the present one.
     """
 
@@ -46,25 +52,25 @@ def make_keys(
     keys: dict[TaskId, Key] = {}
     plain = {e.name: msgspec.to_builtins(e.settings) for e in session.experiments.values()}
     for task in tasks.values():
-        parameters = _parameters(task.stage, plain[task.id.experiment])
-        key = _key(session, tasks, task, parameters, keys, store, full)
+        ingredients, problem = _ingredients(session, task, plain[task.id.experiment], keys, store)
+        if task.stage.shortcuts:
+            ingredients["full"] = full
+        kept = {str(name): list(keys[name].kept) for name in ancestors(tasks, task.id) if keys[name].kept}
+        if task.stage.context and kept:
+            ingredients["kept"] = kept
+        is_known = not problem and all(keys[before].value is not None for before in task.required)
+        key = Key(key_of(ingredients) if is_known else None, ingredients, problem)
         if keep is not False and task.stage.output == "dataset":
             key = _kept(store, task, key, was_taken=keep is None)
         keys[task.id] = key
     return keys
 
 
-def _key(
-    session: Session,
-    tasks: Mapping[TaskId, Task],
-    task: Task,
-    parameters: dict[str, Any],
-    keys: Mapping[TaskId, Key],
-    store: Store,
-    full: bool,
-) -> Key:
-    stage = task.stage
-    problem = ""
+def _ingredients(
+    session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key], store: Store
+) -> tuple[dict[str, Any], str]:
+    """Return everything that a result depends on, and the reason why a file of it cannot be read."""
+    stage, problem = task.stage, ""
     inputs: list[dict[str, Any]] = []
     for argument in task.arguments:
         entry: dict[str, Any] = {"input": argument.name}
@@ -83,25 +89,47 @@ def _key(
         "stage": stage.name,
         "function": stage.function,
         "code": behind(stage.function, is_page=stage.output == "page")._asdict(),
-        "parameters": parameters,
+        "parameters": parameters(stage, settings),
         "inputs": inputs,
     }
-    if stage.shortcuts:
-        ingredients["full"] = full
     if stage.context:
-        ingredients["session"] = {
-            "experiment": task.id.experiment,
-            "title": session.title,
-            "operator": session.operator,
-            "notes": session.notes,
-            "synthetic": session.synthetic,
-        }
-        kept = {str(name): keys[name].kept for name in ancestors(tasks, task.id)}
-        if any(kept.values()):
-            ingredients["kept"] = {name: list(changed) for name, changed in kept.items() if changed}
-    if problem or any(keys[before].value is None for before in task.required):
-        return Key(None, ingredients, problem)
-    return Key(key_of(ingredients), ingredients)
+        words = {name: getattr(session, name) for name in ("title", "operator", "notes", "synthetic")}
+        ingredients["session"] = {"experiment": task.id.experiment} | words
+    return ingredients, problem
+
+
+def describe_file(root: Path, name: str, index: files.HashIndex) -> dict[str, Any]:
+    """Name, size and digest of a file or folder of the session.
+
+    The name belongs to the key: a function sees it, and readers are chosen by it.
+    """
+    path = root / name
+    sha256 = index.digest(path)
+    parts = files.files_below(path) if path.is_dir() else [path]
+    return {"name": name, "size": sum(p.stat().st_size for p in parts), "sha256": sha256}
+
+
+def parameters(stage: Stage, settings: Any) -> dict[str, Any]:
+    """Flatten the named fields of plain settings to ``{"sphere.radius": [0.009525, 0.0, "m"]}``."""
+    flat: dict[str, Any] = {}
+
+    def flatten(place: str, value: Any) -> None:
+        if isinstance(value, dict) and value:
+            for name, child in value.items():
+                flatten(f"{place}.{name}" if place else str(name), child)
+        else:
+            flat[place] = list(value) if isinstance(value, tuple) else value
+
+    def field(node: Any, names: Sequence[str]) -> Any:
+        for position, name in enumerate(names):
+            if isinstance(node, list | tuple):
+                return [field(item, names[position:]) for item in node]
+            node = node.get(name) if isinstance(node, dict) else None
+        return node
+
+    for dotted in stage.parameters:
+        flatten(*("", settings) if dotted == "*" else (dotted, field(settings, dotted.split("."))))
+    return flat
 
 
 def _kept(store: Store, task: Task, key: Key, *, was_taken: bool) -> Key:
@@ -109,69 +137,70 @@ def _kept(store: Store, task: Task, key: Key, *, was_taken: bool) -> Key:
     if key.value is None or store.state(key.value) != "absent":
         return key
     last = store.last(task.id)
-    record = None if last is None else store.record(last.key)
-    is_welcome = last is not None and (not was_taken or last.taken_for == key.value)
-    if record is None or not is_welcome or store.state(record.key) != "stored":
+    if last is None or (was_taken and last.taken_for != key.value) or store.state(last.key) != "stored":
         return key
-    old, new = record.ingredients, key.ingredients
+    record = store.record(last.key)
+    old, new = {} if record is None else record.ingredients, key.ingredients
     if any(old.get(name) != new.get(name) for name in (old.keys() | new.keys()) - _CODE):
         return key
-    return Key(record.key, old, "", tuple(code_changes(old, new)), key.value)
+    return Key(last.key, old, "", tuple(_code_changes(old, new)), key.value)
 
 
-_CODE = {"function", "code", "version", "format"}
-"""Ingredients that say how a result was made, not from what; the last two in old records."""
+# --- differences -------------------------------------------------------------------------------
 
 
-def code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+def _code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Name the packages and libraries in which the code of two results differs."""
-    before, after = (
-        {**code.get("packages", {}), **_versions(code)} for code in (old.get("code", {}), new.get("code", {}))
-    )
     if "packages" not in old.get("code", {}):
         return ["made by an earlier version of labpipe"]
+    before, after = (
+        code["packages"] | {f"{name} (library)": number for name, number in code["libraries"].items()}
+        for code in (old["code"], new["code"])
+    )
     function = [str(new["function"])] if old.get("function") != new.get("function") else []
-    names = (*after, *(name for name in before if name not in after))
-    return function + [name for name in names if before.get(name) != after.get(name)]
+    return function + [name for name in {**after, **before} if before.get(name) != after.get(name)]
 
 
-def _versions(code: Mapping[str, Any]) -> dict[str, str]:
-    return {f"{name} (library)": str(version) for name, version in code.get("libraries", {}).items()}
+def changes(old: Mapping[str, Any], new: Mapping[str, Any], *, is_waiting: bool) -> list[str]:
+    """Say in which ingredients a result differs from the last one of the same task.
 
-
-def describe_file(root: Path, name: str, index: HashIndex) -> dict[str, Any]:
-    """Name, size and digest of a file or folder of the session.
-
-    The name belongs to the key: a function sees it, and readers are chosen by it.
+    For a task that waits, the task it waits for names the change upstream.
     """
-    path = root / name
-    sha256 = index.digest(path)
-    parts = files_below(path) if path.is_dir() else [path]
-    return {"name": name, "size": sum(p.stat().st_size for p in parts), "sha256": sha256}
+    code = _code_changes(old, new)
+    found = [code_changed(code)] if code else []
+    before, after = old["parameters"], new["parameters"]
+    found += [
+        f"parameter {name} changed {_shown(before.get(name))} -> {_shown(after.get(name))}"
+        for name in {**after, **before}
+        # The record has lists where settings have tuples; compared is what would be stored.
+        if files.canonical(before.get(name)) != files.canonical(after.get(name))
+    ]
+    before, after = (
+        {file["name"]: file["sha256"] for one in each["inputs"] for file in one.get("files", ())} for each in (old, new)
+    )
+    found += [f"input {name} changed" for name in after if name in before and before[name] != after[name]]
+    found += [f"input {name} added" for name in after if name not in before]
+    found += [f"input {name} removed" for name in before if name not in after]
+    if old.get("full") != new.get("full"):
+        found.append(f"full {_shown(old.get('full'))} -> {_shown(new.get('full'))}")
+    words = new.get("session", {})
+    found += [f"session {name} changed" for name in words if old.get("session", {}).get(name) != words[name]]
+    if old["kind"] != new["kind"]:
+        found.append("stored for another kind")
+    if old.get("kept") != new.get("kept"):
+        found.append("other results of earlier code are kept")
+    if found:
+        return found
+    if [one["input"] for one in old["inputs"]] != [one["input"] for one in new["inputs"]]:
+        return ["the stage takes other inputs"]
+    pairs = () if is_waiting else zip(old["inputs"], new["inputs"], strict=True)
+    return [f"upstream {one['input']} changed" for other, one in pairs if other.get("keys") != one.get("keys")]
 
 
-def _parameters(stage: Stage, plain: Any) -> dict[str, Any]:
-    """Flatten the named fields to ``{"sphere.radius": [0.009525, 0.0, "m"]}``."""
-    flat: dict[str, Any] = {}
-    for dotted in stage.parameters:
-        if dotted == "*":
-            _flatten("", plain, flat)
-            continue
-        _flatten(dotted, _plain_value(plain, dotted.split(".")), flat)
-    return flat
-
-
-def _plain_value(node: Any, names: Sequence[str]) -> Any:
-    for position, name in enumerate(names):
-        if isinstance(node, list | tuple):
-            return [_plain_value(item, names[position:]) for item in node]
-        node = node.get(name) if isinstance(node, dict) else None
-    return node
-
-
-def _flatten(prefix: str, value: Any, flat: dict[str, Any]) -> None:
-    if isinstance(value, dict) and value:
-        for name, child in value.items():
-            _flatten(f"{prefix}.{name}" if prefix else str(name), child, flat)
-    else:
-        flat[prefix] = list(value) if isinstance(value, tuple) else value
+def _shown(value: Any) -> str:
+    """Write a parameter for people; a quantity is stored as value, uncertainty, SI unit."""
+    is_quantity = isinstance(value, list) and len(value) == 3 and isinstance(value[2], str)
+    if is_quantity and all(isinstance(v, int | float) for v in value[:2]):
+        return show(Quantity(*value))
+    text = "none" if value is None else value if isinstance(value, str) else files.canonical(value)
+    return text if len(text) <= 60 else text[:60] + "…"

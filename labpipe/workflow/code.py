@@ -2,11 +2,10 @@
 
 A function belongs to the foundations (:data:`FOUNDATIONS`), to its own package, to the package ``shared``
 next to that one, and to the files of the packages around it. Their files count whole, comments included: a
-changed line may compute its kind anew, a changed kernel everything. Plug-ins that read files belong to
-everything; of other distributions the version counts.
+changed line may compute its kind anew, a changed kernel everything. Guides and licences do not count. Plug-ins
+that read files belong to everything; of other distributions the version counts.
 """
 
-import contextlib
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -17,9 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from labpipe import files
-from labpipe.errors import InstallationError, StorageError
-from labpipe.installation import cache_folder
+from labpipe.errors import InstallationError
 
 FOUNDATIONS = ("labpipe", "instruments", "calibration")
 READERS = "labpipe.instruments"
@@ -28,13 +25,14 @@ LIBRARIES = ("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba", "opencv-p
 """Distributions whose versions can change a number or a picture."""
 
 _SHARED = "shared"
+_FOR_READERS = (".md", ".LICENSE", ".typed")
+"""Endings of files that no result depends on, as on those in folders called ``documentation``."""
 _OF_PAGES = (".css", ".html", ".js")
 """Endings of files that nothing but a page depends on."""
-_DIGITS = 16
-_RACE = 2_000_000_000
-"""ns in which a file may change again without another time of modification."""
 _LOADED = time.time_ns()
 """Moment from which on this process may have loaded any of the files."""
+_seen: dict[str, tuple[int, str]] = {}
+"""Time of modification and digest of every file that belongs to an identity."""
 
 
 class Identity(NamedTuple):
@@ -60,12 +58,15 @@ def behind(*names: str, is_page: bool = False) -> Identity:
     is_page : bool
         Whether style sheets, templates and scripts count too.
     """
-    packages = {
-        part: digest[is_page]
-        for name in (*FOUNDATIONS, *_readers(), *names)
-        for package, is_whole in _belonging(name)
-        for part, digest in _digests(package, is_whole).items()
-    }
+    packages: dict[str, str] = {}
+    for name in (*FOUNDATIONS, *readers(), *names):
+        module, colon, _ = name.partition(":")
+        home = (module.rpartition(".")[0] or module) if colon else module
+        *around, _ = home.split(".")
+        for count in range(1, len(around) + 1):
+            packages |= _digests(".".join(around[:count]), False, is_page)
+        for package in (home, ".".join([*around, _SHARED])) if around else (home,):
+            packages |= _digests(package, True, is_page)
     return Identity(dict(sorted(packages.items())), {name: version(name) for name in LIBRARIES})
 
 
@@ -77,7 +78,7 @@ def refuse_changed() -> None:
     InstallationError
         With the file.
     """
-    for path, before in _seen.items():
+    for path, (before, _) in _seen.items():
         try:
             now = Path(path).stat().st_mtime_ns
         except OSError:
@@ -95,104 +96,49 @@ def version(distribution: str) -> str | None:
         return None
 
 
-_seen: dict[str, int] = {}
-"""Time of modification of every file that belongs to an identity."""
-_known: dict[str, list[str]] = {}
-"""By folder: signature of the names, sizes and times of its files, and the two digests."""
-_new: dict[str, list[str]] = {}
-
-
-def _memory() -> Path:
-    return cache_folder() / "code.json"
-
-
-def save() -> None:
-    """Keep the digests for other processes, which then need not read files whose sizes and times are the same."""
-    if _new and time.time_ns() - max(_seen.values()) > _RACE:
-        with contextlib.suppress(StorageError):  # it only saves time
-            files.write_bytes(_memory(), files.seal(_remembered() | _new))
-            _new.clear()
-
-
-def _remembered() -> dict[str, list[str]]:
-    with contextlib.suppress(OSError, TypeError, ValueError):
-        return dict(files.unseal(_memory().read_bytes()))
-    return {}
-
-
 @cache
-def _readers() -> tuple[str, ...]:
+def readers() -> tuple[str, ...]:
     """Functions that plug-ins for reading files name."""
     return tuple(sorted(entry.value for entry in importlib.metadata.entry_points(group=READERS)))
 
 
-def _belonging(name: str) -> Iterator[tuple[str, bool]]:
-    """Yield packages that a function or package belongs to, and whether each counts with those inside it."""
-    module, colon, _ = name.partition(":")
-    home = module.rpartition(".")[0] or module if colon else module
-    yield home, True
-    parts = home.split(".")
-    for count in range(1, len(parts)):
-        yield ".".join(parts[:count]), False
-    if len(parts) > 1:
-        yield ".".join([*parts[:-1], _SHARED]), True
-
-
 @cache
-def _digests(package: str, is_whole: bool) -> dict[str, tuple[str, str]]:
-    """Digests of a package's files, and of each package inside, without and with the files of pages."""
+def _digests(package: str, is_whole: bool, is_page: bool) -> dict[str, str]:
+    """Digest of a package's own files and, of a whole one, of each package inside it."""
     top, *inner = package.split(".")
     try:
         spec = importlib.util.find_spec(top)
     except ValueError:  # as of a notebook
         spec = None
     if spec is None or spec.origin is None:
-        return {package: ("absent", "absent")}
+        return {package: "absent"}
     if spec.submodule_search_locations is None:
-        folder, name = os.path.split(spec.origin)
-        return {package: _digest(folder, [(name, os.stat(spec.origin))])}  # noqa: PTH116 (as below)
-    folder = os.path.join(spec.submodule_search_locations[0], *inner)  # noqa: PTH118
-    if not os.path.isdir(folder):  # noqa: PTH112
-        return {}
-    own, below = _listed(folder, "")
-    found = {package: _digest(folder, own)}
-    for name in below if is_whole else ():
-        entries, waiting = [], [f"{name}/"]
-        while waiting:
-            prefix = waiting.pop()
-            more, deeper = _listed(folder, prefix)
-            entries += more
-            waiting += [f"{prefix}{one}/" for one in deeper]
-        found[f"{package}.{name}"] = _digest(folder, entries)
-    return found
+        return {package: _short(_digest(spec.origin).encode())}
+    found: dict[str, list[tuple[str, str]]] = {}
+    for part, name, path in _files(os.path.join(spec.submodule_search_locations[0], *inner), is_whole):  # noqa: PTH118
+        if is_page or not name.endswith(_OF_PAGES):
+            found.setdefault(f"{package}.{part}" if part else package, []).append((name, _digest(path)))
+    return {part: _short(repr(files).encode()) for part, files in found.items()}
 
 
-_Entries = list[tuple[str, os.stat_result]]
+def _files(folder: str, is_whole: bool) -> Iterator[tuple[str, str, str]]:
+    """Yield package inside, name in the folder and path of every file, as text since there are hundreds."""
+    for place, below, names in os.walk(folder):
+        kept = [name for name in below if not name.startswith((".", "__pycache__", "documentation"))]
+        below[:] = sorted(kept) if is_whole else []
+        inner = place[len(folder) + 1 :]
+        for name in sorted(names):
+            if not name.startswith(".") and not name.endswith(_FOR_READERS):
+                yield inner.partition(os.sep)[0], f"{inner}/{name}", f"{place}/{name}"
 
 
-def _listed(folder: str, prefix: str) -> tuple[_Entries, list[str]]:
-    """Files, and names of the folders, in a folder; paths as text, since there are hundreds."""
-    with os.scandir(f"{folder}/{prefix}") as found:
-        entries = [entry for entry in found if not entry.name.startswith((".", "__pycache__"))]
-    own = [(prefix + entry.name, entry.stat()) for entry in entries if not entry.is_dir()]
-    return own, sorted(entry.name for entry in entries if entry.is_dir())
-
-
-def _digest(folder: str, entries: _Entries) -> tuple[str, str]:
-    """Digest of files by content, or as it is remembered for their sizes and times."""
-    if not _known:
-        _known.update(_remembered())
-    entries.sort()
-    _seen.update((f"{folder}/{name}", status.st_mtime_ns) for name, status in entries)
-    signature = _short(repr([(name, s.st_size, s.st_mtime_ns) for name, s in entries]).encode())
-    place = f"{folder}/{entries[0][0] if entries else ''}"
-    if _known.get(place, [""])[0] != signature:
-        contents = [[name, _short(Path(folder, name).read_bytes())] for name, _ in entries]
-        plain = [entry for entry in contents if not entry[0].endswith(_OF_PAGES)]
-        _new[place] = _known[place] = [signature, _short(repr(plain).encode()), _short(repr(contents).encode())]
-    _, without, whole = _known[place]
-    return without, whole
+def _digest(path: str) -> str:
+    """Digest of a file, read once."""
+    if path not in _seen:
+        with open(path, "rb") as stream:  # noqa: PTH123 (as above)
+            _seen[path] = os.fstat(stream.fileno()).st_mtime_ns, _short(stream.read())
+    return _seen[path][1]
 
 
 def _short(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:_DIGITS]
+    return hashlib.sha256(data).hexdigest()[:16]

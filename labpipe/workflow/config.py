@@ -13,11 +13,12 @@ All mistakes of a file are reported together, each with its line. Fields that na
 type :data:`File`; such a file must exist inside the folder of the configuration.
 """
 
+import contextlib
 import math
 import re
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union
@@ -61,7 +62,7 @@ def read(path: Path, kind: type[S], root: Path | None = None, text: str | None =
     root : Path, optional
         Folder of the files it names; default its own.
     text : str, optional
-        What the file would hold; by default it is read.
+        Content that the file would have; by default it is read.
 
     Raises
     ------
@@ -80,11 +81,11 @@ _BAD = object()
 
 @dataclass(slots=True)
 class Checker:
-    """Converts values to the types of their fields and reports what does not fit.
+    """Converts values to the types of their fields and reports mistakes.
 
     ``origins`` maps a place in a merged table to the place in the file where it was written;
     ``may_wait`` takes names of files that are not there yet. With a list ``gaps``, values that are
-    still to come are told there and are no mistakes; what else is wrong is reported all the same.
+    still to come are listed there and are no mistakes; other mistakes are reported all the same.
     """
 
     document: Document
@@ -94,7 +95,7 @@ class Checker:
     gaps: list[str] | None = None
 
     def report(self, place: Place, message: str) -> Any:
-        """Report at the place in the file that a merged value came from; return what stands for no value."""
+        """Report at the place in the file that a merged value came from; return the mark of no value."""
         self.document.report(self._written(place), message)
         return _BAD
 
@@ -142,7 +143,7 @@ class Checker:
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
             return self.structure(bare, value, place, partial)
         if typing.get_origin(bare) in (list, tuple, dict):
-            return self._long_enough(marks, self._collection(kind, bare, value, place, partial), place)
+            return self._collection(kind, bare, marks, value, place, partial)
         return self._in_range(marks, self._plain(kind, bare, value, place), place)
 
     def _union(self, kind: Any, value: Any, place: Place, partial: bool) -> Any:
@@ -150,15 +151,13 @@ class Checker:
         if len(options) == 1:
             return self.value(options[0], value, place, partial)
         for option in options:
-            document = Document(self.document.path, {}, {(): 1})
-            trial = Checker(document, self.root, may_wait=self.may_wait)
+            trial = Checker(Document(self.document.path, {}, {(): 1}), self.root, may_wait=self.may_wait)
             converted = trial.value(option, value, place, partial)
             if not trial.document.problems:
                 return converted
-        expected = " or ".join(map(describe, options))
-        return self.report(place, f"expected {expected}, found {found(value)}")
+        return self.report(place, f"expected {' or '.join(map(describe, options))}, found {found(value)}")
 
-    def _collection(self, kind: Any, bare: Any, value: Any, place: Place, partial: bool) -> Any:
+    def _collection(self, kind: Any, bare: Any, marks: tuple[Any, ...], value: Any, place: Place, partial: bool) -> Any:
         arguments = typing.get_args(bare)
         if typing.get_origin(bare) is dict:
             if not isinstance(value, dict):
@@ -176,23 +175,17 @@ class Checker:
             return self.report(place, f"expected {len(arguments)} items, found {len(value)}")
         of = arguments if is_fixed else (arguments[0],) * len(value)
         items = [self.value(t, v, (*place, i), partial) for i, (t, v) in enumerate(zip(of, value, strict=True))]
-        if mark(split(of[0] if of else None)[1], FileMark) is not None:
-            self._refuse_repeated(value, place)
+        if mark(split(arguments[0])[1], FileMark) is not None:
+            for i, name in enumerate(value):
+                if name in value[:i]:
+                    self.report((*place, i), f'"{name}" is listed twice; remove one')
         if any(item is _BAD for item in items):
             return _BAD
-        return tuple(items) if typing.get_origin(bare) is tuple else items
-
-    def _long_enough(self, marks: tuple[Any, ...], value: Any, place: Place) -> Any:
         bounds = mark(marks, msgspec.Meta)
         least = (bounds.min_length if bounds is not None else None) or 0
-        if value is _BAD or len(value) >= least:
-            return value
-        return self.report(place, f"expected at least {least} item{'s' * (least != 1)}, found {len(value)}")
-
-    def _refuse_repeated(self, names: Sequence[Any], place: Place) -> None:
-        for position, name in enumerate(names):
-            if name in names[:position]:
-                self.report((*place, position), f'"{name}" is listed twice; remove one')
+        if len(items) < least:
+            return self.report(place, f"expected at least {least} item{'s' * (least != 1)}, found {len(items)}")
+        return tuple(items) if typing.get_origin(bare) is tuple else items
 
     def _quantity(self, dimension: Dimension, value: Any, place: Place) -> Any:
         expected = describe_dimension(dimension)
@@ -240,7 +233,11 @@ class Checker:
             advice = near or "; copy it there, or correct the name"
             return self.report(place, f'there is no file "{value}" in the session folder{advice}')
         if self.gaps is not None and value.endswith(".toml"):
-            self.gaps += _gaps_of_file(place_on_disk, value)
+            with contextlib.suppress(OSError, UnicodeDecodeError):  # a record that cannot be read is refused later
+                is_short = place_on_disk.stat().st_size <= LARGEST_FILE
+                lines = place_on_disk.read_text("utf-8").splitlines() if is_short else []
+                matches = ((number, _GAP_LINE.match(line)) for number, line in enumerate(lines, 1))
+                self.gaps += [f"{value}:{number}: {match[1]}: to be filled in" for number, match in matches if match]
         return value
 
     def _plain(self, kind: Any, bare: Any, value: Any, place: Place) -> Any:
@@ -262,17 +259,5 @@ class Checker:
 
 
 _GAP_LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: [^"]*)?"')
-
-
-def _gaps_of_file(path: Path, name: str) -> list[str]:
-    """Values that a record leaves open; what cannot be read is told where it is read whole."""
-    try:
-        lines = path.read_text("utf-8").splitlines() if path.stat().st_size <= LARGEST_FILE else []
-    except (OSError, UnicodeDecodeError):
-        return []
-    matches = ((number, _GAP_LINE.match(line)) for number, line in enumerate(lines, 1))
-    return [f"{name}:{number}: {match[1]}: to be filled in" for number, match in matches if match]
-
-
 _BOUNDS = {"str of length >= 1": "a text that is not empty"}
 """Words for the bounds that msgspec names by its own types."""

@@ -1,13 +1,92 @@
-"""What a page may say about the run behind it."""
+"""The part of a run that a page receives, and the counts of work done and skipped behind it.
 
-from collections.abc import Mapping, Sequence
+A stage leaves counts in the attribute ``work`` of its result, as JSON text. A count whose name
+begins like one that ends in ``_total`` is a part of it: ``frames_read`` of ``frames_total``.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from labpipe.errors import NO_INPUT
-from labpipe.workflow._ledger import LedgerRow
+from labpipe.errors import NO_INPUT, InputError
 
 _MOST_MODULES = 3
+_TOTAL = "_total"
+_CLOCK = "seconds"
+"""The one count that depends on the machine; it is kept out of results, which must not."""
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerRow:
+    """One count of one stage, summed over its recordings.
+
+    ``skipped`` is the part of the total that was not needed; None when no total is known.
+    """
+
+    experiment: str
+    stage: str
+    name: str
+    done: float
+    skipped: float | None
+
+
+def counts(work: Any) -> dict[str, float | int]:
+    """Read the attribute ``work`` of a result, given as JSON text or as a dictionary.
+
+    Raises
+    ------
+    InputError
+        It is anything but names with numbers.
+
+    Examples
+    --------
+    >>> counts('{"frames_read": 10, "frames_total": 100, "seconds": 0.1}')
+    {'frames_read': 10, 'frames_total': 100}
+    """
+    try:
+        found = json.loads(work) if isinstance(work, str) else dict(work or {})
+        plain = {str(name): _number(value) for name, value in found.items()}
+    except (ValueError, TypeError, AttributeError):
+        raise InputError(f'the attribute "work" must hold counts such as {{"frames_read": 10}}: {work!r}') from None
+    return {name: value for name, value in plain.items() if name != _CLOCK}
+
+
+def _number(value: Any) -> float | int:
+    """Return a count as a plain number; numpy's integers become Python's."""
+    if isinstance(value, bool | str) or not math.isfinite(value):
+        raise ValueError("not a finite number")
+    return int(value) if float(value).is_integer() else float(value)
+
+
+def summarise(work: Iterable[tuple[str, str, Mapping[str, float | int]]]) -> tuple[LedgerRow, ...]:
+    """Sum counts into rows.
+
+    ``work`` has (experiment, stage, counts) of each result; rows stand in the order in which experiments, stages and
+    counts appear first.
+
+    Examples
+    --------
+    >>> summarise([("a", "dic", {"frames_read": 10, "frames_total": 100})])
+    (LedgerRow(experiment='a', stage='dic', name='frames_read', done=10, skipped=90),)
+    """
+    sums: dict[tuple[str, str], dict[str, float | int]] = {}
+    for experiment, stage, found in work:
+        target = sums.setdefault((experiment, stage), {})
+        for name, value in found.items():
+            target[name] = target.get(name, 0) + value
+    rows = []
+    for (experiment, stage), found in sums.items():
+        for name, done in found.items():
+            if name.endswith(_TOTAL):
+                continue
+            # the total that a count is a part of: the longest one whose name it begins with
+            bases = [n.removesuffix(_TOTAL) for n in found if n.endswith(_TOTAL)]
+            fitting = [base for base in bases if name == base or name.startswith(base + "_")]
+            total = found[max(fitting, key=len) + _TOTAL] if fitting else None
+            rows.append(LedgerRow(experiment, stage, name, done, None if total is None else total - done))
+    return tuple(rows)
 
 
 def code_changed(modules: Sequence[str]) -> str:
@@ -37,7 +116,7 @@ class Warned:
 class Failed:
     """A stage before the page that gave no result, and why.
 
-    ``is_of_run`` says that the run was at fault, which tells nothing about what was recorded;
+    ``is_of_run`` says that the run was at fault, which says nothing about the recording;
     ``reason`` is that of the error (:attr:`labpipe.errors.LabpipeError.reason`).
     """
 
@@ -55,7 +134,7 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """A result of earlier code that was taken as it is, and what has changed in the code since."""
+    """A result of earlier code that was taken as it is, and the changed code since."""
 
     stage: str
     recording: str | None
@@ -63,7 +142,7 @@ class Kept:
 
     @property
     def reason(self) -> str:
-        """What has changed, for people."""
+        """The change in words."""
         return code_changed(self.changed)
 
 
@@ -81,7 +160,7 @@ class Context:
     """Passed to stages that ask for it; everything in it is equal for equal inputs.
 
     ``ledger`` holds the counts of the stages of this experiment behind the page; ``provenance``
-    is what :func:`labpipe.workflow.provenance.of_task` says of the page.
+    is that of the page, see :func:`labpipe.workflow.provenance.of_task`.
     """
 
     experiment: str

@@ -14,13 +14,8 @@ LARGEST_FILE = 1_000_000
 """Bytes; no configuration written by a person is longer."""
 _BARE = re.compile(r"[\w-]+")
 """A key that TOML takes without quotation marks (and letters of any language, for reading)."""
-
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
-_PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
-_TOO_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST}}}{_PART}[ \t]*+[=\]]")
-"""A dotted key deeper than that: the time that the parser takes grows with the square of it."""
-
 
 Place = tuple[str | int, ...]
 """Where a value is: keys, and positions in arrays counted from 0."""
@@ -73,7 +68,7 @@ def parse(path: Path, text: str | None = None) -> Document:
     path : Path
         The file.
     text : str, optional
-        What it would hold; by default it is read.
+        Content that it would have; by default it is read.
 
     Raises
     ------
@@ -83,10 +78,6 @@ def parse(path: Path, text: str | None = None) -> Document:
         It is not TOML, too large, too deep, or holds a number that is not finite.
     """
     text = _text(path) if text is None else text.replace("\r\n", "\n")
-    deep = _TOO_DEEP.search(text)
-    if deep is not None:
-        line = text.count("\n", 0, deep.start()) + 1
-        raise ConfigError([f"{path.name}:{line}: nested deeper than {DEEPEST} levels; flatten it"])
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -94,10 +85,18 @@ def parse(path: Path, text: str | None = None) -> Document:
     except (RecursionError, ValueError) as error:
         # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
         raise ConfigError([f"{path.name}:1: cannot be read as TOML: {error}"]) from None
-    if _depth(tree) > DEEPEST:
-        raise ConfigError([f"{path.name}:1: nested deeper than {DEEPEST} levels; flatten it"])
+    infinite: list[tuple[Place, float]] = []
+    waiting: list[tuple[Place, Any]] = [((), tree)]
+    while waiting:  # without recursion, so that no depth can exhaust the stack
+        place, node = waiting.pop()
+        if len(place) > DEEPEST:
+            raise ConfigError([f"{path.name}:1: nested deeper than {DEEPEST} levels; flatten it"])
+        if isinstance(node, float) and not math.isfinite(node):
+            infinite.append((place, node))
+        waiting += [((*place, key), child) for key, child in children(node)]
     document = Document(path, tree, line_index(text))
-    _refuse_not_finite(document, (), tree)
+    for place, number in infinite:
+        document.report(place, f"expected a finite number, found {number}")
     return document
 
 
@@ -151,34 +150,18 @@ _SYNTAX = (
 """What tomllib says, and what a person can make of it."""
 
 
-def _depth(tree: Any) -> int:
-    """Levels of nesting, counted without recursion so that no depth can exhaust the stack."""
-    level, layer = 0, [tree]
-    while layer:
-        level += 1
-        layer = [child for node in layer for child in _children(node)]
-    return level
-
-
-def _children(node: Any) -> Iterable[Any]:
+def children(node: Any) -> Iterable[tuple[str | int, Any]]:
+    """Return the values of a table with their keys, or of a list with their positions."""
     if isinstance(node, dict):
-        return node.values()
-    return node if isinstance(node, list | tuple) else ()
+        return node.items()
+    return enumerate(node) if isinstance(node, list | tuple) else ()
 
 
 def nodes(tree: Any) -> Iterator[Any]:
     """Yield a tree and all that is in it: tables, lists and values."""
     yield tree
-    for child in _children(tree):
+    for _, child in children(tree):
         yield from nodes(child)
-
-
-def _refuse_not_finite(document: Document, place: Place, node: Any) -> None:
-    if isinstance(node, float) and not math.isfinite(node):
-        document.report(place, f"expected a finite number, found {node}")
-    pairs = node.items() if isinstance(node, dict) else enumerate(_children(node))
-    for key, child in pairs:
-        _refuse_not_finite(document, (*place, key), child)
 
 
 # --- lines, which the standard parser does not say -----------------------------------------------
@@ -223,7 +206,7 @@ class _Scanner:
         return self.tokens[self.at - 1][0]
 
     def goes_on(self, end: str, separator: str = "\n") -> bool:
-        """Pass over separators; tell whether something else than the end follows, and pass over the end."""
+        """Pass over separators; return whether something else than the end follows, and pass over the end."""
         while self.tokens[self.at][0] and self.tokens[self.at][0] in f"{separator}\n":
             self.at += 1
         if self.tokens[self.at][0] == end:

@@ -1,28 +1,27 @@
 """Calls side by side: in this process, in a pool of local processes, or on a Dask cluster.
 
-An :class:`Engine` hires a :class:`Crew`, which is given one :class:`Call` after the other and answers each.
-Local processes are a :class:`concurrent.futures.ProcessPoolExecutor`. They compute on one thread each, so that an
-answer does not depend on their number; they end with the crew, and with the process that started them. A process
-that dies breaks the pool: a new one is started, and the calls that were under way are answered by :class:`Died`.
+An engine hires a :class:`Crew`, which is given one :class:`Call` after the other and answers each. Events of a
+running call, and the end of every call, arrive in one queue. Local processes are a
+:class:`concurrent.futures.ProcessPoolExecutor`; they compute on one thread each, so that an answer does not depend on
+their number, and end with the crew. A process that dies breaks the pool: a new one is started, and the calls that
+were under way are answered by :class:`Died`.
 """
 
 import contextlib
 import importlib
 import multiprocessing
-import multiprocessing.process
 import os
 import signal
 import sys
 import threading
 import types
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from itertools import count, islice
-from multiprocessing.connection import Connection
-from queue import Empty, SimpleQueue
+from multiprocessing.managers import SyncManager
+from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 from uuid import uuid4
 
@@ -45,8 +44,6 @@ _ENVIRONMENT = {
 """Of every local process."""
 _METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 """How processes begin; never a fork of this one, which may run threads."""
-_PATIENCE = 10.0
-"""Seconds that local processes get to end."""
 _CALLS_PER_THREAD, _FEWEST_CALLS = 4, 16
 """Calls that a cluster holds, so that no thread of it waits for this process."""
 
@@ -83,26 +80,36 @@ class Call:
         return function(*self.arguments, tell=tell) if self.tells else function(*self.arguments)
 
 
-class Crew(Protocol):
-    """Computes calls."""
+class Crew:
+    """Computes calls; this one does so one after the other in this process."""
+
+    def __init__(self) -> None:
+        self.under_way: dict[int, tuple[Any, Tell, Any]] = {}
+        self.numbers = count()
+
+    @property
+    def size(self) -> int:
+        """Calls that can be under way at once."""
+        return 1
 
     @property
     def room(self) -> int:
         """Calls that can be given now."""
-        ...
+        return self.size - len(self.under_way)
 
     @property
     def is_idle(self) -> bool:
         """Whether no call is under way."""
-        ...
+        return not self.under_way
 
     def give(self, key: Any, call: Call, hear: Tell) -> None:
         """Hand out a call under a key; ``hear`` is called here with its events."""
-        ...
+        self.under_way[next(self.numbers)] = key, hear, call
 
     def ended(self) -> Sequence[tuple[Any, Any]]:
-        """Wait for an event or an answer; return key and answer of calls that have ended, raise what one raised."""
-        ...
+        """Wait for an event or an answer; return key and answer of calls that have ended, raise the error of one."""
+        _, (key, hear, call) = self.under_way.popitem()
+        return [(key, call.run(hear))]
 
 
 class Engine(Protocol):
@@ -135,9 +142,7 @@ def choose(jobs: int, cluster: str | None = None) -> Engine:
 
 def processors() -> int:
     """Count the processors that this process may use, not those that the machine has."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def side_by_side(
@@ -159,8 +164,8 @@ def side_by_side(
     ------
     tuple
         A key and its answer, in the order of the answers. A task that was under way when a process died is tried
-        again alone after all others; after the third death its answer is :class:`Died`. What the function raises
-        is raised.
+        again alone after all others; after the third death its answer is :class:`Died`. An error of the
+        function is raised.
     """
 
     def answers(queue: Iterator[Key]) -> Generator[tuple[Key, Any], None, list[Key]]:
@@ -191,7 +196,15 @@ def _ignore(_: Any) -> None:
     """Take an event that nobody asked for."""
 
 
-# --- in this process ---------------------------------------------------------------------------
+def elsewhere(call: Call) -> Any:
+    """Return the answer of a call in a local process; raise its error, or :class:`Died`."""
+    with Processes(1).crew() as crew:
+        crew.give(None, call, _ignore)
+        while not (ended := crew.ended()):
+            pass
+    if isinstance(ended[0][1], Died):
+        raise ended[0][1]
+    return ended[0][1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,27 +213,49 @@ class Serial:
 
     def crew(self) -> contextlib.AbstractContextManager[Crew]:
         """See :class:`Engine`."""
-        return contextlib.nullcontext(_Alone())
+        return contextlib.nullcontext(Crew())
 
 
-@dataclass(slots=True)
-class _Alone:
-    given: list[tuple[Any, Call, Tell]] = field(default_factory=list)
+class _Queue(Protocol):
+    def put(self, item: Any, /) -> None: ...
+    def get(self) -> Any: ...
 
-    @property
-    def room(self) -> int:
-        return 1 - len(self.given)
 
-    @property
-    def is_idle(self) -> bool:
-        return not self.given
+class _Elsewhere(Crew):
+    """Hands calls to other processes; ``news`` takes (number of a call, whether it ended, event)."""
+
+    news: _Queue
+
+    def start(self, number: int, call: Call) -> Any:
+        """Return the future of a call."""
+        raise NotImplementedError
+
+    def answer(self, future: Any) -> Any:
+        """Return the answer in a future, or :class:`Died`; raise the error of the call."""
+        raise NotImplementedError
 
     def give(self, key: Any, call: Call, hear: Tell) -> None:
-        self.given.append((key, call, hear))
+        number = next(self.numbers)
+        future = self.start(number, call)
+        self.under_way[number] = key, hear, future
+
+        def note(_: Any) -> None:
+            with contextlib.suppress(OSError, EOFError):  # nobody waits for it any more
+                self.news.put((number, True, None))
+
+        future.add_done_callback(note)
 
     def ended(self) -> Sequence[tuple[Any, Any]]:
-        key, call, hear = self.given.pop()
-        return [(key, call.run(hear))]
+        try:
+            number, has_ended, event = self.news.get()
+        except (OSError, EOFError) as error:
+            raise LabpipeError("the process that passes events on was ended from outside; run again") from error
+        key, hear, future = self.under_way.get(number, (None, _ignore, None))  # an answer may overtake an event
+        if not has_ended:
+            hear(event)
+            return []
+        del self.under_way[number]
+        return [(key, self.answer(future))]
 
 
 # --- local processes ---------------------------------------------------------------------------
@@ -246,156 +281,62 @@ class Processes:
     @contextlib.contextmanager
     def crew(self) -> Iterator[Crew]:
         """See :class:`Engine`; processes begin when they are needed."""
-        crew = _PoolCrew(self.workers or processors())
+        crew = _Pool(self.workers or processors())
         try:
             yield crew
         finally:
             crew.end()
 
 
-def elsewhere(call: Call) -> Any:
-    """Return the answer of a call in a local process; raise what it raises, or :class:`Died`."""
-    with Processes(1).crew() as crew:
-        crew.give(None, call, _ignore)
-        while not crew.is_idle:
-            for _, answer in crew.ended():
-                if isinstance(answer, Died):
-                    raise answer
-    return answer
+class _Pool(_Elsewhere):
+    """An executor, started again when it breaks, and the process that holds the queue of its news.
 
-
-class _PoolCrew:
-    """A pool, what is under way in it, and one queue of its events and answers."""
-
-    def __init__(self, size: int) -> None:
-        self.size = size
-        self.pool: _Pool | None = None
-        self.news: SimpleQueue[tuple[int, bool, Any]] = SimpleQueue()
-        self.numbers = count()
-        self.under_way: dict[int, tuple[Any, Tell]] = {}
-        self.heard_out: set[int] = set()
-        self.answers: dict[int, Future[Any]] = {}
-
-    @property
-    def room(self) -> int:
-        return self.size - len(self.under_way)
-
-    @property
-    def is_idle(self) -> bool:
-        return not self.under_way
-
-    def give(self, key: Any, call: Call, hear: Tell) -> None:
-        number = next(self.numbers)
-        future: Future[Any]
-        try:
-            future = self._started(call).submit(call, number)
-        except BrokenProcessPool as death:
-            if self.under_way:  # this call ends with those that were under way
-                future = Future()
-                future.set_exception(death)
-            else:  # a process without a call died
-                self.end()
-                future = self._started(call).submit(call, number)
-        self.under_way[number] = key, hear
-        future.add_done_callback(lambda done: self.news.put((number, False, done)))
-
-    def ended(self) -> Sequence[tuple[Any, Any]]:
-        number, is_event, value = self.news.get()
-        if number not in self.under_way:  # an event that its answer has overtaken
-            return []
-        key, hear = self.under_way[number]
-        if is_event and not isinstance(value, _LastWord):
-            hear(value)
-            return []
-        if is_event:
-            self.heard_out.add(number)
-        elif isinstance(value.exception(), BrokenProcessPool):
-            return self._after_a_death()
-        else:
-            self.answers[number] = value
-        answer = self.answers.get(number)
-        if answer is None or not (number in self.heard_out or answer.exception() is not None):
-            return []  # events and answers come by two ways: all events are heard before the answer counts
-        del self.under_way[number], self.answers[number]
-        self.heard_out.discard(number)
-        return [(key, answer.result())]
-
-    def _after_a_death(self) -> list[tuple[Any, Any]]:
-        """Hear what was still told, end the pool, and answer all calls."""
-        self.end()
-        ended = [(self.under_way.pop(number)[0], answer.result()) for number, answer in self.answers.items()]
-        self.answers.clear()
-        self.heard_out.clear()
-        with contextlib.suppress(Empty):
-            while True:
-                number, is_event, value = self.news.get_nowait()
-                key, hear = self.under_way.get(number, (None, _ignore))
-                if is_event:
-                    if not isinstance(value, _LastWord):
-                        hear(value)
-                elif number in self.under_way and value.exception() is None:
-                    del self.under_way[number]
-                    ended.append((key, value.result()))
-        death = Died("its process was ended from outside, or crashed; was the memory full?")
-        ended += [(key, death) for key, _ in self.under_way.values()]
-        self.under_way.clear()
-        return ended
-
-    def _started(self, call: Call) -> "_Pool":
-        self.pool = self.pool or _Pool(self.size, call.imports, self.news)
-        return self.pool
-
-    def end(self) -> None:
-        """End all processes at once; what they were computing never comes to exist."""
-        if self.pool is not None:
-            self.pool.end()
-            self.pool = None
-
-
-class _LastWord:
-    """Event after which a call tells no more."""
-
-
-class _Pool:
-    """An executor, with a pipe by which its processes tell, and one whose end makes them end.
-
-    ``news`` receives the events with the numbers of their calls.
+    The queue outlives a worker that is killed while it writes. Workers end with the process that holds it, and
+    that one with this one.
     """
 
-    def __init__(self, size: int, imports: Sequence[str], news: "SimpleQueue[tuple[int, bool, Any]]") -> None:
-        context: Any = multiprocessing.get_context(_METHOD)
-        if _METHOD == "forkserver":
-            context.set_forkserver_preload(list(imports))
-        self.ear, self.mouth = context.Pipe(duplex=False)
-        self.held, self.life = context.Pipe(duplex=False)
-        given = (self.mouth, context.Lock(), self.held)
-        self.processes: set[multiprocessing.process.BaseProcess] = set()
-        self.executor = ProcessPoolExecutor(size, mp_context=context, initializer=_begin, initargs=given)
-        self.listener = threading.Thread(target=self._listen, args=(news,), daemon=True)
-        self.listener.start()
+    def __init__(self, workers: int) -> None:
+        super().__init__()
+        self.workers = workers
+        self.context: Any = multiprocessing.get_context(_METHOD)
+        self.manager = SyncManager(ctx=self.context)
+        self.executor: ProcessPoolExecutor | None = None
 
-    def submit(self, call: Call, number: int) -> "Future[Any]":
-        others = set(multiprocessing.active_children())
+    @property
+    def size(self) -> int:
+        return self.workers
+
+    def start(self, number: int, call: Call) -> Any:
         with _clean_start():
-            future = self.executor.submit(_compute, call, number)
-        self.processes |= set(multiprocessing.active_children()) - others
-        return future
+            if self.executor is None:
+                if _METHOD == "forkserver":
+                    self.context.set_forkserver_preload(list(call.imports))
+                self.manager.start(_end_with_parent)
+                self.news, self.end_of_manager = self.manager.Queue(), self.manager.Event()
+                self.executor = self.new_executor()
+            try:
+                return self.executor.submit(_compute, call, self.news, number)
+            except BrokenProcessPool:  # the calls under way find out by their futures
+                self.executor.shutdown()
+                self.executor = self.new_executor()
+                return self.executor.submit(_compute, call, self.news, number)
 
-    def _listen(self, news: "SimpleQueue[tuple[int, bool, Any]]") -> None:
-        with contextlib.suppress(EOFError, OSError):
-            while True:
-                number, value = self.ear.recv()
-                news.put((number, True, value))
+    def new_executor(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(
+            self.workers, mp_context=self.context, initializer=_begin, initargs=(self.end_of_manager,)
+        )
+
+    def answer(self, future: Any) -> Any:
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            return Died("its process was ended from outside, or crashed; was the memory full?")
 
     def end(self) -> None:
-        self.life.close()
-        self.executor.shutdown(wait=False, cancel_futures=True)
-        self.mouth.close()
-        self.listener.join(_PATIENCE)  # its pipe ends with the last process
-        for process in self.processes:  # whose locks are free, and whose parts nobody writes any more
-            process.join(_PATIENCE)
-        self.ear.close()
-        self.held.close()
+        """End all processes at once; unfinished results never come to exist."""
+        if self.executor is not None:
+            self.manager.shutdown()
+            self.executor.shutdown(cancel_futures=True)  # waits until their locks are free and nothing is written
 
 
 @contextlib.contextmanager
@@ -419,35 +360,29 @@ def _clean_start() -> Iterator[None]:
                 os.environ[name] = value
 
 
-_mouths: list[Callable[[int, Any], None]] = []
-"""Of a local process: its way to send an event of a call."""
+def _end_with_parent() -> None:
+    """Let the process of the queue end when the one that started it does, however that ends."""
+    parent = multiprocessing.parent_process()
+    threading.Thread(target=_exit_after, args=(parent.join if parent else _ignore,), daemon=True).start()
 
 
-def _begin(mouth: Connection, lock: Any, held: Connection) -> None:
-    """Prepare a local process: quiet, on one thread, and ending with the process that started it."""
+def _begin(end_of_manager: Any) -> None:
+    """Prepare a worker: quiet, on one thread, and ending with the process of the queue."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
     os.environ.update(_ENVIRONMENT)
     # Standard output belongs to the command; what a call or a library prints goes to the errors.
     os.dup2(sys.__stderr__.fileno() if sys.__stderr__ else 2, 1)
-
-    def end_with_parent() -> None:
-        with contextlib.suppress(EOFError, OSError):
-            held.recv()
-        os._exit(1)
-
-    def tell(number: int, value: Any) -> None:
-        with lock:
-            mouth.send((number, value))
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
-    _mouths.append(tell)
+    threading.Thread(target=_exit_after, args=(end_of_manager.wait,), daemon=True).start()
 
 
-def _compute(call: Call, number: int) -> Any:
-    try:
-        return call.run(partial(_mouths[0], number))
-    finally:
-        _mouths[0](number, _LastWord())
+def _exit_after(wait: Callable[[], Any]) -> None:
+    with contextlib.suppress(EOFError, OSError):
+        wait()
+    os._exit(1)
+
+
+def _compute(call: Call, news: _Queue, number: int) -> Any:
+    return call.run(lambda event: news.put((number, False, event)))
 
 
 # --- a cluster ---------------------------------------------------------------------------------
@@ -484,65 +419,47 @@ class Dask:
         except (OSError, ValueError) as error:
             raise UsageError(f"no Dask scheduler answers at {self.address} ({error})") from error
         with client:
-            yield _ClusterCrew(client)
+            yield _Cluster(client)
 
 
-class _ClusterCrew:
-    """What is under way on a cluster, and one queue of events and answers, which other threads fill."""
+class _Cluster(_Elsewhere):
+    """Calls on the workers of a Dask client, and their events by a topic of the scheduler."""
 
     def __init__(self, client: Any) -> None:
         from labpipe.workflow.provenance import program
 
+        super().__init__()
         self.client = client
         self.program = program()
         self.wanted = 0
-        self.numbers = count()
         self.topic = f"labpipe-{uuid4().hex}"
-        self.news: SimpleQueue[tuple[str, bool, Any]] = SimpleQueue()
-        self.under_way: dict[str, tuple[Any, Any, Tell]] = {}
-        client.subscribe_topic(self.topic, lambda event: self.news.put((event[1][0], True, event[1][1])))
+        self.news = SimpleQueue()
+        client.subscribe_topic(self.topic, lambda event: self.news.put((event[1][0], False, event[1][1])))
 
     @property
-    def room(self) -> int:
+    def size(self) -> int:
         if 2 * len(self.under_way) >= self.wanted:
-            threads = sum(self.client.nthreads().values())
-            self.wanted = max(_FEWEST_CALLS, _CALLS_PER_THREAD * threads)
-        return self.wanted - len(self.under_way)
+            self.wanted = max(_FEWEST_CALLS, _CALLS_PER_THREAD * sum(self.client.nthreads().values()))
+        return self.wanted
 
-    @property
-    def is_idle(self) -> bool:
-        return not self.under_way
+    def start(self, number: int, call: Call) -> Any:
+        arguments = (call, self.program, self.topic, number)
+        return self.client.submit(_compute_there, *arguments, key=f"{self.topic}-{number}")
 
-    def give(self, key: Any, call: Call, hear: Tell) -> None:
-        name = f"{self.topic}-{next(self.numbers)}"
-        future = self.client.submit(_compute_there, call, self.program, self.topic, name, key=name)
-        self.under_way[name] = future, key, hear
-        future.add_done_callback(lambda _: self.news.put((name, False, None)))
-
-    def ended(self) -> Sequence[tuple[Any, Any]]:
+    def answer(self, future: Any) -> Any:
         from distributed.scheduler import KilledWorker
 
-        name, is_event, value = self.news.get()
-        if name not in self.under_way:  # an event that its answer has overtaken
-            return []
-        future, key, hear = self.under_way[name]
-        if is_event:
-            hear(value)
-            return []
-        del self.under_way[name]
         if future.status not in ("finished", "error"):
             raise LabpipeError("the Dask scheduler no longer answers; run again to go on")
-        error = future.exception()
-        if isinstance(error, KilledWorker):
-            return [(key, Died("its workers died one after the other; was the memory full?"))]
-        if error is not None:
-            raise error
-        answer = future.result()
-        future.release()
-        return [(key, answer)]
+        try:
+            return future.result()
+        except KilledWorker:
+            return Died("its workers died one after the other; was the memory full?")
+        finally:
+            future.release()
 
 
-def _compute_there(call: Call, program: Mapping[str, Any], topic: str, name: str) -> Any:
+def _compute_there(call: Call, program: Mapping[str, Any], topic: str, number: int) -> Any:
     """Compute on a worker of the cluster; UsageError where its installation is another."""
     from distributed import get_worker
 
@@ -557,4 +474,4 @@ def _compute_there(call: Call, program: Mapping[str, Any], topic: str, name: str
             f"the worker {worker.address} has another installation ({listed}); install the same versions everywhere"
         )
     with _ONE_AT_A_TIME:
-        return call.run(lambda value: worker.log_event(topic, [name, value]))
+        return call.run(lambda event: worker.log_event(topic, [number, event]))

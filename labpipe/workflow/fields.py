@@ -45,7 +45,7 @@ class Range:
         return all(value == 0 for value in bounds if math.isfinite(value))
 
     def holds(self, value: float) -> bool:
-        """Tell whether a value lies inside."""
+        """Return whether a value is inside."""
         return self.above < value < self.below and self.at_least <= value <= self.at_most
 
 
@@ -67,7 +67,7 @@ GAP = "FILL"
 
 
 def is_gap(value: Any) -> bool:
-    """Tell whether a value stands for one that is still to come, or names a file that is.
+    """Return whether a value, or the file that it names, is still to come.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def split(kind: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def options_of(kind: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
-    """Yield what a field may be, each type with its marks."""
+    """Yield the alternatives of a field, each type with its marks."""
     bare, marks = split(kind)
     if typing.get_origin(bare) in (Union, types.UnionType):
         for option in typing.get_args(bare):
@@ -153,7 +153,7 @@ _WORDS: dict[type, str] = {
 
 
 def describe(kind: Any) -> str:
-    """Say in words what a field expects."""
+    """Describe the expected value of a field."""
     bare, marks = split(kind)
     dimension = mark(marks, Dimension)
     if dimension is not None:
@@ -183,7 +183,7 @@ def describe_dimension(dimension: Dimension) -> str:
 
 
 def found(value: Any) -> str:
-    """Describe what was found, shortened."""
+    """Describe a value that was found, shortened."""
     if isinstance(value, str):
         return f'"{value}"' if len(value) <= 60 else f'"{value[:60]}…"'
     if isinstance(value, bool):
@@ -201,7 +201,7 @@ _LONGEST_WORD, _MOST_OPTIONS = 256, 1000
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
-    """Add ``; did you mean "…"?``, or the list of what is known when it is short."""
+    """Add ``; did you mean "…"?``, or the list of known names when it is short."""
     options = sorted(known)
     is_short = len(word) <= _LONGEST_WORD and len(options) <= _MOST_OPTIONS
     near = difflib.get_close_matches(word, options, n=1, cutoff=0.6) if is_short else []

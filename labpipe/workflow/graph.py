@@ -1,4 +1,4 @@
-"""What a stage is, and the check that the stages of one kind of experiment fit together.
+"""Stages, and the check that those of one kind of experiment fit together.
 
 A stage is a pure function from Datasets and files to one Dataset (or one page). It is declared
 here by name; its code is imported only where it runs, so a plan needs none of it.
@@ -49,8 +49,8 @@ class Stage:
     parameters : tuple of str
         Settings fields that the result depends on, dotted (``"sphere.radius"``), or ``"*"``.
     may_lack : tuple of str
-        Inputs that help it but that it does without: None where they gave no result. Only what was given
-        may be at fault for that, as it stands behind the result; where the run was, the stage waits for it.
+        Inputs that help it but that it does without: None where they gave no result. Only the recording
+        may be at fault for that; where the run was, the stage waits for it.
     per : {"experiment", "recording"}
         Whether it runs once, or once for every file of the field ``over``.
     over : str, optional
@@ -68,7 +68,7 @@ class Stage:
         operator and notes too, and a page is called even when something before it failed (an
         input that is missing for that reason is None).
     tolerant : bool
-        Whether it is called like that without being a page. What rests on failures is handed on to
+        Whether it is called like that without being a page. A result that rests on failures is handed on to
         the page of the same run and not kept.
     shortcuts : bool
         Whether the function takes the keyword ``full`` (bool) and gives a different result by it.
@@ -106,39 +106,38 @@ def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = Non
         if any(other.name == stage.name for other in stages[:position]):
             problems.append(f'two stages are called "{stage.name}"')
         problems += [f'stage "{stage.name}": {text}' for text in _problems(stage, by_name)]
-        if settings is not None:
-            problems += [f'stage "{stage.name}": {text}' for text in _field_problems(stage, settings)]
+        fields = [name for name in stage.parameters if name != "*"]
+        fields += [name.removeprefix(FILE) for name in stage.inputs if name.startswith(FILE)]
+        fields += [name.removeprefix(OTHER).split("/")[0] for name in stage.inputs if name.startswith(OTHER)]
+        fields += [stage.over] if stage.over is not None else []
+        problems += [
+            f'stage "{stage.name}": the settings have no field "{name}"'
+            for name in fields
+            if settings is not None and not _has_field(settings, name)
+        ]
     if problems:
         raise InputError("; ".join(problems))
     try:
-        order = graphlib.TopologicalSorter({s.name: before(s) for s in stages}).static_order()
+        own = {s.name: [name for name in s.inputs if not name.startswith((FILE, OTHER))] for s in stages}
+        order = graphlib.TopologicalSorter(own).static_order()
         return tuple(by_name[name] for name in order)
     except graphlib.CycleError as error:
         circle = " -> ".join(error.args[1])
         raise InputError(f"the stages wait for each other in a circle: {circle}; remove one input") from None
 
 
-def before(stage: Stage) -> list[str]:
-    """Names of the stages of the same experiment that a stage takes."""
-    return [name for name in stage.inputs if not name.startswith((FILE, OTHER))]
-
-
 def _problems(stage: Stage, by_name: dict[str, Stage]) -> list[str]:
     problems = []
-    for name in before(stage):
-        if name not in by_name:
+    for name in stage.inputs:
+        if name.startswith(OTHER):
+            problems += [] if name.count("/") == 1 else [f'input "{name}" must read "other:FIELD/STAGE"']
+        elif not name.startswith(FILE) and name not in by_name:
             problems.append(f'unknown input "{name}"{suggest(name, by_name)}')
-            continue
-        other = by_name[name]
-        if other.output == "page":
-            problems.append(f'input "{name}" is a page; pages are for people')
-        if stage.per == other.per == "recording" and stage.over != other.over:
-            problems.append(f'input "{name}" runs over "{other.over}", this one over "{stage.over}"')
-    problems += [
-        f'input "{name}" must read "other:FIELD/STAGE"'
-        for name in stage.inputs
-        if name.startswith(OTHER) and name.count("/") != 1
-    ]
+        elif (other := by_name.get(name)) is not None:
+            if other.output == "page":
+                problems.append(f'input "{name}" is a page; pages are for people')
+            if stage.per == other.per == "recording" and stage.over != other.over:
+                problems.append(f'input "{name}" runs over "{other.over}", this one over "{stage.over}"')
     if stage.per not in ("experiment", "recording"):
         problems.append(f'per must be "experiment" or "recording", found "{stage.per}"')
     if stage.output not in ("dataset", "page"):
@@ -150,14 +149,6 @@ def _problems(stage: Stage, by_name: dict[str, Stage]) -> list[str]:
     if ":" not in stage.function:
         problems.append(f'function must read "package.module:function", found "{stage.function}"')
     return problems
-
-
-def _field_problems(stage: Stage, settings: type[msgspec.Struct]) -> list[str]:
-    names = [name for name in stage.parameters if name != "*"]
-    names += [name.removeprefix(FILE) for name in stage.inputs if name.startswith(FILE)]
-    names += [name.removeprefix(OTHER).split("/")[0] for name in stage.inputs if name.startswith(OTHER)]
-    names += [stage.over] if stage.over is not None else []
-    return [f'the settings have no field "{name}"' for name in names if not _has_field(settings, name)]
 
 
 def _has_field(kind: Any, dotted: str) -> bool:

@@ -1,19 +1,15 @@
-"""What a run would do, and why, row by row; nothing numerical is imported for it."""
+"""Plan of a run: its tasks with the reason of each; nothing numerical is imported for it."""
 
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
-from typing import Any
 
-from labpipe import files
 from labpipe.errors import SourceError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.units import Quantity
-from labpipe.workflow import code
-from labpipe.workflow._keys import Key, code_changes, make_keys
+from labpipe.workflow._keys import Key, changes, make_keys
 from labpipe.workflow.context import code_changed
-from labpipe.workflow.fields import show, suggest
+from labpipe.workflow.fields import suggest
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Last, Store
+from labpipe.workflow.store import Last, Store, last_seconds
 from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out, stage_name
 
 CACHED, KEPT, WILL_RUN, WAITS = "cached", "kept", "will run", "waits"
@@ -60,12 +56,12 @@ class Plan(ShownAsTable):
         return tuple(row for row in self.rows if row.state not in READY)
 
     def last(self, task: TaskId) -> Last:
-        """Return what is to be remembered as the last result of a task that has one."""
+        """Return the last result, to be remembered, of a task that has one."""
         key = self.keys[task]
         return Last(key.value or "", key.taken_for)
 
     def kept(self, *wanted: TaskId) -> dict[TaskId, tuple[str, ...]]:
-        """Results of earlier code behind some tasks, with what has changed in the code since."""
+        """Results of earlier code behind some tasks, with the changed code since."""
         behind = [*ancestors(self.tasks, *wanted), *wanted]
         return {name: self.keys[name].kept for name in behind if self.keys[name].kept}
 
@@ -75,15 +71,18 @@ class Plan(ShownAsTable):
 
         Steps that run side by side count one after the other.
         """
-        from labpipe.workflow._log import last_seconds
-
         known = last_seconds(self.session) if self.to_run else {}
         found = [known[row.task] for row in self.to_run if row.task in known]
         new = len(self.to_run) - len(found)
         if not found:
             return ""
         unknown = f", without {new} that never ran" if new else ""
-        return f"about {duration(sum(found))} (last time{unknown})"
+        seconds = sum(found)
+        if seconds < 100:
+            text = f"{max(seconds, 1.0):.0f} s"
+        else:
+            text = f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+        return f"about {text} (last time{unknown})"
 
     @property
     def summary(self) -> str:
@@ -107,7 +106,7 @@ def plan(
     full: bool = False,
     keep: bool | None = False,
 ) -> Plan:
-    """Say what a run would do.
+    """Plan a run.
 
     Parameters
     ----------
@@ -118,7 +117,7 @@ def plan(
     targets : iterable of str, optional
         Stages whose results are wanted, ``velocity`` or ``acrylic/velocity``; default all.
     only : iterable of str, optional
-        Experiments whose results are wanted; default all. What they need of others is done too.
+        Experiments whose results are wanted; default all. Results of others that they need are made too.
     full : bool
         Plan for a run without shortcuts.
     keep : bool or None
@@ -142,7 +141,6 @@ def plan(
     made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
     if store.root.is_dir():
         store.index.save()
-        code.save()
     return made
 
 
@@ -160,13 +158,24 @@ def make_plan(
     tasks = {name: task for name, task in tasks.items() if name in behind}
     keys = make_keys(session, tasks, store, full=full, keep=keep)
     states = {name: _state(session, store, tasks[name], keys[name]) for name in tasks}
-    needed = _needed(tasks, wanted, states)
-    rows = tuple(
-        _row(store, task, keys, states, needed)
-        for name, task in tasks.items()
-        if name in needed or states[name] == "stored"
-    )
-    return Plan(session, rows, tasks, keys)
+    needed: set[TaskId] = set()
+    waiting = [name for name in wanted if states[name] != "stored"]
+    while waiting:
+        name = waiting.pop()
+        needed.add(name)
+        if states[name] == "unpublished":
+            continue
+        # What takes the context reports on everything behind it, so all of that must be there.
+        inputs = ancestors(tasks, name) if tasks[name].stage.context else tasks[name].before
+        waiting += [one for one in inputs if states[one] != "stored" and one not in needed]
+    rows = []
+    for name, task in tasks.items():
+        if name in needed:
+            rows.append(_row_to_run(store, task, keys[name], states[name], needed))
+        elif states[name] == "stored":
+            changed = keys[name].kept
+            rows.append(Row(*name, KEPT if changed else CACHED, code_changed(changed), task.stage.summary))
+    return Plan(session, tuple(rows), tasks, keys)
 
 
 def wanted_tasks(
@@ -179,25 +188,22 @@ def wanted_tasks(
     UsageError
         A name is unknown.
     """
-    experiments = set(session.experiments) if only is None else _names(only)
+    experiments, asked = (
+        None if given is None else {given} if isinstance(given, str) else set(given) for given in (only, targets)
+    )
+    experiments = set(session.experiments) if experiments is None else experiments
     for name in sorted(experiments - set(session.experiments)):
         if name in session.waiting:
             message = f'"{name}" waits for these lines of its settings:\n  ' + "\n  ".join(session.waiting[name])
             raise UsageError(message)
         raise UsageError(f'there is no experiment "{name}"{suggest(name, session.experiments)}')
     chosen = frozenset(name for name in tasks if name.experiment in experiments)
-    if targets is None:
+    if asked is None:
         return chosen
     names = {n.stage for n in tasks} | {f"{n.experiment}/{n.stage}" for n in tasks}
-    asked = _names(targets)
     for name in sorted(asked - names):
         raise UsageError(f'there is no stage "{name}"{suggest(name, names)}')
     return frozenset(n for n in chosen if {n.stage, f"{n.experiment}/{n.stage}"} & asked)
-
-
-def _names(given: Iterable[str]) -> set[str]:
-    """Take one name for a list of one, not for its letters."""
-    return {given} if isinstance(given, str) else set(given)
 
 
 def page_name(experiment: str) -> str:
@@ -206,143 +212,39 @@ def page_name(experiment: str) -> str:
 
 
 def _state(session: Session, store: Store, task: Task, key: Key) -> str:
-    """Tell ``stored``, ``absent``, ``damaged``, ``unreadable`` or, for a page, ``unpublished``."""
+    """Return ``stored``, ``absent``, ``damaged``, ``unreadable`` or, for a page, ``unpublished``."""
     if key.value is None:
         return "unreadable" if key.problem else "absent"
     state = store.state(key.value)
-    if state == "stored" and task.stage.output == "page":
-        record = store.record(key.value)
-        try:
-            published = store.index.digest(session.folder / page_name(task.id.experiment))
-        except SourceError:
-            return "unpublished"
-        if record is not None and record.digest == published:
-            return "stored"
-        amended = store.amended().get(task.id.experiment, {})
-        return "stored" if (amended.get("key"), amended.get("digest")) == (key.value, published) else "unpublished"
-    return state
+    if state != "stored" or task.stage.output != "page":
+        return state
+    record = store.record(key.value)
+    try:
+        published = store.index.digest(session.folder / page_name(task.id.experiment))
+    except SourceError:
+        return "unpublished"
+    if record is not None and record.digest == published:
+        return "stored"
+    amended = store.amended().get(task.id.experiment, {})
+    return "stored" if (amended.get("key"), amended.get("digest")) == (key.value, published) else "unpublished"
 
 
-def _needed(tasks: Mapping[TaskId, Task], wanted: Set[TaskId], states: Mapping[TaskId, str]) -> set[TaskId]:
-    """Tasks that must run: the wanted ones without a result, and what those need."""
-    needed: set[TaskId] = set()
-    waiting = [name for name in wanted if states[name] != "stored"]
-    while waiting:
-        name = waiting.pop()
-        needed.add(name)
-        if states[name] == "unpublished":
-            continue
-        # What takes the context reports on everything behind it, so all of that must be there.
-        behind = ancestors(tasks, name) if tasks[name].stage.context else tasks[name].before
-        waiting += [b for b in behind if states[b] != "stored" and b not in needed]
-    return needed
-
-
-# --- reasons -----------------------------------------------------------------------------------
-
-
-def _row(
-    store: Store, task: Task, keys: Mapping[TaskId, Key], states: Mapping[TaskId, str], needed: set[TaskId]
-) -> Row:
-    if task.id not in needed:
-        changed = keys[task.id].kept
-        state = KEPT if changed else CACHED
-        return Row(*task.id, state, code_changed(changed), task.stage.summary)
-    state = states[task.id]
+def _row_to_run(store: Store, task: Task, key: Key, state: str, needed: Set[TaskId]) -> Row:
+    """Say why a task will run."""
+    waiting = [] if state == "unpublished" else [before for before in task.before if before in needed]
     if state == "unpublished":
-        reason = f"{page_name(task.id.experiment)} is missing or was changed"
-        return Row(*task.id, WILL_RUN, reason, task.stage.summary)
-    waiting = [before for before in task.before if before in needed]
-    reasons = []
-    if state == "unreadable":
-        reasons = [keys[task.id].problem]
+        reasons = [f"{page_name(task.id.experiment)} is missing or was changed"]
+    elif state == "unreadable":
+        reasons = [key.problem]
     elif state == "damaged":
         reasons = ["result damaged"]
+    elif (last := store.last(task.id)) is None:
+        reasons = ["never run"]
     else:
-        reasons = _changes(store, task, keys[task.id], is_waiting=bool(waiting))
-    upstream = sorted({f"upstream {stage_name(task, b)} will run" for b in waiting})
-    reasons = [*reasons, *upstream] or ["result is gone"]
-    text = "; ".join(reasons[:_MOST_REASONS])
+        record = store.record(last.key)
+        reasons = changes(record.ingredients, key.ingredients, is_waiting=bool(waiting)) if record else []
+    reasons += sorted({f"upstream {stage_name(task, before)} will run" for before in waiting})
+    text = "; ".join(reasons[:_MOST_REASONS] or ["result is gone"])
     if len(reasons) > _MOST_REASONS:
         text += f"; and {len(reasons) - _MOST_REASONS} more"
     return Row(*task.id, WAITS if waiting else WILL_RUN, text, task.stage.summary)
-
-
-def _changes(store: Store, task: Task, key: Key, *, is_waiting: bool) -> list[str]:
-    """Say what differs from the last result of the same task.
-
-    For a task that waits, the task it waits for says what changed upstream.
-    """
-    last = store.last(task.id)
-    if last is None:
-        return ["never run"]
-    record = store.record(last.key)
-    if record is None:
-        return []
-    old, new = record.ingredients, key.ingredients
-    changes = []
-    if changed := code_changes(old, new):
-        changes.append(code_changed(changed))
-    changes += _parameter_changes(old["parameters"], new["parameters"])
-    changes += _file_changes(_files(old), _files(new))
-    if old.get("full") != new.get("full"):
-        changes.append(f"full {_shown(old.get('full'))} -> {_shown(new.get('full'))}")
-    old_session, new_session = old.get("session", {}), new.get("session", {})
-    changes += [f"session {k} changed" for k in new_session if old_session.get(k) != new_session[k]]
-    if old["kind"] != new["kind"]:
-        changes.append("stored for another kind")
-    if old.get("kept") != new.get("kept"):
-        changes.append("other results of earlier code are kept")
-    if not changes and [i["input"] for i in old["inputs"]] != [i["input"] for i in new["inputs"]]:
-        changes.append("the stage takes other inputs")
-    if not changes and not is_waiting:
-        changes += [
-            f"upstream {after['input']} changed"
-            for before, after in zip(old["inputs"], new["inputs"], strict=True)
-            if before.get("keys") != after.get("keys")
-        ]
-    return changes
-
-
-def duration(seconds: float) -> str:
-    """Write a time for people.
-
-    Examples
-    --------
-    >>> duration(0.4), duration(42.0), duration(200.0), duration(9000.0)
-    ('1 s', '42 s', '3 min', '2.5 h')
-    """
-    if seconds < 100:
-        return f"{max(seconds, 1.0):.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
-
-
-def _parameter_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    names = [*new, *(name for name in old if name not in new)]
-    # What is stored has lists where settings have tuples; compared is what would be stored.
-    return [
-        f"parameter {name} changed {_shown(old.get(name))} -> {_shown(new.get(name))}"
-        for name in names
-        if files.canonical(old.get(name)) != files.canonical(new.get(name))
-    ]
-
-
-def _files(ingredients: Mapping[str, Any]) -> dict[str, str]:
-    return {f["name"]: f["sha256"] for i in ingredients["inputs"] for f in i.get("files", ())}
-
-
-def _file_changes(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
-    changes = [f"input {n} changed" for n in new if n in old and old[n] != new[n]]
-    changes += [f"input {name} added" for name in new if name not in old]
-    return changes + [f"input {name} removed" for name in old if name not in new]
-
-
-def _shown(value: Any) -> str:
-    """Write a parameter for people; a quantity is stored as value, uncertainty, SI unit."""
-    is_quantity = isinstance(value, list) and len(value) == 3 and isinstance(value[2], str)
-    if is_quantity and all(isinstance(v, int | float) for v in value[:2]):
-        return show(Quantity(*value))
-    if value is None:
-        return "none"
-    text = value if isinstance(value, str) else files.canonical(value)
-    return text if len(text) <= 60 else text[:60] + "…"

@@ -1,4 +1,4 @@
-"""The one reader of results: what a session holds as of one plan."""
+"""The one reader of results of a session, as of one plan."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Results:
     Parameters
     ----------
     plan : Plan
-        Made after the results were; what it does not hold is not read.
+        Made after the results; others are not read.
     """
 
     plan: Plan
@@ -65,7 +65,7 @@ class Results:
         return None if isinstance(found, str) else found
 
     def first(self, experiment: str, stage: str) -> "xr.Dataset | None":
-        """Return what a stage of an experiment gave, for its first recording; None where it is not there."""
+        """Return the result of a stage of an experiment, for its first recording; None where it is not there."""
         row = next((row for row in self.plan.rows if (row.experiment, row.stage) == (experiment, stage)), None)
         return None if row is None else self.up_to_date(row)
 
@@ -84,8 +84,14 @@ class Results:
         task = TaskId(experiment, stage, recording)
         if task not in self.plan.tasks:
             wanted_tasks(self.plan.session, self.plan.tasks, [f"{experiment}/{stage}"], [experiment])
-            alike = [n.recording for n in self.plan.tasks if n[:2] == task[:2]]
-            raise InputError(_which_recording(task, [name for name in alike if name is not None]))
+            known = ", ".join(f'"{n.recording}"' for n in self.plan.tasks if n[:2] == task[:2] and n.recording)
+            if not known:
+                text = f'is one result of all recordings; ask for it without "{recording}"'
+            elif recording is None:
+                text = f"has a result for each recording; name one of them: {known}"
+            else:
+                text = f'has no recording "{recording}"; there are {known}'
+            raise InputError(f"{experiment}/{stage} {text}")
         row = next(row for row in self.plan.rows if row.task == task)
         key = self.plan.keys[task].value
         if row.state not in READY or key is None:
@@ -93,13 +99,13 @@ class Results:
         return read(Store(self.plan.session.folder), key, task)
 
     def values(self, arguments: Sequence[Argument]) -> list[Any]:
-        """Return what a function is called with: Datasets and paths, lists of them, or None."""
-        return [self._value(argument) for argument in arguments]
-
-    def _value(self, argument: Argument) -> Any:
-        found: list[Any] = [self.folder / name for name in argument.files]
-        found += [self.result(*task) for task in argument.tasks]
-        return argument.arranged(found)
+        """Return the arguments of a function: Datasets and paths, lists of them, or None."""
+        return [
+            argument.arranged(
+                [*(self.folder / name for name in argument.files), *(self.result(*task) for task in argument.tasks)]
+            )
+            for argument in arguments
+        ]
 
 
 def open_result(
@@ -108,14 +114,3 @@ def open_result(
     """Return an up-to-date stored result without running anything; errors are those of :meth:`Results.result`."""
     made = make_plan(session, stages, [f"{experiment}/{stage}"], [experiment], keep=None)
     return Results(made).result(experiment, stage, recording)
-
-
-def _which_recording(task: TaskId, known: Sequence[str]) -> str:
-    """Say which recordings a result can be asked for."""
-    stage = f"{task.experiment}/{task.stage}"
-    if not known:
-        return f'{stage} is one result of all recordings; ask for it without "{task.recording}"'
-    listed = ", ".join(f'"{name}"' for name in known)
-    if task.recording is None:
-        return f"{stage} has a result for each recording; name one of them: {listed}"
-    return f'{stage} has no recording "{task.recording}"; there are {listed}'

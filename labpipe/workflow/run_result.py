@@ -1,4 +1,4 @@
-"""What a run tells while it goes on, and how it ended."""
+"""Events of a run, and its outcome."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from labpipe.errors import InputError, StorageError
 from labpipe.notebook import html_table, text_table
-from labpipe.workflow._ledger import LedgerRow
 from labpipe.workflow._worker import FAILED, Outcome
+from labpipe.workflow.context import LedgerRow
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.results import read
 from labpipe.workflow.session import Session
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Told to the ``progress`` of a run.
+    """An event for the ``progress`` of a run.
 
-    ``kind`` is ``planned`` (once, with what would run and how long that may take, and the first
+    ``kind`` is ``planned`` (once, with the number of tasks to run and the time expected, and the first
     task), ``started``, or how the task ended (``done``, ``cached``, ``kept``, ``failed``,
     ``skipped``); ``done`` of ``total`` tasks of its session have ended.
     """
@@ -60,7 +60,7 @@ class RunResult:
 
     @property
     def exit_code(self) -> int:
-        """What the command line returns.
+        """Exit code of the command line.
 
         0 when nothing failed; 5 when something could not be written; the common code when every
         experiment failed with the same one; otherwise 1.

@@ -1,8 +1,6 @@
-"""Run what a plan says: experiments side by side, each failure on its own, nothing half-done."""
+"""Runs by a plan: experiments side by side, each failure on its own, nothing half-done."""
 
 import contextlib
-import datetime
-import json
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -11,18 +9,17 @@ from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 from labpipe import files
-from labpipe.errors import LabpipeError, StorageError
+from labpipe.errors import InputError, LabpipeError, StorageError
 from labpipe.schema import Schema
-from labpipe.workflow import code, engines, provenance
-from labpipe.workflow._ledger import LedgerRow, summarise
-from labpipe.workflow._log import LOG
-from labpipe.workflow._worker import DONE, FAILED, SKIPPED, WORK, Failure, Job, Outcome, check_schemas
+from labpipe.workflow import engines, provenance
+from labpipe.workflow._worker import DONE, FAILED, SKIPPED, Job, Outcome
+from labpipe.workflow.context import LedgerRow, summarise
 from labpipe.workflow.engines import Call, Crew, Died
 from labpipe.workflow.graph import imports_of
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.run_result import Event, RunResult
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Store
+from labpipe.workflow.store import Store, log
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
 
 _TRIES = 2
@@ -30,7 +27,7 @@ _TRIES = 2
 
 
 class Options(TypedDict, total=False):
-    """What :func:`run_all` is asked for."""
+    """Options of :func:`run_all`."""
 
     jobs: int
     cluster: str | None
@@ -45,7 +42,7 @@ class Options(TypedDict, total=False):
 
 
 def run(session: Session, stages: Stages, **options: Unpack[Options]) -> RunResult:
-    """Compute what one session lacks.
+    """Compute the missing results of one session.
 
     Parameters
     ----------
@@ -87,7 +84,7 @@ def run_all(
     schemas: Mapping[str, Schema] | None = None,
     progress: Callable[[Event], None] | None = None,
 ) -> Generator[tuple[Session, RunResult | LabpipeError]]:
-    """Compute what sessions lack, experiments of all of them side by side.
+    """Compute the missing results of sessions, experiments of all of them side by side.
 
     Parameters
     ----------
@@ -97,8 +94,8 @@ def run_all(
         The stages of every kind of experiment.
     jobs : int
         Experiments computed at the same time, each in a process. 0 computes in this process, for
-        looking into a stage with a debugger; equal bytes are promised from 1 up, because only a
-        process of its own can hold the libraries to one thread.
+        a debugger; equal bytes are promised from 1 up, because only a process of its own can hold the
+        libraries to one thread.
     cluster : str, optional
         Address of a Dask scheduler whose workers compute instead; sessions must lie under the same
         path for all of them.
@@ -107,7 +104,7 @@ def run_all(
     fail_fast : bool
         Stop everything at the first failure; sessions that have not begun are left out.
     full : bool
-        Without shortcuts; stages that declare ``shortcuts`` are told.
+        Without shortcuts, for stages that declare ``shortcuts``.
     paranoid : bool
         Read every file again instead of trusting size, times and inode.
     keep : bool or None
@@ -115,7 +112,7 @@ def run_all(
     schemas : mapping, optional
         The schemas that stages name.
     progress : callable, optional
-        Told every :class:`Event`; its counts are those of its session.
+        Called with every :class:`Event`; its counts are those of its session.
 
     Yields
     ------
@@ -130,7 +127,14 @@ def run_all(
         As for :func:`run`.
     """
     engine = engines.choose(jobs, cluster)
-    check_schemas(stages, schemas or {})
+    unknown = [
+        f'stage "{stage.name}" of "{kind}" names the unknown schema "{stage.schema}"'
+        for kind, sequence in stages.items()
+        for stage in sequence
+        if stage.schema is not None and stage.schema not in (schemas or {})
+    ]
+    if unknown:
+        raise InputError("; ".join(unknown))
 
     def begin(session: Session) -> _SessionRun:
         store = Store(session.folder, paranoid=paranoid)
@@ -139,7 +143,6 @@ def run_all(
         wanted = wanted_tasks(session, tasks, targets, only)
         made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
         store.index.save()
-        code.save()
         template = Job(
             session=replace(session, root=session.root.absolute()),
             stages=stages,
@@ -163,17 +166,14 @@ def run_all(
     try:
         with engine.crew() as crew:
             while not must_stop:
-                for state in [state for state in under_way if state.is_over]:
+                for state in [state for state in under_way if not state.waiting and not state.running]:
                     under_way.remove(state)
                     yield state.plan.session, state.end()
                 for state in under_way:
                     if not any(one.runs_suspect for one in under_way):
                         state.give(crew)
-                if (
-                    crew.room
-                    and not any(one.runs_suspect for one in under_way)
-                    and (session := next(queue, None)) is not None
-                ):
+                runs_suspect = any(one.runs_suspect for one in under_way)
+                if crew.room and not runs_suspect and (session := next(queue, None)) is not None:
                     try:
                         under_way.append(begin(session))
                     except LabpipeError as error:
@@ -183,26 +183,15 @@ def run_all(
                     return
                 for (state, experiment), answer in crew.ended():
                     state.take(experiment, answer)
-                must_stop = any(state.must_stop() for state in under_way)
+                must_stop = fail_fast and any(o.state == FAILED for s in under_way for o in s.outcomes.values())
         while under_way:  # stopped at the first failure
             state = under_way.pop(0)
             yield state.plan.session, state.end()
     except BaseException as error:
         for state in under_way:
-            state.leave(error)
+            with state.held, contextlib.suppress(StorageError):
+                state.log("run interrupted", error=type(error).__name__)
         raise
-
-
-# --- one session ---------------------------------------------------------------------------------
-
-
-def _bytes(path: Path) -> int:
-    """Size of a file or folder; nothing where it cannot be read, which its stage will say."""
-    try:
-        parts = files.files_below(path) if path.is_dir() else [path]
-        return sum(part.stat().st_size for part in parts)
-    except OSError:
-        return 0
 
 
 @dataclass(slots=True, eq=False)
@@ -222,43 +211,93 @@ class _SessionRun:
     waiting: dict[str, set[str]] = field(default_factory=dict)
     running: dict[str, TaskId | None] = field(default_factory=dict)
     deaths: Counter[tuple[str, TaskId | None]] = field(default_factory=Counter)
-    killed: dict[TaskId, str] = field(default_factory=dict)
+    killed: dict[TaskId, Outcome] = field(default_factory=dict)
     held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
-    # --- telling ---
-
     def log(self, event: str, **details: Any) -> None:
-        """Append to the log; the time stands there and nowhere else."""
-        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
-        line = json.dumps({"time": now, "event": event, **details}, ensure_ascii=False)
-        files.append_line(self.plan.session.folder / LOG, line)
+        """Append to the log of the session."""
+        log(self.plan.session, event, **details)
 
-    def tell(self, name: str, value: Any) -> None:
-        """Take an event of a worker."""
-        if name == "started":
-            self.log("started", **value._asdict())
-            self._show("started", value, "")
-            return
-        outcome: Outcome = value
+    def show(self, kind: str, task: TaskId, message: str = "") -> None:
+        """Hand an event to whoever follows the progress."""
+        if self.progress is not None:
+            total = max(len(self.plan.rows), len(self.outcomes))
+            self.progress(Event(kind, task, len(self.outcomes), total, message, self.plan.session.root))
+
+    def note(self, outcome: Outcome) -> None:
+        """Take the end of a task."""
         known = self.outcomes.get(outcome.task)
         if known is not None and known.state == DONE:
             return  # a second pass finds in the store what the first one computed
         self.outcomes[outcome.task] = outcome
         self.log("ended", **asdict(outcome))
-        self._show(outcome.state, outcome.task, outcome.message)
+        self.show(outcome.state, outcome.task, outcome.message)
 
-    def _show(self, kind: str, task: TaskId, message: str) -> None:
-        if self.progress is not None:
-            total = max(len(self.plan.rows), len(self.outcomes))
-            root = self.plan.session.root
-            self.progress(Event(kind, task, len(self.outcomes), total, message, root))
+    # --- beginning and end ---
+
+    def begin(self, jobs: int) -> None:
+        """Write the beginning into the log, and find out which experiments need a worker, in which order."""
+        plan = self.plan
+        with contextlib.ExitStack() as held:
+            held.callback(self.store.clean)  # after an interrupt; otherwise nothing is there
+            held.enter_context(self.store.writing())
+            self.log("run started", tasks=len(plan.rows), to_run=len(plan.to_run), jobs=jobs)
+            if plan.to_run:
+                self.show("planned", plan.to_run[0].task, plan.summary)
+            busy = {row.experiment for row in plan.to_run}
+            latest = {name: self.store.latest(name) for name in {row.experiment for row in plan.rows} - busy}
+            for row in plan.rows:
+                if row.experiment in busy or (key := plan.keys[row.task].value) is None:
+                    continue
+                last = plan.last(row.task)
+                if latest[row.experiment].get((row.stage, row.recording)) != last:
+                    with self.store.experiment(row.experiment):
+                        self.store.note_latest(row.task, *last)
+                self.note(Outcome(*row.task, row.state, key))
+            self.held = held.pop_all()
+        needs: dict[str, set[str]] = {row.experiment: set() for row in plan.to_run}
+        size = dict.fromkeys(needs, 0)
+        for row in plan.to_run:
+            task = plan.tasks[row.task]
+            needs[row.experiment] |= ({other.experiment for other in task.before} - {row.experiment}) & needs.keys()
+            size[row.experiment] += sum(_bytes(plan.session.root / name) for name in task.files)
+        # Those with most to read, with what waits for them, run first, so that all workers end together; the bytes
+        # of the files are all that is known of an experiment before it has run.
+        behind = dict.fromkeys(needs, 0)
+        for name in reversed(needs):  # the plan lists inputs first
+            for needed in needs[name]:
+                behind[needed] = max(behind[needed], size[name] + behind[name])
+        self.waiting = dict(sorted(needs.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True))
+
+    def end(self) -> RunResult:
+        """Account for tasks that a stop left undone, write the end into the log and sum up."""
+        for row in self.plan.rows:
+            if row.task not in self.outcomes:
+                self.note(Outcome(*row.task, SKIPPED, message="stopped after the first failure"))
+        order = {row.task: position for position, row in enumerate(self.plan.rows)}
+        outcomes = sorted(self.outcomes.values(), key=lambda o: order.get(o.task, len(order)))
+        records = ((o, self.store.record(o.key)) for o in outcomes if o.key is not None)
+        names = list(dict.fromkeys(o.experiment for o in outcomes))
+        states = {name: [o.state for o in outcomes if o.experiment == name] for name in names}
+        rows = [
+            LedgerRow(name, "", "tasks", found.count(DONE), sum(map(found.count, READY)))
+            for name, found in states.items()
+        ]
+        work = summarise((o.experiment, o.stage, r.work) for o, r in records if r is not None)
+        pages = {name: self.plan.session.folder / page_name(name) for name in names}
+        holds_still = self.is_whole and not (self.plan.to_run or self.template.full)
+        result = RunResult(
+            self.plan.session,
+            tuple(outcomes),
+            (*rows, *work),
+            {name: path for name, path in pages.items() if path.is_file()},
+            self.plan if holds_still else None,
+        )
+        self.log("run finished", exit_code=result.exit_code)
+        self.held.close()
+        return result
 
     # --- running ---
-
-    @property
-    def is_over(self) -> bool:
-        """Whether nothing is left to give or to wait for."""
-        return not self.waiting and not self.running
 
     @property
     def suspects(self) -> set[str]:
@@ -270,167 +309,68 @@ class _SessionRun:
         """Whether an experiment must be left alone now."""
         return not self.suspects.isdisjoint(self.running)
 
-    def begin(self, jobs: int) -> None:
-        """Write the beginning into the log, and find out what is to be done."""
-        with contextlib.ExitStack() as held:
-            held.callback(self.store.clean)  # after an interrupt; otherwise nothing is there
-            held.enter_context(self.store.writing())
-            to_run = len(self.plan.to_run)
-            self.log("run started", tasks=len(self.plan.rows), to_run=to_run, jobs=jobs)
-            if to_run:
-                self._show("planned", self.plan.to_run[0].task, self.plan.summary)
-            self.take_cached()
-            self.held = held.pop_all()
-        self.waiting = self._longest_first(self._needs())
-
-    def end(self) -> RunResult:
-        """Write the end into the log and sum up."""
-        self.skip_rest()
-        result = self.result()
-        self.log("run finished", exit_code=result.exit_code)
-        self.held.close()
-        return result
-
-    def leave(self, error: BaseException) -> None:
-        """Write into the log what stopped everything."""
-        with self.held, contextlib.suppress(StorageError):
-            self.log("run interrupted", error=type(error).__name__)
-
-    def take_cached(self) -> None:
-        """Experiments with nothing to do need no worker."""
-        busy = {row.experiment for row in self.plan.to_run}
-        known = {name: self.store.latest(name) for name in {row.experiment for row in self.plan.rows} - busy}
-        for row in self.plan.rows:
-            key = self.plan.keys[row.task].value
-            if row.experiment in busy or key is None:
-                continue
-            last = self.plan.last(row.task)
-            if known[row.experiment].get((row.stage, row.recording)) != last:
-                with self.store.experiment(row.experiment):
-                    self.store.note_latest(row.task, *last)
-            self.tell("ended", Outcome(*row.task, row.state, key))
-
-    def must_stop(self) -> bool:
-        """Whether a failure ends the whole run."""
-        return self.template.fail_fast and any(o.state == FAILED for o in self.outcomes.values())
-
     def give(self, crew: Crew) -> None:
         """Hand out as many experiments as there is room for and wait for no other."""
         ready = [n for n, needs in self.waiting.items() if not needs & (self.waiting.keys() | self.running.keys())]
-        suspects = [n for n in ready if n in self.suspects]
-        chosen = [n for n in ready if n not in suspects][: crew.room]
-        if suspects and not chosen and crew.is_idle:
-            chosen = suspects[:1]
+        chosen = [n for n in ready if n not in self.suspects][: crew.room]
+        if ready and not chosen and crew.is_idle:
+            chosen = ready[:1]
         for experiment in chosen:
             del self.waiting[experiment]
-            own = {n: text for n, text in self.killed.items() if n.experiment == experiment}
-            job = self._job(experiment, own)
+            failed = {
+                o.task: o for o in self.outcomes.values() if o.state in (FAILED, SKIPPED) and o.experiment != experiment
+            }
+            job = replace(
+                self.template,
+                experiment=experiment,
+                wanted=frozenset(row.task for row in self.plan.rows if row.experiment == experiment),
+                failures=failed | {task: o for task, o in self.killed.items() if task.experiment == experiment},
+            )
             imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
-            call = Call(WORK, (job,), tells=True, imports=imports)
-            crew.give((self, experiment), call, partial(self._hear, experiment))
+            call = Call(f"{Job.__module__}:work", (job,), tells=True, imports=imports)
+            crew.give((self, experiment), call, partial(self.hear, experiment))
             self.running[experiment] = None
 
-    def take(self, experiment: str, answer: "list[Outcome] | Died") -> None:
-        """Take how the call of an experiment ended."""
-        blamed = self.running.pop(experiment)
-        if isinstance(answer, Died):
-            self._try_again(experiment, blamed, str(answer))
-            return
-        for outcome in answer:
-            if self.outcomes.get(outcome.task) != outcome:  # not heard of before
-                self.tell("ended", outcome)
-
-    def _hear(self, experiment: str, event: tuple[str, Any]) -> None:
-        """Take an event of a worker, and know what it is at."""
+    def hear(self, experiment: str, event: tuple[str, Any]) -> None:
+        """Take an event of a worker, and know the task that it is at."""
         name, value = event
         if name == "started":
-            task = TaskId(*value)
-            self.running[experiment] = task
-            self.tell(name, task)
+            self.running[experiment] = task = TaskId(*value)
+            self.log("started", **task._asdict())
+            self.show("started", task)
         else:
             self.running[experiment] = None
-            self.tell(name, Outcome(**value))
+            self.note(Outcome(**value))
 
-    def _try_again(self, experiment: str, blamed: TaskId | None, how: str) -> None:
-        """Give an experiment whose worker died another try; results up to then are in the store.
+    def take(self, experiment: str, answer: "list[Outcome] | Died") -> None:
+        """Take the end of an experiment.
 
-        A task that kills a second worker has failed, and the rest goes on without it; an
-        experiment that kills two outside its tasks has failed as a whole.
+        Where its worker died it has another try; results up to then are in the store. A task that kills a second
+        worker has failed, and the rest goes on without it; an experiment that kills two outside its tasks has
+        failed as a whole.
         """
-        self.log("worker died", experiment=experiment, task=blamed, message=how)
+        blamed = self.running.pop(experiment)
+        if not isinstance(answer, Died):
+            for outcome in answer:
+                if self.outcomes.get(outcome.task) != outcome:  # not heard of before
+                    self.note(outcome)
+            return
+        self.log("worker died", experiment=experiment, task=blamed, message=str(answer))
         self.deaths[experiment, blamed] += 1
-        if self.deaths[experiment, blamed] < _TRIES:
-            self.waiting[experiment] = set()
-        elif blamed is not None and blamed not in self.killed:
-            self.killed[blamed] = how
-            self.waiting[experiment] = set()
-        else:
-            for row in self.plan.to_run:
-                if row.experiment == experiment and row.task not in self.outcomes:
-                    self.tell("ended", Outcome(*row.task, FAILED, message=how, exit_code=1, is_of_run=True))
+        failure: dict[str, Any] = {"message": str(answer), "exit_code": 1, "is_of_run": True}
+        if self.deaths[experiment, blamed] >= _TRIES:
+            if blamed is None or blamed in self.killed:
+                for row in self.plan.to_run:
+                    if row.experiment == experiment and row.task not in self.outcomes:
+                        self.note(Outcome(*row.task, FAILED, **failure))
+                return
+            self.killed[blamed] = Outcome(*blamed, FAILED, **failure)
+        self.waiting[experiment] = set()
 
-    def _needs(self) -> dict[str, set[str]]:
-        """Experiments to run, in order, each with those that must end before it."""
-        needs: dict[str, set[str]] = {row.experiment: set() for row in self.plan.to_run}
-        for row in self.plan.to_run:
-            others = {before.experiment for before in self.plan.tasks[row.task].before}
-            needs[row.experiment] |= (others - {row.experiment}) & needs.keys()
-        return needs
 
-    def _job(self, experiment: str, killed: Mapping[TaskId, str]) -> Job:
-        """Make the job of an experiment, with what has failed in others or killed its workers."""
-        known = {
-            o.task: Failure(o.message, o.is_of_run)
-            for o in self.outcomes.values()
-            if o.state in (FAILED, SKIPPED) and o.experiment != experiment
-        }
-        return replace(
-            self.template,
-            experiment=experiment,
-            wanted=frozenset(r.task for r in self.plan.rows if r.experiment == experiment),
-            failures=known | {task: Failure(how, is_of_run=True) for task, how in killed.items()},
-        )
-
-    def _longest_first(self, waiting: dict[str, set[str]]) -> dict[str, set[str]]:
-        """Sort experiments by what they and those behind them have to read, the most first.
-
-        So the last ones to run are short, and all workers end together. The bytes of the files
-        are all that is known of an experiment before it has run.
-        """
-        size = dict.fromkeys(waiting, 0)
-        for row in self.plan.to_run:
-            names = self.plan.tasks[row.task].files
-            size[row.experiment] += sum(_bytes(self.plan.session.root / name) for name in names)
-        behind = dict.fromkeys(waiting, 0)
-        for name in reversed(waiting):  # the plan lists inputs first
-            for needed in waiting[name]:
-                behind[needed] = max(behind[needed], size[name] + behind[name])
-        return dict(sorted(waiting.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True))
-
-    def skip_rest(self) -> None:
-        """Account for what a stop after the first failure left undone."""
-        for row in self.plan.rows:
-            if row.task not in self.outcomes:
-                message = "stopped after the first failure"
-                self.tell("ended", Outcome(*row.task, SKIPPED, message=message))
-
-    def result(self) -> RunResult:
-        """Sum up."""
-        order = {row.task: position for position, row in enumerate(self.plan.rows)}
-        outcomes = sorted(self.outcomes.values(), key=lambda o: order.get(o.task, len(order)))
-        records = ((o, self.store.record(o.key)) for o in outcomes if o.key is not None)
-        work = [(o.experiment, o.stage, r.work) for o, r in records if r is not None]
-        names = list(dict.fromkeys(o.experiment for o in outcomes))
-        rows = tuple(self._tasks_row(name, outcomes) for name in names)
-        pages = {n: self.plan.session.folder / page_name(n) for n in names}
-        return RunResult(
-            self.plan.session,
-            tuple(outcomes),
-            rows + summarise(work),
-            {name: path for name, path in pages.items() if path.is_file()},
-            self.plan if self.is_whole and not (self.plan.to_run or self.template.full) else None,
-        )
-
-    def _tasks_row(self, name: str, outcomes: list[Outcome]) -> LedgerRow:
-        states = [o.state for o in outcomes if o.experiment == name]
-        return LedgerRow(name, "", "tasks", states.count(DONE), sum(map(states.count, READY)))
+def _bytes(path: Path) -> int:
+    """Size of a file or folder; nothing where it cannot be read, which its stage will say."""
+    try:
+        return sum(part.stat().st_size for part in (files.files_below(path) if path.is_dir() else [path]))
+    except OSError:
+        return 0

@@ -1,4 +1,4 @@
-"""A session folder: what ``session.toml`` says, checked and typed.
+"""A session folder: the content of ``session.toml``, checked and typed.
 
 Versions of the file, newest first:
 
@@ -7,7 +7,7 @@ Versions of the file, newest first:
 """
 
 import unicodedata
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,16 @@ from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.config import Checker
-from labpipe.workflow.document import Document, Place, dotted, nodes, parse
+from labpipe.workflow.document import Document, Place, children, dotted, nodes, parse
 from labpipe.workflow.fields import REFERENCE, found, suggest
 
 VERSION = 1
 """Version of the layout of ``session.toml`` that this program reads."""
 FILE_NAME = "session.toml"
 
+_MOST_NAMES = 4
+"""Names of files shown of one experiment."""
+_TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
 _LONGEST_NAME = 200
 """Bytes in the name of an experiment; endings are added to it to make file names."""
 
@@ -67,34 +70,17 @@ class Session(ShownAsTable):
         return self.root / "labpipe"
 
     def _shown(self) -> Shown:
-        rows: list[tuple[str, ...]] = [
-            (e.name, e.kind.replace("_", " "), ", ".join(_file_names(msgspec.to_builtins(e.settings))))
-            for e in self.experiments.values()
-        ]
+        rows: list[tuple[str, ...]] = []
+        for one in self.experiments.values():
+            texts = (node for node in nodes(msgspec.to_builtins(one.settings)) if isinstance(node, str))
+            names = [text for text in texts if Path(text).suffix and not text.startswith(REFERENCE)]
+            more = [f"and {len(names) - _MOST_NAMES} more"] if len(names) > _MOST_NAMES else []
+            rows.append((one.name, one.kind.replace("_", " "), ", ".join(names[:_MOST_NAMES] + more)))
         rows += [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
         remarks = [f"recorded by {self.operator}"] if self.operator else []
         remarks += ["synthetic data"] if self.synthetic else []
         caption = f"{self.title} ({'; '.join(remarks)})" if remarks else self.title
         return Shown(caption, ("experiment", "kind", "files"), rows)
-
-
-_MOST_NAMES = 4
-
-
-def _file_names(settings: msgspec.Struct) -> list[str]:
-    """Names of files in the settings: texts with an ending; beyond a few, only their number."""
-    found: list[str] = []
-    waiting = [msgspec.to_builtins(settings)]
-    while waiting:
-        item = waiting.pop(0)
-        if isinstance(item, dict):
-            waiting[:0] = item.values()
-        elif isinstance(item, list | tuple):
-            waiting[:0] = item
-        elif isinstance(item, str) and Path(item).suffix and not item.startswith(REFERENCE):
-            found.append(item)
-    more = len(found) - _MOST_NAMES
-    return [*found[:_MOST_NAMES], f"and {more} more"] if more > 0 else found
 
 
 class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -127,7 +113,7 @@ def load(
     may_lack : collection of str
         Experiments that may name files that are not there any more.
     text : str, optional
-        What the file would hold, to be checked before it is written.
+        Content that the file would have, to be checked before it is written.
 
     Returns
     -------
@@ -153,23 +139,46 @@ def load(
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
-    found_ones = _Experiments(document, root, kinds, may_wait, may_lack)
-    experiments = found_ones.all()
+    tables, defaults = _tables(document, "experiments"), _tables(document, "defaults")
+    if not tables and not document.problems:
+        document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
+    for kind, table in defaults.items():
+        if kind not in kinds:
+            document.report(("defaults", kind), f"unknown kind{suggest(kind, kinds)}")
+        else:
+            checker = Checker(document, root, may_wait=may_wait, gaps=[])
+            checker.structure(kinds[kind], table, ("defaults", kind), partial=True)
+    _check_names(document, root, list(tables))
+    experiments: dict[str, Experiment] = {}
+    waiting: dict[str, tuple[str, ...]] = {}
+    own_problems: dict[str, int] = {}
+    for name in tables:
+        alone = replace(document, problems={})  # the mistakes of an experiment stop it, and no other
+        gaps: list[str] = []
+        one = _experiment(alone, root, kinds, defaults, tables, name, may_wait or name in may_lack, gaps)
+        problems = alone.problems | dict.fromkeys(gaps, document.line(("experiments", name)))
+        if one is not None and not problems:
+            experiments[name] = one
+        else:
+            own_problems |= {text: line for text, line in problems.items() if text not in document.problems}
+            waiting[name] = tuple(sorted(problems, key=_of_line))
+    while blocked := next(
+        ((one.name, other) for one in experiments.values() for other in one.refers_to if other in waiting), None
+    ):
+        name, other = blocked
+        del experiments[name]
+        waiting[name] = (document.at(("experiments", name), f'refers to "{other}", which waits'),)
     if document.problems or not experiments:
-        document.problems.update(found_ones.told)
+        document.problems.update(own_problems)
     document.finish()
-    in_file = [name for name in document.tree.get("experiments", {}) if name in found_ones.waiting]
-    waiting = {name: tuple(sorted(found_ones.waiting[name], key=_of_line)) for name in in_file}
+    waiting = {name: waiting[name] for name in tables if name in waiting}
     return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments, waiting)
 
 
 def _of_line(problem: str) -> tuple[bool, str, int]:
-    """Return what sorts gaps as they stand: those of session.toml first, by their lines."""
+    """Return the place by which problems are sorted: those of session.toml first, by their lines."""
     name, _, rest = problem.partition(":")
     return name != FILE_NAME, name, int(rest.partition(":")[0])
-
-
-_TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
 
 
 def _check_version(document: Document) -> None:
@@ -190,150 +199,85 @@ def _check_version(document: Document) -> None:
         raise ConfigError([message])
 
 
-@dataclass(frozen=True, slots=True)
-class _Experiments:
-    """Merges defaults into experiments and converts them to their kinds."""
+def _tables(document: Document, key: str) -> dict[str, dict[str, Any]]:
+    """Return the tables ``[key.NAME]``; report anything else."""
+    value = document.tree.get(key, {})
+    if not isinstance(value, dict):
+        document.report((key,), f"expected tables [{key}.NAME], found {found(value)}")
+        return {}
+    for name, table in value.items():
+        if not isinstance(table, dict):
+            document.report((key, name), f"expected a table, found {found(table)}")
+    return {name: table for name, table in value.items() if isinstance(table, dict)}
 
-    document: Document
-    root: Path
-    kinds: Mapping[str, type[msgspec.Struct]]
-    may_wait: bool
-    may_lack: Collection[str]
-    waiting: dict[str, list[str]] = field(default_factory=dict)
-    told: dict[str, int] = field(default_factory=dict)
 
-    def all(self) -> dict[str, Experiment]:
-        """Convert every experiment; mistakes are reported to the document."""
-        tables = self._tables("experiments")
-        defaults = self._tables("defaults")
-        if not tables and not self.document.problems:
-            self.document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
-        for kind, table in defaults.items():
-            self._check_default(kind, table)
-        names = list(tables)
-        self._check_names(names)
-        found = (self._alone(n, tables[n], defaults, names) for n in names)
-        complete = {experiment.name: experiment for experiment in found if experiment is not None}
-        return self._without_those_that_wait(complete)
-
-    def _alone(self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]) -> Experiment | None:
-        """Convert one experiment; its mistakes stop it, and no other."""
-        alone = replace(self, document=replace(self.document, problems={}))
-        gaps: dict[str, int] = {}
-        experiment = alone._one(name, table, defaults, names, gaps)
-        told = alone.document.problems | gaps
-        if not told:
-            return experiment
-        self.told.update({line: at for line, at in told.items() if line not in self.document.problems})
-        self.waiting[name] = list(told)
-        return None
-
-    def _without_those_that_wait(self, complete: dict[str, Experiment]) -> dict[str, Experiment]:
-        """Let an experiment wait that refers to one that waits, however far."""
-        for name, experiment in complete.items():
-            if (other := next((n for n in experiment.refers_to if n in self.waiting), None)) is not None:
-                line = self.document.line(("experiments", name))
-                text = f'{self.document.path.name}:{line}: experiments.{name}: refers to "{other}", which waits'
-                self.waiting[name] = [text]
-                return self._without_those_that_wait({n: e for n, e in complete.items() if n != name})
-        return complete
-
-    def _tables(self, key: str) -> dict[str, Any]:
-        value = self.document.tree.get(key, {})
-        if not isinstance(value, dict):
-            self.document.report((key,), f"expected tables [{key}.NAME], found {found(value)}")
-            return {}
-        tables = {}
-        for name, table in value.items():
-            if isinstance(table, dict):
-                tables[name] = table
-            else:
-                self.document.report((key, name), f"expected a table, found {found(table)}")
-        return tables
-
-    def _check_default(self, kind: str, table: dict[str, Any]) -> None:
-        place = ("defaults", kind)
-        if kind not in self.kinds:
-            self.document.report(place, f"unknown kind{suggest(kind, self.kinds)}")
-            return
-        checker = Checker(self.document, self.root, may_wait=self.may_wait, gaps=[])
-        checker.structure(self.kinds[kind], table, place, partial=True)
-
-    def _one(
-        self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str], gaps: dict[str, int]
-    ) -> Experiment | None:
-        place = ("experiments", name)
-        kind = table.get("kind")
-        if kind is None:
-            known = ", ".join(sorted(self.kinds))
-            self.document.report((*place, "kind"), f"missing; known kinds: {known}")
-            return None
-        if not isinstance(kind, str) or kind not in self.kinds:
-            near = suggest(str(kind), self.kinds)
-            self.document.report((*place, "kind"), f"unknown kind {found(kind)}{near}")
-            return None
-        has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(self.kinds[kind]))
-        own = {key: value for key, value in table.items() if key != "kind" or has_field}
-        origins: dict[Place, Place] = {}
-        merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
-        open_ones: list[str] = []
-        checker = Checker(self.document, self.root, origins, self.may_wait or name in self.may_lack, open_ones)
-        settings = checker.structure(self.kinds[kind], merged, place)
-        gaps.update(dict.fromkeys(open_ones, self.document.line(place)))
-        if not isinstance(settings, msgspec.Struct):
-            # Without typed settings, the texts that carry the prefix can still be checked.
-            self._check_references(name, merged, place, names, checker)
-            return None
-        plain = msgspec.to_builtins(settings)
-        self._check_references(name, plain, place, names, checker)
-        lines = {dotted(at[2:]): self.document.line(written) for at, written in origins.items()}
-        return Experiment(name, kind, settings, lines)
-
-    def _check_names(self, names: list[str]) -> None:
-        alike: dict[str, list[str]] = {}
-        for name in names:
-            alike.setdefault(_folded(name), []).append(name)
-        for name in names:
-            place = ("experiments", name)
-            problem = self._name_problem(name)
-            if problem is not None:
-                self.document.report(place, f"cannot be the name of an experiment: {problem}")
-            twin = next((n for n in alike[_folded(name)][:2] if n != name), None)
-            if twin is not None:
-                self.document.report(place, f'differs from "{twin}" only in case; rename one')
-
-    def _name_problem(self, name: str) -> str | None:
-        if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
-            return f"it is longer than {_LONGEST_NAME} bytes"
+def _check_names(document: Document, root: Path, names: Sequence[str]) -> None:
+    """Report names of experiments that cannot be names of files, or that a disk may take for one."""
+    alike: dict[str, list[str]] = {}
+    for name in names:  # two names that a Macintosh or Windows disk keeps in one file are one
+        alike.setdefault(unicodedata.normalize("NFC", name).casefold(), []).append(name)
+    for name in names:
+        problem = "it begins with a full stop" if name.startswith(".") else ""
+        problem = "it contains /" if "/" in name else problem
         try:
-            safe_join(self.root, name)
+            safe_join(root, name)
         except InputError as error:
-            return str(error).rpartition(": ")[2]
-        if "/" in name:
-            return "it contains /"
-        return "it begins with a full stop" if name.startswith(".") else None
-
-    def _check_references(self, name: str, node: Any, place: Place, names: list[str], checker: Checker) -> None:
-        """Every text "experiment:NAME" must name another experiment of this session."""
-        pairs: Any = ()
-        if isinstance(node, dict):
-            pairs = node.items()
-        elif isinstance(node, list | tuple):
-            pairs = enumerate(node)
-        elif isinstance(node, str) and node.startswith(REFERENCE):
-            other = node.removeprefix(REFERENCE)
-            if other == name:
-                checker.report(place, "an experiment cannot refer to itself")
-            elif other not in names:
-                near = suggest(other, (n for n in names if n != name))
-                checker.report(place, f'there is no experiment "{other}"{near}')
-        for key, child in pairs:
-            self._check_references(name, child, (*place, key), names, checker)
+            problem = str(error).rpartition(": ")[2]
+        if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
+            problem = f"it is longer than {_LONGEST_NAME} bytes"
+        if problem:
+            document.report(("experiments", name), f"cannot be the name of an experiment: {problem}")
+    for twins in alike.values():
+        for name in twins if len(twins) > 1 else ():
+            other = next(twin for twin in twins if twin != name)
+            document.report(("experiments", name), f'differs from "{other}" only in case; rename one')
 
 
-def _folded(name: str) -> str:
-    """Two names that a Macintosh or Windows disk keeps in one file are one."""
-    return unicodedata.normalize("NFC", name).casefold()
+def _experiment(
+    document: Document,
+    root: Path,
+    kinds: Mapping[str, type[msgspec.Struct]],
+    defaults: Mapping[str, dict[str, Any]],
+    tables: Mapping[str, dict[str, Any]],
+    name: str,
+    may_wait: bool,
+    gaps: list[str],
+) -> Experiment | None:
+    """Lay the table of an experiment over the defaults of its kind and convert it; report mistakes and gaps."""
+    place = ("experiments", name)
+    kind = tables[name].get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
+        known = ", ".join(sorted(kinds))
+        text = (
+            f"unknown kind {found(kind)}{suggest(str(kind), kinds)}"
+            if kind is not None
+            else f"missing; known kinds: {known}"
+        )
+        document.report((*place, "kind"), text)
+        return None
+    has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(kinds[kind]))
+    own = {key: value for key, value in tables[name].items() if key != "kind" or has_field}
+    origins: dict[Place, Place] = {}
+    merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
+    checker = Checker(document, root, origins, may_wait, gaps)
+    settings = checker.structure(kinds[kind], merged, place)
+    is_whole = isinstance(settings, msgspec.Struct)
+    # Without typed settings, the texts that carry the prefix can still be checked.
+    _check_references(checker, name, tables, msgspec.to_builtins(settings) if is_whole else merged, place)
+    lines = {dotted(at[2:]): document.line(written) for at, written in origins.items()}
+    return Experiment(name, kind, settings, lines) if is_whole else None
+
+
+def _check_references(checker: Checker, name: str, names: Collection[str], node: Any, place: Place) -> None:
+    """Report every text "experiment:NAME" that does not name another experiment of this session."""
+    if isinstance(node, str) and node.startswith(REFERENCE):
+        other = node.removeprefix(REFERENCE)
+        if other == name:
+            checker.report(place, "an experiment cannot refer to itself")
+        elif other not in names:
+            checker.report(place, f'there is no experiment "{other}"{suggest(other, (n for n in names if n != name))}')
+    for key, child in children(node):
+        _check_references(checker, name, names, child, (*place, key))
 
 
 def _merge(
@@ -357,7 +301,5 @@ def _merge(
 
 def _note(node: Any, written: Place, place: Place, origins: dict[Place, Place]) -> None:
     origins[place] = written
-    pairs: Any = node.items() if isinstance(node, dict) else ()
-    pairs = enumerate(node) if isinstance(node, list) else pairs
-    for key, child in pairs:
+    for key, child in children(node):
         _note(child, (*written, key), (*place, key), origins)

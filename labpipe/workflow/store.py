@@ -5,19 +5,20 @@
     SESSION/labpipe/store/ab/abcd….nc      a result, or .html for a page
     SESSION/labpipe/store/ab/abcd….json    its record; the result exists only with it
     SESSION/labpipe/store/latest/NAME.json the last key of every task of an experiment
-    SESSION/labpipe/store/quarantine/      what turned out to be damaged
+    SESSION/labpipe/store/quarantine/      damaged results
     SESSION/labpipe/store/index.json       digests by size, times and inode
-    SESSION/labpipe/store/verdicts.json    what all judgements came to, with the digest of all that it comes from
+    SESSION/labpipe/store/verdicts.json    verdicts, with the digest of all that they come from
     SESSION/labpipe/store/verdicts-of-failures.json    the same of experiments that failed
     SESSION/labpipe/store/amended.json     pages to which the session as a whole added something
+    SESSION/labpipe/run.jsonl              events of all runs of the session; the only place with times
 """
 
 import contextlib
+import datetime
 import hashlib
+import json
 import re
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,6 +27,7 @@ import msgspec
 from labpipe import files
 from labpipe.errors import SourceError, StoreError
 from labpipe.files import HashIndex
+from labpipe.workflow.session import Session
 from labpipe.workflow.tasks import TaskId
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ FORMAT = 1
 """Version of the records; one of another version is set aside and its result made again."""
 
 AMENDED = "amended.json"
+LOG = "run.jsonl"
 _ENDINGS = {"dataset": ".nc", "page": ".html"}
 _KEY = re.compile(r"[0-9a-f]{64}")
 
@@ -48,7 +51,7 @@ class Caught(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is kept beside a result."""
+    """Record of a result."""
 
     format: int
     key: str
@@ -72,37 +75,24 @@ def key_of(ingredients: Mapping[str, Any]) -> str:
     return hashlib.sha256(files.canonical(ingredients).encode("utf-8", "surrogatepass")).hexdigest()
 
 
-class _Memory:
-    """What this process last wrote or read, by the digest of its file: most results have several readers.
+_MOST_KEPT = 1 << 26
+"""Bytes."""
+_kept: "dict[str, tuple[xr.Dataset, int]]" = {}
+"""Datasets, with their sizes, that this process last wrote or read, by the digest of their files.
 
-    A digest is that of the content, so nothing here can be out of date; each reader gets a copy of its own.
-    """
-
-    def __init__(self, most_bytes: int) -> None:
-        self._most = self._room = most_bytes
-        self._lock = threading.Lock()
-        self._known: dict[str, tuple[xr.Dataset, int]] = {}
-
-    def take(self, digest: str, read: "Callable[[], xr.Dataset]") -> "xr.Dataset":
-        """Return what is kept, or else what is read now."""
-        with self._lock:
-            known = self._known.get(digest)
-        found = read() if known is None else known[0]
-        return found.copy(deep=True) if self.keep(digest, found) else found
-
-    def keep(self, digest: str, dataset: "xr.Dataset") -> bool:
-        """Keep what no one else will change, as the newest, and forget the oldest; tell whether there is room."""
-        if (size := dataset.nbytes) > self._most:
-            return False
-        with self._lock:
-            self._room += self._known.pop(digest, (dataset, 0))[1] - size
-            self._known[digest] = dataset, size
-            while self._room < 0:
-                self._room += self._known.pop(next(iter(self._known)))[1]
-        return True
+Most results have several readers. A digest is that of the content, so nothing here can be out of date.
+"""
 
 
-_MEMORY = _Memory(most_bytes=1 << 26)
+def _keep(digest: str, dataset: "xr.Dataset") -> bool:
+    """Keep a Dataset that no one else will change, and forget the oldest; return whether there is room."""
+    if (size := dataset.nbytes) > _MOST_KEPT:
+        return False
+    _kept.pop(digest, None)
+    _kept[digest] = dataset, size
+    while sum(size for _, size in list(_kept.values())) > _MOST_KEPT:
+        _kept.pop(next(iter(_kept), ""), None)
+    return True
 
 
 class Store:
@@ -134,7 +124,7 @@ class Store:
         return record if is_ours else None
 
     def state(self, key: str) -> str:
-        """Tell whether a result is ``stored``, ``absent`` or ``damaged``, without numpy."""
+        """Return whether a result is ``stored``, ``absent`` or ``damaged``, without numpy."""
         # Asked first: another process may write the record while it is looked for.
         is_there = self._path(key, ".json").exists()
         record = self.record(key)
@@ -170,7 +160,9 @@ class Store:
             if files.digest(path) == record.digest:
                 if record.output == "page":
                     return path.read_text("utf-8")
-                return _MEMORY.take(record.digest, partial(files.read_dataset, path))
+                known = _kept.get(record.digest)
+                found = files.read_dataset(path) if known is None else known[0]
+                return found.copy(deep=True) if _keep(record.digest, found) else found
         except (SourceError, StoreError):
             pass  # missing, or damaged in a way that the digest was forged for: the same answer
         self.quarantine(key)
@@ -180,7 +172,7 @@ class Store:
         )
 
     def amended(self) -> dict[str, dict[str, Any]]:
-        """Return by experiment what was added to its page, with the page's key and its digest since."""
+        """Return additions to pages by experiment, with the page's key and its digest since."""
         try:
             return files.unseal((self.root / AMENDED).read_bytes()) or {}
         except OSError:
@@ -206,7 +198,7 @@ class Store:
         else:
             read_back = files.write_dataset(path, result)
             digest = files.digest(path)
-            _MEMORY.keep(digest, read_back)
+            _keep(digest, read_back)
         record = Record(
             format=FORMAT,
             key=key,
@@ -273,7 +265,7 @@ class Store:
             yield
 
     def clean(self) -> None:
-        """Remove what killed processes left half-written, unless somebody is writing now."""
+        """Remove half-written files of killed processes, unless somebody is writing now."""
         if not self.folder.is_dir():
             return
         with files.lock(self.root / "writers.lock", wait=False) as is_alone:
@@ -282,7 +274,7 @@ class Store:
                     part.unlink(missing_ok=True)
 
     def check(self) -> list[str]:
-        """Read every result again and name what is damaged; nothing is moved."""
+        """Read every result again and name the damaged ones; nothing is moved."""
         problems = []
         for path in sorted(self.root.glob("??/*.json")):
             record = self.record(path.stem) if _KEY.fullmatch(path.stem) else None
@@ -301,3 +293,37 @@ class Store:
 
     def _latest_path(self, experiment: str) -> Path:
         return self.root / "latest" / f"{experiment}.json"
+
+
+# --- the log of all runs -------------------------------------------------------------------------
+
+
+def log(session: Session, event: str, **details: Any) -> None:
+    """Append an event to the log of a session, with the time."""
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
+    line = json.dumps({"time": now, "event": event, **details}, ensure_ascii=False)
+    files.append_line(session.folder / LOG, line)
+
+
+def events(session: Session, containing: str = "") -> Iterator[dict[str, Any]]:
+    """Go through the events of all runs whose lines contain a text; lines that a kill left incomplete are passed over.
+
+    Most lines of a log are about results that were there already: to look for a text saves their parsing.
+    """
+    path = session.folder / LOG
+    for line in path.read_text("utf-8", errors="replace").splitlines() if path.is_file() else ():
+        if containing in line:
+            with contextlib.suppress(ValueError):
+                event = json.loads(line)
+                if isinstance(event, dict):
+                    yield event
+
+
+def last_seconds(session: Session) -> dict[TaskId, float]:
+    """Return how long every step took when it was last computed, on the clock."""
+    found = {}
+    for event in events(session, '"state": "done"'):
+        with contextlib.suppress(ValueError, KeyError, TypeError):
+            task = TaskId(event["experiment"], event["stage"], event["recording"])
+            found[task] = float(event["seconds"])
+    return found

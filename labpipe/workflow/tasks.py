@@ -44,7 +44,7 @@ class Argument:
     may_lack: bool = False
 
     def arranged(self, values: Sequence[Any]) -> Any:
-        """Return what a function gets, of the values of files or tasks: a list, one value, or None."""
+        """Arrange the values of files or tasks for a function: a list, one value, or None."""
         if self.places is not None:
             return [None if place is None else values[place] for place in self.places]
         if self.is_list:
@@ -83,7 +83,7 @@ def stage_name(task: Task, other: TaskId) -> str:
 
 
 def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
-    """List the tasks of a session, inputs before what takes them.
+    """List the tasks of a session, each after its inputs.
 
     Raises
     ------
@@ -98,21 +98,35 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
             raise InputError(f'no stages are known for the kind "{experiment.kind}"')
         if experiment.kind not in plans:
             plans[experiment.kind] = graph.ordered(stages[experiment.kind], type(experiment.settings))
+    needs = {e.name: references(e, plans[e.kind]) for e in session.experiments.values()}
+    try:
+        names = list(graphlib.TopologicalSorter(needs).static_order())
+    except graphlib.CycleError as error:
+        first, second = error.args[1][:2]
+        where = needs[second][first]
+        circle = f"experiments wait for each other in a circle: {' -> '.join(error.args[1])}"
+        raise _mistake(session.experiments[second], where, circle) from None
     tasks: dict[TaskId, Task] = {}
-    for name in _experiment_order(session, plans):
+    for name in names:
         experiment = session.experiments[name]
         for stage in plans[experiment.kind]:
             for recording in recordings(experiment, stage):
-                task_id = TaskId(name, stage.name, recording)
-                arguments = tuple(
+                own = [
                     replace(
                         _argument(session, plans, experiment, text, recording, stage.over),
                         may_lack=text in stage.may_lack,
                     )
                     for text in stage.inputs
-                )
-                tasks[task_id] = Task(task_id, stage, arguments)
+                ]
+                task_id = TaskId(name, stage.name, recording)
+                tasks[task_id] = Task(task_id, stage, tuple(own))
     return tasks
+
+
+def _mistake(experiment: Experiment, place: str, message: str) -> ConfigError:
+    """Make the error for a field of an experiment, at its line."""
+    line = experiment.lines.get(place, 1)
+    return ConfigError([f"{FILE_NAME}:{line}: experiments.{experiment.name}.{place}: {message}"])
 
 
 def recordings(experiment: Experiment, stage: Stage) -> tuple[str | None, ...]:
@@ -148,24 +162,22 @@ def field_value(settings: Any, dotted: str) -> Any:
 
 
 def _named(experiment: Experiment, field: str) -> list[tuple[str, str | None]]:
-    """List the experiments that a field names, each with its place (``drops[1].material_from``)."""
-    found = _ends(experiment.settings, field.split("."), "")
-    return [
-        (place, value.removeprefix(REFERENCE) if isinstance(value, str) and value.startswith(REFERENCE) else None)
-        for place, value in found
-    ]
+    """List the experiments that a field names, each with its place (``drops[1].material_from``).
 
+    It is followed into every item of a list on the way; where a table or a name is absent, the experiment is None.
+    """
 
-def _ends(node: Any, names: Sequence[str], place: str) -> Iterator[tuple[str, Any]]:
-    """Follow a field, into every item of a list on the way; where a table is absent, the value is None."""
-    if isinstance(node, list | tuple):
-        for number, item in enumerate(node):
-            yield from _ends(item, names, f"{place}[{number}]")
-    elif names and node is not None:
-        first, *rest = names
-        yield from _ends(getattr(node, first, None), rest, f"{place}.{first}" if place else first)
-    else:
-        yield place, node
+    def ends(node: Any, names: Sequence[str], place: str) -> Iterator[tuple[str, Any]]:
+        if isinstance(node, list | tuple):
+            for number, item in enumerate(node):
+                yield from ends(item, names, f"{place}[{number}]")
+        elif names and node is not None:
+            yield from ends(getattr(node, names[0], None), names[1:], f"{place}.{names[0]}".removeprefix("."))
+        else:
+            is_name = isinstance(node, str) and node.startswith(REFERENCE)
+            yield place, node.removeprefix(REFERENCE) if is_name else None
+
+    return list(ends(experiment.settings, field.split("."), ""))
 
 
 def _names(value: Any) -> tuple[str, ...]:
@@ -174,21 +186,8 @@ def _names(value: Any) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else tuple(value)
 
 
-def _experiment_order(session: Session, plans: Mapping[str, tuple[Stage, ...]]) -> list[str]:
-    needs = {e.name: references(e, plans[e.kind]) for e in session.experiments.values()}
-    try:
-        return list(graphlib.TopologicalSorter(needs).static_order())
-    except graphlib.CycleError as error:
-        first, second = error.args[1][:2]
-        where = needs[second][first]
-        line = session.experiments[second].lines.get(where, 1)
-        circle = " -> ".join(error.args[1])
-        message = f"{where}: experiments wait for each other in a circle: {circle}"
-        raise ConfigError([f"{FILE_NAME}:{line}: experiments.{second}.{message}"]) from None
-
-
 def arguments(session: Session, stages: Stages, experiment: Experiment, inputs: Iterable[str]) -> tuple[Argument, ...]:
-    """Resolve inputs, written like those of a stage, for what runs once per experiment.
+    """Resolve inputs, written like those of a stage, for a function that runs once per experiment.
 
     Raises
     ------
@@ -237,9 +236,7 @@ def _of_others(session: Session, plans: Stages, experiment: Experiment, text: st
         if not problem and is_through_list and known[name].per == "recording":
             problem = f', whose stage "{name}" gives one result for each recording; a list of tables takes single ones'
         if problem:
-            line = experiment.lines.get(place, 1)
-            message = f'"{source.name}" is of kind "{source.kind}"{problem}'
-            raise ConfigError([f"{FILE_NAME}:{line}: experiments.{experiment.name}.{place}: {message}"])
+            raise _mistake(experiment, place, f'"{source.name}" is of kind "{source.kind}"{problem}')
         ids[other] = tuple(TaskId(other, name, r) for r in recordings(source, known[name]))
         is_list = known[name].per == "recording"
     tasks = tuple(task for each in ids.values() for task in each)

@@ -1,9 +1,9 @@
 """Process experiments while a session is still being recorded, each as soon as it is complete.
 
-Nothing tells a program on a network share that a file was closed, so the folder is looked at again
+A program on a network share is not notified when a file is closed, so the folder is looked at again
 and again. A file counts as complete when its size and time have stayed the same over several looks
 and its own content says so; an experiment, when all its files do, and those of the experiments
-that it refers to. What was done is in the store; a watcher that is started again finds it there.
+that it refers to. Results are in the store; a watcher that is started again finds them there.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ import msgspec
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below
 from labpipe.workflow.session import FILE_NAME, Experiment, Session, load
-from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out
+from labpipe.workflow.tasks import Stages, ancestors, spell_out
 
 if TYPE_CHECKING:
     from labpipe.workflow.run_result import RunResult
@@ -33,7 +33,7 @@ Stamp = tuple[tuple[str, int, int], ...]
 
 @dataclass(frozen=True, slots=True)
 class News:
-    """What a look at the folder found out about one experiment, or about session.toml.
+    """State of one experiment, or of session.toml, at a look at the folder.
 
     ``state`` is ``waiting`` (a file or a value is missing), ``arriving`` (a file is still changing),
     ``refused`` (a file that has come to rest is not complete), ``processed``, ``failed``, or
@@ -87,7 +87,7 @@ def stamp_of(path: Path) -> Stamp:
 
 @dataclass(slots=True)
 class Watcher:
-    """Looks at a session folder and processes what has become complete.
+    """Looks at a session folder and processes complete experiments.
 
     ``folder``: the session folder; session.toml may come later; ``kinds``, ``stages``: settings structure and stages of
     every kind of experiment; ``check``: given an experiment and the path of a file at rest: None when the file is
@@ -108,7 +108,7 @@ class Watcher:
     read_at: Stamp = ()
 
     def look(self) -> Iterator[News]:
-        """Look once at every file; process what is complete; tell only what is new."""
+        """Look once at every file; process complete experiments; yield only news."""
         for news in self._look():
             if self.told.get(news.experiment) != (news.state, news.text):
                 self.told[news.experiment] = (news.state, news.text)
@@ -116,17 +116,15 @@ class Watcher:
 
     @property
     def is_done(self) -> bool:
-        """Whether every experiment of the session was processed, or failed, as it stands."""
-        if self.session is None:
-            return False
-        if self.session.waiting:
+        """Whether every experiment of the session was processed, or failed."""
+        if self.session is None or self.session.waiting:
             return False
         states = [self.told.get(name, ("", ""))[0] for name in self.session.experiments]
         return all(state in (PROCESSED, FAILED) for state in states)
 
     @property
     def states(self) -> dict[str, tuple[str, str]]:
-        """State and text of every experiment, as last told."""
+        """Last state and text of every experiment."""
         return {name: said for name, said in self.told.items() if name}
 
     def _look(self) -> Iterator[News]:
@@ -138,78 +136,55 @@ class Watcher:
         if not self.settling.is_at_rest(path):
             return
         try:
-            session, needs = self._needs(path)
+            if self.session is None or self.settling.stamp(path) != self.read_at:
+                self.session = None
+                self.session = load(path, self.kinds, may_wait=True)
+                self.read_at = self.settling.stamp(path)
+            session = self.session
+            tasks = spell_out(session, self.stages)
         except LabpipeError as error:
             yield News("", BROKEN, str(error))
             return
         self.told.pop("", None)
         for name, lines in session.waiting.items():
             yield News(name, WAITING, "; ".join(lines))
-        for name in sorted({file for files in needs.values() for file in files}):
-            self.settling.look(session.root / name)
-        for name in needs:
-            news = self._one(session, name, needs)
-            if news is not None:
-                yield news
-
-    def _needs(self, path: Path) -> tuple[Session, dict[str, tuple[str, ...]]]:
-        """Read the session when its file has changed; list the files behind every experiment."""
-        stamp = self.settling.stamp(path)
-        if self.session is None or stamp != self.read_at:
-            self.session = None
-            self.session = load(path, self.kinds, may_wait=True)
-            self.read_at = stamp
-        tasks = spell_out(self.session, self.stages)
-        return self.session, {name: files_behind(tasks, name) for name in dict.fromkeys(t.experiment for t in tasks)}
-
-    def _one(self, session: Session, name: str, needs: Mapping[str, tuple[str, ...]]) -> News | None:
-        paths = [session.root / file for file in needs[name]]
-        stamps = (self.read_at, *map(self.settling.stamp, paths))
-        if self.finished.get(name) == stamps:
-            return None
-        obstacle = self._obstacle(session, name, paths)
-        if obstacle is not None:
-            return obstacle
-        ready = {n: e for n, e in session.experiments.items() if set(needs[n]) <= set(needs[name])}
-        outcome = self.run(replace(session, experiments=ready), name)
-        self.finished[name] = stamps
-        failures = [o for o in outcome.failures if o.experiment == name]
-        text = "; ".join(f"{o.task}: {o.message}" for o in failures)
-        page = outcome.reports.get(name)
-        state = FAILED if failures else PROCESSED
-        return News(name, state, text or (str(page) if page else "done"), outcome)
+        needs: dict[str, list[Path]] = {}
+        for name in dict.fromkeys(task.experiment for task in tasks):
+            own = [task for task in tasks if task.experiment == name]
+            behind = [file for task in (*ancestors(tasks, *own), *own) for file in tasks[task].files]
+            needs[name] = [session.root / file for file in dict.fromkeys(behind)]
+        for file in sorted({file for files in needs.values() for file in files}):
+            self.settling.look(file)
+        for name, paths in needs.items():
+            stamps = (self.read_at, *map(self.settling.stamp, paths))
+            if self.finished.get(name) == stamps:
+                continue
+            if (obstacle := self._obstacle(session, name, paths)) is not None:
+                yield obstacle
+                continue
+            ready = {n: e for n, e in session.experiments.items() if set(needs[n]) <= set(paths)}
+            outcome = self.run(replace(session, experiments=ready), name)
+            self.finished[name] = stamps
+            failures = [o for o in outcome.failures if o.experiment == name]
+            text = "; ".join(f"{o.task}: {o.message}" for o in failures) or str(outcome.reports.get(name, "done"))
+            yield News(name, FAILED if failures else PROCESSED, text, outcome)
 
     def _obstacle(self, session: Session, name: str, paths: list[Path]) -> News | None:
+        """Say why an experiment cannot be processed yet; its files are asked once per state whether they are whole."""
         absent = [p for p in paths if not self.settling.stamp(p)]
         if absent:
             there = len(paths) - len(absent)
-            text = f"{there} of {len(paths)} files are there; next: {_shown(session, absent[0])}"
-            return News(name, WAITING, text)
-        moving = [p for p in paths if not self.settling.is_at_rest(p)]
-        if moving:
-            return News(name, ARRIVING, f"{_shown(session, moving[0])} is still changing")
+            shown = absent[0].relative_to(session.root).as_posix()
+            return News(name, WAITING, f"{there} of {len(paths)} files are there; next: {shown}")
         for path in paths:
-            problem = self._verdict(session.experiments[name], path)
-            if problem is not None:
-                return News(name, REFUSED, problem)
+            if not self.settling.is_at_rest(path):
+                return News(name, ARRIVING, f"{path.relative_to(session.root).as_posix()} is still changing")
+        for path in paths:
+            stamp = self.settling.stamp(path)
+            known = self.verdicts.get((name, path))
+            if known is None or known[0] != stamp:
+                known = (stamp, self.check(session.experiments[name], path))
+                self.verdicts[name, path] = known
+            if known[1] is not None:
+                return News(name, REFUSED, known[1])
         return None
-
-    def _verdict(self, experiment: Experiment, path: Path) -> str | None:
-        """Ask once per state of a file whether its content is complete."""
-        stamp = self.settling.stamp(path)
-        known = self.verdicts.get((experiment.name, path))
-        if known is None or known[0] != stamp:
-            known = (stamp, self.check(experiment, path))
-            self.verdicts[experiment.name, path] = known
-        return known[1]
-
-
-def files_behind(tasks: Mapping[TaskId, Task], experiment: str) -> tuple[str, ...]:
-    """List the files of an experiment and of those that it refers to, each once."""
-    own = [name for name in tasks if name.experiment == experiment]
-    behind = [*ancestors(tasks, *own), *own]
-    return tuple(dict.fromkeys(file for name in behind for file in tasks[name].files))
-
-
-def _shown(session: Session, path: Path) -> str:
-    return path.relative_to(session.root).as_posix()

@@ -8,30 +8,21 @@ from pathlib import Path
 
 import pytest
 
-from labpipe import installation
+from labpipe import compilation
 
-INNER = "from numba import njit\n\n\n@njit\ndef twice(x):\n    return 2.0 * x\n"
+INNER = "from labpipe.compilation import inner\n\n\n@inner()\ndef twice(x):\n    return 2.0 * x\n"
 OUTER = (
-    "from numba import njit\n"
-    "from labpipe.inner import twice\n"
-    "from labpipe.constants import FACTOR\n\n\n"
-    "@njit(cache=True)\ndef found(x):\n    return FACTOR * twice(x)\n"
+    "from labpipe.compilation import compiled\n"
+    "from kernels.inner import twice\n"
+    "from kernels.constants import FACTOR\n\n\n"
+    "@compiled()\ndef found(x):\n    return FACTOR * twice(x)\n"
 )
-RUN = (
-    "import sys; from pathlib import Path; sys.path.insert(0, {source!r})\n"
-    "from labpipe.installation import keep_compiled_code\n"
-    "keep_compiled_code(Path({folder!r}))\n"
-    "import importlib.util, types\n"
-    "import labpipe\n"
-    "labpipe.__path__.append({folder!r})\n"
-    "from labpipe.outer import found\n"
-    "print(found(1.0), sum(found.stats.cache_hits.values()))"
-)
+RUN = "from kernels.outer import found; print(found(1.0), sum(found.stats.cache_hits.values()))"
 
 
 @pytest.fixture
 def kernels(tmp_path: Path) -> Path:
-    folder = tmp_path / "labpipe"
+    folder = tmp_path / "kernels"
     folder.mkdir()
     files = {"inner": INNER, "outer": OUTER, "constants": "FACTOR = 1.0\n", "other": "A = 1\n"}
     for name, text in files.items():
@@ -41,10 +32,13 @@ def kernels(tmp_path: Path) -> Path:
 
 def found(folder: Path) -> list[str]:
     """The value of the kernel in a new process, and the hits of its cache."""
-    source = str(Path(installation.__file__).parents[1])
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder.parent / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
-    script = RUN.format(source=source, folder=str(folder))
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    source = str(Path(compilation.__file__).parents[1])
+    environment = os.environ | {
+        "NUMBA_CACHE_DIR": str(folder.parent / "cache"),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONPATH": os.pathsep.join([source, str(folder.parent)]),
+    }
+    done = subprocess.run([sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, check=True)
     return done.stdout.split()
 
 
@@ -58,39 +52,21 @@ def test_a_kernel_is_compiled_again_when_another_module_in_it_has_changed(kernel
     assert found(kernels) == ["30.0", "0"]
 
 
-def placed(monkeypatch: pytest.MonkeyPatch, kernels: Path) -> Path:
-    """Where numba would keep the code."""
-    installation.keep_compiled_code(kernels)
-    monkeypatch.setitem(os.environ, "NUMBA_CACHE_DIR", chosen := os.environ["NUMBA_CACHE_DIR"])
-    return Path(chosen)
-
-
-def test_the_folder_belongs_to_the_user_and_is_inherited(
-    kernels: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "numba", None)  # type: ignore[arg-type]
-    monkeypatch.delitem(sys.modules, "numba")
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.setattr(installation, "cache_folder", lambda: tmp_path / "user")
-    first = placed(monkeypatch, kernels)
-    assert first.parent == tmp_path / "user"
-    assert placed(monkeypatch, kernels) == first
-    (kernels / "inner.py").write_text("# njit\n")
-    assert placed(monkeypatch, kernels).parent == first.parent
-    assert placed(monkeypatch, kernels) != first
+def test_the_folder_is_the_stated_one_or_that_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compilation, "cache_folder", lambda: tmp_path / "user")
+    assert compilation.place_for_code("") == tmp_path / "user"
+    assert compilation.place_for_code(str(tmp_path / "stated")) == tmp_path / "stated"
 
 
 @pytest.mark.parametrize("how", ["a file", "no permission", "full"])
 def test_where_nothing_can_be_kept_a_temporary_folder_is_taken(
-    kernels: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
-    monkeypatch.setitem(sys.modules, "numba", None)  # type: ignore[arg-type]
-    monkeypatch.delitem(sys.modules, "numba")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "stated"))
+    stated = tmp_path / "stated"
     if how == "a file":
-        (tmp_path / "stated").write_text("no folder")
+        stated.write_text("no folder")
     elif how == "no permission":
         monkeypatch.setattr(os, "access", lambda *_: False)
     else:
         monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
-    assert placed(monkeypatch, kernels).parent.name.startswith("labpipe-")
+    assert compilation.place_for_code(str(stated)).name.startswith("labpipe-")

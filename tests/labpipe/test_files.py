@@ -1,5 +1,6 @@
 """Files exist whole or not at all; names stay inside; damage is noticed."""
 
+import contextlib
 import errno
 import hashlib
 import json
@@ -10,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from labpipe import files
-from labpipe.errors import InputError, SourceError, StorageError, StoreError
+from labpipe.errors import InputError, StorageError, StoreError
 from labpipe.files import HashIndex, safe_join
 from tests.by_day import by_day
 
@@ -48,11 +48,6 @@ def test_written_bytes_are_there_and_nothing_else(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.rglob("*")] == ["new", "a.bin"]
 
 
-def test_text_keeps_its_line_ends(tmp_path: Path) -> None:
-    files.write_text(tmp_path / "a", "é\r\nb\n")
-    assert (tmp_path / "a").read_bytes() == "é\r\nb\n".encode()
-
-
 def test_a_name_of_255_bytes_can_be_written(tmp_path: Path) -> None:
     files.write_bytes(tmp_path / ("n" * 255), b"x")
     assert (tmp_path / ("n" * 255)).read_bytes() == b"x"
@@ -62,13 +57,9 @@ def test_a_name_of_255_bytes_can_be_written(tmp_path: Path) -> None:
     ("number", "says"),
     [
         (errno.ENOSPC, "no space left: 7 bytes are needed"),
-        (errno.EDQUOT, "no space left: 7 bytes are needed"),
         (errno.EFBIG, "limit on the size of a file"),
-        (errno.EPERM, "no permission"),
         (errno.EROFS, "no permission"),
-        (errno.ENAMETOOLONG, "too long"),
         (errno.EIO, "7 bytes could not be written"),
-        (errno.ESTALE, "is the disk there"),
     ],
 )
 def test_a_disk_that_refuses_keeps_the_old_file(
@@ -124,81 +115,6 @@ def test_a_limit_on_file_size_leaves_the_old_dataset_whole(tmp_path: Path, limit
     assert [p.name for p in tmp_path.iterdir()] == ["a.nc"]
 
 
-FULL = """
-set -e
-mkdir -p "$1"; mount -t tmpfs -o size=1m tmpfs "$1"
-"$2" - "$1" <<'PY'
-import sys, pathlib, numpy, xarray
-from labpipe import files
-from labpipe.errors import StorageError
-folder = pathlib.Path(sys.argv[1])
-small = xarray.Dataset({"z": ("time", numpy.arange(1000.0))})
-files.write_dataset(folder / "a.nc", small)
-before = (folder / "a.nc").read_bytes()
-for size in range(140_000, 400_000, 50_000):
-    try:
-        files.write_dataset(folder / "a.nc", xarray.Dataset({"z": ("time", numpy.zeros(size))}))
-        sys.exit("not refused")
-    except StorageError as error:
-        assert "bytes are needed" in str(error), error
-    assert (folder / "a.nc").read_bytes() == before
-    assert [p.name for p in folder.iterdir()] == ["a.nc"]
-try:
-    files.write_bytes(folder / "b", bytes(2_000_000))
-    sys.exit("not refused")
-except StorageError as error:
-    assert "2000000 bytes are needed" in str(error), error
-print("kept")
-PY
-"""
-
-
-def test_a_full_disk_leaves_the_old_dataset_whole(tmp_path: Path) -> None:
-    try:
-        probe = subprocess.run(
-            ["unshare", "-rm", "mount", "-t", "tmpfs", "tmpfs", str(tmp_path)], capture_output=True, check=False
-        )
-    except FileNotFoundError:
-        pytest.skip("no unshare here")
-    if probe.returncode:
-        pytest.skip("no private mounts without root here")
-    script = ["bash", "-c", FULL, "bash", str(tmp_path / "disk"), sys.executable]
-    done = subprocess.run(["unshare", "-rm", *script], capture_output=True, text=True, check=False)
-    assert done.stdout == "kept\n", done.stderr
-
-
-WRITER = """
-import sys, numpy, xarray
-from labpipe import files
-size = 200_000
-count = 0
-while True:
-    count += 1
-    values = numpy.full(size, float(count))
-    files.write_dataset(sys.argv[1], xarray.Dataset({"z": ("time", values)}))
-    print(count, flush=True)
-"""
-
-
-@pytest.mark.slow
-def test_a_kill_while_writing_leaves_the_old_dataset_or_the_new(
-    tmp_path: Path, amount: Callable[[int, int], int]
-) -> None:
-    target = tmp_path / "a.nc"
-    rng = random.Random(7)
-    for _ in range(amount(6, 24)):
-        writer = subprocess.Popen([sys.executable, "-c", WRITER, str(target)], stdout=subprocess.PIPE, text=True)
-        assert writer.stdout is not None
-        writer.stdout.readline()
-        time.sleep(rng.uniform(0.0, 0.15))
-        writer.kill()
-        writer.wait()
-        writer.stdout.close()
-        values = files.read_dataset(target)["z"].to_numpy()
-        assert values.size == 200_000
-        assert np.all(values == values[0])
-
-
 def test_a_log_closes_a_line_that_was_left_incomplete(tmp_path: Path) -> None:
     log = tmp_path / "run.jsonl"
     files.append_line(log, "one")
@@ -225,11 +141,6 @@ def test_digest_of_a_folder_follows_names_and_contents(tmp_path: Path) -> None:
     assert files.digest(tmp_path / "f") == files.digest(tmp_path / "g")
     (tmp_path / "g" / "1.tif").rename(tmp_path / "g" / "2.tif")
     assert files.digest(tmp_path / "f") != files.digest(tmp_path / "g")
-
-
-def test_digest_of_a_missing_file_names_it(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"gone\.csv: cannot be read"):
-        files.digest(tmp_path / "gone.csv")
 
 
 def backdate(path: Path, seconds: float = 10.0) -> None:
@@ -309,43 +220,23 @@ def test_a_sealed_record_notices_every_flipped_bit() -> None:
 
 REFUSED = {
     "": "empty",
-    "   ": "empty",
     "/etc/passwd": "absolute",
-    "//host/share": "absolute",
     "~/x": "absolute",
     "C:/x": "absolute",
-    "c:x": "absolute",
-    "..": r'"\.\."',
     "../x": r'"\.\."',
     "a/../../x": r'"\.\."',
-    "a/..": r'"\.\."',
     "a\\b": "backslash",
-    "..\\x": "backslash",
     "a\0b": "control",
     "a\nb": "control",
-    "a\tb": "control",
-    "a\x7fb": "control",
-    "a\x9bb": "control",
     "a\u202eb": "direction",
-    "a\u2066b": "direction",
     "a\ud800b": "control",
-    "CON": "reserved",
     "con.csv": "reserved",
     "x/nul/y": "reserved",
-    "COM1.txt": "reserved",
-    "lpt9": "reserved",
-    "AUX.tar.gz": "reserved",
     "a.": "full stop",
-    "a ": "space",
     "dir /x": "space",
     "ab:c": "forbids",
-    "a*": "forbids",
-    "a?b": "forbids",
-    'a"b': "forbids",
-    "a|b": "forbids",
     "<a>": "forbids",
     "n" * 256: "longer than 255",
-    "é" * 128: "longer than 255",
 }
 
 
@@ -357,28 +248,7 @@ def test_a_name_that_could_leave_or_mislead_is_refused(tmp_path: Path, name: str
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "a",
-        "a/b.csv",
-        "./a",
-        "a//b",
-        ".hidden",
-        "Messung ü.csv",
-        "e\u0301.csv",
-        "🏀.csv",
-        "コン",
-        "console",
-        "com10",
-        "a..b",
-        "...x",
-        "n" * 255,
-        "a'b",
-        "a;b&c",
-        "-rf",
-        "$HOME",
-        "مرحبا.csv",
-    ],
+    "name", ["a", "a/b.csv", ".hidden", "Messung ü.csv", "console", "a..b", "n" * 255, "a;b&c", "$HOME"]
 )
 def test_an_ordinary_name_is_joined(tmp_path: Path, name: str) -> None:
     joined = safe_join(tmp_path, name)
@@ -402,34 +272,11 @@ def test_links_may_lead_inside_but_not_out_nor_in_circles(tmp_path: Path) -> Non
             safe_join(root, name)
 
 
-def test_a_root_that_is_itself_a_link_is_a_root(tmp_path: Path) -> None:
-    (tmp_path / "real").mkdir()
-    (tmp_path / "link").symlink_to(tmp_path / "real")
-    assert safe_join(tmp_path / "link", "a") == (tmp_path / "real" / "a").resolve()
-
-
-NAMES = st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True)
-
-
-def check_inside(root: Path, name: str) -> None:
-    try:
-        joined = safe_join(root, name)
-    except InputError:
-        return
-    assert joined.is_relative_to(root.resolve())
-
-
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(name=NAMES)
+@given(name=st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True))
 def test_no_name_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
-    check_inside(tmp_path, name)
-
-
-@pytest.mark.nightly
-@settings(max_examples=5_000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(name=NAMES)
-def test_of_many_names_none_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
-    check_inside(tmp_path, name)
+    with contextlib.suppress(InputError):
+        assert safe_join(tmp_path, name).is_relative_to(tmp_path.resolve())
 
 
 # --- locks -------------------------------------------------------------------------------------
@@ -490,14 +337,6 @@ def test_what_was_read_is_written_to_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.nc").read_bytes() == (tmp_path / "b.nc").read_bytes()
 
 
-def test_writing_does_not_change_the_dataset(tmp_path: Path) -> None:
-    dataset = some_dataset()
-    copy = dataset.copy(deep=True)
-    files.write_dataset(tmp_path / "a.nc", dataset)
-    assert dataset.identical(copy)
-    assert dataset.attrs["flag"] is True
-
-
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     values=st.lists(st.floats(width=64), max_size=20),
@@ -521,14 +360,6 @@ def test_any_dataset_survives_the_round_trip(
     assert found["w"].to_numpy().tolist() == [word.replace("\0", "\u2400") for word in words]
 
 
-def test_non_contiguous_and_read_only_arrays_are_written(tmp_path: Path) -> None:
-    values = np.arange(20.0)[::2]
-    values.flags.writeable = False
-    files.write_dataset(tmp_path / "a.nc", xr.Dataset({"z": ("time", values)}))
-    found = files.read_dataset(tmp_path / "a.nc")["z"].to_numpy()
-    np.testing.assert_array_equal(found, np.arange(0.0, 20.0, 2.0))
-
-
 @pytest.mark.parametrize(
     ("values", "why"),
     [
@@ -545,13 +376,6 @@ def test_what_netcdf_cannot_hold_is_refused(tmp_path: Path, values: np.ndarray, 
     with pytest.raises(InputError, match="cannot be stored"):
         files.write_dataset(tmp_path / "a.nc", xr.Dataset(attrs={"x": {1, 2}}))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_text_that_netcdf_would_cut_is_made_visible(tmp_path: Path) -> None:
-    dataset = xr.Dataset(attrs={"header": "a\0b", "name": "x\ud800y"})
-    files.write_dataset(tmp_path / "a.nc", dataset)
-    found = files.read_dataset(tmp_path / "a.nc")
-    assert found.attrs == {"header": "a\u2400b", "name": "x?y"}
 
 
 def flip(data: bytes, bit: int) -> bytes:
@@ -602,11 +426,6 @@ def test_a_truncated_or_empty_file_is_refused(tmp_path: Path) -> None:
     path.write_bytes(data + b"more")
     with pytest.raises(StoreError, match="damaged"):
         files.read_dataset(path)
-
-
-def test_a_file_that_is_not_there_is_a_source_error(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match="no such file"):
-        files.read_dataset(tmp_path / "a.nc")
 
 
 @pytest.mark.parametrize("is_coordinate", [False, True])

@@ -35,12 +35,6 @@ def test_codec_is_settled_by_mark_then_utf8_then_declaration(tmp_path, codec, ex
     assert list(source.lines()) == content.splitlines()
 
 
-@pytest.mark.parametrize("codec", ["utf-16-le", "utf-16-be"])
-def test_both_byte_orders_of_utf16_are_read(tmp_path, codec):
-    data = "\ufeffé\r\nb\r\n".encode(codec)
-    assert list(text.survey(_file(tmp_path, data)).lines()) == ["é", "b"]
-
-
 def test_first_declared_codec_that_fits_is_taken(tmp_path):
     path = _file(tmp_path, "é,1\n".encode("cp1252"))  # E9 2C is no pair of cp932
     assert text.survey(path, declared=("cp932", "cp1252")).encoding == "cp1252"
@@ -61,11 +55,6 @@ def test_every_line_end_counts_and_a_missing_last_one_is_seen(tmp_path, end, is_
     source = text.survey(_file(tmp_path, data.encode()))
     assert (source.n_lines, source.is_ended) == (3, is_ended)
     assert list(source.lines()) == ["a", "", "b"]
-
-
-def test_separators_of_other_alphabets_do_not_end_a_line(tmp_path):
-    path = _file(tmp_path, "a\u2028b\x85d\n".encode())
-    assert text.survey(path).n_lines == 1
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)
@@ -90,25 +79,12 @@ def test_empty_files_and_nul_are_refused(tmp_path, data, message):
         text.survey(_file(tmp_path, data))
 
 
-def test_nul_is_named_by_line_and_column(tmp_path):
-    with pytest.raises(SourceError) as caught:
-        text.survey(_file(tmp_path, b"ab\r\ncd\0e\r\n"))
-    assert (caught.value.line, caught.value.column) == (2, 3)
-
-
 @pytest.mark.parametrize("codec", ["ascii", "utf-16"])
-@pytest.mark.parametrize("character", ["\x01", "\x0b", "\x0c", "\x1a", "\x1c", "\x7f"])
+@pytest.mark.parametrize("character", ["\x01", "\x0c", "\x7f"])
 def test_other_control_characters_are_refused(tmp_path, character, codec):
     with pytest.raises(SourceError, match="control character") as caught:
         text.survey(_file(tmp_path, f"ab\n1{character}2\n".encode(codec)))
     assert (caught.value.line, caught.value.column) == (2, 2)
-
-
-def test_missing_file_and_folder_are_refused(tmp_path):
-    with pytest.raises(SourceError, match="cannot be opened"):
-        text.survey(tmp_path / "none.txt")
-    with pytest.raises(SourceError, match="not a regular file"):
-        text.survey(tmp_path)
 
 
 def test_line_of_a_billion_characters_is_refused_from_its_first_pieces(tmp_path):
@@ -150,31 +126,17 @@ def test_file_that_grows_between_the_passes_is_refused(tmp_path):
         list(source.lines())
 
 
-def test_rows_are_parsed_exactly():
-    rows = text.parse_rows(["0.1\t-2e-3", " 3\t.5"], 2, "\t", path="a", first_line=1)
-    np.testing.assert_array_equal(rows, [[0.1, -2e-3], [3.0, 0.5]])
-
-
-def test_no_rows_keep_their_columns():
-    assert text.parse_rows([], 3, ",", path="a", first_line=1).shape == (0, 3)
-
-
 @pytest.mark.parametrize(
     ("row", "column", "message"),
     [
         ("1,2x,3", 3, "'2x'"),
         ("1,,3", 3, "''"),
         ("1,2", 4, "2 cells, expected 3"),
-        ("1,2,3,4", 7, "4 cells, expected 3"),
-        ("", 1, "1 cells"),
         ("1,nan,3", 3, "'nan'"),
-        ("1,inf,3", 3, "'inf'"),
         ("1,1e999,3", 3, "'1e999'"),
         ("1,1_0,3", 3, "'1_0'"),
-        ("1,0x10,3", 3, "'0x10'"),
         ("1,１,3", 3, "'１'"),
         ("1,2 3,3", 3, "'2 3'"),
-        ("1,--2,3", 3, "'--2'"),
     ],
 )
 def test_wrong_cell_is_named_by_line_and_column(row, column, message):
@@ -212,11 +174,8 @@ def test_dot_is_refused_where_the_comma_is_the_decimal_sign():
     ("cells", "expected"),
     [
         (["1.5", "2"], text.DOT),
-        (["1", "2"], text.DOT),
         (["1.234"], text.DOT),
         (["+00,1234"], COMMA),
-        (["0,010"], COMMA),
-        (["1,234", "0,5"], COMMA),
         (["1.234,5"], GROUPED),
         (["1.234.567", "1,5"], GROUPED),
         (["1,234.5"], text.Separators(".", ",")),

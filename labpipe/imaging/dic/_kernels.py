@@ -7,10 +7,10 @@ recompile those that contain it. Importing this module imports numba.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats, Floats32, Integers
+from labpipe.compilation import njit
 from labpipe.imaging.dic._spline import LANES
 
 #: Result codes of the solver.

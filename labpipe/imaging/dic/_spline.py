@@ -8,10 +8,10 @@ costs 0.0045 px of bias in image correlation. Importing this module imports numb
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats, Floats32
+from labpipe.compilation import njit
 from labpipe.errors import InputError
 
 #: Poles of the interpolating prefilter of each supported order.

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.compilation import njit
 from labpipe.imaging.dic._kernels import AFFINE, FAST
 from labpipe.imaging.dic._spline import LANES
 

@@ -17,10 +17,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats, Floats32, Integers
+from labpipe.compilation import njit
 from labpipe.imaging.dic._solver import Solution
 from labpipe.imaging.dic._spline import noise_gain, slope_noise_gain
 from labpipe.imaging.dic._subsets import Subsets

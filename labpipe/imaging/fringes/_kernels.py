@@ -6,9 +6,9 @@ They stand in one file because compiled code is cached by file. Importing it imp
 import math
 
 import numpy as np
-from numba import njit
 
 from labpipe.arrays import Floats, Floats32, Integers
+from labpipe.compilation import njit
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL
 
 # Sums over pixels may be reordered and fused.

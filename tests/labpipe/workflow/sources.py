@@ -12,7 +12,5 @@ def forget(monkeypatch: pytest.MonkeyPatch) -> None:
     time.sleep(0.005)  # the next change has another time
     monkeypatch.setattr(code, "_LOADED", time.time_ns())
     code._seen.clear()
-    code._known.clear()
-    code._new.clear()
-    for known in (code.behind, code._digests, code._readers):
+    for known in (code.behind, code._digests, code.readers):
         known.cache_clear()

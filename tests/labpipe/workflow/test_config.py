@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 import msgspec
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
-from labpipe.errors import ConfigError, InputError, SourceError
+from labpipe.errors import ConfigError, InputError
 from labpipe.units import Quantity, quantity
 from labpipe.workflow import config, fields
 from labpipe.workflow.fields import POSITIVE, Angle, Dimensionless, File, Length, Range, Time, show
@@ -64,56 +64,35 @@ def test_units_become_si(tmp_path: Path) -> None:
 
 
 WRONG = {
-    "length = 3": 'expected a length such as "9.525 mm" .*, found 3 without a unit',
-    "length = true": "expected a length .*, found true",
-    'length = "3"': 'expected a length .*, found "3", which has no unit',
     'length = "3 s"': 'units: m, cm, mm, um, nm.*, found "3 s", which is in s',
     'length = "3 furlong"': 'expected a length .*, found "3 furlong"',
-    'length = "mm"': 'expected a length .*, found "mm"',
     'length = "1e999 mm"': "expected a finite number",
     'length = ["3 mm"]': "expected a length .*, found a list",
-    "length = { v = 1 }": "expected a length .*, found a table",
     'angle = "atuo"': 'expected an angle .* or one of "auto", found "atuo"',
-    "angle = 12": "expected an angle .*, found 12",
-    'window = "0 s"': "must be > 0 and <= 1 s, found 0 s",
     'window = "2 s"': "must be > 0 and <= 1 s, found 2 s",
     "poisson = 0.5": "must be >= 0 and < 0.5, found 0.5",
-    'poisson = "50 %"': "must be >= 0 and < 0.5, found 0.5",
     "poisson = nan": "expected a finite number, found nan",
     "rtol = inf": "expected a finite number, found inf",
-    "rtol = 0.1": "must be > 0 and <= 0.01, found 0.1",
-    'rtol = "small"': 'expected a number, found "small"',
     "count = 0": "expected int >= 1, found 0",
-    "count = 11": "expected int <= 10, found 11",
-    "count = 1.5": "expected a whole number, found 1.5",
     "count = true": "expected a whole number, found true",
-    'count = "1"': 'expected a whole number, found "1"',
     f"count = {10**300}": r"found a number of 301 digits",
     'solver = "mrd"': 'expected one of "mdr", "rings", found "mrd"; did you mean "mdr"',
-    "solver = 1": 'expected one of "mdr", "rings", found 1',
     "direction = 2": "expected one of 1, -1, found 2",
     'switch = "yes"': 'expected true or false, found "yes"',
-    "switch = 1": "expected true or false, found 1",
     "corners = [1, 2]": r"expected places, \[\[x, y\], \[x, y\]\], found \[1, 2\]: brackets are missing",
-    "corners = 'a'": r'expected places, \[\[x, y\], \[x, y\]\], found "a"$',
     "files = 'a.csv'": 'expected a list of items, each the name of a file, found "a.csv"',
     "files = ['data.csw']": 'no file "data.csw" .*did you mean "data.csv"',
     "files = ['../x']": r'contains "\.\."',
-    "files = ['/etc/passwd']": "is absolute",
     "files = ['data.csv', 'data.csv']": 'files.1.: "data.csv" is listed twice',
     "files = [1]": r"files\[0\]: expected the name of a file, found 1",
     'pair = ["1 mm"]': "expected 2 items, found 1",
     'table = ["1 mm"]': "expected a table, found a list",
     'table = { a = "1 s" }': r"table\.a: expected a length",
     'day = "31.1.2026"': 'expected a date such as .*, found "31.1.2026"',
-    "day = 2026": "expected a date",
-    "other = 3": "expected the name of an experiment|expected text",
     "inner = 3": "expected a table, found 3",
     "inner.raduis = 3": 'inner.raduis: unknown key; did you mean "radius"',
     'inner.radius = "-1 mm"': "inner.radius: must be > 0, found -1 mm",
-    "inner.name = 3": "expected text in quotation marks, found 3",
     "lenght = 3": 'lenght: unknown key; did you mean "length"',
-    "zzz = 3": "zzz: unknown key",
 }
 
 
@@ -133,23 +112,20 @@ def test_all_mistakes_are_reported_at_once_in_the_order_of_lines(tmp_path: Path)
     numbers = [int(problem.split(":")[1]) for problem in caught.value.problems]
     assert numbers == sorted(numbers)
     assert set(numbers) == set(range(1, len(chosen) + 1))
-    assert len(numbers) >= 15
+    assert len(numbers) >= 12
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         ("a = 1\na = 2", r"c\.toml:2:?\d*: a key or table is given twice"),
-        ("a = 1\na = 2\n", r"c\.toml:2:6: a key or table is given twice"),
         ("[a]\n[b]\n[a]\n", r"c\.toml:3:3: a key or table is given twice"),
         ("x = [1,\ny = 2", r"c\.toml:2:"),
-        ("x = ", r"c\.toml:1:"),
         ("x = 'open\ny = 1", r"c\.toml:2:"),
         ("x = 1\n\x00", r"c\.toml:2:"),
         ("a = " + "[" * 20_000, r"cannot be read as TOML"),
         ("a = " + "[" * 60 + "]" * 60, "deeper than 32 levels"),
         ("a" + ".a" * 5000 + " = 1", "deeper than 32 levels"),
-        ("count = " + "9" * 5000, "cannot be read as TOML"),
         ("# " + "x" * 1_000_001, "1000003 bytes long"),
     ],
 )
@@ -165,16 +141,6 @@ def test_bytes_that_are_not_utf8_are_named(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_bytes("count = 2".encode("utf-16"))
     with pytest.raises(ConfigError, match="not UTF-8"):
         config.read(tmp_path / "c.toml", Everything)
-
-
-def test_a_byte_order_mark_and_windows_line_ends_are_accepted(tmp_path: Path) -> None:
-    (tmp_path / "c.toml").write_bytes(b"\xef\xbb\xbfcount = 2\r\nswitch = true\r\n")
-    assert config.read(tmp_path / "c.toml", Everything).count == 2
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"gone\.toml: cannot be read"):
-        config.read(tmp_path / "gone.toml", Everything)
 
 
 def test_what_a_structure_refuses_itself_is_reported_at_its_table(tmp_path: Path) -> None:
@@ -198,6 +164,7 @@ def test_what_a_structure_refuses_itself_is_reported_at_its_table(tmp_path: Path
         config.read(tmp_path / "c.toml", Outer)
 
 
+@settings(max_examples=40, deadline=None)
 @given(
     st.dictionaries(
         st.sampled_from(list(Everything.__struct_fields__)),
@@ -222,11 +189,6 @@ def test_no_tree_of_values_escapes_the_check(tree: dict[str, object]) -> None:
         ("20000 Hz", "20 kHz"),
         ("0.0009 m", "900 um"),
         ("2.5 MPa", "2.5 MPa"),
-        ("0 m", "0 m"),
-        ("0.35", "0.35"),
-        ("-1 mm", "-1 mm"),
-        ("23 degC", "23 degC"),
-        ("1 mm", "1 mm"),
         ("1e-12 m", "0.001 nm"),
     ],
 )
@@ -241,8 +203,6 @@ def test_a_quantity_is_shown_in_the_unit_that_suits_it(text: str, shown: str) ->
         ("12 ± 0,2°", "12 ± 0.2 deg"),
         ("12° ± 0,2°", "12 ± 0.2 deg"),
         ("9,525 mm ± 0,005 mm", "9.525 ± 0.005 mm"),
-        ("0,250 mm", "0.25 mm"),
-        ("12,500 ± 0,5 mm", "12.5 ± 0.5 mm"),
         ("1,5e-3 m", "1.5 mm"),
     ],
 )
@@ -252,12 +212,7 @@ def test_a_quantity_is_understood_as_people_write_it(text: str, same: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("1,500 mm", "group thousands; write 1.500 or 1500"),
-        ("1,2,3 mm", "unknown unit"),
-        ("1.5 mm ± 2 um", "has two units"),
-    ],
+    ("text", "words"), [("1,500 mm", "group thousands; write 1.500 or 1500"), ("1.5 mm ± 2 um", "has two units")]
 )
 def test_a_quantity_with_two_meanings_is_refused(text: str, words: str) -> None:
     with pytest.raises(InputError, match=words):

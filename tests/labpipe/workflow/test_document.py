@@ -79,15 +79,6 @@ def test_each_value_is_on_its_line(ends: str) -> None:
     assert {place: found[place] for place in LINES} == LINES
 
 
-def test_every_place_of_the_document_has_a_line() -> None:
-    assert places(tomllib.loads(DOCUMENT)) <= line_index(DOCUMENT).keys()
-
-
-def test_an_empty_document_has_one_line() -> None:
-    assert line_index("") == {(): 1}
-    assert line_index("# only a comment") == {(): 1}
-
-
 @given(st.text("a=[]{}\"'#.,\n\\ 1", max_size=40))
 def test_whatever_the_parser_accepts_is_indexed_whole(text: str) -> None:
     try:

@@ -3,7 +3,7 @@
 import pytest
 
 from labpipe.errors import InputError
-from labpipe.workflow._ledger import LedgerRow, counts, summarise
+from labpipe.workflow.context import LedgerRow, counts, summarise
 
 
 def test_a_count_is_paired_with_the_total_it_belongs_to() -> None:
