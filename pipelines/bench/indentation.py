@@ -13,7 +13,7 @@ import numpy as np
 
 from labpipe import contact
 from labpipe.arrays import Floats
-from labpipe.contact.line import indent_thesis_scheme, westergaard
+from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from pipelines.bench import contact_peers
 from pipelines.bench.drop import speed_up
@@ -146,7 +146,7 @@ def _tap(material: Prony, per_cycle: int, rtol: float | None) -> object:
 
 
 def _tap_thesis(material: Prony, per_cycle: int) -> object:
-    return indent_thesis_scheme(material, _RADIUS, _PERIOD, 1.0, *_history(per_cycle), "parabola")
+    return contact.indent(material, _RADIUS, _PERIOD, 1.0, *_history(per_cycle), elements=256, solver="thesis")
 
 
 def _tapping_error(found: Any, solid: _Solid) -> float:
