@@ -166,5 +166,5 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
     dataset = xr.Dataset({n: variable("impact", v, "K", text) for n, (v, text) in columns.items()})
     label = "relative change of |E*| by the temperature rise after the impact"
     dataset["modulus_change"] = variable("impact", np.array(changes), "1", label)
-    largest_rises = (float(rise.max()) for rise in (bulk, surface, train, adiabatic))
-    return Heating(dataset, *largest_rises, change, largest, verdict)
+    most = [float(rise.max()) for rise in (bulk, surface, train, adiabatic)]
+    return Heating(dataset, most[0], most[1], most[2], most[3], change, largest, verdict)

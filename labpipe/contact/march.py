@@ -40,15 +40,6 @@ _UNNESTED_STEPS = 8
 _MAX_STEPS_PER_INTERVAL = 20_000
 
 
-@dataclass(slots=True)
-class Ledger:
-    """Counts of the work done."""
-
-    steps: int = 0
-    rejected_steps: int = 0
-    solves: int = 0
-
-
 @dataclass(frozen=True, slots=True)
 class State:
     """Loads and memory of the springs, and the energies since the start.
@@ -87,7 +78,9 @@ class March:
     control: Control
     rtol: float | None
     has_energy: bool = False
-    ledger: Ledger = field(default_factory=Ledger)
+    counts: dict[str, int] = field(
+        default_factory=lambda: dict.fromkeys(("solver_steps", "rejected_steps", "solves"), 0)
+    )
     samples_done: int = 0
     _weights: dict[tuple[float, bool], StepWeights] = field(default_factory=dict)
     _scale: float = 0.0
@@ -140,7 +133,7 @@ class March:
         self._raise_scale(value)
         past = state.memory.sum(axis=0)
         answer = self._solve(past, self.creep.instantaneous, value, state.answer)
-        self.ledger.steps += 1
+        self.counts["solver_steps"] += 1
         if np.any(answer.load != state.answer.load):
             self._held = _HELD_STEPS
         work = self._work(state, answer, state.memory) if self.has_energy else np.nan
@@ -160,7 +153,7 @@ class March:
                     raise
                 hold = True
                 continue
-            self.ledger.steps += 1
+            self.counts["solver_steps"] += 1
             return self._accept(weights, state, answer, hold=hold)
 
     def _controlled(
@@ -186,10 +179,10 @@ class March:
                     raise
             factor = _MARGIN * min(max(error, 1e-12), 1e12) ** -_ORDER
             if error > 1.0:
-                self.ledger.rejected_steps += 1
+                self.counts["rejected_steps"] += 1
                 step = dt * min(max(factor, _SHRINK), _MARGIN)
                 continue
-            self.ledger.steps += 2
+            self.counts["solver_steps"] += 2
             half = self._weights_of(0.5 * dt, hold=False)
             state = self._accept(half, state, middle, hold=False)
             state = self._accept(half, state, end, hold=False)
@@ -236,7 +229,7 @@ class March:
         return middle._replace(load=path), end, error / (_STEP_SHARE * (self.rtol or 1.0) ** 1.5)
 
     def _solve(self, past: Floats, compliance: float, value: float, before: Answer) -> Answer:
-        self.ledger.solves += 1
+        self.counts["solves"] += 1
         solve = self.contact.press if self.control == "displacement" else self.contact.push
         return solve(past, compliance, value, before.displacement)
 

@@ -241,15 +241,12 @@ def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Float
             f"time has the shape {times.shape} and {name} {values.shape}; expected two rows of the "
             "same length with at least one sample"
         )
-    bad = np.flatnonzero(~np.isfinite(times))
-    if bad.size:
+    if (bad := np.flatnonzero(~np.isfinite(times))).size:
         raise InputError(f"time[{bad[0]}] is {times[bad[0]]}; every sample needs a finite time")
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
+    if (bad := np.flatnonzero(~np.isfinite(values))).size:
         n = bad[0]
         raise InputError(f"{name}[{n}] is {values[n]} (at {times[n]:g} s); fill or cut the gap before simulating")
-    back = np.flatnonzero(np.diff(times) < 0.0)
-    if back.size:
+    if (back := np.flatnonzero(np.diff(times) < 0.0)).size:
         n = back[0] + 1
         raise InputError(
             f"time runs backwards at sample {n}: {times[n]:g} s after {times[n - 1]:g} s; "
@@ -261,8 +258,7 @@ def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Float
 def checked_load(time: ArrayLike, load: ArrayLike) -> tuple[Floats, Floats]:
     """Return a history of load as :func:`checked_history` does; no load may be negative [N]."""
     times, loads = checked_history(time, load, "load")
-    negative = np.flatnonzero(loads < 0.0)
-    if negative.size:
+    if (negative := np.flatnonzero(loads < 0.0)).size:
         n = negative[0]
         raise InputError(f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull")
     return times, loads

@@ -135,11 +135,16 @@ def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, secon
     for start, stop in zip(np.flatnonzero(np.diff(loaded) == 1), np.flatnonzero(np.diff(loaded) == -1), strict=True):
         if stop < run.time.size:
             touch = max(int(start) - 1, 0)
-            inside = slice(touch, stop + 1)
+            steps_in = slice(touch, int(stop) + 1)
             began, ended, incoming, outgoing = run.time[touch], run.time[stop], run.velocity[touch], -run.velocity[stop]
             times_and_speeds = began + setting.fall_time, ended + setting.fall_time, ended - began, incoming, outgoing
-            ratio, deepest = outgoing / incoming if incoming > 0.0 else nan, run.position[inside].max()
-            peaks = run.force[inside].max(), run.contact_radius[inside].max(), deepest, deepest - run.position[touch]
+            ratio, deepest = outgoing / incoming if incoming > 0.0 else nan, run.position[steps_in].max()
+            peaks = (
+                run.force[steps_in].max(),
+                run.contact_radius[steps_in].max(),
+                deepest,
+                deepest - run.position[touch],
+            )
             rows.append((*times_and_speeds, ratio, *peaks, nan, nan))
     solves, steps = run.work["active_set_solves"], run.time.size - 1
     work = {"solver_steps": steps, "kernel_products": solves + steps, "seconds": round(seconds, 4)} | run.work

@@ -164,19 +164,6 @@ def weigh(rules: Rules, block: Block, dt: float) -> Weights:
 
 
 @inner()
-def _carrying(block: Block, approach: float) -> int:
-    """Count the springs, from the centre, that carry at an approach [m]."""
-    low, high = 0, block.reach.size
-    while low < high:
-        middle = (low + high) // 2
-        if block.reach[middle] < approach:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@inner()
 def _edge(block: Block, last: int, approach: float) -> float:
     """Where between two springs the load, linear in the square of the radius, is zero."""
     start = block.reach[last]
@@ -188,7 +175,7 @@ def _edge(block: Block, last: int, approach: float) -> float:
 @lean()
 def force(block: Block, approach: float) -> tuple[float, float]:
     """Force and its slope, both times the step compliance, at an approach [m] below the last reach."""
-    count = _carrying(block, approach)
+    count = np.searchsorted(block.reach, approach)
     if count == 0:
         return 0.0, 0.0
     if not math.isnan(block.edge_bias):
@@ -212,7 +199,7 @@ def contact_radius(block: Block, approach: float) -> float:
     gives the edge; behind it the surface has a kink. A receding edge lies between its neighbours. Rings
     give the place between two of them only, and its bias.
     """
-    count = _carrying(block, approach)
+    count = np.searchsorted(block.reach, approach)
     if count == 0:
         return 0.0
     between = _edge(block, count - 1, approach)
@@ -254,7 +241,7 @@ def _move_on(now: Motion, rules: Rules, weights: Weights, block: Block, approach
         new[j] = max(approach - block.reach[j], 0.0) / weights.compliance
         loaded += new[j] > 0.0
         after[j] = block.reach[j] - block.gap[j] + weights.compliance * new[j]
-    if loaded != _carrying(block, approach):
+    if loaded != np.searchsorted(block.reach, approach):
         return False
     work, jumped, on_old, on_new, squared = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(load.size):

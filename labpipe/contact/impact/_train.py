@@ -110,7 +110,7 @@ class Train:
             gap = float(self._step_on(MARGIN * expected.radius).springs.gap[0])
             touch = 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap)) if gap else 0.0
         start = Motion(time=-setting.fall_time, position=-setting.height, approach=-setting.height)
-        self._keep(Flight(start, min(touch, end), *np.zeros((2, creep.rate.size)), creep.rate))
+        self._keep(Flight(start, min(touch, end), np.zeros(creep.rate.size), np.zeros(creep.rate.size), creep.rate))
         now.velocity, now.acceleration = setting.speed, setting.gravity
         if touch < end:
             self._fly(touch)

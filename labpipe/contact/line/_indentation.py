@@ -285,16 +285,12 @@ class _Line:
                     "the centre of the period, which the springs of this solver cannot follow; give a smaller rtol or "
                     "more samples"
                 ) from None
-        for pressure in rows["pressure"] if "pressure" in maps else ():
-            if pressure.min() < -1e-6 * float(pressure.max()):  # more than rounding
-                raise InputError(f"a negative pressure of {pressure.min():.3g} Pa was found; use more elements")
-            np.maximum(pressure, 0.0, out=pressure)
-        counts = {
-            "solver_steps": march.ledger.steps,
-            "rejected_steps": march.ledger.rejected_steps,
-            "solves": march.ledger.solves,
-            "unknowns": march.contact.size,
-        }
+        if "pressure" in maps:
+            least, most = rows["pressure"].min(axis=1), rows["pressure"].max(axis=1)
+            if np.any(least < -1e-6 * most):  # more than rounding
+                raise InputError(f"a negative pressure of {least.min():.3g} Pa was found; use more elements")
+            rows["pressure"] = np.maximum(rows["pressure"], 0.0)
+        counts = march.counts | {"unknowns": march.contact.size}
         result = self._dataset(time, rows, counts, ("springs", "nested contact"))
         if march.has_energy:
             error = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
@@ -311,7 +307,8 @@ class _Line:
         strip = np.arange(kernel.elements)
         matrix = kernel.influence[np.abs(strip[:, None] - strip)]
         height = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period)
-        scheme = ThesisScheme(matrix, height, self.creep.compliance(step * np.arange(time.size)))
+        lags: Floats = step * np.arange(time.size, dtype=float)
+        scheme = ThesisScheme(matrix, height, self.creep.compliance(lags))
         force, width = np.zeros((2, time.size))
         for n, depth in enumerate(displacement):
             scheme.step(n, depth)

@@ -163,7 +163,7 @@ def line_kernel(period: float, elements: int, thickness: float = np.inf, nu: flo
             f"numbers, at most {_MAX_MODES} are summed; give a thicker layer or a shorter period"
         )
     mode = np.arange(1, n_modes + 1)
-    q = 2.0 * np.pi / period * mode
+    q: Floats = 2.0 * np.pi / period * mode.astype(float)
     # Both signs of q add up to a cosine, hence a factor 2; another is that of G, and of the strip's transform.
     amplitude = 8.0 / period * np.sin(0.5 * q * period / elements) / q**2 * layer_deviation(q * thickness, nu)
     folded = np.bincount(mode % elements, weights=amplitude, minlength=elements)

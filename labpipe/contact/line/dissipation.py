@@ -217,17 +217,11 @@ def dissipation_map(
 ) -> xr.Dataset:
     """Dissipated work over frequency and amplitude with the tapping front (thesis figure 2.6).
 
-    Parameters
-    ----------
-    frequency : array (frequency,) [Hz]
-    amplitude : array (amplitude,) [m]
-
     Returns
     -------
     Dataset
-        ``dissipated_work`` (frequency, amplitude) [J], NaN beyond the front;
-        ``dimensionless_work`` (frequency, amplitude), eq. (2.40); ``tapping_amplitude``
-        (frequency,) [m].
+        Over ``frequency`` [Hz] and ``amplitude`` [m]: ``dissipated_work`` [J], NaN beyond the front, and
+        ``dimensionless_work``, eq. (2.40); over ``frequency``: ``tapping_amplitude`` [m].
 
     See Also
     --------
@@ -260,13 +254,7 @@ def dissipation_map(
 
 
 def dimensionless_frequency(frequency: ArrayLike, characteristic_time: float) -> Floats:
-    """Return f̃ = f τ₀, eq. (2.38).
-
-    Examples
-    --------
-    >>> float(dimensionless_frequency(0.5, 1.56e-10))
-    7.8e-11
-    """
+    """Return f̃ = f τ₀ of a frequency [Hz] and a characteristic time [s], eq. (2.38)."""
     return np.asarray(frequency, dtype=float) * characteristic_time
 
 
@@ -276,11 +264,5 @@ def dimensionless_length(length: ArrayLike, tip_radius: float) -> Floats:
 
 
 def dimensionless_work(work: ArrayLike, material: Prony, tip_radius: float, period: float, depth: float) -> Floats:
-    """Return W̃ = W/(E_relaxed λ R d) of a work [J] on a contact length d [m].
-
-    Notes
-    -----
-    Eq. (2.40) leaves out d: its W is per unit depth.
-    """
-    scale = material.E_relaxed * period * tip_radius * depth
-    return np.asarray(work, dtype=float) / scale
+    """Return W̃ = W/(E_relaxed λ R d) of a work [J] on a contact length d [m]; in eq. (2.40) W is per unit of d."""
+    return np.asarray(work, dtype=float) / (material.E_relaxed * period * tip_radius * depth)

@@ -40,16 +40,9 @@ _BELOW_ONE = float(np.nextafter(1.0, 0.0))
 
 
 class LineContact(NamedTuple):
-    """An elastic state of contact; every member has the shape of the argument.
+    """An elastic state of contact, arrays of one shape.
 
-    Attributes
-    ----------
-    half_width : array [m]
-    displacement : array [m]
-        Approach relative to the mean surface.
-    force : array [N/m]
-        Per tip and unit depth.
-    peak_pressure : array [Pa]
+    Half width [m]; approach [m] relative to the mean surface; force [N/m] per tip and unit depth; peak pressure [Pa].
     """
 
     half_width: Floats

@@ -192,13 +192,7 @@ def _run(
         "force": ("N", "Normal force", [a.force for a in answers]),
         "contact_radius": ("m", "Contact radius", [a.half_width for a in answers]),
     }
-    counts = {
-        "solver_steps": march.ledger.steps,
-        "rejected_steps": march.ledger.rejected_steps,
-        "solves": march.ledger.solves,
-        "springs": march.contact.size,
-        "terms": creep.n_terms,
-    }
+    counts = march.counts | {"springs": march.contact.size, "terms": creep.n_terms}
     return xr.Dataset(
         {name: variable("time", np.array(values), units, text) for name, (units, text, values) in columns.items()},
         {"time": variable("time", time, "s", "Time")},

@@ -24,15 +24,7 @@ CONTACT_TIME = float(0.8 * beta(0.4, 0.5))
 
 
 class SphereContact(NamedTuple):
-    """A static state; every member has the shape of the argument.
-
-    Attributes
-    ----------
-    approach : array [m]
-    contact_radius : array [m]
-    force : array [N]
-    mean_pressure, peak_pressure : array [Pa]
-    """
+    """A static state: approach and contact radius [m], force [N], mean and peak pressure [Pa], arrays of one shape."""
 
     approach: Floats
     contact_radius: Floats
@@ -42,15 +34,7 @@ class SphereContact(NamedTuple):
 
 
 class Impact(NamedTuple):
-    """An elastic impact; every member has the shape of the arguments.
-
-    Attributes
-    ----------
-    peak_approach : array [m]
-    peak_force : array [N]
-    peak_contact_radius : array [m]
-    contact_duration : array [s]
-    """
+    """An elastic impact: peak approach [m], force [N] and contact radius [m], and its duration [s], of one shape."""
 
     peak_approach: Floats
     peak_force: Floats
