@@ -38,8 +38,6 @@ WORK_OF_ADHESION = 0.05
 """J/m2; of a clean smooth polymer on glass or sapphire, the most to expect. Roughness and dust
 take away most of it."""
 
-# Johnson and Greenwood's map: DMT below, JKR above, the transition between.
-_DMT_BELOW, _JKR_ABOVE = 0.1, 5.0
 # Share of the force or energy of an impact from which adhesion is said to matter: about the accuracy of a
 # measured restitution.
 _NOTICEABLE = 1e-3
@@ -48,13 +46,7 @@ _NOTICEABLE = 1e-3
 class AdhesiveContact(NamedTuple):
     """States of an adhesive contact; every member has the shape of the contact radius.
 
-    Attributes
-    ----------
-    contact_radius : array [m]
-    force : array [N]
-        Positive when it presses.
-    indentation : array [m]
-        Approach, negative where the surface is drawn out.
+    Contact radius [m]; force [N], positive when it presses; indentation [m], negative where the surface is drawn out.
     """
 
     contact_radius: Floats
@@ -138,10 +130,8 @@ def tabor(
 
 
 def regime(tabor_parameter: float) -> str:
-    """Name the theory that holds: ``"JKR"`` above 5, ``"DMT"`` below 0.1, ``"transition"`` between them."""
-    if tabor_parameter >= _JKR_ABOVE:
-        return "JKR"
-    return "DMT" if tabor_parameter <= _DMT_BELOW else "transition"
+    """Name the theory that holds after [2]_: ``"JKR"`` from 5, ``"DMT"`` up to 0.1, ``"transition"`` between them."""
+    return "JKR" if tabor_parameter >= 5.0 else "DMT" if tabor_parameter <= 0.1 else "transition"
 
 
 def pull_off(radius: float, reduced_modulus: float, work: float) -> float:
@@ -168,14 +158,10 @@ def lost_energy(radius: float, reduced_modulus: float, work: float) -> float:
     7.092
     """
     _require(radius, reduced_modulus, work)
-
-    def integral(cube: float) -> float:
-        """∫F dδ up to a³ = cube, in units of (w⁵R⁴/E*²)^{1/3}."""
-        a = cube ** (1.0 / 3.0)
-        return float(8.0 / 15.0 * a**5 - 4.0 / 3.0 * np.sqrt(2.0 * np.pi) * a**3.5 + np.pi * a**2)
-
-    scale = (work**5 * radius**4 / reduced_modulus**2) ** (1.0 / 3.0)
-    return float(scale * (integral(np.pi / 8.0) - integral(2.0 * np.pi)))
+    # ∫F dδ up to the two contact radii, in units of (w⁵R⁴/E*²)^{1/3}.
+    a = np.cbrt([np.pi / 8.0, 2.0 * np.pi])
+    apart, together = 8.0 / 15.0 * a**5 - 4.0 / 3.0 * np.sqrt(2.0 * np.pi) * a**3.5 + np.pi * a**2
+    return float((work**5 * radius**4 / reduced_modulus**2) ** (1.0 / 3.0) * (apart - together))
 
 
 def adhesive_states(material: Prony, radius: float, work: float, load: float, states: int = 200) -> xr.Dataset:
@@ -185,12 +171,8 @@ def adhesive_states(material: Prony, radius: float, work: float, load: float, st
     ----------
     material : Prony
         A solid.
-    radius : float [m]
-        Of the sphere.
-    work : float [J/m2]
-        Of adhesion, positive.
-    load : float [N]
-        Largest, positive.
+    radius, work, load : float [m, J/m2, N]
+        Of the sphere, of adhesion, and the largest load; positive.
     states : int
         Contact radii from a thousandth of the largest up to it, by equal ratios.
 
@@ -239,22 +221,11 @@ def adhesive_states(material: Prony, radius: float, work: float, load: float, st
 class AdhesionEstimate:
     """Adhesion relative to an impact; see :func:`adhesion_in_impact`.
 
-    Attributes
-    ----------
-    tabor : float
-        Tabor's parameter, with the modulus of the impact's time scale.
-    regime : str
-        Theory that holds, as :func:`regime`.
-    pull_off : float [N]
-        Quasi-static force that parts the surfaces.
-    pull_off_bound : float [N]
-        The most that a fast crack in this viscoelastic solid can make of it.
-    lost_energy : float [J]
-        That closing and opening the contact costs, of the elastic solid.
-    force_share : float
-        Upper bound over the peak force.
-    verdict : str
-        ``"negligible"``, of the force and of the impact's kinetic energy, or ``"may matter"``.
+    ``tabor``, ``regime``: Tabor's parameter with the modulus of the impact's time scale, and the theory that holds;
+    ``pull_off``, ``pull_off_bound`` [N]: quasi-static force that parts the surfaces, and the most that a fast crack in
+    this viscoelastic solid can make of it; ``lost_energy`` [J]: that closing and opening costs, of the elastic solid;
+    ``force_share``: the bound over the peak force; ``verdict``: "negligible", of force and kinetic energy of the
+    impact, or "may matter".
     """
 
     tabor: float
@@ -280,10 +251,8 @@ def adhesion_in_impact(
     Parameters
     ----------
     material : Prony
-    radius : float [m]
-        Of the sphere.
-    mass : float [kg]
-        That falls.
+    radius, mass : float [m, kg]
+        Of the sphere, and the mass that falls.
     speed, contact_duration, peak_force : float [m/s, s, N]
         Of the impact, as :func:`labpipe.contact.drop` or a measurement gives them.
     work : float [J/m2]

@@ -30,7 +30,7 @@ from scipy.special import erf, erfc
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Material, Thermal
-from labpipe.variables import described, variable
+from labpipe.variables import variable
 
 NOTICEABLE = 0.01
 """Relative change of |E*| from which heating is said to matter: 0.4 % of an impact's force."""
@@ -81,32 +81,20 @@ def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Flo
     """
     with np.errstate(divide="ignore"):
         s = np.asarray(radius) / (2.0 * np.sqrt(thermal.diffusivity * np.asarray(time, float)))
-    bounded = np.minimum(s, _COLD)
+    bounded = np.minimum(s, 25.0)  # exp(−s²) is 0 from here on
     return np.asarray(erf(bounded) - 2.0 / np.sqrt(np.pi) * bounded * np.exp(-(bounded**2)))
-
-
-_COLD = 25.0  # exp(−s²) is 0 from here on
 
 
 @dataclass(frozen=True, slots=True)
 class Heating:
     """Self-heating over the impacts of a drop; see :func:`self_heating`.
 
-    Attributes
-    ----------
-    dataset : Dataset
-        Over ``impact``: ``bulk_rise``, ``surface_rise``, ``train_rise``, ``train_rise_adiabatic``
-        [K], ``modulus_change``.
-    bulk, surface : float [K]
-        Largest rise of one impact: of the bulk, and if all heat were born at the interface.
-    train, train_adiabatic : float [K]
-        Largest rise of the train, with conduction and (upper bound) without.
-    modulus_change, modulus_change_bound : float
-        Relative change of ``|E*|`` at the contact's frequency, by the train's rise with conduction and
-        without.
-    verdict : str
-        ``"negligible"`` when the bound changes ``|E*|`` by less than a hundredth, ``"matters"`` when
-        the estimate changes it by more, ``"may matter"`` between them.
+    ``dataset`` over ``impact``: ``bulk_rise``, ``surface_rise``, ``train_rise``, ``train_rise_adiabatic`` [K] and
+    ``modulus_change``. ``bulk``, ``surface`` [K]: largest rise of one impact, of the bulk and if all heat were born at
+    the interface; ``train``, ``train_adiabatic`` [K]: of the train, with conduction and (upper bound) without;
+    ``modulus_change``, ``modulus_change_bound``: relative change of ``|E*|`` at the contact's frequency by these two;
+    ``verdict``: "negligible" when the bound changes ``|E*|`` by less than a hundredth, "matters" when the estimate
+    changes it by more, "may matter" between them.
     """
 
     dataset: xr.Dataset
@@ -163,15 +151,12 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
     remains = np.where(since >= 0.0, remaining_share(radius, np.maximum(since, 0.0), thermal), 0.0)
     train = remains @ bulk
     adiabatic = np.cumsum(bulk)
-    omega = np.pi / contact[0]
-    changes = np.array([_modulus_change(material, temperature, r, omega) for r in train.tolist()])
-    change = float(changes[np.argmax(np.abs(changes))])
-    largest = _modulus_change(material, temperature, float(adiabatic[-1]), omega)
-    verdict = "may matter"
-    if abs(largest) < NOTICEABLE:
-        verdict = "negligible"
-    elif abs(change) >= NOTICEABLE:
-        verdict = "matters"
+    omega, start = np.pi / contact[0], material.T_ref if temperature is None else temperature
+    rises = [0.0, *train.tolist(), float(adiabatic[-1])]
+    modulus = np.array([abs(complex(material.at(start + rise).complex_modulus(omega))) for rise in rises])
+    *changes, largest = (modulus[1:] / modulus[0] - 1.0).tolist()
+    change = max(changes, key=abs)
+    verdict = "negligible" if abs(largest) < NOTICEABLE else "matters" if abs(change) >= NOTICEABLE else "may matter"
     columns = {
         "bulk_rise": (bulk, "temperature rise of the contact's hemisphere by one impact"),
         "surface_rise": (surface, "temperature rise if all heat were released at the interface"),
@@ -179,22 +164,7 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
         "train_rise_adiabatic": (adiabatic, "the same, without conduction"),
     }
     dataset = xr.Dataset({n: variable("impact", v, "K", text) for n, (v, text) in columns.items()})
-    label = described("1", "relative change of |E*| by the temperature rise after the impact")
-    dataset["modulus_change"] = ("impact", changes, label)
-    return Heating(
-        dataset,
-        float(bulk.max()),
-        float(surface.max()),
-        float(train.max()),
-        float(adiabatic.max()),
-        change,
-        largest,
-        verdict,
-    )
-
-
-def _modulus_change(material: Material, temperature: float | None, rise: float, omega: float) -> float:
-    """Relative change of |E*(ω)| when the temperature rises."""
-    start = material.T_ref if temperature is None else temperature
-    before, after = (abs(complex(material.at(t).complex_modulus(omega))) for t in (start, start + rise))
-    return after / before - 1.0
+    label = "relative change of |E*| by the temperature rise after the impact"
+    dataset["modulus_change"] = variable("impact", np.array(changes), "1", label)
+    most = [float(rise.max()) for rise in (bulk, surface, train, adiabatic)]
+    return Heating(dataset, most[0], most[1], most[2], most[3], change, largest, verdict)

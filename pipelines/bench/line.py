@@ -13,7 +13,7 @@ import numpy as np
 
 from labpipe import contact
 from labpipe.arrays import Floats
-from labpipe.contact.line import indent_thesis_scheme, westergaard
+from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from pipelines.bench.drop import speed_up
 from pipelines.bench.measure import OURS, THESIS, Calls, Extra, Point, Suite, Timing, race
@@ -125,7 +125,8 @@ def _tapping(quick: bool, solid: _Solid) -> Suite:
         return lambda: contact.indent(material, _RADIUS, _PERIOD, 1.0, *history, elements=1024, rtol=rtol)
 
     def thesis(per_cycle: int) -> Callable[[], object]:
-        return lambda: indent_thesis_scheme(material, _RADIUS, _PERIOD, 1.0, *_history(per_cycle), "parabola")
+        history = _history(per_cycle)
+        return lambda: contact.indent(material, _RADIUS, _PERIOD, 1.0, *history, elements=256, solver="thesis")
 
     def error(found: Any) -> float:
         shown = np.interp(_TIMES, found.time.values, found.force.values)

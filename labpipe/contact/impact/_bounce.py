@@ -1,61 +1,97 @@
-"""One contact by collocation, from touch to lift-off: its outcome, and its course as polynomials."""
+"""One contact by collocation, from touch to lift-off: the dents on the surface, its outcome, and its course."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._dents import Dents
-from labpipe.contact.impact._method import distinct, law_of, radial_nodes, scheme, work_space
-from labpipe.contact.impact._motion import MOTION, Counts, Motion, Trail
-from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Room
+from labpipe.contact.impact._method import Tables, interpolation, means, radial_nodes, scheme
+from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Trail
 from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
-from labpipe.contact.memory import Condensed, Creep, condense
+from labpipe.contact.memory import Creep
 
 # Records of each step: its ends and so many instants inside.
 _RECORDS_PER_STEP = 12
-# Terms may be folded away or frozen where that costs this part of rtol.
-_CONDENSE_SHARE = 0.01
+_GAUSS_POINTS = 40
 
 
-class Arrays(NamedTuple):
-    """Fields of the path and the nodes as plain arrays: quick to reach from Python."""
+class _Dent(NamedTuple):
+    """Displacement (element, node) [m] of the springs out to an edge [m].
 
-    time: Floats
-    state: Floats
-    approach: Floats
-    stored: Floats
-    after: Floats
+    ``shown`` (element,) [J] is the energy of those that no later dent covers.
+    """
+
+    edge: float
+    values: Floats
+    shown: Floats
+
+    def at(self, position: Floats) -> Floats:
+        """Displacements (element, spring) at distances from the axis (spring,) [m] within the edge."""
+        place = np.sqrt(np.maximum(1.0 - (position / self.edge) ** 2, 0.0))
+        return np.asarray(self.values @ interpolation(place).T)
 
 
-class Tables(NamedTuple):
-    """All drops of one material share these: its condensed compliance, its law, and room to compute in."""
+@dataclass(slots=True)
+class Dents:
+    """Dents that contacts left on the surface: the latest, and the parts of earlier ones that reach beyond it.
 
-    condensed: Condensed
-    law: Law
-    path: Path
-    room: Room
-    nodes: Nodes
-    arrays: Arrays
+    Without ``has_energy`` no account is kept of the energy that they store.
+    """
 
-    @classmethod
-    def of(cls, creep: Creep, shortest: float, longest: float, rtol: float, *, fold: bool) -> "Tables":
-        """Leave out terms that no contact of a duration ``shortest`` [s] needs within ``longest`` [s]."""
-        condensed = Condensed(creep, 0, 0)
-        if fold:
-            condensed = condense(creep, shortest, longest, _CONDENSE_SHARE * rtol)
-        condensed = Condensed(distinct(condensed.creep), condensed.n_folded, condensed.n_frozen)
-        law = law_of(condensed.creep)
-        path, room, nodes = work_space(law)
-        arrays = Arrays(path.time, path.state, path.approach, path.stored, nodes.after)
-        return cls(condensed, law, path, room, nodes, arrays)
+    creep: Creep
+    has_energy: bool = True
+    layers: list[_Dent] = field(default_factory=list)
+
+    def add(self, edge: float, values: Floats) -> None:
+        """Put the dent of a contact over those before it."""
+        self.cover(edge)
+        shown = np.zeros(self.creep.rate.size)
+        if self.has_energy:
+            shown = 0.5 * self.creep.inverse * (values**2 @ (edge * means()[0]))
+        self.layers.append(_Dent(edge, values, shown))
+
+    def cover(self, edge: float) -> None:
+        """Take away the parts within an edge [m]."""
+        while self.layers and self.layers[-1].edge <= edge:
+            self.layers.pop()
+        if self.layers and self.has_energy:
+            layer = self.layers[-1]
+            points, weights = _gauss_rule()
+            # The dent ends like a power 3/2 at its edge: smooth over the root of the distance.
+            root, width = 0.5 * (points + 1.0), layer.edge - edge
+            shown = self.creep.inverse * (layer.at(layer.edge - width * root**2) ** 2 @ (weights * width * root))
+            self.layers[-1] = layer._replace(shown=shown)
+
+    def relax(self, dt: float) -> None:
+        """Let all recover for a time [s]."""
+        left = np.exp(-dt * self.creep.rate)
+        self.layers = [_Dent(edge, left[:, None] * values, left**2 * shown) for edge, values, shown in self.layers]
 
     @property
-    def creep(self) -> Creep:
-        """Compliance with the terms that are left."""
-        return self.condensed.creep
+    def centre(self) -> Floats:
+        """Displacements (element,) of the central spring."""
+        return self.layers[-1].values[:, -1].copy() if self.layers else np.zeros(self.creep.rate.size)
+
+    def at(self, position: Floats) -> Floats:
+        """Displacements (element, spring) at distances from the axis (spring,) [m]."""
+        found = np.zeros((self.creep.rate.size, position.size))
+        for layer in self.layers:  # later ones are smaller and lie on top
+            inside = position <= layer.edge
+            found[:, inside] = layer.at(position[inside])
+        return found
+
+    def stored(self) -> Floats:
+        """Energy (element,) in J of the free springs."""
+        return np.asarray(sum((layer.shown for layer in self.layers), np.zeros(self.creep.rate.size)))
+
+
+@cache
+def _gauss_rule() -> tuple[Floats, Floats]:
+    """Points (point,) from -1 to 1, and their weights."""
+    return np.polynomial.legendre.leggauss(_GAUSS_POINTS)
 
 
 class Bounce(NamedTuple):
@@ -76,7 +112,6 @@ class Bounce(NamedTuple):
     dissipated: Floats
     peak_force: float
     peak_approach: float
-    plate_displacement: float
     deepest: float
     mislaid: float
     worst: float
@@ -87,19 +122,20 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
 
     The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far.
     """
-    path = tables.arrays
-    centre = dents.centre
-    outer, dent = 0.0, np.zeros((centre.size, radial_nodes().s.size))
+    path, room, nodes = tables.path, tables.room, tables.nodes
+    centre, outer = dents.centre, 0.0
+    dent = np.zeros((centre.size, radial_nodes()[0].size))
     if dents.layers:
         outer, dent, _ = dents.layers[-1]
         dent = dent - centre[:, None]
+    state, time = path.state, path.time
     touched, work = now.time, now.spring_work
     origin = now.position - now.plate_displacement - float(centre.sum())
     plate = now.plate_displacement, now.plate_velocity, now.plate_loss
-    path.state[0] = now.position - origin, now.velocity, 0.0, 0.0, *plate, work
+    state[0] = now.position - origin, now.velocity, 0.0, 0.0, *plate, work
     path.approach[0] = 0.0
     outcome, n, peak, rejected = contact(
-        tables.law, scheme(), fall, centre, dent, outer, tables.path, tables.room, tables.nodes, dents.has_energy
+        tables.law, scheme(), fall, centre, dent, outer, path, room, nodes, dents.has_energy
     )
     counts.rejected_steps += rejected
     if outcome != LIFTED:
@@ -107,20 +143,28 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
     counts.solver_steps += n
     counts.kernel_products += n
     counts.spring_updates += n * dent.size
-    largest, lasted = float(path.state[peak, 3]), float(path.time[n])
+    largest, lasted = float(state[peak, 3]), float(time[n])
     before = dents.stored()
     dents.cover(largest)
     outside = dents.stored()
     dents.relax(lasted)
-    dents.add(largest, path.after[: centre.size].copy())
-    done, dissipated = path.state[: n + 1, 7] - work, np.zeros(n + 1)
+    dents.add(largest, nodes.after[: centre.size].copy())
+    done, dissipated = state[: n + 1, 7] - work, np.zeros(n + 1)
     if dents.has_energy:
-        stored = path.stored[: n + 1] + np.exp(-2.0 * path.time[: n + 1, None] * tables.creep.rate) @ outside
+        stored = path.stored[: n + 1] + np.exp(-2.0 * time[: n + 1, None] * tables.creep.rate) @ outside
         stored[0], stored[n] = before.sum(), dents.stored().sum()
-        dissipated = _monotone(done - (stored - stored[0]), peak)
-    peaks = np.zeros(5)
-    worst = outcome_of(scheme(), fall, tables.path, n, tables.room, mislaid, peaks)
-    end = path.state[n].tolist()
+        # It grows between its exact values at touch, peak and lift-off; a spring that comes or goes between two
+        # nodes leaves an error of about 1e-5 in the others.
+        lost = done - (stored - stored[0])
+        peak_loss = max(float(lost[peak]), 0.0)
+        whole = max(float(lost[-1]), peak_loss)
+        dissipated = np.clip(np.maximum.accumulate(lost), 0.0, whole)
+        dissipated[: peak + 1] = np.minimum(dissipated[: peak + 1], peak_loss)
+        dissipated[peak:] = np.maximum(dissipated[peak:], peak_loss)
+        dissipated[-1] = whole
+    peaks = np.zeros(4)
+    worst = outcome_of(scheme(), fall, path, n, room, mislaid, peaks)
+    end = state[n].tolist()
     now.time, now.position, now.velocity = touched + lasted, end[0] + origin, end[1]
     now.acceleration, now.force, now.contact_radius = fall.gravity, 0.0, 0.0
     now.plate_displacement, now.plate_velocity, now.plate_loss = end[4], end[5], end[6]
@@ -128,25 +172,9 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
     now.approach = now.position - now.plate_displacement
     if fall.plate_mass:
         now.plate_acceleration = -(fall.plate_damping * end[5] + fall.plate_stiffness * end[4]) / fall.plate_mass
-    highest = (float(peaks[0]), float(peaks[1]) + origin, float(peaks[2]), float(peaks[3]) + origin)
-    stored_before = float(before.sum())
-    return Bounce(
-        touched, origin, n, peak, largest, stored_before, work, dissipated, *highest, float(peaks[4]), float(worst)
-    )
-
-
-def _monotone(lost: Floats, peak: int) -> Floats:
-    """Let what is dissipated (step + 1,) grow between its exact values at touch, peak and lift-off.
-
-    Between these a spring that comes or goes between two nodes leaves an error of about 1e-5.
-    """
-    peak_loss = max(float(lost[peak]), 0.0)
-    whole = max(float(lost[-1]), peak_loss)
-    result = np.maximum.accumulate(np.maximum(lost, 0.0))
-    result[: peak + 1] = np.minimum(result[: peak + 1], peak_loss)
-    result[peak:] = np.clip(result[peak:], peak_loss, whole)
-    result[-1] = whole
-    return result
+    force, approach, deepest, error = peaks.tolist()
+    course = touched, origin, n, peak, largest, float(before.sum()), work, dissipated
+    return Bounce(*course, force, approach + origin, deepest + origin, error, float(worst))
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +227,7 @@ class Curves:
         trail["force"] = np.maximum(values[:, 2], 0.0)
         trail["acceleration"] = fall.gravity - trail["force"] / fall.mass
         trail["contact_radius"] = np.sqrt(np.maximum(square, 0.0))
-        trail["approach"] = values[:, 0] - values[:, 4]
+        trail["approach"] = trail["surface"] = values[:, 0] - values[:, 4]
         trail["plate_displacement"], trail["plate_velocity"] = values[:, 4], values[:, 5]
         if fall.plate_mass:
             pull = trail["force"] - fall.plate_damping * values[:, 5] - fall.plate_stiffness * values[:, 4]

@@ -1,18 +1,19 @@
-"""The result of a drop as a Dataset: time series, one row per bounce, ledger, work done."""
+"""The result of drops as a Dataset: time series, one row per bounce, ledger, work done."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import nan, pi
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._motion import counted
+from labpipe.contact._thesis_scheme import ThesisRun
+from labpipe.contact.impact._plate import PlateState
+from labpipe.contact.impact._records import Counts
 from labpipe.contact.impact._setting import Setting
-from labpipe.contact.impact._thesis_scheme import ThesisRun
 from labpipe.contact.impact._train import COLUMNS, Train
-from labpipe.contact.impact._trajectory import Columns, columns
+from labpipe.contact.impact._trajectory import course
 from labpipe.variables import variable
 
 _SERIES = {
@@ -30,7 +31,7 @@ _SERIES = {
     "plate_displacement": ("m", "displacement of the plate, downwards"),
     "plate_energy": ("J", "kinetic and elastic energy of the plate"),
 }
-ROWS = {
+_ROWS = {
     "impact_time": ("s", "time of touch"),
     "lift_off_time": ("s", "time of lift-off"),
     "contact_duration": ("s", "duration of the contact"),
@@ -45,7 +46,7 @@ ROWS = {
     "energy_dissipated": ("J", "energy dissipated during the contact"),
     "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
-SCALARS = {
+_SCALARS = {
     "sphere_radius": ("m", "radius of the sphere"),
     "mass": ("kg", "mass that falls"),
     "drop_height": ("m", "fall from rest to first touch"),
@@ -56,32 +57,44 @@ SCALARS = {
 }
 
 
-def dataset(train: Train, times: Floats | None, rigid_restitution: float | None, seconds: float) -> xr.Dataset:
+def dataset(
+    train: Train, setting: Setting, times: Floats | None, rigid_restitution: float | None, seconds: float
+) -> xr.Dataset:
     """Assemble the Dataset that :func:`labpipe.contact.drop` returns.
 
-    ``train``: the drop, run; ``times`` (time,): where to report, from the release; ``rigid_restitution``: of the first
-    impact on a rigid substrate, when there is a plate; ``seconds``: wall time so far.
+    ``train``: the drop, run; ``setting``: as asked for; ``times`` (time,): where to report, from the release;
+    ``rigid_restitution``: of the first impact on a rigid substrate, when there is a plate; ``seconds``: so far.
     """
-    setting = train.setting
-    values = columns(train.segments, setting, None if times is None else times - setting.fall_time)
-    series = {
-        "displacement": -values.position,
-        "velocity": -values.velocity,
-        "approach": values.approach,
-        "reduced_gap": values.surface - values.approach,
-        "force": values.force,
-        "contact_radius": values.contact_radius,
-        **_ledger(values, setting),
-    }
+    values = course(train.segments, setting, None if times is None else times - setting.fall_time)
+    # Energies over time; the numerical one closes the sum. What the difference of two sums loses in the last digit
+    # of the dissipated energy, which only grows, is put right.
+    kinetic = 0.5 * setting.mass * values["velocity"] ** 2
+    potential = -setting.mass * setting.gravity * values["position"]
+    dissipated = np.maximum.accumulate(values["spring_work"] - values["stored"] + values["plate_loss"])
+    on_plate = {}
     if setting.plate is not None:
-        series["plate_displacement"] = values.plate_displacement
-        series["plate_energy"] = values.plate_energy
-    condensed = train.tables.condensed
-    work = counted(train.counts) | {
+        energy = setting.plate.energy(PlateState(values["plate_displacement"], values["plate_velocity"]))
+        on_plate = {"plate_displacement": values["plate_displacement"], "plate_energy": energy}
+    known = kinetic + potential + values["stored"] + dissipated + on_plate.get("plate_energy", 0.0)
+    series = {
+        "displacement": -values["position"],
+        "velocity": -values["velocity"],
+        "approach": values["approach"],
+        "reduced_gap": values["surface"] - values["approach"],
+        "force": values["force"],
+        "contact_radius": values["contact_radius"],
+        "kinetic_energy": kinetic,
+        "potential_energy": potential,
+        "stored_energy": values["stored"],
+        "dissipated_energy": dissipated,
+        "numerical_energy": setting.mass * setting.gravity * setting.height - known,
+    } | on_plate
+    n_folded, n_frozen = train.tables.left_out
+    work = {name: int(getattr(train.counts, name)) for name in Counts.__annotations__} | {
         "springs": 0 if train.stepper is None else int(train.stepper.springs.position.size),
-        "terms": condensed.creep.n_terms,
-        "terms_folded": condensed.n_folded,
-        "terms_frozen": condensed.n_frozen,
+        "terms": train.tables.creep.n_terms,
+        "terms_folded": n_folded,
+        "terms_frozen": n_frozen,
         "seconds": round(seconds, 4),
     }
     scalars = {
@@ -90,16 +103,10 @@ def dataset(train: Train, times: Floats | None, rigid_restitution: float | None,
     }
     if rigid_restitution is not None:
         scalars["rigid_restitution"] = rigid_restitution
-    time = values.time + setting.fall_time if times is None else times
-    result = _assemble(time, series, _table(train.rows), scalars, setting, work)
+    time = values["time"] + setting.fall_time if times is None else times
+    result = _assemble(time, series, train.rows, scalars, setting, work)
     result.attrs["energy_error"] = train.error
     return result
-
-
-def _table(rows: Sequence[tuple[float, ...]]) -> dict[str, Floats]:
-    """Columns over the impacts from their rows."""
-    table = np.array(rows, dtype=float).reshape(len(rows), len(COLUMNS))
-    return dict(zip(COLUMNS, table.T, strict=True))
 
 
 def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, seconds: float) -> xr.Dataset:
@@ -114,102 +121,77 @@ def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, secon
         "force": run.force,
         "contact_radius": run.contact_radius,
     }
-    series = {name: values[inside] for name, values in series.items()}
-    time = time[inside]
-    if setting.height > 0.0:
-        fall = np.linspace(0.0, setting.fall_time, 26)[:-1]
-        height = setting.height - 0.5 * setting.gravity * fall**2
-        zero = np.zeros_like(fall)
-        before = {"displacement": height, "velocity": -setting.gravity * fall}
-        before |= {"approach": -height, "reduced_gap": height}
-        series = {name: np.concatenate([before.get(name, zero), values]) for name, values in series.items()}
-        time = np.concatenate([fall, time])
+    fall = np.linspace(0.0, setting.fall_time, 26)[: -1 if setting.height > 0.0 else 0]
+    height, zero = setting.height - 0.5 * setting.gravity * fall**2, np.zeros_like(fall)
+    before = {"displacement": height, "velocity": -setting.gravity * fall, "approach": -height, "reduced_gap": height}
+    series = {name: np.concatenate([before.get(name, zero), values[inside]]) for name, values in series.items()}
+    time = np.concatenate([fall, time[inside]])
     if times is not None:
         series = {name: np.interp(times, time, values) for name, values in series.items()}
         time = times
-    work = {
-        "solver_steps": run.time.size - 1,
-        "active_set_solves": run.active_set_solves,
-        "kernel_products": run.active_set_solves + run.time.size - 1,
-        "history_products": run.history_products,
-        "seconds": round(seconds, 4),
+    # A contact is a run of steps with force, as far as steps of equal length resolve it.
+    loaded = np.concatenate([[0], (run.force > 0.0).astype(int), [0]])
+    rows = []
+    for start, stop in zip(np.flatnonzero(np.diff(loaded) == 1), np.flatnonzero(np.diff(loaded) == -1), strict=True):
+        if stop < run.time.size:
+            touch = max(int(start) - 1, 0)
+            steps_in = slice(touch, int(stop) + 1)
+            began, ended, incoming, outgoing = run.time[touch], run.time[stop], run.velocity[touch], -run.velocity[stop]
+            times_and_speeds = began + setting.fall_time, ended + setting.fall_time, ended - began, incoming, outgoing
+            ratio, deepest = outgoing / incoming if incoming > 0.0 else nan, run.position[steps_in].max()
+            peaks = (
+                run.force[steps_in].max(),
+                run.contact_radius[steps_in].max(),
+                deepest,
+                deepest - run.position[touch],
+            )
+            rows.append((*times_and_speeds, ratio, *peaks, nan, nan))
+    solves, steps = run.work["active_set_solves"], run.time.size - 1
+    work = {"solver_steps": steps, "kernel_products": solves + steps, "seconds": round(seconds, 4)} | run.work
+    return _assemble(time, series, rows, {}, setting, work)
+
+
+def batch_dataset(trains: Sequence[Train], most: int) -> xr.Dataset:
+    """Assemble the Dataset that :func:`labpipe.contact.impacts` returns."""
+    rows = np.full((len(trains), most, len(COLUMNS)), np.nan)
+    for row, train in zip(rows, trains, strict=True):
+        row[: len(train.rows)] = np.reshape(train.rows, (-1, len(COLUMNS)))
+    made: dict[str, object] = {
+        name: variable(("drop", "impact"), rows[..., i], *_ROWS[name])
+        for i, name in enumerate(COLUMNS)
+        if not name.startswith("energy")
     }
-    return _assemble(time, series, _thesis_rows(run, setting), {}, setting, work)
+    happened = [len(train.rows) for train in trains]
+    made["impacts"] = variable("drop", np.array(happened), "1", "impacts that happened, at most those asked for")
+    final = [train.final_touch + train.setting.fall_time for train in trains]
+    made["final_contact_time"] = variable("drop", np.array(final), *_SCALARS["final_contact_time"])
+    steps = [int(train.counts.solver_steps) for train in trains]
+    made["solver_steps"] = variable("drop", np.array(steps), "1", "steps of the solver")
+    rejected = sum(int(train.counts.rejected_steps) for train in trains)
+    counts = {"solver_steps": sum(steps), "rejected_steps": rejected, "impacts": sum(happened)}
+    return xr.Dataset(made, attrs={"work": json.dumps(counts)})
 
 
 def _assemble(
     time: Floats,
-    series: dict[str, Floats],
-    rows: dict[str, Floats],
-    scalars: dict[str, float],
+    series: Mapping[str, Floats],
+    rows: Sequence[tuple[float, ...]],
+    scalars: Mapping[str, float],
     setting: Setting,
-    work: dict[str, int | float],
+    work: Mapping[str, int | float],
 ) -> xr.Dataset:
-    given = {
-        "sphere_radius": setting.radius,
-        "mass": setting.mass,
-        "drop_height": setting.height,
-        "gravity": setting.gravity,
-    }
+    table = dict(zip(COLUMNS, np.array(rows, dtype=float).reshape(len(rows), len(COLUMNS)).T, strict=True))
     with np.errstate(invalid="ignore"):
-        rows["peak_pressure"] = 1.5 * rows["peak_force"] / (pi * rows["peak_contact_radius"] ** 2)
-    variables: dict[str, object] = {}
-    for names, dims, values in (
+        table["peak_pressure"] = 1.5 * table["peak_force"] / (pi * table["peak_contact_radius"] ** 2)
+    given = {"sphere_radius": setting.radius, "mass": setting.mass}
+    given |= {"drop_height": setting.height, "gravity": setting.gravity, **scalars}
+    groups: tuple[tuple[dict[str, tuple[str, str]], tuple[str, ...], Mapping[str, Floats | float]], ...] = (
         (_SERIES, ("time",), series),
-        (ROWS, ("impact",), rows),
-        (SCALARS, (), given | scalars),
-    ):
-        for name, value in values.items():
-            units, long_name = names[name]
-            variables[name] = variable(dims, value, units, long_name)
-    attrs = {"solver": setting.solver, "profile": setting.profile, "rtol": setting.rtol, "work": json.dumps(work)}
-    clock = variable("time", time, "s", "time since the release")
-    return xr.Dataset(variables, coords={"time": clock}, attrs=attrs)
-
-
-def _ledger(values: Columns, setting: Setting) -> dict[str, Floats]:
-    """Energies over time; ``numerical`` closes the sum."""
-    kinetic = 0.5 * setting.mass * values.velocity**2
-    potential = -setting.mass * setting.gravity * values.position
-    # It only grows; what the difference of two sums loses in the last digit is put right.
-    dissipated = np.maximum.accumulate(values.spring_work - values.stored + values.plate_loss)
-    total = setting.mass * setting.gravity * setting.height
-    known = kinetic + potential + values.stored + dissipated + values.plate_energy
-    return {
-        "kinetic_energy": kinetic,
-        "potential_energy": potential,
-        "stored_energy": values.stored,
-        "dissipated_energy": dissipated,
-        "numerical_energy": total - known,
+        (_ROWS, ("impact",), table),
+        (_SCALARS, (), given),
+    )
+    variables = {
+        name: variable(dims, value, *names[name]) for names, dims, values in groups for name, value in values.items()
     }
-
-
-def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
-    """Rows as far as steps of equal length resolve them: a contact is a run of steps with force."""
-    loaded = np.concatenate([[0], (run.force > 0.0).astype(int), [0]])
-    starts = np.flatnonzero(np.diff(loaded) == 1).tolist()
-    stops = np.flatnonzero(np.diff(loaded) == -1).tolist()
-    rows = []
-    for start, stop in zip(starts, stops, strict=True):
-        if stop >= run.time.size:
-            continue
-        touch = max(start - 1, 0)
-        inside = slice(touch, stop + 1)
-        incoming, outgoing = run.velocity[touch], -run.velocity[stop]
-        rows.append(
-            (
-                run.time[touch] + setting.fall_time,
-                run.time[stop] + setting.fall_time,
-                run.time[stop] - run.time[touch],
-                incoming,
-                outgoing,
-                outgoing / incoming if incoming > 0.0 else nan,
-                run.force[inside].max(),
-                run.contact_radius[inside].max(),
-                run.position[inside].max(),
-                run.position[inside].max() - run.position[touch],
-                nan,
-                nan,
-            )
-        )
-    return _table(rows)
+    attrs = {"solver": setting.solver, "profile": setting.profile, "rtol": setting.rtol, "work": json.dumps(work)}
+    return xr.Dataset(variables, coords={"time": variable("time", time, "s", "time since the release")}, attrs=attrs)

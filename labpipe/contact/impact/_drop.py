@@ -1,34 +1,42 @@
-"""Drop a viscoelastic sphere on a flat and follow every bounce until it rests."""
+"""Drop a viscoelastic sphere on a flat: one drop with every bounce until it rests, or the first impacts of many."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import nan
+from math import ceil, nan
 from time import perf_counter
+from typing import Any
 
+import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.contact.impact._bounce import Tables
-from labpipe.contact.impact._dataset import dataset, thesis_dataset
-from labpipe.contact.impact._motion import AnnularContactError
+from labpipe.contact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
+from labpipe.contact.impact._dataset import batch_dataset, dataset, thesis_dataset
+from labpipe.contact.impact._method import Tables
 from labpipe.contact.impact._plate import Plate
-from labpipe.contact.impact._setting import Setting, Solver, checked_times, exact, warn_of_millimetres
-from labpipe.contact.impact._setup import ALL_SHORTCUTS, MARGIN, Effort, Scales, Shortcuts, scales
-from labpipe.contact.impact._springs import Profile
-from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
-from labpipe.contact.impact._train import COLUMNS, Train
+from labpipe.contact.impact._setting import (
+    ALL_SHORTCUTS,
+    MAX_STEPS,
+    Scales,
+    Setting,
+    Shortcuts,
+    Solver,
+    checked_times,
+    exact,
+    warn_of_millimetres,
+)
+from labpipe.contact.impact._springs import Profile, influence, surface_gap
+from labpipe.contact.impact._stepper import AnnularContactError
+from labpipe.contact.impact._train import COLUMNS, MARGIN, Train
 from labpipe.contact.memory import Creep
 from labpipe.contact.sphere import Substrate, counter_compliance
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
-from labpipe.units import Measure, require_positive
+from labpipe.units import Measure
 
-# Progress is reported at steps of this part of the duration.
-_PROGRESS_EVERY = 0.01
-MAX_STEPS = 1_000_000
 # A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
 # and 0.8 for a long train) is repeated once with rtol divided by the refinement, down to the limit.
 _ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
@@ -162,83 +170,144 @@ def drop(
     given = {"radius": radius, "mass": mass, "height": height, "duration": duration}
     if missing := [name for name, value in given.items() if value is None]:
         raise InputError(f"drop needs {', '.join(missing)} as well")
-    assert radius is not None and mass is not None and height is not None and duration is not None  # noqa: PT018, S101
-    warn_of_millimetres(radius, mass, height)
-    r, m, h, t = exact(radius, "radius"), exact(mass, "mass"), exact(height, "height"), exact(duration, "duration")
-    setting = Setting(r, m, h, t, solver, profile, rtol, exact(gravity, "gravity"), plate)
-    wanted = None if times is None else checked_times("times", times, setting.duration)
+    r, m, h, t = (exact(value, name) for name, value in given.items() if value is not None)
+    warn_of_millimetres(radius or r, mass or m, height or h)
+    setting = Setting(
+        r, m, h, t, solver, profile, rtol, exact(gravity, "gravity"), plate, ring_width, fold, shortcuts, max_steps
+    )
+    wanted = None if times is None else checked_times(times, t)
     creep = Creep.of(solid(material)).on(counter_compliance(substrate))
+    expected = Scales.of(creep, setting)
     observe = None if progress is None else _Throttle(progress, setting)
     if solver == "thesis":
-        thesis = drop_thesis(
-            creep,
-            setting.radius,
-            setting.mass,
-            setting.gravity,
-            setting.speed,
-            max(setting.duration - setting.fall_time, 0.0),
-            MARGIN * 2.0 * _scales(setting, creep).radius,
-            ring_width=RING_WIDTH if ring_width is None else ring_width,
-            time_step=TIME_STEP if time_step is None else time_step,
-            profile=profile,
-            observe=observe,
-        )
+        width = RING_WIDTH if ring_width is None else ring_width
+        count = ceil(MARGIN * 2.0 * expected.radius / width) + 1
+        if count < 3:
+            raise InputError(f"rings of {width:.3g} m: {count} in the contact, expected 3 or more")
+        middle = np.linspace(0.5, count - 0.5, count) * width
+        rings = influence(count) * width, surface_gap(middle, r, profile), width
+        step, lasts = TIME_STEP if time_step is None else time_step, max(t - setting.fall_time, 0.0)
+        thesis = drop_thesis(rings, creep.compliance, m, setting.gravity, setting.speed, lasts, step, observe)
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
-    if ring_width is not None:
-        require_positive("m", ring_width=ring_width)
-    effort = Effort(rtol, ring_width, fold, max_steps, shortcuts)
-    train = refined(setting, creep, effort, observe=observe)
+    train = _refined(setting, creep, expected, observe=observe)
     rigid = None
     if plate is not None:
-        rows = follow(replace(setting, plate=None), creep, replace(effort, rows_only=True), most=1).rows
+        floor = replace(setting, plate=None, rows_only=True)
+        rows = Train(floor, _tables(floor, creep, expected), expected, 1).run().rows
         rigid = rows[0][COLUMNS.index("restitution")] if rows else nan
-    return dataset(train, wanted, rigid, perf_counter() - started)
+    return dataset(train, setting, wanted, rigid, perf_counter() - started)
 
 
-def _scales(setting: Setting, creep: Creep) -> Scales:
-    return scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
+def impacts(
+    material: Solid | Sequence[Solid],
+    radius: Measure | Sequence[Measure],
+    mass: Measure | Sequence[Measure],
+    height: Measure | Sequence[Measure],
+    duration: Measure | Sequence[Measure],
+    most: int = 1,
+    profile: Profile = "parabola",
+    rtol: float = 1e-4,
+    *,
+    gravity: Measure | Sequence[Measure] = 9.81,
+    plate: Plate | Sequence[Plate | None] | None = None,
+    substrate: Substrate = None,
+    fold: bool = True,
+) -> xr.Dataset:
+    """Simulate the first impacts of many drops.
+
+    The same answers as :func:`drop` within ``rtol``, at a fraction of its time: nothing is made but
+    the rows of the impacts, and the tables of a material are made once for all its drops. An argument
+    given as a sequence has an entry for each drop; the others are shared.
+
+    Parameters
+    ----------
+    material, radius, mass, height, duration, profile, rtol, gravity, plate, substrate, fold
+        As of :func:`drop`, its solver "mdr".
+    most : int
+        Impacts per drop, at most.
+
+    Returns
+    -------
+    Dataset
+        Over (``drop``, ``impact``), NaN for impacts that do not happen within the duration:
+        ``impact_time``, ``lift_off_time``, ``contact_duration`` [s], ``impact_speed``,
+        ``rebound_speed`` [m/s], ``restitution``, ``peak_force`` [N], ``peak_contact_radius``,
+        ``peak_approach``, ``penetration`` [m]. Over ``drop``: ``impacts``, how many happened;
+        ``final_contact_time`` [s] as of :func:`drop`, NaN unless it came among these; ``solver_steps``.
+        ``attrs["work"]`` is JSON: steps, rejected ones, and impacts.
+
+    Raises
+    ------
+    InputError
+        A value is out of range, sequences differ in length, or as :func:`drop`.
+
+    Warns
+    -----
+    UserWarning
+        As :func:`drop`.
+
+    Examples
+    --------
+    >>> from labpipe.materials import Prony
+    >>> acrylic = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
+    >>> found = impacts(acrylic, "9.525 mm", "505 g", ["1 mm", "1.5 mm", "2 mm"], "40 ms")
+    >>> found.restitution.values[:, 0].round(3).tolist()
+    [0.731, 0.729, 0.727]
+    """
+    if most < 1:
+        raise InputError(f"most is {most} impacts, expected at least 1")
+    given: dict[str, Any] = {"radius": radius, "mass": mass, "height": height, "duration": duration}
+    given |= {"gravity": gravity, "plate": plate, "material": material}
+    lengths = {name: len(values) for name, values in given.items() if isinstance(values, list | tuple | np.ndarray)}
+    if len(set(lengths.values())) > 1:
+        counts = ", ".join(f"{name} has {n}" for name, n in lengths.items())
+        raise InputError(f"arguments given drop by drop must have an entry for each: {counts}")
+    count = next(iter(lengths.values()), 1)
+    drops = zip(*(values if name in lengths else [values] * count for name, values in given.items()), strict=True)
+    compliance, alike = counter_compliance(substrate), dict[Any, list[tuple[int, Solid, Setting]]]()
+    for i, (*numbers, plate_of_one, of_one) in enumerate(drops):
+        r, m, h, t, g = (exact(value, name) for value, name in zip(numbers, given, strict=False))
+        warn_of_millimetres(*numbers[:3])
+        one = Setting(r, m, h, t, "mdr", profile, rtol, g, plate_of_one, fold=fold, rows_only=True)
+        alike.setdefault(of_one if isinstance(of_one, str) else id(of_one), []).append((i, of_one, one))
+    trains: dict[int, Train] = {}
+    for group in alike.values():
+        creep = Creep.of(solid(group[0][1])).on(compliance)
+        expected = [Scales.of(creep, one) for _, _, one in group]
+        longest = max(one.duration for _, _, one in group)
+        tables = Tables.of(creep, min(scale.duration for scale in expected), longest, rtol, fold=fold)
+        for (i, _, one), scale in zip(group, expected, strict=True):
+            trains[i] = _refined(one, creep, scale, tables, most)
+    return batch_dataset([trains[i] for i in range(count)], most)
 
 
-def follow(
+def _tables(one: Setting, creep: Creep, expected: Scales) -> Tables:
+    return Tables.of(creep, expected.duration, one.duration, one.rtol, fold=one.fold)
+
+
+def _refined(
     setting: Setting,
     creep: Creep,
-    effort: Effort,
+    expected: Scales,
     tables: Tables | None = None,
     most: int | None = None,
     observe: Callable[[float], None] | None = None,
-    expected: Scales | None = None,
-) -> Train:
-    """Simulate one drop; ``tables`` and ``expected`` are made for it unless they are given."""
-    expected = expected or _scales(setting, creep)
-    if tables is None:
-        tables = Tables.of(creep, expected.duration, setting.duration, effort.rtol, fold=effort.fold)
-    return Train(setting, tables, effort, expected, most, observe).run()
-
-
-def refined(
-    setting: Setting,
-    creep: Creep,
-    effort: Effort,
-    tables: Tables | None = None,
-    most: int | None = None,
-    observe: Callable[[float], None] | None = None,
-    expected: Scales | None = None,
 ) -> Train:
     """Simulate, and again more finely when the first run was too coarse by its energy.
 
     It happens where the instantaneous compliance hardly matters (a modulus ratio beyond 1e3 with
     few terms): the pressure then ends in a step at the edge, and long steps ring.
     """
-    limit = _ENERGY_LIMIT * setting.rtol
-    finer = replace(effort, rtol=effort.rtol / _REFINEMENT)
-    train = None
+    limit, train = _ENERGY_LIMIT * setting.rtol, None
+    can_be_finer = setting.rtol / _REFINEMENT >= _FINEST
     try:
-        train = follow(setting, creep, effort, tables, most, observe, expected)
+        train = Train(setting, tables or _tables(setting, creep, expected), expected, most, observe).run()
     except AnnularContactError:
-        if finer.rtol < _FINEST:
+        if not can_be_finer:
             raise
-    if (train is None or not train.error <= limit) and finer.rtol >= _FINEST:
-        train = follow(setting, creep, finer, None, most, observe, expected)
+    if (train is None or not train.error <= limit) and can_be_finer:
+        finer = replace(setting, rtol=setting.rtol / _REFINEMENT)
+        train = Train(finer, _tables(finer, creep, expected), expected, most, observe).run()
     assert train is not None  # noqa: S101 - it was raised, or run again
     if not train.error <= limit:
         warnings.warn(
@@ -252,7 +321,7 @@ def refined(
 
 @dataclass(slots=True)
 class _Throttle:
-    """Hand on the progress whenever another part of the duration is done."""
+    """Hand on the progress whenever another hundredth of the duration is done."""
 
     progress: Callable[[float], None]
     setting: Setting
@@ -260,6 +329,6 @@ class _Throttle:
 
     def __call__(self, time: float) -> None:
         done = min((self.setting.fall_time + time) / self.setting.duration, 1.0)
-        if done >= self.reported + _PROGRESS_EVERY:
+        if done >= self.reported + 0.01:
             self.reported = done
             self.progress(done)

@@ -43,6 +43,15 @@ def value_at(scheme: Scheme, values: Floats, s: float) -> float:
 
 
 @inner()
+def dot(left: Floats, right: Floats) -> float:
+    """Scalar product of two short rows."""
+    total = 0.0
+    for i in range(left.size):
+        total += left[i] * right[i]
+    return total
+
+
+@inner()
 def power_sum(coefficients: Floats, u: float) -> float:
     """Polynomial without constant term."""
     total = 0.0

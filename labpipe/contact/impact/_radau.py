@@ -1,16 +1,100 @@
-"""One step of a contact by collocation, compiled: motion against force at Radau's points."""
+"""One step of a contact by collocation, compiled: where it ends, and motion against force at Radau's points."""
 
 import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
-from labpipe.contact.impact._edge import dented_edge, gap_area, inverse_gap, receding_edge
-from labpipe.contact.impact._polynomials import eliminate, moments, value_at
+from labpipe.contact.impact._polynomials import dot, eliminate, moments, value_at
 from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
 
 _NEWTON_LIMIT = 12
 #: Error of a step that was not solved.
 UNSOLVED = 1e9
+
+
+@inner()
+def gap(fall: Fall, x: float) -> float:
+    """Approach at which an undeformed spring at ``x`` [m] touches."""
+    if fall.is_sphere:
+        return x * math.atanh(min(x / fall.radius, 0.999999))
+    return x * x / fall.radius
+
+
+@inner()
+def _steepness(fall: Fall, x: float) -> float:
+    """Return the derivative of the gap by ``x``."""
+    ratio = x / fall.radius
+    return math.atanh(ratio) + ratio / (1.0 - ratio**2) if fall.is_sphere else 2.0 * ratio
+
+
+@inner()
+def gap_area(fall: Fall, x: float) -> float:
+    """Integral of the gap from the centre to ``x`` [m]."""
+    r = fall.radius
+    ratio = x / r
+    if not fall.is_sphere or ratio < 1e-3:
+        return x**3 / (3.0 * r) * (1.0 + (0.2 * ratio**2 if fall.is_sphere else 0.0))
+    ratio = min(ratio, 0.999999)
+    return 0.5 * r * r * ((ratio**2 - 1.0) * math.atanh(ratio) + ratio)
+
+
+@inner()
+def advancing_edge(scheme: Scheme, fall: Fall, room: Room, i: int, depth: float, outer: float, guess: float) -> float:
+    """Radius where a surface with dents, out to ``outer``, lies at ``depth``; it rises outwards."""
+    if depth <= 0.0:
+        return 0.0
+    if outer <= 0.0 and not fall.is_sphere:
+        return math.sqrt(fall.radius * depth)
+    low, high = 0.0, 0.999 * fall.radius
+    x = min(max(guess, 1e-6 * outer), high)
+    for _ in range(60):
+        inside = 1.0 - (x / outer) ** 2
+        s = math.sqrt(inside) if inside > 0.0 else 0.0
+        rise = gap(fall, x) + value_at(scheme, room.field[i], s) - depth
+        slope = _steepness(fall, x)
+        if s > 1e-5:
+            slope -= value_at(scheme, room.slope[i], s) * x / (s * outer**2)
+        if rise > 0.0:
+            high = x
+        else:
+            low = x
+        step = rise / slope if slope > 0.0 else 2.0 * high
+        new = x - step
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if abs(new - x) <= 1e-15 * x:
+            return new
+        x = new
+    return x
+
+
+@inner()
+def receding_edge(
+    law: Law, scheme: Scheme, fall: Fall, room: Room, i: int, depth: float, density: float, outer: float, guess: float
+) -> float:
+    """Place s where the load is 0; 1 when there is none left."""
+    last = scheme.s.size - 1
+    if law.E_relaxed * depth + room.field[i, last] + density <= 0.0:
+        return 1.0
+    low, high, s = 0.0, 1.0, guess
+    for _ in range(60):
+        x = outer * math.sqrt(max(1.0 - s * s, 0.0))
+        load = law.E_relaxed * (depth - gap(fall, x)) + value_at(scheme, room.field[i], s) + density
+        slope = 2.0 * s * outer**2 / fall.radius
+        if fall.is_sphere and x > 0.0:
+            slope = _steepness(fall, x) * s * outer**2 / x
+        slope = law.E_relaxed * slope + value_at(scheme, room.slope[i], s)
+        if load > 0.0:
+            high = s
+        else:
+            low = s
+        new = s - load / slope if slope > 0.0 else 2.0
+        if not low < new < high:
+            new = 0.5 * (low + high)
+        if abs(new - s) <= 1e-15:
+            return new
+        s = new
+    return s
 
 
 @inner()
@@ -64,8 +148,7 @@ def _gain(law: Law, scheme: Scheme, h: float, room: Room) -> None:
                 room.weight[j, i, p] = (p + 1) * power * room.short[p]
                 power *= scheme.c[i]
     for i in range(S):
-        for m in range(S):
-            room.gain[i, m] = 0.0
+        room.gain[i, :] = 0.0
         for p in range(S):
             total = 0.0
             for j in range(law.maxwells):
@@ -78,12 +161,8 @@ def _gain(law: Law, scheme: Scheme, h: float, room: Room) -> None:
 def _spread(scheme: Scheme, room: Room, i: int) -> None:
     """Fill in derivative over s and twice the mean of the stage's field."""
     for n in range(scheme.s.size):
-        slope = area = 0.0
-        for m in range(scheme.s.size):
-            slope += scheme.slope[n, m] * room.field[i, m]
-            area += scheme.means[n, m] * room.field[i, m]
-        room.slope[i, n] = slope
-        room.area[i, n] = area
+        room.slope[i, n] = dot(scheme.slope[n], room.field[i])
+        room.area[i, n] = dot(scheme.means[n], room.field[i])
 
 
 @inner()
@@ -94,11 +173,7 @@ def _advance_force(
     S = scheme.c.size
     for i in range(S):
         depth = room.delta[i]
-        if dented:
-            room.edge[i] = dented_edge(scheme, fall, room, i, depth, outer, room.edge[i])
-        else:
-            room.edge[i] = inverse_gap(fall, depth)
-        x = room.edge[i]
+        x = room.edge[i] = advancing_edge(scheme, fall, room, i, depth, outer, room.edge[i])
         room.bulk[i] = 2.0 * (x * depth - gap_area(fall, x))
     for i in range(S):
         total = law.E_relaxed * room.bulk[i] + room.known[i]
@@ -133,8 +208,7 @@ def _add_dents(law: Law, scheme: Scheme, room: Room, time: float, h: float, oute
             room.cross[i, k] = total
     for i in range(S):
         for k in range(K):
-            for m in range(S):
-                room.force[i] += room.table[i, k, m] * room.cross[m, k]
+            room.force[i] += dot(room.table[i, k], room.cross[:, k])
 
 
 @inner()
@@ -177,10 +251,7 @@ def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int
     S = scheme.c.size
     time, start = path.time[n], path.approach[n]
     for i in range(S):
-        push = 0.0
-        for m in range(S):
-            push += room.answer[i, m]
-        room.delta[i] = room.base[i] - push * path.state[n, 2]
+        room.delta[i] = room.base[i] - room.answer[i].sum() * path.state[n, 2]
         room.edge[i] = phase.edge
     scale = 0.0
     for _ in range(_NEWTON_LIMIT):
@@ -189,10 +260,7 @@ def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int
         else:
             _advance_force(law, scheme, fall, room, time, h, phase.bulk, phase.outer, phase.dented)
         for i in range(S):
-            miss = room.delta[i] - room.base[i]
-            for m in range(S):
-                miss += room.answer[i, m] * room.force[m]
-            room.right[i, 0] = miss
+            room.right[i, 0] = room.delta[i] - room.base[i] + dot(room.answer[i], room.force[:])
         _differentiate(law, scheme, room, phase)
         eliminate(room.matrix[:], room.right[:])
         change = 0.0
@@ -216,8 +284,7 @@ def _fields(
     count = law.maxwells if phase.recedes else law.elements
     for i in range(S):
         time = path.time[n] + scheme.c[i] * h
-        for m in range(N):
-            room.field[i, m] = 0.0
+        room.field[i, :] = 0.0
         if phase.recedes or phase.dented:
             for k in range(count):
                 if phase.recedes:
@@ -232,18 +299,8 @@ def _fields(
             left = math.exp(-law.rate[j] * scheme.c[i] * h)
             held = path.fading[n, j] if phase.recedes else room.held[j]
             room.known[i] += law.E[j] * left * held
-    if phase.dented and not phase.recedes:
-        _cross(law, scheme, room)
-
-
-@inner()
-def _cross(law: Law, scheme: Scheme, room: Room) -> None:
-    """Force per change of the dents' moments."""
-    S = scheme.c.size
-    for i in range(S):
-        for k in range(law.elements):
-            for m in range(S):
-                room.table[i, k, m] = 0.0
+        for k in range(law.elements if phase.dented and not phase.recedes else 0):
+            room.table[i, k, :] = 0.0  # force per change of the dents' moments
             for p in range(S):
                 total = 0.0
                 for j in range(law.maxwells):
@@ -263,15 +320,17 @@ def accept(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int,
     for i in range(S):
         u, values = scheme.c[i], path.stages[n, i]
         z = now[0] + u * h * (now[1] + 0.5 * fall.gravity * u * h)
-        v = now[1] + fall.gravity * u * h
-        for m in range(S):
-            z -= h * h * scheme.aa[i, m] * room.force[m] / fall.mass
-            v -= h * scheme.a[i, m] * room.force[m] / fall.mass
+        z -= h * h / fall.mass * dot(scheme.aa[i], room.force[:])
+        v = now[1] + fall.gravity * u * h - h / fall.mass * dot(scheme.a[i], room.force[:])
         values[0], values[1], values[2] = z, v, room.force[i]
         values[3] = room.radius[i] if phase.recedes else room.edge[i]
         values[4] = values[5] = 0.0
         if fall.plate_mass > 0.0:
-            _move_plate(scheme, room, now, i, h, values)
+            values[4], values[5] = room.plate_free[i], now[5]
+            for o in range(S):
+                pushed = dot(room.plate[o, :S], room.force[:])
+                values[4] += h * h * scheme.aa[i, o] * pushed
+                values[5] += h * scheme.a[i, o] * (room.plate[o, S] + pushed)
         share = h * scheme.a[S - 1, i]
         work += share * room.force[i] * (v - values[5])
         loss += share * fall.plate_damping * values[5] ** 2
@@ -281,24 +340,10 @@ def accept(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int,
     for p in range(S):
         path.powers[n, p] = path.edge[n, p] = 0.0
         for m in range(S):
-            path.powers[n, p] += scheme.to_powers[p, m] * (room.delta[m] - path.approach[n])
             edge = room.edge[m] if phase.recedes else room.edge[m] ** 2
+            path.powers[n, p] += scheme.to_powers[p, m] * (room.delta[m] - path.approach[n])
             path.edge[n, p] += scheme.to_powers[p, m] * (edge - phase.start_edge)
     _fade_on(law, scheme, room, path, n, h, phase)
-
-
-@inner()
-def _move_plate(scheme: Scheme, room: Room, now: Floats, i: int, h: float, values: Floats) -> None:
-    """Fill in displacement and velocity of the plate at a stage."""
-    S = scheme.c.size
-    place, pace = room.plate_free[i], now[5]
-    for o in range(S):
-        pushed = 0.0
-        for m in range(S):
-            pushed += room.plate[o, m] * room.force[m]
-        place += h * h * scheme.aa[i, o] * pushed
-        pace += h * scheme.a[i, o] * (room.plate[o, S] + pushed)
-    values[4], values[5] = place, pace
 
 
 @inner()
@@ -347,9 +392,7 @@ def attempt(
     _fields(law, scheme, room, path, n, h, phase, dent, nodes)
     if not _newton(law, scheme, fall, room, path, n, h, phase):
         return UNSOLVED
-    error = scheme.gamma[0] * path.state[n, 2]
-    for i in range(scheme.c.size):
-        error += scheme.gamma[i + 1] * room.force[i]
+    error = scheme.gamma[0] * path.state[n, 2] + dot(scheme.gamma[1:], room.force[:])
     moved = fall.mass  # the reduced mass: a light plate errs more than the sphere, and its swing is in the force
     if fall.plate_mass > 0.0:
         moved *= fall.plate_mass / (fall.mass + fall.plate_mass)

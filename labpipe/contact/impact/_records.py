@@ -1,12 +1,81 @@
-"""What the compiled parts of a contact work on: law, method, body, path, phase, nodes, and room to work in."""
+"""Records that the compiled parts of a drop share with Python: motion, counts, law, method, body, path and nodes.
 
-from typing import NamedTuple, Protocol
+Compiled code changes the numbers of a record in place (a numpy structured scalar). What is handed on is one record
+with these fields: a single address, where nine arrays are some sixty arguments of each call, and take longer to
+compile.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 
 
+@dataclass(slots=True)
+class Motion:
+    """Sphere, plate and springs at one instant, in SI; lengths downwards positive, touch at 0.
+
+    ``approach`` is the sphere's position above the plate's, ``surface`` the displacement of the surface at the pole,
+    which is the same in contact and filled in afterwards; ``stored`` the energy that the springs
+    hold, ``spring_work`` the work done on them, ``plate_loss`` that taken by the dashpot of the plate.
+    """
+
+    time: float = 0.0
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+    approach: float = 0.0
+    surface: float = 0.0
+    force: float = 0.0
+    contact_radius: float = 0.0
+    stored: float = 0.0
+    spring_work: float = 0.0
+    plate_displacement: float = 0.0
+    plate_velocity: float = 0.0
+    plate_acceleration: float = 0.0
+    plate_loss: float = 0.0
+
+    def record(self) -> np.record:
+        """Return the same as a record, as compiled steps take it."""
+        return blank(MOTION, **{name: getattr(self, name) for name in Motion.__annotations__})
+
+    def take(self, record: Any) -> None:
+        """Take over the numbers of a record."""
+        for name, value in zip(Motion.__annotations__, record.item(), strict=True):
+            setattr(self, name, value)
+
+
+class Counts(Protocol):
+    """Work done; counts only, so that they do not depend on the machine."""
+
+    solver_steps: int
+    rejected_steps: int
+    newton_iterations: int
+    kernel_products: int
+    spring_updates: int
+    rest_steps: int
+    flights: int
+
+
+#: The fields of a Motion and of Counts as numpy sees them; an array of the first is a trail.
+MOTION = np.dtype([(name, np.float64) for name in Motion.__annotations__])
+COUNTS = np.dtype([(name, np.int64) for name in Counts.__annotations__])
+Trail = NDArray[np.void]
+
+
+def blank(dtype: np.dtype[np.void], **values: float | Floats) -> np.record:
+    """Return one record of zeros, with the fields that are given; the machine takes up only what is used."""
+    row: np.recarray[tuple[int], np.dtype[np.record]] = np.zeros(1, dtype).view(np.recarray)
+    for name, value in values.items():
+        row[name] = value
+    return row[0]
+
+
 class Law(Protocol):
-    """Contact law of the material in both forms: one record, as :class:`Scheme`.
+    """Contact law of the material in both forms.
 
     There is room for more terms than there are, so that one compiled code serves all materials:
     ``maxwells`` of the relaxation modulus, ``elements`` of the compliance with its dashpot, and
@@ -33,9 +102,6 @@ class Law(Protocol):
 
 class Scheme(Protocol):
     """Constants of the method: Radau's points, and polynomials over the radius.
-
-    What is handed on is one record with these fields: a single address to compiled code, where nine
-    arrays are some sixty arguments of each call, and take longer to compile.
 
     ``c`` (stage,), ``a`` (stage, stage) and its square ``aa``; ``to_powers`` (stage, stage) from
     values less the first to the coefficients of u, u^2, ...; ``gamma`` (stage + 1,) of the error.
@@ -70,27 +136,6 @@ class Fall(NamedTuple):
     first: float
 
 
-class Path(Protocol):
-    """Room for the steps of a contact, and what is known of each.
-
-    ``time`` (step + 1,) from touch; ``state`` (step + 1, 8) at the ends and ``stages`` (step,
-    stage, 6) inside: position, velocity, force, contact radius, displacement and velocity of the
-    plate, and at the ends what its dashpot took and the work on the springs; ``approach`` (step + 1,)
-    at the ends and ``powers`` (step, stage) its coefficients over u from 0 to 1; ``edge`` (step,
-    stage) those of the square of the radius while it advances, of s while it recedes; ``fading``
-    (step + 1, maxwell) the fading integral of the approach; ``stored`` (step + 1,) energy.
-    """
-
-    time: Floats
-    state: Floats
-    stages: Floats
-    approach: Floats
-    powers: Floats
-    edge: Floats
-    fading: Floats
-    stored: Floats
-
-
 class Phase(NamedTuple):
     """While the contact grows, or shrinks: since ``begin`` [s], over a field out to ``outer`` [m].
 
@@ -107,57 +152,77 @@ class Phase(NamedTuple):
     bulk: float
 
 
+# Shapes of the arrays below: S stages (or powers), N nodes over the radius, T terms, M steps at most, L instants.
+
+
+class Path(Protocol):
+    """Room for the steps of a contact, and what is known of each.
+
+    ``time`` from touch; ``state`` at the ends and ``stages`` inside: position, velocity, force, contact radius,
+    displacement and velocity of the plate, and at the ends what its dashpot took and the work on the springs;
+    ``approach`` at the ends and ``powers`` its coefficients over u from 0 to 1; ``edge`` those of the square of the
+    radius while it advances, of s while it recedes; ``fading`` the fading integral of the approach; ``stored`` energy.
+    """
+
+    time: Annotated[Floats, "L"]
+    state: Annotated[Floats, "L8"]
+    stages: Annotated[Floats, "MS6"]
+    approach: Annotated[Floats, "L"]
+    powers: Annotated[Floats, "MS"]
+    edge: Annotated[Floats, "MS"]
+    fading: Annotated[Floats, "LT"]
+    stored: Annotated[Floats, "L"]
+
+
 class Nodes(Protocol):
     """What is sampled on the nodes of the largest contact of this bounce.
 
-    ``touch`` and ``release`` (node,) [s]; ``before`` (element, node) the dents found, ``after`` the
-    displacement of the elements left; ``base`` (maxwell, node) that of Maxwell elements less the
-    fading integral at touch, ``field`` the same where the contact began to shrink; room for one.
+    ``touch`` and ``release`` [s]; ``before`` the dents found, ``after`` the displacement of the elements left;
+    ``base`` that of Maxwell elements less the fading integral at touch, ``field`` the same where the contact began to
+    shrink; room for one.
     """
 
-    touch: Floats
-    release: Floats
-    before: Floats
-    after: Floats
-    base: Floats
-    field: Floats
-    fading: Floats
-    element: Floats
+    touch: Annotated[Floats, "N"]
+    release: Annotated[Floats, "N"]
+    before: Annotated[Floats, "TN"]
+    after: Annotated[Floats, "TN"]
+    base: Annotated[Floats, "TN"]
+    field: Annotated[Floats, "TN"]
+    fading: Annotated[Floats, "T"]
+    element: Annotated[Floats, "T"]
 
 
 class Room(Protocol):
     """Numbers of the step at hand.
 
-    ``base`` (stage,) is the approach without force, ``answer`` (stage, stage) the approach per
-    force; ``known`` (stage,) the force, or its density, that is left of the start; ``gain`` (stage,
-    stage) that per approach; ``weight`` (maxwell, stage, power) of the fading integrals;
-    ``field`` and ``slope`` (stage, node) the polynomial over the radius that the edge meets, and
-    its derivative, ``area`` (stage, node) twice its mean; ``cross`` (stage, element, power) the
-    force per change of the dents' moments; ``moment`` (stage, element) those moments.
+    ``base`` is the approach without force, ``answer`` the approach per force; ``known`` the force, or its density,
+    that is left of the start; ``gain`` that per approach; ``weight`` of the fading integrals; ``field`` and ``slope``
+    the polynomial over the radius that the edge meets, and its derivative, ``area`` twice its mean; ``cross`` the
+    force per change of the dents' moments; ``moment`` those moments.
     """
 
-    base: Floats
-    answer: Floats
-    plate: Floats
-    plate_free: Floats
-    known: Floats
-    gain: Floats
-    weight: Floats
-    field: Floats
-    slope: Floats
-    area: Floats
-    table: Floats
-    cross: Floats
-    moment: Floats
-    last: Floats
-    rim: Floats
-    primitive: Floats
-    bulk: Floats
-    delta: Floats
-    force: Floats
-    edge: Floats
-    radius: Floats
-    held: Floats
-    matrix: Floats
-    right: Floats
-    short: Floats
+    base: Annotated[Floats, "S"]
+    answer: Annotated[Floats, "SS"]
+    plate: Annotated[Floats, "S6"]
+    plate_free: Annotated[Floats, "S"]
+    known: Annotated[Floats, "S"]
+    gain: Annotated[Floats, "SS"]
+    weight: Annotated[Floats, "TSS"]
+    field: Annotated[Floats, "SN"]
+    slope: Annotated[Floats, "SN"]
+    area: Annotated[Floats, "SN"]
+    table: Annotated[Floats, "STS"]
+    cross: Annotated[Floats, "ST"]
+    moment: Annotated[Floats, "ST"]
+    last: Annotated[Floats, "T"]
+    rim: Annotated[Floats, "T"]
+    primitive: Annotated[Floats, "TN"]
+    bulk: Annotated[Floats, "S"]
+    delta: Annotated[Floats, "S"]
+    force: Annotated[Floats, "S"]
+    edge: Annotated[Floats, "S"]
+    radius: Annotated[Floats, "S"]
+    held: Annotated[Floats, "T"]
+    matrix: Annotated[Floats, "SS"]
+    right: Annotated[Floats, "S1"]
+    short: Annotated[Floats, "S"]

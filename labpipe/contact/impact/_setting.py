@@ -1,9 +1,9 @@
-"""The arguments of a drop, checked before anything is computed."""
+"""The arguments of a drop, checked before anything is computed, and the scales of its contacts."""
 
 import warnings
 from dataclasses import dataclass
-from math import isfinite, sqrt
-from typing import Literal, get_args
+from math import inf, isfinite, pi, sqrt
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,22 +11,50 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._springs import Profile
+from labpipe.contact.memory import Creep
+from labpipe.contact.sphere.hertz import CONTACT_TIME
 from labpipe.errors import InputError
-from labpipe.units import Measure, Quantity, quantity, si
+from labpipe.units import Measure, Quantity, quantity, require_positive, si
 
 Solver = Literal["mdr", "rings", "thesis"]
 
-# Where rtol may lie: below, rounding; above, the estimates of the error mean nothing.
-_RTOL_RANGE = (1e-8, 1e-2)
-# A radius like these, in m, is one in mm; a larger one is a wish for a flat.
-_MILLIMETRES = (1.0, 50.0)
-
+MAX_STEPS = 1_000_000
 _UNITS = {"radius": "m", "mass": "kg", "height": "m", "duration": "s", "gravity": "m/s2"}
+# Below, rounding; above, the estimates of the error mean nothing.
+_RTOL_RANGE = (1e-8, 1e-2)
+
+
+class Shortcuts(NamedTuple):
+    """Work that a drop leaves out because no result needs it; each can be switched off for comparison.
+
+    Attributes
+    ----------
+    flights : bool
+        A flight is one step, exact, and a contact up to a lift-off is collocated; otherwise all is stepped, flights in
+        steps as long as those of a contact.
+    rest : bool
+        Once a contact has come to rest its creep is followed in few steps; otherwise its motion is
+        followed to the end, and no time of rest is found.
+    """
+
+    flights: bool = True
+    rest: bool = True
+
+    @classmethod
+    def chosen(cls, *, full: bool) -> "Shortcuts":
+        """All of them, or none for a run that leaves nothing out."""
+        return cls(flights=not full, rest=not full)
+
+
+ALL_SHORTCUTS = Shortcuts()
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """The arguments of a drop; see :func:`labpipe.contact.drop`."""
+    """The arguments of a drop; see :func:`labpipe.contact.drop`.
+
+    With ``rows_only`` a run ends where the sphere swings too little to lift off again, and its rest is not followed.
+    """
 
     radius: float
     mass: float
@@ -37,6 +65,11 @@ class Setting:
     rtol: float
     gravity: float
     plate: Plate | None
+    ring_width: float | None = None
+    fold: bool = True
+    shortcuts: Shortcuts = ALL_SHORTCUTS
+    max_steps: int = MAX_STEPS
+    rows_only: bool = False
 
     def __post_init__(self) -> None:
         """Refuse values out of range, with the reason."""
@@ -50,6 +83,8 @@ class Setting:
         low_rtol, high_rtol = _RTOL_RANGE
         if not low_rtol <= self.rtol <= high_rtol:
             raise InputError(f"rtol is {self.rtol}, expected {low_rtol} to {high_rtol}")
+        if self.ring_width is not None:
+            require_positive("m", ring_width=self.ring_width)
         if self.plate is not None and self.solver == "thesis":
             raise InputError("the thesis's scheme has a rigid substrate; drop the plate or use another solver")
 
@@ -62,6 +97,43 @@ class Setting:
     def fall_time(self) -> float:
         """Time in s from the release to first touch."""
         return sqrt(2.0 * self.height / self.gravity)
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """Estimated sizes of an impact and of the rest of this sphere.
+
+    ``duration`` [s]: of the first contact; ``radius`` [m]: largest contact radius; ``rest_radius`` [m]: contact radius
+    under the weight, at first; ``rest_period``, ``rest_speed`` [s, m/s]: of small oscillations on the static sag, and
+    the speed of an amplitude of one sag.
+    """
+
+    duration: float
+    radius: float
+    rest_radius: float
+    rest_period: float
+    rest_speed: float
+
+    @classmethod
+    def of(cls, creep: Creep, one: Setting) -> "Scales":
+        """Estimate the scales from Hertz, with the compliance at the time scale itself."""
+
+        def at_rest(compliance: float) -> tuple[float, float]:
+            contact = (0.75 * one.mass * one.gravity * one.radius * compliance) ** (1 / 3)
+            return contact, 2.0 * pi * sqrt(0.5 * one.mass * compliance / contact)
+
+        period = at_rest(creep.instantaneous)[1]
+        for _ in range(3):
+            period = at_rest(float(creep.compliance(period / 4)))[1]
+        duration, approach, compliance = period, 0.0, creep.instantaneous
+        for _ in range(4):
+            compliance = float(creep.compliance(duration / 2))
+            approach = (15.0 / 16.0 * one.mass * one.speed**2 * compliance / sqrt(one.radius)) ** 0.4
+            ballistic = CONTACT_TIME * approach / one.speed if one.speed > 0.0 else inf
+            duration = 1.0 / (1.0 / ballistic + 2.0 / period)
+        rest_approach = at_rest(compliance)[0] ** 2 / one.radius
+        radius = sqrt(one.radius * (approach + 2.0 * rest_approach))
+        return cls(duration, radius, at_rest(creep.instantaneous)[0], period, one.gravity * period / (2.0 * pi))
 
 
 def exact(given: Measure, name: str) -> float:
@@ -80,7 +152,7 @@ def exact(given: Measure, name: str) -> float:
 
 def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None:
     """Warn of a sphere of metres, given as a bare number, and show the notation with units."""
-    if isinstance(radius, int | float) and _MILLIMETRES[0] < radius <= _MILLIMETRES[1]:
+    if isinstance(radius, int | float) and 1.0 < radius <= 50.0:  # a larger one is a wish for a flat
         texts = [f'radius="{radius:g} mm"']
         texts += [f'mass="{mass:g} g"'] if isinstance(mass, int | float) and mass > 1 else []
         texts += [f'height="{height:g} mm"'] if isinstance(height, int | float) else []
@@ -88,10 +160,10 @@ def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None
         warnings.warn(message, UserWarning, stacklevel=3)
 
 
-def checked_times(name: str, times: ArrayLike, duration: float) -> Floats:
+def checked_times(times: ArrayLike, duration: float) -> Floats:
     """Refuse instants that do not rise within the duration; return them as an array (time,)."""
     wanted = np.atleast_1d(np.asarray(times, dtype=float))
     is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
     if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
-        raise InputError(f"{name} must increase strictly and lie within 0 and {duration} s")
+        raise InputError(f"times must increase strictly and lie within 0 and {duration} s")
     return wanted

@@ -35,11 +35,11 @@ from math import ceil, nan, pi
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import lu_factor, solve_triangular
 from scipy.special import ellipe, ellipk
 
 from labpipe.arrays import Floats
-from labpipe.errors import InputError
+from labpipe.errors import InputError, LabpipeError
 
 Profile = Literal["parabola", "sphere"]
 
@@ -48,7 +48,6 @@ Profile = Literal["parabola", "sphere"]
 _EDGE_BIAS = 0.1765
 # The factors are n x n: more than this would take minutes and gigabytes.
 _MOST_RINGS = 4000
-_BLOCK = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,13 +96,7 @@ def line_springs(
 
 
 def ring_springs(reach: float, radius_of_sphere: float, width: float, profile: Profile = "parabola") -> Springs:
-    """Cover a disc with rings of a width [m] (the thesis's lambda) and turn them into springs.
-
-    Raises
-    ------
-    InputError
-        The rings are so narrow that there would be more than 4000.
-    """
+    """Cover a disc with rings of a width [m] (the thesis's lambda), at most 4000, and turn them into springs."""
     count = ceil(reach / width) + 2
     if profile == "sphere":
         count = min(count, int(radius_of_sphere / width))
@@ -113,11 +106,11 @@ def ring_springs(reach: float, radius_of_sphere: float, width: float, profile: P
             f"{_MOST_RINGS}; choose another ring width"
         )
     middle = np.linspace(0.5, count - 0.5, count) * width
-    lower, upper = factors(count)
+    factors = _factors(count)
     both = np.stack([np.ones(count), surface_gap(middle, radius_of_sphere, profile)], axis=1)
-    unit, shape = solve_triangular(lower, both, lower=True, unit_diagonal=True).T
+    unit, shape = solve_triangular(factors, both, lower=True, unit_diagonal=True).T
     area = pi * (2.0 * np.arange(count) + 1.0)
-    weight = width * solve_triangular(upper, area, trans="T") * unit
+    weight = width * solve_triangular(factors, area, trans="T") * unit
     further = partial(ring_springs, radius_of_sphere=radius_of_sphere, width=width, profile=profile)
     return Springs(middle, shape / unit, weight, weight, _EDGE_BIAS * width, further)
 
@@ -147,28 +140,17 @@ def influence(n_rings: int) -> Floats:
 
 
 @lru_cache(maxsize=4)
-def factors(n_rings: int) -> tuple[Floats, Floats]:
-    """Lower and upper factor of the influence matrix, from the centre outwards, without pivoting.
+def _factors(n_rings: int) -> Floats:
+    """Both factors (ring, ring) of the influence matrix, from the centre outwards, in one array.
 
-    The leading block of every smaller contact is factored too, which no routine of LAPACK offers.
+    A ring moves its own middle most, so that no rows are exchanged: the leading block of every smaller contact is
+    factored too.
     """
-    matrix = influence(n_rings)
-    lower = np.eye(n_rings)
-    for start in range(0, n_rings, _BLOCK):
-        stop = min(start + _BLOCK, n_rings)
-        corner, left = matrix[start:stop, start:stop], lower[start:stop, start:stop]
-        for i in range(corner.shape[0] - 1):
-            multiplier = corner[i + 1 :, i] / corner[i, i]
-            left[i + 1 :, i] = multiplier
-            corner[i + 1 :, i:] -= multiplier[:, None] * corner[i, i:]
-            corner[i + 1 :, i] = 0.0
-        matrix[start:stop, stop:] = solve_triangular(left, matrix[start:stop, stop:], lower=True, unit_diagonal=True)
-        below = solve_triangular(corner, matrix[stop:, start:stop].T, trans="T").T
-        lower[stop:, start:stop] = below
-        matrix[stop:, start:stop] = 0.0
-        matrix[stop:, stop:] -= below @ matrix[start:stop, stop:]
-    lower.flags.writeable = matrix.flags.writeable = False
-    return lower, matrix
+    both, exchanged = lu_factor(influence(n_rings), overwrite_a=True)
+    if np.any(exchanged != np.arange(n_rings)):
+        raise LabpipeError("the influence matrix of the rings was factored in another order than from the centre")
+    both.flags.writeable = False
+    return np.asarray(both)
 
 
 def surface_gap(r: Floats, radius_of_sphere: float, profile: Profile) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.contact.impact._motion import Counts, Motion, Trail
+from labpipe.contact.impact._records import Counts, Motion, Trail
 
 # How steps end.
 ACCEPTED, REJECTED, OUTGROWN, ANNULAR, LIFTED, RELEASED, ENDED, RESTING, FULL = range(9)
@@ -164,19 +164,6 @@ def weigh(rules: Rules, block: Block, dt: float) -> Weights:
 
 
 @inner()
-def _carrying(block: Block, approach: float) -> int:
-    """Count the springs, from the centre, that carry at an approach [m]."""
-    low, high = 0, block.reach.size
-    while low < high:
-        middle = (low + high) // 2
-        if block.reach[middle] < approach:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@inner()
 def _edge(block: Block, last: int, approach: float) -> float:
     """Where between two springs the load, linear in the square of the radius, is zero."""
     start = block.reach[last]
@@ -188,7 +175,7 @@ def _edge(block: Block, last: int, approach: float) -> float:
 @lean()
 def force(block: Block, approach: float) -> tuple[float, float]:
     """Force and its slope, both times the step compliance, at an approach [m] below the last reach."""
-    count = _carrying(block, approach)
+    count = np.searchsorted(block.reach, approach)
     if count == 0:
         return 0.0, 0.0
     if not math.isnan(block.edge_bias):
@@ -212,7 +199,7 @@ def contact_radius(block: Block, approach: float) -> float:
     gives the edge; behind it the surface has a kink. A receding edge lies between its neighbours. Rings
     give the place between two of them only, and its bias.
     """
-    count = _carrying(block, approach)
+    count = np.searchsorted(block.reach, approach)
     if count == 0:
         return 0.0
     between = _edge(block, count - 1, approach)
@@ -254,7 +241,7 @@ def _move_on(now: Motion, rules: Rules, weights: Weights, block: Block, approach
         new[j] = max(approach - block.reach[j], 0.0) / weights.compliance
         loaded += new[j] > 0.0
         after[j] = block.reach[j] - block.gap[j] + weights.compliance * new[j]
-    if loaded != _carrying(block, approach):
+    if loaded != np.searchsorted(block.reach, approach):
         return False
     work, jumped, on_old, on_new, squared = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(load.size):
@@ -347,6 +334,24 @@ def _time_to_lift_off(now: Motion, rules: Rules, block: Block, longest: float) -
 
 
 @inner()
+def _balance(block: Block, counts: Counts, approach: float, stiffness: float, target: float, load: float) -> float:
+    """Approach at which the springs carry a load and a spring that pulls to a target; NaN where none carries.
+
+    By Newton's method; the load, and the ``stiffness`` of the spring, are times the step compliance.
+    """
+    for _ in range(_NEWTON_LIMIT):
+        scaled, slope = force(block, approach)
+        if slope + stiffness <= 0.0:
+            return math.nan
+        change = (scaled + stiffness * (approach - target) - load) / (slope + stiffness)
+        approach -= change
+        counts.newton_iterations += 1
+        if abs(change) <= _NEWTON_TOLERANCE * abs(approach - block.reach[0]):
+            break
+    return approach
+
+
+@inner()
 def _one_step(now: Motion, pace: Pace, rules: Rules, dt: float, block: Block, counts: Counts, releases: bool) -> int:
     """Try one step of length ``dt`` [s]; with ``releases`` it ends where the last spring lets go.
 
@@ -361,15 +366,7 @@ def _one_step(now: Motion, pace: Pace, rules: Rules, dt: float, block: Block, co
     if releases:
         approach = min(target, block.reach[0])  # rounding must not leave a trace of contact
     elif target > block.reach[0]:
-        softness = total / weights.compliance
-        approach = target - total * now.force
-        for _ in range(_NEWTON_LIMIT):
-            scaled, slope = force(block, approach)
-            change = (approach - target + softness * scaled) / (1.0 + softness * slope)
-            approach -= change
-            counts.newton_iterations += 1
-            if abs(change) <= _NEWTON_TOLERANCE * abs(approach - block.reach[0]):
-                break
+        approach = _balance(block, counts, target - total * now.force, weights.compliance / total, target, 0.0)
         push = force(block, approach)[0] / weights.compliance
         approach = target - total * push
     if approach >= block.reach[block.reach.size - 2]:
@@ -470,18 +467,10 @@ def creep_step(now: Motion, rules: Rules, dt: float, block: Block, counts: Count
         loaded += block.load[j] != 0.0
     for j in range(1, min(loaded + 1, reach.size)):
         approach = max(approach, reach[j])
-    for _ in range(_NEWTON_LIMIT):
-        scaled, slope = force(block, approach)
-        if slope <= 0.0:
-            return REJECTED
-        change = (scaled - weight * weights.compliance) / slope
-        approach -= change
-        counts.newton_iterations += 1
-        if abs(change) <= _NEWTON_TOLERANCE * abs(approach - reach[0]):
-            break
+    approach = _balance(block, counts, approach, 0.0, 0.0, weight * weights.compliance)
     if approach >= reach[reach.size - 2]:
         return OUTGROWN
-    if not _move_on(now, rules, weights, block, approach):
+    if math.isnan(approach) or not _move_on(now, rules, weights, block, approach):
         return REJECTED
     sag = 0.0 if rules.plate_mass == 0.0 else weight / rules.plate_stiffness
     now.velocity = (approach + sag - now.position) / dt

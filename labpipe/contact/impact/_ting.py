@@ -22,15 +22,14 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.contact.impact._polynomials import crossing, power_sum, slope, summit
-from labpipe.contact.impact._radau import UNSOLVED, accept, attempt
+from labpipe.contact.impact._polynomials import crossing, fade, power_sum, slope, summit, value_at
+from labpipe.contact.impact._radau import UNSOLVED, accept, attempt, gap
 from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
-from labpipe.contact.impact._spring_states import recover, sample_release, sample_touch, store
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
 # Columns of the state, and those to subtract, of which the largest values are reported.
-_LOOKED_AT = ((2, -1), (0, 4), (4, -1), (0, -1))
+_LOOKED_AT = ((2, -1), (0, 4), (0, -1))
 # Looks for the largest force within a step.
 _LOOKS = 16
 # The contact is largest where it grows slower than this part of its mean growth; an error of the
@@ -110,6 +109,130 @@ def _event(
     if rise > _AT_SUMMIT:
         return 1.0, False
     return summit(room.short[:]), abs(rise) <= _AT_SUMMIT
+
+
+@inner()
+def sample_touch(
+    law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, dent: Floats, outer: float, nodes: Nodes
+) -> None:
+    """Note for each node when it was touched, and its Maxwell elements less the fading integral."""
+    K, J, N = law.elements, law.maxwells, scheme.s.size
+    largest = path.state[peak, 3]
+    step = 0
+    for n in range(N - 1, -1, -1):
+        square = largest**2 * (1.0 - scheme.s[n] ** 2)
+        while step < peak - 1 and path.state[step + 1, 3] ** 2 < square:
+            step += 1
+        u, h = 1.0, path.time[step + 1] - path.time[step]
+        if n == N - 1:
+            u = 0.0
+        elif n > 0:
+            u = crossing(path.edge[step], square - path.state[step, 3] ** 2, 1.0)
+        time = path.time[step] + u * h
+        nodes.touch[n] = time
+        fade(law, path.fading[step], h, u, path.powers[step], nodes.fading, room.short)
+        inside = 0.0 if outer <= 0.0 else 1.0 - square / outer**2
+        s = math.sqrt(inside) if inside > 0.0 else 0.0
+        for k in range(K):
+            nodes.before[k, n] = 0.0
+            if outer > 0.0:
+                nodes.before[k, n] = value_at(scheme, dent[k], s)
+        for j in range(J):
+            total = -nodes.fading[j]
+            if outer > 0.0:
+                for k in range(K):
+                    total += law.mixed[j, k] * nodes.before[k, n] * math.exp(-law.creep_rate[k] * time)
+            nodes.base[j, n] = total
+
+
+@inner()
+def _kelvin(law: Law, displacement: float, maxwell: Floats, load: float, out: Floats) -> None:
+    """Kelvin elements (element,) of a spring from its Maxwell elements."""
+    K = law.elements
+    rest = displacement - law.instantaneous * load
+    for k in range(K):
+        if law.is_liquid and k == K - 1:
+            out[k] = rest
+            return
+        total = law.E_relaxed * displacement
+        for j in range(law.maxwells):
+            total += law.E[j] * law.mixed[j, k] * maxwell[j]
+        out[k] = law.C[k] * total
+        rest -= out[k]
+
+
+@inner()
+def sample_release(
+    law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, last: int, nodes: Nodes
+) -> None:
+    """Note for each node when it lets go, and its Kelvin elements then."""
+    N = scheme.s.size
+    largest = path.state[peak, 3]
+    step, reached = peak, 0.0
+    for n in range(N):
+        place = scheme.s[n]
+        while step < last - 1 and reached + power_sum(path.edge[step], 1.0) < place:
+            reached += power_sum(path.edge[step], 1.0)
+            step += 1
+        u, h = 1.0, path.time[step + 1] - path.time[step]
+        if n == 0:
+            u = 0.0
+        elif n < N - 1:
+            u = crossing(path.edge[step], place - reached, 1.0)
+        time = path.time[step] + u * h
+        nodes.release[n] = time
+        fade(law, path.fading[step], h, u, path.powers[step], nodes.fading, room.short)
+        x = largest * math.sqrt(max(1.0 - place**2, 0.0))
+        depth = path.approach[step] + power_sum(path.powers[step], u) - gap(fall, x)
+        for j in range(law.maxwells):
+            nodes.fading[j] += nodes.base[j, n] * math.exp(-law.rate[j] * (time - nodes.touch[n]))
+        _kelvin(law, depth, nodes.fading, 0.0, nodes.element)
+        for k in range(law.elements):
+            nodes.after[k, n] = nodes.element[k]
+
+
+@inner()
+def store(
+    law: Law, scheme: Scheme, fall: Fall, center: Floats, path: Path, last: int, largest: float, nodes: Nodes
+) -> None:
+    """Energy held by the springs within the largest contact at the end of every step."""
+    N, K = scheme.s.size, law.elements
+    for i in range(last + 1):
+        time, total = path.time[i], 0.0
+        for n in range(N):
+            load = 0.0
+            if time < nodes.touch[n] or (time == nodes.touch[n] and n == 0):
+                for k in range(K):
+                    nodes.element[k] = nodes.before[k, n] * math.exp(-law.creep_rate[k] * time)
+            elif time < nodes.release[n]:
+                x = largest * math.sqrt(max(1.0 - scheme.s[n] ** 2, 0.0))
+                depth = path.approach[i] - gap(fall, x)
+                load = law.E_relaxed * depth
+                for j in range(law.maxwells):
+                    left = math.exp(-law.rate[j] * (time - nodes.touch[n]))
+                    nodes.fading[j] = path.fading[i, j] + nodes.base[j, n] * left
+                    load += law.E[j] * nodes.fading[j]
+                _kelvin(law, depth, nodes.fading, load, nodes.element)
+            else:
+                for k in range(K):
+                    left = math.exp(-law.creep_rate[k] * (time - nodes.release[n]))
+                    nodes.element[k] = nodes.after[k, n] * left
+            energy = 0.5 * law.instantaneous * load**2
+            for k in range(law.kelvins):
+                whole = nodes.element[k] + center[k] * math.exp(-law.creep_rate[k] * time)
+                energy += 0.5 * whole**2 / law.C[k]
+            total += scheme.means[0, n] * largest * energy
+        path.stored[i] = total
+
+
+@inner()
+def recover(law: Law, scheme: Scheme, center: Floats, path: Path, last: int, nodes: Nodes) -> None:
+    """Let the springs recover from their release to the end of the contact, and count from the undeformed surface."""
+    for n in range(scheme.s.size):
+        for k in range(law.elements):
+            left = math.exp(-law.creep_rate[k] * (path.time[last] - nodes.release[n]))
+            nodes.after[k, n] *= left
+            nodes.after[k, n] += center[k] * math.exp(-law.creep_rate[k] * path.time[last])
 
 
 @inner()
@@ -228,31 +351,21 @@ def _largest(scheme: Scheme, path: Path, n: int, column: int, less: int, short: 
     return best
 
 
-@inner()
-def _energy_lost(fall: Fall, path: Path, n: int, lost: float) -> tuple[float, float]:
-    """Energy [J] that the motion has mislaid at lift-off, and the most on the way there."""
-    first = path.state[0]
-    most = abs(lost)
-    now = lost
+@lean()
+def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost: float, row: Floats) -> float:
+    """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
+
+    ``lost`` [J]: energy mislaid before; ``row`` (4,): filled: largest force [N], approach [m], position [m], energy
+    mislaid [J]. Returns the most energy mislaid on the way [J].
+    """
+    for i in range(3):  # a constant column would be compiled for itself
+        row[i] = _largest(scheme, path, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
+    first, most = path.state[0], abs(lost)
     for i in range(n + 1):
         end = path.state[i]
         now = lost + 0.5 * fall.mass * (end[1] ** 2 - first[1] ** 2) + end[6] - first[6] + end[7] - first[7]
         now -= fall.mass * fall.gravity * (end[0] - first[0])
         now += 0.5 * fall.plate_mass * (end[5] ** 2 - first[5] ** 2)
         now += 0.5 * fall.plate_stiffness * (end[4] ** 2 - first[4] ** 2)
-        most = max(most, abs(now))
-    return now, most
-
-
-@lean()
-def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost: float, row: Floats) -> float:
-    """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
-
-    ``scheme``, ``fall``, ``path``, ``room``: as :func:`contact` left them; ``n``: steps; ``lost`` [J]: energy mislaid
-    before; ``row`` (5,): filled: largest force [N], approach [m], plate's displacement [m] and position [m], energy
-    mislaid [J]. Returns the most energy mislaid on the way [J].
-    """
-    for i in range(4):  # a constant column would be compiled for itself
-        row[i] = _largest(scheme, path, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
-    row[4], most = _energy_lost(fall, path, n, lost)
+        row[3], most = now, max(most, abs(now))
     return most

@@ -7,8 +7,7 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.contact.line._indentation import indent as indent, indent_load as indent_load
-    from labpipe.contact.line._kernels import line_kernel as line_kernel
-    from labpipe.contact.line._thesis_scheme import indent_thesis_scheme as indent_thesis_scheme
+    from labpipe.contact.line._surface import line_kernel as line_kernel
     from labpipe.contact.line.dissipation import (
         dimensionless_frequency as dimensionless_frequency,
         dimensionless_length as dimensionless_length,
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
         dissipated_work as dissipated_work,
         dissipation_map as dissipation_map,
         dynamic_stiffness as dynamic_stiffness,
-        equilibrium as equilibrium,
         tapping_amplitude as tapping_amplitude,
     )
 else:

@@ -10,9 +10,10 @@ Taylor, K. S. Pister, G. L. Goudreau, 1970, https://doi.org/10.1002/nme.16200201
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -20,11 +21,11 @@ from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
 from labpipe.arrays import Floats
-from labpipe.contact.line._kernels import LineKernel, line_kernel
-from labpipe.contact.line._profiles import strip_heights
-from labpipe.contact.line._strips import FoldedLine, line_bed, line_pressure
+from labpipe.contact._thesis_scheme import ThesisScheme
+from labpipe.contact.line._surface import LineKernel, line_kernel, strip_bed, tip_height
+from labpipe.contact.march import Control, March
 from labpipe.contact.memory import Creep, checked_history, checked_load
-from labpipe.contact.springs import Control, March, NotNestedError, State
+from labpipe.contact.springs import NotNestedError
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, require_positive, si
@@ -38,15 +39,22 @@ DEFAULT_ELEMENTS = 1024
 DEFAULT_RTOL = 1e-4
 """Error of the force over the history, relative to the largest; with a pressed load, of the approach."""
 
-_OUTPUTS = ("pressure", "surface", "energy")
-# Maps larger than this are a mistake more often than a wish.
-_MAX_MAP_BYTES = 2 << 30
-_PRESSURE_ROUNDING = 1e-6
-# Progress is reported once in so many samples.
-_PROGRESS_EVERY = 20
+# Bytes: larger maps are a mistake more often than a wish.
+_MAX_MAP = 2 << 30
 # So many strips go without the threads of the linear algebra: they gain nothing there, and where all
 # processors are busy a factor of 128 strips waited for them for 20 times its own time.
 _BY_ONE_THREAD = 1200
+
+_VARIABLES = {
+    "displacement": ("m", "Approach of the indenter"),
+    "force": ("N", "Normal force"),
+    "contact_half_width": ("m", "Half of the contact length of one period"),
+    "work_done": ("J", "Work done by the indenter"),
+    "stored_energy": ("J", "Elastically stored energy"),
+    "dissipated_energy": ("J", "Dissipated energy"),
+    "pressure": ("Pa", "Contact pressure"),
+    "surface": ("m", "Displacement of the surface into the body"),
+}
 
 
 def indent(
@@ -63,6 +71,7 @@ def indent(
     rtol: float | None = DEFAULT_RTOL,
     outputs: Sequence[Output] = (),
     progress: Callable[[float], None] | None = None,
+    solver: Literal["springs", "thesis"] = "springs",
 ) -> xr.Dataset:
     """Press a periodic row of tips into a viscoelastic surface by a prescribed displacement.
 
@@ -97,6 +106,9 @@ def indent(
         Further variables.
     progress : callable, optional
         Called now and then with the fraction of the samples that is done.
+    solver : {"springs", "thesis"}
+        Independent springs, or as a reference the thesis's own scheme at uniform times: full history,
+        instantaneous step compliance, active set, at a cost that grows with the square of the samples.
 
     Returns
     -------
@@ -134,8 +146,14 @@ def indent(
     12.4
     """
     times, values = checked_history(time, displacement, "displacement")
-    lengths = {"tip_radius": tip_radius, "period": period, "depth": depth, "thickness": thickness}
-    return _simulate(material, lengths, times, values, "displacement", profile, elements, rtol, outputs, progress)
+    line = _Line.of(material, (tip_radius, period, depth, thickness), profile, elements)
+    if solver == "thesis":
+        if outputs:
+            raise InputError("the thesis's scheme gives force and contact half width only; leave out outputs")
+        return line.by_thesis_scheme(times, values)
+    if solver != "springs":
+        raise InputError(f'solver is "{solver}", expected "springs" or "thesis"')
+    return line.march(times, values, "displacement", rtol, outputs, progress)
 
 
 def indent_load(
@@ -184,67 +202,8 @@ def indent_load(
     0.1
     """
     times, values = checked_load(time, load)
-    lengths = {"tip_radius": tip_radius, "period": period, "depth": depth, "thickness": thickness}
-    return _simulate(material, lengths, times, values, "force", profile, elements, rtol, outputs, progress)
-
-
-class _Line(NamedTuple):
-    """Surface, factored half period, contact length [m] and shape of the tips."""
-
-    kernel: LineKernel
-    folded: FoldedLine
-    depth: float
-    profile: str
-
-
-def _simulate(
-    material: Solid,
-    lengths: dict[str, Measure],
-    time: Floats,
-    value: Floats,
-    control: Control,
-    profile: str,
-    elements: int,
-    rtol: float | None,
-    outputs: Sequence[Output],
-    progress: Callable[[float], None] | None,
-) -> xr.Dataset:
-    """March through a checked history of displacement [m] or load [N]."""
-    body = solid(material)
-    radius, period, depth, thickness = (si(given, "m", name) for name, given in lengths.items())
-    require_positive("m", depth=depth)
-    if rtol is not None and not 1e-8 <= rtol <= 0.1:
-        raise InputError(f"rtol is {rtol}, expected 1e-8 to 0.1, or None for one step per sample")
-    if unknown := [name for name in outputs if name not in _OUTPUTS]:
-        raise InputError(f'output "{unknown[0]}" is unknown; use any of {", ".join(_OUTPUTS)}')
-    n_bytes = sum(name != "energy" for name in outputs) * time.size * elements * 8
-    if n_bytes > _MAX_MAP_BYTES:
-        raise InputError(
-            f"the maps of {time.size} samples would take {n_bytes / 2**30:.1f} GiB; request them "
-            f"for a part of the history or with fewer elements"
-        )
-    with _libraries().limit(limits=1 if elements <= _BY_ONE_THREAD else None, user_api="blas"):
-        kernel = line_kernel(period, elements, thickness, body.nu)
-        heights = strip_heights(profile, radius, period, elements)
-        limit = _limit_text(kernel, heights, radius)
-        reach, values = np.inf, value / depth
-        if control == "displacement":
-            _require_possible(value, thickness, kernel, heights, limit)
-            reach, values = float(value.max()), value
-        # The strip at half a period is stored once, at index 0; a circle ends before.
-        half = np.append(heights[elements // 2 :], heights[0])
-        bed, folded = line_bed(kernel, half[np.isfinite(half)], reach, limit)
-        march = March(bed, Creep.of(body), control, rtol, "energy" in outputs)
-        line = _Line(kernel, folded, depth, profile)
-        try:
-            rows = _record(march, line, time, values, outputs, progress)
-        except NotNestedError:
-            raise InputError(
-                f"at {time[march.samples_done]:g} s the contact stops being one growing and shrinking strip about "
-                "the centre of the period, which the springs of this solver cannot follow; give a smaller rtol or "
-                "more samples"
-            ) from None
-        return _dataset(march, rows, time, line)
+    line = _Line.of(material, (tip_radius, period, depth, thickness), profile, elements)
+    return line.march(times, values, "force", rtol, outputs, progress)
 
 
 @cache
@@ -253,132 +212,148 @@ def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _limit_text(kernel: LineKernel, heights: Floats, tip_radius: float) -> str:
-    if kernel.mean_compliance == 0.0 and np.all(np.isfinite(heights)):
-        return (
-            f"the contact closes over the whole period: a half-plane cannot be pressed by "
-            f"{heights.mean():.4g} m or more by this profile; reduce the displacement, give the "
-            "layer's thickness, or more elements if the contact is meant to be nearly full"
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """Material, strips, contact length [m], thickness [m] of the layer and shape of the tips."""
+
+    creep: Creep
+    kernel: LineKernel
+    tip_radius: float
+    depth: float
+    thickness: float
+    profile: str
+
+    @classmethod
+    def of(cls, material: Solid, lengths: tuple[Measure, ...], profile: str, elements: int) -> _Line:
+        """Check what a line contact is made of: tip radius, period, depth and thickness are ``lengths``."""
+        body = solid(material)
+        names = ("tip_radius", "period", "depth", "thickness")
+        radius, period, depth, thickness = (si(given, "m", name) for given, name in zip(lengths, names, strict=True))
+        require_positive("m", depth=depth)
+        kernel = line_kernel(period, elements, thickness, body.nu)
+        return cls(Creep.of(body), kernel, radius, depth, thickness, profile)
+
+    def march(
+        self,
+        time: Floats,
+        value: Floats,
+        control: Control,
+        rtol: float | None,
+        outputs: Sequence[Output],
+        progress: Callable[[float], None] | None,
+    ) -> xr.Dataset:
+        """March through a checked history of displacement [m] or load [N]."""
+        kernel, elements = self.kernel, self.kernel.elements
+        if rtol is not None and not 1e-8 <= rtol <= 0.1:
+            raise InputError(f"rtol is {rtol}, expected 1e-8 to 0.1, or None for one step per sample")
+        if unknown := [name for name in outputs if name not in ("pressure", "surface", "energy")]:
+            raise InputError(f'output "{unknown[0]}" is unknown; use any of pressure, surface, energy')
+        names = ["displacement", "force", "contact_half_width"]
+        names += ["work_done", "stored_energy", "dissipated_energy"] if "energy" in outputs else []
+        maps = [name for name in ("pressure", "surface") if name in outputs]
+        if (n_bytes := len(maps) * time.size * elements * 8) > _MAX_MAP:
+            raise InputError(
+                f"the maps of {time.size} samples would take {n_bytes / 2**30:.1f} GiB; request them "
+                f"for a part of the history or with fewer elements"
+            )
+        heights = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period, kernel.spacing)
+        limit = self._limit(heights, value if control == "displacement" else None)
+        reach, values = (float(value.max()), value) if control == "displacement" else (np.inf, value / self.depth)
+        rows = {name: np.empty(time.size) for name in names} | {n: np.empty((time.size, elements)) for n in maps}
+        with _libraries().limit(limits=1 if elements <= _BY_ONE_THREAD else None, user_api="blas"):
+            # The strip at half a period is stored once, at index 0; a circle ends before.
+            half = np.append(heights[elements // 2 :], heights[0])
+            bed = strip_bed(kernel, half[np.isfinite(half)], reach, limit)
+            march = March(bed.springs, self.creep, control, rtol, "energy" in outputs)
+            try:
+                for n, state in enumerate(march.run(time, values)):
+                    load, force, displacement, half_width = state.answer
+                    found: list[Any] = [displacement, force, half_width]
+                    found += [state.work, march.stored(state), state.dissipated] if march.has_energy else []
+                    for name, number in zip(names, found, strict=True):
+                        rows[name][n] = number
+                    if "pressure" in maps:
+                        rows["pressure"][n] = bed.pressure(kernel, load)
+                    if "surface" in maps:
+                        strain = self.creep.instantaneous * load + state.memory.sum(axis=0)
+                        rows["surface"][n] = kernel.displacement(bed.pressure(kernel, strain))
+                    if progress is not None and n % max(time.size // 100, 1) == 0:
+                        progress((n + 1) / time.size)
+            except NotNestedError:
+                raise InputError(
+                    f"at {time[march.samples_done]:g} s the contact stops being one growing and shrinking strip about "
+                    "the centre of the period, which the springs of this solver cannot follow; give a smaller rtol or "
+                    "more samples"
+                ) from None
+        if "pressure" in maps:
+            least, most = rows["pressure"].min(axis=1), rows["pressure"].max(axis=1)
+            if np.any(least < -1e-6 * most):  # more than rounding
+                raise InputError(f"a negative pressure of {least.min():.3g} Pa was found; use more elements")
+            rows["pressure"] = np.maximum(rows["pressure"], 0.0)
+        counts = march.counts | {"unknowns": march.contact.size}
+        result = self._dataset(time, rows, counts, ("springs", "nested contact"))
+        if march.has_energy:
+            error = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
+            largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
+            result.attrs["energy_error"] = float(np.abs(error).max()) / max(largest, np.finfo(float).tiny)
+        return result
+
+    def by_thesis_scheme(self, time: Floats, displacement: Floats) -> xr.Dataset:
+        """Follow a checked history of displacement [m] by equations (2.13)-(2.16)."""
+        kernel, steps = self.kernel, np.diff(time)
+        step = float(steps.mean()) if steps.size else 0.0
+        if steps.size and not (step > 0.0 and np.allclose(steps, step, rtol=1e-6, atol=0.0)):
+            raise InputError("the thesis's scheme needs uniform time steps; resample the history")
+        strip = np.arange(kernel.elements)
+        matrix = kernel.influence[np.abs(strip[:, None] - strip)]
+        height = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period)
+        lags: Floats = step * np.arange(time.size, dtype=float)
+        scheme = ThesisScheme(matrix, height, self.creep.compliance(lags))
+        force, width = np.zeros((2, time.size))
+        for n, depth in enumerate(displacement):
+            scheme.step(n, depth)
+            force[n] = kernel.spacing * scheme.pressure.sum()
+            width[n] = 0.5 * kernel.spacing * np.count_nonzero(scheme.pressure)
+        rows = {"displacement": displacement, "force": force, "contact_half_width": width}
+        return self._dataset(time, rows, scheme.work, ("thesis", "asked for"))
+
+    def _limit(self, heights: Floats, displacement: Floats | None) -> str:
+        """Sentence on the deepest possible contact; refuse displacements that go beyond."""
+        is_half_plane = self.kernel.mean_compliance == 0.0
+        limit = (
+            f"the contact reaches the end of the indenter (radius {self.tip_radius:.4g} m, period "
+            f"{self.kernel.period:.4g} m); reduce the displacement"
         )
-    return (
-        f"the contact reaches the end of the indenter (radius {tip_radius:.4g} m, period "
-        f"{kernel.period:.4g} m); reduce the displacement"
-    )
+        if is_half_plane and np.all(np.isfinite(heights)):
+            limit = (
+                f"the contact closes over the whole period: a half-plane cannot be pressed by "
+                f"{heights.mean():.4g} m or more by this profile; reduce the displacement, give the "
+                "layer's thickness, or more elements if the contact is meant to be nearly full"
+            )
+        if displacement is not None:
+            n = int(np.argmax(displacement))
+            if (deepest := float(displacement[n])) >= self.thickness:
+                reason = f"more than the layer's thickness of {self.thickness:.4g} m"
+                raise InputError(f"displacement[{n}] is {deepest:.4g} m, {reason}")
+            beyond = np.flatnonzero(displacement >= heights.mean())
+            if is_half_plane and beyond.size:
+                raise InputError(f"displacement[{beyond[0]}] is {displacement[beyond[0]]:.4g} m: {limit}")
+        return limit
 
-
-def _require_possible(displacement: Floats, thickness: float, kernel: LineKernel, heights: Floats, limit: str) -> None:
-    """Refuse displacements beyond the layer, or that close the contact of a half-plane."""
-    n = int(np.argmax(displacement))
-    if displacement[n] >= thickness:
-        raise InputError(
-            f"displacement[{n}] is {displacement[n]:.4g} m, more than the layer's thickness of {thickness:.4g} m"
-        )
-    beyond = np.flatnonzero(displacement >= heights.mean())
-    if kernel.mean_compliance == 0.0 and beyond.size:
-        raise InputError(f"displacement[{beyond[0]}] is {displacement[beyond[0]]:.4g} m: {limit}")
-
-
-def _record(
-    march: March,
-    line: _Line,
-    time: Floats,
-    value: Floats,
-    outputs: Sequence[Output],
-    progress: Callable[[float], None] | None,
-) -> dict[str, Floats]:
-    """March through the history and keep the requested outputs, one row per sample."""
-    names = ["displacement", "force", "contact_half_width"]
-    if "energy" in outputs:
-        names += ["work_done", "stored_energy", "dissipated_energy"]
-    rows = {name: np.empty(time.size) for name in names}
-    maps = [name for name in ("pressure", "surface") if name in outputs]
-    rows |= {name: np.empty((time.size, line.kernel.elements)) for name in maps}
-    for n, state in enumerate(march.run(time, value)):
-        for name, number in _row(march, line, state, rows.keys()).items():
-            rows[name][n] = number
-        if progress is not None and n % _PROGRESS_EVERY == 0:
-            progress((n + 1) / time.size)
-    return rows
-
-
-def _row(march: March, line: _Line, state: State, names: Iterable[str]) -> dict[str, Floats | float]:
-    answer = state.answer
-    row: dict[str, Floats | float] = {
-        "displacement": answer.displacement,
-        "force": answer.force,
-        "contact_half_width": answer.half_width,
-    }
-    if "work_done" in names:
-        row["work_done"] = state.work
-        row["stored_energy"] = march.stored(state)
-        row["dissipated_energy"] = state.dissipated
-    if "pressure" in names:
-        row["pressure"] = _not_negative(line_pressure(line.kernel, line.folded, answer.load))
-    if "surface" in names:
-        strain = march.creep.instantaneous * answer.load + state.memory.sum(axis=0)
-        row["surface"] = line.kernel.displacement(line_pressure(line.kernel, line.folded, strain))
-    return row
-
-
-def _not_negative(pressure: Floats) -> Floats:
-    """Remove rounding below zero; anything larger is a defect and is said so."""
-    if pressure.min() < -_PRESSURE_ROUNDING * float(pressure.max()):
-        raise InputError(
-            f"a negative pressure of {pressure.min():.3g} Pa was found against a largest of "
-            f"{pressure.max():.3g} Pa; use more elements"
-        )
-    return np.maximum(pressure, 0.0)
-
-
-_VARIABLES = {
-    "displacement": ("m", "Approach of the indenter"),
-    "force": ("N", "Normal force"),
-    "contact_half_width": ("m", "Half of the contact length of one period"),
-    "work_done": ("J", "Work done by the indenter"),
-    "stored_energy": ("J", "Elastically stored energy"),
-    "dissipated_energy": ("J", "Dissipated energy"),
-    "pressure": ("Pa", "Contact pressure"),
-    "surface": ("m", "Displacement of the surface into the body"),
-}
-_PER_DEPTH = ("force", "work_done", "stored_energy", "dissipated_energy")
-
-
-def _dataset(march: March, rows: dict[str, Floats], time: Floats, line: _Line) -> xr.Dataset:
-    kernel = line.kernel
-    variables: dict[str, Any] = {}
-    for name, values in rows.items():
-        units, text = _VARIABLES[name]
-        dims = ("time", "x") if values.ndim == 2 else ("time",)
-        scaled = values * line.depth if name in _PER_DEPTH else values
-        variables[name] = variable(dims, scaled, units, text)
-    coordinates: dict[str, Any] = {}
-    coordinates["time"] = variable("time", time, "s", "Time")
-    if any(values.ndim == 2 for values in rows.values()):
-        first = -(kernel.elements // 2)
-        x = kernel.spacing * np.arange(first, first + kernel.elements, dtype=float)
-        coordinates["x"] = variable("x", x, "m", "Position along the period")
-    counts = {
-        "solver_steps": march.ledger.steps,
-        "rejected_steps": march.ledger.rejected_steps,
-        "solves": march.ledger.solves,
-        "unknowns": march.contact.size,
-        "elements": kernel.elements,
-        "terms": march.creep.n_terms,
-    }
-    attributes: dict[str, str | float] = {
-        "solver": "springs",
-        "solver_reason": "nested contact",
-        "datum": kernel.datum,
-        "profile": line.profile,
-        "work": json.dumps(counts),
-    }
-    if "work_done" in rows:
-        attributes["energy_error"] = _energy_error(rows)
-    return xr.Dataset(variables, coordinates, attributes)
-
-
-def _energy_error(rows: dict[str, Floats]) -> float:
-    """Largest numerical energy error of the time steps, relative to the largest energy."""
-    error = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
-    largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
-    return float(np.abs(error).max()) / max(largest, np.finfo(float).tiny)
+    def _dataset(
+        self, time: Floats, rows: dict[str, Floats], counts: dict[str, int], solver: tuple[str, str]
+    ) -> xr.Dataset:
+        """Dataset of the rows (time,) or (time, element), per unit of depth."""
+        variables: dict[str, Any] = {}
+        for name, values in rows.items():
+            units, text = _VARIABLES[name]
+            dims = ("time", "x") if values.ndim == 2 else ("time",)
+            scaled = values * self.depth if name == "force" or units == "J" else values
+            variables[name] = variable(dims, scaled, units, text)
+        coordinates = {"time": variable("time", time, "s", "Time")}
+        if any(values.ndim == 2 for values in rows.values()):
+            coordinates["x"] = variable("x", self.kernel.position, "m", "Position along the period")
+        work = counts | {"elements": self.kernel.elements, "terms": self.creep.n_terms}
+        attributes = {"solver": solver[0], "solver_reason": solver[1], "datum": self.kernel.datum}
+        attributes |= {"profile": self.profile, "work": json.dumps(work)}
+        return xr.Dataset(variables, coordinates, attributes)

@@ -17,81 +17,28 @@ The theory keeps the contact width; it is the limit of small α. Beyond α_c the
 (2.31) is an extrapolation: ask for ``beyond="nan"`` to leave it out.
 """
 
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Complexes, Floats
-from labpipe.contact.line._profiles import cosine_amplitude
+from labpipe.contact.line._surface import cosine_amplitude
 from labpipe.contact.line.westergaard import from_displacement
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.variables import described
 
-_FEWEST = 8
-"""Samples of a record whose spectrum is asked for."""
 
-_UNEVEN = 1e-3
-"""Spread of the sampling interval, over itself, that still counts as even."""
-
-
-class Equilibrium(NamedTuple):
-    """Fully relaxed state of a cosine indenter.
-
-    Attributes
-    ----------
-    half_width : float [m]
-        a₀.
-    square : float
-        s₀² = sin²(πa₀/λ).
-    force : float [N]
-        F₀ for the given depth, eq. (2.22).
-    """
-
-    half_width: float
-    square: float
-    force: float
-
-
-def equilibrium(
-    material: Prony, tip_radius: float, period: float, mean_indentation: float, depth: float = 1.0
-) -> Equilibrium:
-    """Relaxed contact at a mean indentation Δ₀, eqs. (2.17) and (2.22).
-
-    Parameters
-    ----------
-    material : Prony
-        Its long-time modulus counts.
-    tip_radius, period : float [m]
-        R and λ.
-    mean_indentation : float [m]
-        Δ₀, above 0 and below h = λ²/(4π²R).
-    depth : float [m]
-        Out-of-plane contact length, summed over the tips.
-
-    Raises
-    ------
-    InputError
-        A length is not positive, the contact would be full, or the material is a liquid.
-
-    Examples
-    --------
-    >>> rubber = Prony(7.6e6, [], [], nu=0.5)
-    >>> state = equilibrium(rubber, 2e-3, 8e-3, 1e-4, 18e-3)
-    >>> round(state.force, 1), round(state.half_width * 1e3, 3)
-    (12.4, 0.418)
-    """
+def _relaxed_square(material: Prony, tip_radius: float, period: float, mean_indentation: float) -> float:
+    """s₀² = sin²(πa₀/λ) of the fully relaxed contact at a mean indentation Δ₀ [m], eq. (2.17)."""
     if not (np.isfinite(mean_indentation) and mean_indentation > 0.0):
         raise InputError(f"the mean indentation is {mean_indentation} m, expected a positive length")
     if material.is_liquid:
         raise InputError("the material flows (E_relaxed is 0): it has no equilibrium contact")
-    modulus = material.factor("contact") * material.E_relaxed
-    state = from_displacement(mean_indentation, tip_radius, period, modulus, "cosine")
-    half_width = float(state.half_width)
-    square = float(np.sin(np.pi * half_width / period) ** 2)
-    return Equilibrium(half_width, square, float(state.force) * depth)
+    state = from_displacement(mean_indentation, tip_radius, period, 1.0, "cosine")
+    return float(np.sin(np.pi * state.half_width / period) ** 2)
 
 
 def dynamic_stiffness(
@@ -103,13 +50,22 @@ def dynamic_stiffness(
     ----------
     frequency : array [Hz]
         f = ω/2π, not negative.
-    mean_indentation, tip_radius, period, depth : float [m]
-        As for :func:`equilibrium`.
+    mean_indentation : float [m]
+        Δ₀, above 0 and below h = λ²/(4π²R).
+    tip_radius, period : float [m]
+        R and λ.
+    depth : float [m]
+        Out-of-plane contact length, summed over the tips.
 
     Returns
     -------
     array of complex [N/m]
         The shape of ``frequency``.
+
+    Raises
+    ------
+    InputError
+        A length is not positive, the contact would be full, or the material is a liquid.
 
     Examples
     --------
@@ -118,11 +74,9 @@ def dynamic_stiffness(
     >>> float(np.round(stiffness[2].real / stiffness[0].real, 6))
     11.0
     """
-    state = equilibrium(material, tip_radius, period, mean_indentation)
-    omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
-    modulus = material.complex_modulus(omega, "contact")
-    # 2 ln(1/s) = -ln(s²).
-    return np.asarray(depth * np.pi * modulus / -np.log(state.square))
+    square = _relaxed_square(material, tip_radius, period, mean_indentation)
+    modulus = material.complex_modulus(2.0 * np.pi * np.asarray(frequency, dtype=float), "contact")
+    return np.asarray(depth * np.pi * modulus / -np.log(square))  # 2 ln(1/s) = -ln(s²)
 
 
 def dissipated_work(
@@ -140,12 +94,8 @@ def dissipated_work(
 
     Parameters
     ----------
-    material : Prony
-    frequency : array [Hz]
     amplitude : array [m]
         α, not negative; broadcast against ``frequency``.
-    mean_indentation, tip_radius, period, depth : float [m]
-        As for :func:`equilibrium`.
     beyond : {"formula", "nan"}
         Values beyond the tapping front, where the theory does not hold.
 
@@ -157,7 +107,11 @@ def dissipated_work(
     Raises
     ------
     InputError
-        An amplitude is negative or NaN, or as for :func:`equilibrium`.
+        An amplitude is negative or NaN, or as for :func:`dynamic_stiffness`.
+
+    See Also
+    --------
+    dynamic_stiffness : the other parameters.
 
     Examples
     --------
@@ -188,18 +142,17 @@ def dissipated_power(
 
     Parameters
     ----------
-    material : Prony
     time : array (n,) [s]
         Even, over whole cycles: the sample after the last would be the first again.
     displacement : array (n,) [m]
         Approach from first touch, positive into the surface; its mean is the mean indentation.
     tip_radius, period, depth : float [m]
-        As for :func:`equilibrium`.
+        As for :func:`dynamic_stiffness`.
 
     Raises
     ------
     InputError
-        The record is short, uneven or not finite, or as for :func:`equilibrium`.
+        The record is short, uneven or not finite, or as for :func:`dynamic_stiffness`.
 
     Examples
     --------
@@ -212,15 +165,15 @@ def dissipated_power(
     1.0
     """
     t, x = np.asarray(time, dtype=float), np.asarray(displacement, dtype=float)
-    if t.ndim != 1 or t.shape != x.shape or t.size < _FEWEST:
-        message = f"time has shape {t.shape}, displacement {x.shape}: expected {_FEWEST} or more samples of both"
-        raise InputError(message)
+    if t.ndim != 1 or t.shape != x.shape or t.size < 8:
+        raise InputError(f"time has shape {t.shape}, displacement {x.shape}: expected 8 or more samples of both")
     interval = np.diff(t)
     if not (np.isfinite(t).all() and np.isfinite(x).all() and float(interval.min()) > 0.0):
         raise InputError("times must rise, and times and displacements be finite numbers")
-    if float(np.ptp(interval)) > _UNEVEN * float(interval.mean()):
-        message = f"the samples are uneven ({interval.min():.4g} to {interval.max():.4g} s apart); interpolate them"
-        raise InputError(message)
+    if not np.allclose(interval, interval.mean(), rtol=5e-4, atol=0.0):
+        raise InputError(
+            f"the samples are uneven ({interval.min():.4g} to {interval.max():.4g} s apart); interpolate them"
+        )
     frequency = np.fft.rfftfreq(t.size, float(interval.mean()))[1:]
     line = 2.0 * np.abs(np.fft.rfft(x)[1:]) / t.size
     if t.size % 2 == 0:
@@ -236,12 +189,9 @@ def tapping_amplitude(
 
     It falls as the frequency rises.
 
-    Parameters
-    ----------
-    material : Prony
-    frequency : array [Hz]
-    mean_indentation, tip_radius, period : float [m]
-        As for :func:`equilibrium`.
+    See Also
+    --------
+    dynamic_stiffness : the parameters, and what is refused.
 
     Examples
     --------
@@ -250,8 +200,8 @@ def tapping_amplitude(
     >>> float(np.round(slow / fast, 6))
     11.0
     """
-    state = equilibrium(material, tip_radius, period, mean_indentation)
-    reserve = mean_indentation - cosine_amplitude(tip_radius, period) * state.square
+    square = _relaxed_square(material, tip_radius, period, mean_indentation)
+    reserve = mean_indentation - cosine_amplitude(tip_radius, period) * square
     omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
     return np.asarray(material.E_relaxed * reserve / np.abs(material.complex_modulus(omega)))
 
@@ -267,17 +217,11 @@ def dissipation_map(
 ) -> xr.Dataset:
     """Dissipated work over frequency and amplitude with the tapping front (thesis figure 2.6).
 
-    Parameters
-    ----------
-    frequency : array (frequency,) [Hz]
-    amplitude : array (amplitude,) [m]
-
     Returns
     -------
     Dataset
-        ``dissipated_work`` (frequency, amplitude) [J], NaN beyond the front;
-        ``dimensionless_work`` (frequency, amplitude), eq. (2.40); ``tapping_amplitude``
-        (frequency,) [m].
+        Over ``frequency`` [Hz] and ``amplitude`` [m]: ``dissipated_work`` [J], NaN beyond the front, and
+        ``dimensionless_work``, eq. (2.40); over ``frequency``: ``tapping_amplitude`` [m].
 
     See Also
     --------
@@ -310,13 +254,7 @@ def dissipation_map(
 
 
 def dimensionless_frequency(frequency: ArrayLike, characteristic_time: float) -> Floats:
-    """Return f̃ = f τ₀, eq. (2.38).
-
-    Examples
-    --------
-    >>> float(dimensionless_frequency(0.5, 1.56e-10))
-    7.8e-11
-    """
+    """Return f̃ = f τ₀ of a frequency [Hz] and a characteristic time [s], eq. (2.38)."""
     return np.asarray(frequency, dtype=float) * characteristic_time
 
 
@@ -326,11 +264,5 @@ def dimensionless_length(length: ArrayLike, tip_radius: float) -> Floats:
 
 
 def dimensionless_work(work: ArrayLike, material: Prony, tip_radius: float, period: float, depth: float) -> Floats:
-    """Return W̃ = W/(E_relaxed λ R d) of a work [J] on a contact length d [m].
-
-    Notes
-    -----
-    Eq. (2.40) leaves out d: its W is per unit depth.
-    """
-    scale = material.E_relaxed * period * tip_radius * depth
-    return np.asarray(work, dtype=float) / scale
+    """Return W̃ = W/(E_relaxed λ R d) of a work [J] on a contact length d [m]; in eq. (2.40) W is per unit of d."""
+    return np.asarray(work, dtype=float) / (material.E_relaxed * period * tip_radius * depth)

@@ -24,7 +24,6 @@ References
    https://doi.org/10.1017/CBO9781139171731.
 """
 
-from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -32,30 +31,18 @@ from numpy.typing import ArrayLike
 from scipy.special import spence
 
 from labpipe.arrays import Floats
-from labpipe.contact.line._profiles import cosine_amplitude
+from labpipe.contact.line._surface import cosine_amplitude
 from labpipe.errors import InputError
 
 Profile = Literal["cosine", "parabola"]
 
-# Bisection in ln(a/(λ/2 − a)) from one end of double precision to the other.
-_LOGIT_BOUND = 350.0
-_BISECTIONS = 80
 _BELOW_ONE = float(np.nextafter(1.0, 0.0))
-_SERIES_BELOW = 0.05
-_SERIES_TERMS = 12
 
 
 class LineContact(NamedTuple):
-    """An elastic state of contact; every member has the shape of the argument.
+    """An elastic state of contact, arrays of one shape.
 
-    Attributes
-    ----------
-    half_width : array [m]
-    displacement : array [m]
-        Approach relative to the mean surface.
-    force : array [N/m]
-        Per tip and unit depth.
-    peak_pressure : array [Pa]
+    Half width [m]; approach [m] relative to the mean surface; force [N/m] per tip and unit depth; peak pressure [Pa].
     """
 
     half_width: Floats
@@ -91,7 +78,8 @@ def from_half_width(
     >>> round(float(state.force), 12), round(float(state.displacement), 12)
     (0.055158900038, 0.02691834184)
     """
-    _require_known(profile)
+    if profile not in ("cosine", "parabola"):
+        raise InputError(f'no closed form for the profile "{profile}"; use "parabola" or "cosine"')
     a = np.asarray(half_width, dtype=float)
     if not np.all((a >= 0.0) & (a < 0.5 * period)):
         raise InputError(f"half widths of a periodic contact lie from 0 to below half a period, found {a}")
@@ -138,11 +126,15 @@ def from_displacement(
             f"{full * 1e6:.4g} µm"
         )
 
-    def excess(a: Floats) -> Floats:
-        return from_half_width(a, tip_radius, period, 1.0, profile).displacement - approach
-
-    half_width = np.where(approach > 0.0, _bisected(excess, approach.shape, period), 0.0)
-    return from_half_width(half_width, tip_radius, period, reduced_modulus, profile)
+    # Bisection in ln(a/(λ/2 − a)), from one end of double precision to the other.
+    low, high = np.full(approach.shape, -350.0), np.full(approach.shape, 350.0)
+    half_width = np.zeros(approach.shape)
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        half_width = np.minimum(0.5 * period / (1.0 + np.exp(-middle)), np.nextafter(0.5 * period, 0.0))
+        below = from_half_width(half_width, tip_radius, period, 1.0, profile).displacement < approach
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return from_half_width(np.where(approach > 0.0, half_width, 0.0), tip_radius, period, reduced_modulus, profile)
 
 
 def pressure(
@@ -179,33 +171,13 @@ def full_contact(tip_radius: float, period: float, profile: Profile = "parabola"
     return period**2 / (24.0 * tip_radius)
 
 
-def _require_known(profile: str) -> None:
-    if profile not in ("cosine", "parabola"):
-        raise InputError(f'no closed form for the profile "{profile}"; use "parabola" or "cosine"')
-
-
 def _dilogarithm_rest(z: Floats) -> Floats:
     """π²/6 − Li2(1 − z) = ln z ln(1 − z) + Li2(z), to full relative accuracy from z = 0 on."""
-    small = np.minimum(z, _SERIES_BELOW)
+    small = np.minimum(z, 0.05)
     series = np.zeros_like(z)
-    for n in range(_SERIES_TERMS, 0, -1):
+    for n in range(12, 0, -1):
         series = small * (series + 1.0 / n**2)
     logarithm = np.log(np.maximum(small, np.finfo(float).tiny))
     near = logarithm * np.log1p(-small) + series
     # spence(z) is the dilogarithm of 1 − z.
-    return np.where(z < _SERIES_BELOW, near, np.pi**2 / 6.0 - spence(z))
-
-
-def _bisected(excess: Callable[[Floats], Floats], shape: tuple[int, ...], period: float) -> Floats:
-    """Half width where an increasing function changes sign, to the last digits."""
-    low, high = np.full(shape, -_LOGIT_BOUND), np.full(shape, _LOGIT_BOUND)
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        below = excess(_width_at(middle, period)) < 0.0
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return _width_at(0.5 * (low + high), period)
-
-
-def _width_at(logit: Floats, period: float) -> Floats:
-    width = 0.5 * period / (1.0 + np.exp(-logit))
-    return np.asarray(np.minimum(width, np.nextafter(0.5 * period, 0.0)))
+    return np.where(z < 0.05, near, np.pi**2 / 6.0 - spence(z))

@@ -37,8 +37,9 @@ COUNTER_BODIES = {
         403e9,
         0.235,
         10e9,
-        "average over all directions (Voigt, Reuss, Hill) of the single crystal's constants: T. Goto, O. L. Anderson, "
-        "I. Ohno, S. Yamamoto, J. Geophys. Res. 94 (1989) 7588, doi:10.1029/JB094iB06p07588; u covers the orientation",
+        "Hill's average over all directions of the single crystal's constants C11 497, C12 163, C13 116, |C14| 22, "
+        "C33 501, C44 147 GPa at 300 K: T. Goto, O. L. Anderson, I. Ohno, S. Yamamoto, J. Geophys. Res. 94 (1989) "
+        "7588, doi:10.1029/JB094iB06p07588; u is wider than the bounds of Voigt and Reuss, 398 and 408 GPa",
     )
 }
 

@@ -15,10 +15,11 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
+from labpipe.contact.march import Control, March
 from labpipe.contact.memory import Creep, checked_history, checked_load
 from labpipe.contact.sphere._counter_body import Substrate, counter_compliance
 from labpipe.contact.sphere.hertz import static_approach, static_load
-from labpipe.contact.springs import Control, March, NotNestedError, SpringBed, sphere_bed
+from labpipe.contact.springs import NotNestedError, sphere_bed
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, si
@@ -97,13 +98,12 @@ def load_sphere(
     >>> np.round(found.approach.values * 1e6, 3)
     array([4.116, 6.534])
     """
-    material, radius = solid(material), si(radius, "m", "radius")
     times, loads = checked_load(time, load)
-    creep = Creep.of(material).on(counter_compliance(substrate))
+    creep, radius = Creep.of(solid(material)).on(counter_compliance(substrate)), si(radius, "m", "radius")
     softest = float(creep.compliance(float(times[-1] - times[0])))
     largest = max(float(loads.max()), np.finfo(float).tiny)
     reach = float(static_load(largest, radius, 1.0 / softest).contact_radius)
-    return _run(_bed(radius, reach, springs, profile), creep, times, loads, "force", rtol)
+    return _run(creep, radius, reach, profile, springs, times, loads, "force", rtol)
 
 
 def press_sphere(
@@ -136,12 +136,11 @@ def press_sphere(
     >>> round(float(found.force[1] / (4 / 3 * 1e-3)), 4)
     0.7236
     """
-    material, radius = solid(material), si(radius, "m", "radius")
     times, depth = checked_history(time, approach, "approach")
+    creep, radius = Creep.of(solid(material)).on(counter_compliance(substrate)), si(radius, "m", "radius")
     deepest = max(float(depth.max()), np.finfo(float).tiny)
     reach = float(static_approach(deepest, radius, 1.0).contact_radius)
-    creep = Creep.of(material).on(counter_compliance(substrate))
-    return _run(_bed(radius, reach, springs, profile), creep, times, depth, "displacement", rtol)
+    return _run(creep, radius, reach, profile, springs, times, depth, "displacement", rtol)
 
 
 def sphere_gap(position: Floats, radius: float) -> Floats:
@@ -157,24 +156,29 @@ def sphere_gap(position: Floats, radius: float) -> Floats:
     return np.asarray(position * np.arctanh(position / radius))
 
 
-def _bed(radius: float, reach: float, springs: int, profile: Profile) -> SpringBed:
+def _run(
+    creep: Creep,
+    radius: float,
+    reach: float,
+    profile: Profile,
+    springs: int,
+    time: Floats,
+    value: Floats,
+    control: Control,
+    rtol: float | None,
+) -> xr.Dataset:
+    """March springs out to a contact radius ``reach`` [m] through a checked history."""
     if springs < 10:
         raise InputError(f"{springs} springs cannot resolve a contact; give at least 10")
     if str(profile) not in ("parabola", "sphere"):
         raise InputError(f'profile "{profile}" is unknown; use "parabola" or "sphere"')
-    if profile == "parabola":
-        return sphere_bed(radius, _SPARE_REACH * reach, springs)
-    spare = _SPARE_REACH * reach * (1.0 + 2.0 / springs)
-    if spare >= radius:
+    if profile == "sphere" and _SPARE_REACH * reach * (1.0 + 2.0 / springs) >= radius:
         raise InputError(
             f"the contact would be as wide as the sphere ({reach:.4g} m against a radius of "
             f"{radius:.4g} m); reduce the load or the approach"
         )
-    return sphere_bed(radius, _SPARE_REACH * reach, springs, gap=lambda x: sphere_gap(x, radius))
-
-
-def _run(bed: SpringBed, creep: Creep, time: Floats, value: Floats, control: Control, rtol: float | None) -> xr.Dataset:
-    march = March(bed, creep, control, rtol)
+    gap = (lambda x: sphere_gap(x, radius)) if profile == "sphere" else None
+    march = March(sphere_bed(radius, _SPARE_REACH * reach, springs, gap), creep, control, rtol)
     try:
         answers = [state.answer for state in march.run(time, value)]
     except NotNestedError:
@@ -188,13 +192,7 @@ def _run(bed: SpringBed, creep: Creep, time: Floats, value: Floats, control: Con
         "force": ("N", "Normal force", [a.force for a in answers]),
         "contact_radius": ("m", "Contact radius", [a.half_width for a in answers]),
     }
-    counts = {
-        "solver_steps": march.ledger.steps,
-        "rejected_steps": march.ledger.rejected_steps,
-        "solves": march.ledger.solves,
-        "springs": bed.size,
-        "terms": creep.n_terms,
-    }
+    counts = march.counts | {"springs": march.contact.size, "terms": creep.n_terms}
     return xr.Dataset(
         {name: variable("time", np.array(values), units, text) for name, (units, text, values) in columns.items()},
         {"time": variable("time", time, "s", "Time")},

@@ -1,4 +1,4 @@
-r"""Elastic contact of a sphere: static state, impact, and the dashpot sphere's restitution.
+r"""Elastic contact of a sphere: static state and impact.
 
 Notation: reduced modulus E* = E/(1 − ν²) of an elastic body on a rigid one, radius R, mass m,
 impact speed v. Gravity is neglected in the impacts (it is a small shift).
@@ -7,8 +7,6 @@ References
 ----------
 .. [1] H. Hertz, J. reine angew. Math. 92 (1882) 156; K. L. Johnson, Contact Mechanics, 1985,
    sections 4.2 and 11.4, https://doi.org/10.1017/CBO9781139171731.
-.. [2] P. Müller, T. Pöschel, Collision of viscoelastic spheres, Phys. Rev. E 84 (2011) 021302,
-   https://doi.org/10.1103/PhysRevE.84.021302.
 """
 
 from typing import NamedTuple
@@ -24,21 +22,9 @@ from labpipe.units import require_positive
 CONTACT_TIME = float(0.8 * beta(0.4, 0.5))
 """Duration of an elastic impact in units of (largest approach)/(impact speed): 2.9432751843."""
 
-# Padé coefficients in v* = sqrt(b), reference [2].
-_PADE_ABOVE = (1.0, 0.501086)
-_PADE_BELOW = (1.0, 0.501086, 1.15345, 0.577977, 0.532178)
-
 
 class SphereContact(NamedTuple):
-    """A static state; every member has the shape of the argument.
-
-    Attributes
-    ----------
-    approach : array [m]
-    contact_radius : array [m]
-    force : array [N]
-    mean_pressure, peak_pressure : array [Pa]
-    """
+    """A static state: approach and contact radius [m], force [N], mean and peak pressure [Pa], arrays of one shape."""
 
     approach: Floats
     contact_radius: Floats
@@ -48,15 +34,7 @@ class SphereContact(NamedTuple):
 
 
 class Impact(NamedTuple):
-    """An elastic impact; every member has the shape of the arguments.
-
-    Attributes
-    ----------
-    peak_approach : array [m]
-    peak_force : array [N]
-    peak_contact_radius : array [m]
-    contact_duration : array [s]
-    """
+    """An elastic impact: peak approach [m], force [N] and contact radius [m], and its duration [s], of one shape."""
 
     peak_approach: Floats
     peak_force: Floats
@@ -154,34 +132,6 @@ def drop_speed(height: ArrayLike, gravity: float = 9.81) -> Floats:
     0.1716
     """
     return np.asarray(np.sqrt(2.0 * gravity * _not_negative("height", height, "m")))
-
-
-def dashpot_restitution(damping: ArrayLike) -> Floats:
-    """Coefficient of restitution of a dashpot sphere, Padé form of Müller and Pöschel.
-
-    Parameters
-    ----------
-    damping : array
-        Dimensionless b, see :func:`damping_ratio`.
-
-    Returns
-    -------
-    array
-        Restitution, read where the force vanishes. Within 5e-5 of the exact one up to b = 0.1,
-        2e-3 at 0.5, 9e-3 at 3.
-
-    Notes
-    -----
-    A short-memory law; it is not the hereditary solid of the other modules.
-
-    Examples
-    --------
-    >>> float(np.round(dashpot_restitution(0.1), 3))
-    0.893
-    """
-    root = np.sqrt(_not_negative("damping", damping, "1"))
-    above = np.polynomial.polynomial.polyval(root, _PADE_ABOVE)
-    return np.asarray(above / np.polynomial.polynomial.polyval(root, _PADE_BELOW))
 
 
 def _state(contact_radius: Floats, radius: float, force: Floats) -> SphereContact:

@@ -68,7 +68,6 @@ def test_adhesion_is_negligible_for_the_sphere_of_the_drops_and_not_for_soft_dus
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: jkr(-1.0, R, E, W), "contact_radius"),
         (lambda: jkr(1e-3, R, E, -1.0), "work"),
         (lambda: jkr_at_force(-1.0, R, E, W), "holds"),
         (lambda: tabor(0.0, E, W), "radius"),

@@ -38,6 +38,33 @@ def test_a_viscoelastic_sphere_on_an_elastic_body_is_that_of_ting() -> None:
     assert float(found.force.max()) < 0.97 * float(rigid.force.max())
 
 
+def test_sapphire_is_the_average_of_its_single_crystal() -> None:
+    """Voigt and Reuss bound Hill's average, from the constants that the source states (trigonal, GPa)."""
+    C11, C12, C13, C14, C33, C44 = 497.0, 163.0, 116.0, -22.0, 501.0, 147.0
+    stiffness = np.array([
+        [C11, C12, C13, C14, 0.0, 0.0],
+        [C12, C11, C13, -C14, 0.0, 0.0],
+        [C13, C13, C33, 0.0, 0.0, 0.0],
+        [C14, -C14, 0.0, C44, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, C44, C14],
+        [0.0, 0.0, 0.0, 0.0, C14, 0.5 * (C11 - C12)],
+    ])  # fmt: skip
+    bulk, shear = [], []
+    for matrix, is_stiffness in ((stiffness, True), (np.linalg.inv(stiffness), False)):
+        normal, shearing = matrix[:3, :3], np.trace(matrix[3:, 3:])
+        trace, others = np.trace(normal), normal.sum() - np.trace(normal)
+        bulk.append((trace + others) / 9 if is_stiffness else 1 / (trace + others))
+        shear.append(
+            (trace - others / 2 + 3 * shearing) / 15 if is_stiffness else 15 / (4 * trace - 2 * others + 3 * shearing)
+        )
+    young = [9 * K * G / (3 * K + G) for K, G in zip(bulk, shear, strict=True)]
+    K, G = np.mean(bulk), np.mean(shear)
+    sapphire = COUNTER_BODIES["sapphire"]
+    assert pytest.approx(1e9 * 9 * K * G / (3 * K + G), rel=1e-4) == sapphire.E
+    assert sapphire.nu == pytest.approx((3 * K - 2 * G) / (6 * K + 2 * G), abs=5e-4)
+    assert sapphire.u_E > 1e9 * np.ptp(young) / 2
+
+
 def test_sapphire_takes_about_a_percent() -> None:
     """Below acrylic; a batch and a single drop have the same counter-body."""
     assert COUNTER_BODIES["sapphire"].compliance == pytest.approx(1 / 426.6e9, rel=1e-3)

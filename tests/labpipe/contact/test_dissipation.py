@@ -16,17 +16,6 @@ RUBBER = Prony(7.6e6, [30e6, 60e6], [1e-2, 1e-4], nu=0.5)
 GEOMETRY = (0.05 * RADIUS, RADIUS, PERIOD)
 
 
-def test_critical_amplitude_falls_with_frequency() -> None:
-    frequency = np.logspace(-3, 7, 60)
-    front = dissipation.tapping_amplitude(RUBBER, frequency, *GEOMETRY)
-    assert np.all(np.diff(front) < 0.0)
-    beta = RUBBER.E_unrelaxed / RUBBER.E_relaxed
-    assert front[0] / front[-1] == pytest.approx(beta, rel=1e-4)
-    # For a narrow contact the slow limit is the mean indentation itself.
-    narrow = dissipation.tapping_amplitude(RUBBER, 0.0, 1e-9, RADIUS, PERIOD)
-    assert float(narrow) == pytest.approx(1e-9, rel=0.06)
-
-
 def test_map_leaves_out_what_lies_beyond_the_front() -> None:
     amplitude = np.linspace(1e-6, 2e-4, 40)
     found = dissipation.dissipation_map(RUBBER, [0.1, 1e3], amplitude, *GEOMETRY, DEPTH)
@@ -36,18 +25,6 @@ def test_map_leaves_out_what_lies_beyond_the_front() -> None:
     scale = RUBBER.E_relaxed * PERIOD * RADIUS * DEPTH
     scaled = found.dissipated_work.values / scale
     assert np.nanmax(np.abs(found.dimensionless_work.values - scaled)) == 0.0
-
-
-def test_dimensionless_helpers_match_the_thesis() -> None:
-    assert float(dissipation.dimensionless_frequency(0.5, 1.56e-10)) == pytest.approx(0.78e-10, rel=1e-6, abs=0.0)
-    assert float(dissipation.dimensionless_frequency(2.0, 1.56e-10)) == pytest.approx(3.12e-10, rel=1e-6, abs=0.0)
-    assert float(dissipation.dimensionless_length(1e-4, RADIUS)) == pytest.approx(0.05)
-
-
-@pytest.mark.parametrize("mean", [0.0, -1e-4, np.nan, 1e-3])
-def test_impossible_equilibria_are_refused(mean) -> None:
-    with pytest.raises(InputError):
-        dissipation.tapping_amplitude(RUBBER, 1.0, mean, RADIUS, PERIOD)
 
 
 def test_the_spectral_route_is_the_closed_form_and_adds_harmonics():

@@ -13,7 +13,7 @@ from labpipe.materials import Thermal, thermal
 SOLID = Thermal(1180.0, 1470.0, 0.19)
 
 
-@pytest.mark.parametrize("time", [1e-6, 1e-3, 1.0, 100.0])
+@pytest.mark.parametrize("time", [1e-6, 1.0])
 def test_a_hot_disc_is_the_sum_of_its_point_sources(time: float) -> None:
     flux, radius = 1e5, 1e-3
 
@@ -27,7 +27,7 @@ def test_a_hot_disc_is_the_sum_of_its_point_sources(time: float) -> None:
     assert float(flash_temperature(flux, radius, time, SOLID)) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("time", [0.1, 1.0, 30.0])
+@pytest.mark.parametrize("time", [0.1, 30.0])
 def test_a_hot_sphere_cools_as_the_sum_of_its_point_sources(time: float) -> None:
     radius = 1e-3
     four = 4.0 * SOLID.diffusivity * time

@@ -6,9 +6,6 @@ import pytest
 from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 
-# b, restitution where the force vanishes (integrated to 1e-10).
-DASHPOT = [(0.01, 0.9885474396), (0.05, 0.9443967792), (0.1, 0.8928588755)]
-
 
 def test_contact_time_is_that_of_the_literature() -> None:
     assert pytest.approx(2.9432751843, abs=5e-11) == hertz.CONTACT_TIME
@@ -26,11 +23,6 @@ def test_load_and_approach_invert_each_other() -> None:
     back = hertz.static_approach(state.approach, 9.525e-3, 3e9)
     assert back.force == pytest.approx(state.force, rel=1e-12, abs=0.0)
     assert state.peak_pressure == pytest.approx(1.5 * state.mean_pressure)
-
-
-@pytest.mark.parametrize(("damping", "expected"), DASHPOT)
-def test_pade_restitution_is_good_at_small_damping(damping, expected) -> None:
-    assert float(hertz.dashpot_restitution(damping)) == pytest.approx(expected, abs=5e-5)
 
 
 @pytest.mark.parametrize(

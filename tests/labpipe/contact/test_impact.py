@@ -1,11 +1,9 @@
 """The drop against independent references: Ting's integral, Hertz, and trains of bounces."""
 
 import json
-import warnings
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings, strategies as st
 
 from labpipe.contact import Plate, drop
 from labpipe.errors import InputError
@@ -14,13 +12,8 @@ from tests.rounding import rounding
 
 R, M, G, NU = 9.525e-3, 0.505, 9.81, 0.35
 SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=NU)
-_TAU = np.logspace(-10, 2, 15)
-_C = np.full(15, (1 / 2e9 - 1 / 6e9) / 15)
-PMMA15 = Prony.from_creep(2e9, _C, _TAU, nu=NU)
-# The four modes below 1e-7 s put into the instantaneous compliance: a material of its own.
-PMMA11 = Prony.from_creep(2e9, _C[4:], _TAU[4:], nu=NU)
+PMMA15 = Prony.from_creep(2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=NU)
 
-# Ting's integral, ten digits: e, F_max, delta_max, a_max, t_c
 # Ting's integral without gravity, scaled units: E0, rho, e, F_max, delta_max, t_c
 SCALED = [
     (0.0, 1.0, 0.236319011, 0.686561928, 1.305792728, 3.230946474),
@@ -32,15 +25,6 @@ SCALED = [
     (0.5, 0.1, 0.888301088, 0.817336991, 1.375703741, 4.187329810),
     (0.5, 1.0, 0.693615257, 0.920431315, 1.172785021, 3.417446749),
 ]
-# Trains by a prototype with 1600 even springs and a step tolerance of 1e-10, by number of bounce:
-# touch, t_c, v_in, e, F_max, a_max, delta_max
-SLS_TRAIN = {
-    1: (0.0, 1.115616e-3, 0.17155174, 0.72887820, 257.50634, 8.00166e-4, 6.721988e-5),
-    2: (0.026442691, 1.203487e-3, 0.12341829, 0.71789195, 174.17621, 7.05549e-4, 5.226261e-5),
-    3: (0.045524494, 1.309883e-3, 0.08678528, 0.70453813, 115.40150, 6.18225e-4, 4.012629e-5),
-    5: (0.068560063, 1.637895e-3, 0.03816118, 0.65656622, 46.375808, 4.62386e-4, 2.244679e-5),
-    6: (0.075008460, 1.973401e-3, 0.02213569, 0.58239721, 27.273076, 3.91531e-4, 1.609783e-5),
-}
 
 
 def fall_time(height):
@@ -84,22 +68,6 @@ def test_scaled_impacts_agree_with_ting(E0, rho, e, F, delta, t_c, solver):
     assert relative(result, "contact_duration", t_c) < 5e-5
 
 
-def test_sls_train_comes_to_rest_on_its_static_sag(sls_train):
-    assert sls_train.sizes["impact"] == 6
-    for number, (touch, _, v_in, e, F, a, delta) in SLS_TRAIN.items():
-        row = number - 1
-        assert float(sls_train.impact_time[row]) - fall_time(0.0015) == pytest.approx(touch, rel=1e-5, abs=1e-9)
-        assert relative(sls_train, "impact_speed", v_in, row) < 3e-5
-        assert relative(sls_train, "restitution", e, row) < 5e-5
-        assert relative(sls_train, "peak_force", F, row) < 2e-5
-        # The table's own radii are good to some 1e-4 in a train (compare its first with 3.7).
-        assert relative(sls_train, "peak_contact_radius", a, row) < 2e-4
-        assert relative(sls_train, "peak_approach", delta, row) < 2e-5
-    assert float(sls_train.approach[-1]) == pytest.approx(6.534380e-6, rel=2e-6)
-    assert float(sls_train.force[-1]) == pytest.approx(M * G, rel=1e-12)
-    assert float(sls_train.rest_time) > float(sls_train.final_contact_time) > 0.09
-
-
 def test_work_of_the_pmma_train_is_bounded(pmma_train):
     work = json.loads(pmma_train.attrs["work"])
     assert work["flights"] == 34
@@ -118,7 +86,6 @@ def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
         assert float(abs(total - energy).max()) < 1e-13 * energy
         assert result.attrs["energy_error"] < 1e-6
         assert float(abs(result.numerical_energy).max()) < 1e-4 * energy
-        assert result.attrs["energy_error"] < 1e-4
         assert np.all(np.diff(result.dissipated_energy) >= 0.0)
         assert float(result.dissipated_energy[0]) == 0.0
         assert float(result.force.min()) >= 0.0
@@ -154,14 +121,6 @@ def test_asked_times_agree_with_the_steps():
     np.testing.assert_allclose(at_nodes.force, same.force[::7], atol=1e-10)
 
 
-def test_without_folding_the_answer_is_the_same():
-    folded = first_impact(PMMA15, 0.0015)
-    full = first_impact(PMMA15, 0.0015, fold=False)
-    assert json.loads(full.attrs["work"])["terms"] == 15
-    assert relative(full, "restitution", float(folded.restitution[0])) < 1e-6
-    assert relative(full, "peak_force", float(folded.peak_force[0])) < 1e-6
-
-
 def test_a_liquid_sinks_for_ever():
     maxwell = Prony(0.0, [2e9], [1e-3], nu=NU)
     result = drop(maxwell, R, M, 0.0005, 0.5)
@@ -174,14 +133,6 @@ def test_a_liquid_sinks_for_ever():
     assert rate == pytest.approx(expected, rel=3e-4)
 
 
-def test_creep_at_rest_follows_the_compliance():
-    result = drop(PMMA15, R, M, 1e-6, 50.0, times=[1.0, 10.0, 50.0])
-    cubes = result.contact_radius.values**3
-    expected = 0.75 * R * M * G * PMMA15.creep(result.time.values) * (1 - NU**2)
-    np.testing.assert_allclose(cubes, expected, rtol=2e-3)
-    np.testing.assert_allclose(result.force, M * G, rtol=1e-12)
-
-
 def test_a_heavy_stiff_plate_is_rigid_and_a_light_one_takes_energy():
     rigid = first_impact(SLS, 0.0015)
     heavy = first_impact(SLS, 0.0015, plate=Plate(1e7, 50.0, 0.01))
@@ -192,17 +143,6 @@ def test_a_heavy_stiff_plate_is_rigid_and_a_light_one_takes_energy():
     total = sum(light[name] for name in light.data_vars if name.endswith("_energy"))
     assert float(abs(total - M * G * 0.0015).max()) < 1e-12 * M * G * 0.0015
     assert light.attrs["energy_error"] < 1e-6
-
-
-def test_bounces_on_a_ringing_plate_are_followed():
-    result = drop(PMMA15, R, M, 0.0015, 0.1, plate=Plate(20.0, 400.0, 0.02), times=None)
-    assert result.sizes["impact"] >= 2
-    assert np.all(np.diff(result.time) > 0.0)
-    assert float(result.force.min()) >= 0.0
-    touching = np.abs(result.force.values) > 0
-    assert touching.any()
-    free = result.approach.values[~touching]
-    assert free.max() < 1e-5
 
 
 def test_progress_is_reported():
@@ -226,16 +166,13 @@ def test_the_contact_may_outgrow_its_springs():
         ({"radius": 0.0}, "radius"),
         ({"mass": -1.0}, "mass"),
         ({"height": -1e-3}, "height"),
-        ({"height": np.nan}, "height"),
         ({"duration": np.inf}, "duration"),
         ({"gravity": 0.0}, "gravity"),
         ({"solver": "fem"}, "mdr, rings, thesis"),
         ({"profile": "cone"}, "parabola, sphere"),
         ({"rtol": 1e-12}, "rtol"),
-        ({"rtol": 0.5}, "rtol"),
         ({"times": [0.0, 0.0]}, "increase"),
         ({"times": [0.0, 99.0]}, "within"),
-        ({"times": []}, "increase"),
         ({"radius": "9.525 ± 0.005 mm"}, "states an uncertainty"),
         ({"radius": -0.009000000000000001}, "radius is -0.009 m,"),
         ({"diameter": "19.05 mm"}, 'give radius="9.525 mm"'),
@@ -245,22 +182,14 @@ def test_the_contact_may_outgrow_its_springs():
         ({"ring_width": -1.0, "solver": "rings"}, "ring_width"),
         ({"solver": "thesis", "plate": Plate(1.0, 100.0)}, "rigid"),
         ({"max_steps": 20}, "max_steps"),
+        ({"material": Prony(1e3, [], [], nu=NU)}, "wider than the sphere"),
+        ({"material": Prony(2e9, [], [], nu=NU), "height": 1e-9, "duration": 100.0}, "elastic sphere never stops"),
     ],
 )
 def test_bad_input_is_refused_with_the_reason(change, message):
-    arguments = {"radius": R, "mass": M, "height": 0.0015, "duration": 0.05} | change
+    arguments = {"material": SLS, "radius": R, "mass": M, "height": 0.0015, "duration": 0.05} | change
     with pytest.raises(InputError, match=message):
-        drop(SLS, **arguments)
-
-
-def test_a_contact_wider_than_the_sphere_is_refused():
-    with pytest.raises(InputError, match="wider than the sphere"):
-        drop(Prony(1e3, [], [], nu=NU), R, M, 0.0015, 0.1)
-
-
-def test_an_elastic_sphere_that_never_stops_is_refused_at_once():
-    with pytest.raises(InputError, match="elastic sphere never stops"):
-        drop(Prony(2e9, [], [], nu=NU), R, M, 1e-9, 100.0)
+        drop(**arguments)
 
 
 def test_a_duration_shorter_than_the_fall_is_a_fall():
@@ -268,41 +197,6 @@ def test_a_duration_shorter_than_the_fall_is_a_fall():
     assert result.sizes["impact"] == 0
     assert float(result.force.max()) == 0.0
     assert float(result.displacement[-1]) == pytest.approx(0.0015 - 0.5 * G * 1e-4, rel=1e-12)
-
-
-def _weights(count):
-    return st.lists(st.floats(0.01, 1.0), min_size=count, max_size=count)
-
-
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(
-    log_modulus=st.floats(6, 12),
-    log_ratio=st.floats(0.05, 4),
-    weights=st.integers(1, 6).flatmap(_weights),
-    log_tau=st.floats(-9, 1),
-    log_mass=st.floats(-6, 3),
-    log_height=st.floats(-9, 0),
-    nu=st.floats(0, 0.4999),
-)
-def test_any_drop_is_right_or_refused(log_modulus, log_ratio, weights, log_tau, log_mass, log_height, nu):
-    """Energy bounds the error; nothing is negative, nothing hangs."""
-    relaxed, mass, height = 10**log_modulus, 10**log_mass, 10**log_height
-    share = np.array(weights) / np.sum(weights)
-    C = share / relaxed * (1 - 10**-log_ratio)
-    tau = 10 ** (log_tau + np.arange(len(weights)))
-    material = Prony.from_creep(relaxed, C, tau, nu=nu)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            result = drop(material, 0.05, mass, height, 1.5 * fall_time(height), max_steps=4000)
-        except InputError:
-            return
-    assert result.attrs["energy_error"] < 5e-4 or caught
-    assert np.all(np.diff(result.dissipated_energy) >= 0.0)
-    assert float(result.force.min()) >= 0.0
-    assert np.all(np.isfinite(result.displacement))
-    # What the energies miss by is what a rebound may have too much.
-    assert np.all(result.restitution < 1.0 + result.attrs["energy_error"])
 
 
 @pytest.mark.parametrize("plate", [None, Plate(mass=5.0, frequency=200.0, damping_ratio=0.02)])

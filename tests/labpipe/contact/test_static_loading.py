@@ -9,30 +9,6 @@ from labpipe.materials import Prony
 
 RADIUS = 9.525e-3
 SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
-PMMA15 = Prony.from_creep(2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35)
-
-
-def test_load_steps_of_the_static_test_superpose_while_the_contact_grows() -> None:
-    """F(a)·J: a³ is the hereditary integral of the load (exact for growing contact)."""
-    minutes = np.array([0.0, 2.55, 2.55, 18.20, 18.20, 33.10, 33.10, 47.55, 47.55, 60.0])
-    kilograms = np.array([0.5, 0.5, 2.5, 2.5, 3.5, 3.5, 4.5, 4.5, 5.5, 5.5])
-    time, load = 60.0 * minutes, 9.81 * kilograms
-    found = load_sphere(PMMA15, RADIUS, time, load)
-    starts, steps = 60.0 * minutes[[0, 2, 4, 6, 8]], 9.81 * np.array([0.5, 2.0, 1.0, 1.0, 1.0])
-    creep = sum(
-        step * PMMA15.creep(np.maximum(time - start, 0.0)) * (np.arange(10) >= first)
-        for start, step, first in zip(starts, steps, [0, 2, 4, 6, 8], strict=True)
-    )
-    cube = 0.75 * RADIUS * creep * (1 - 0.35**2)
-    assert found.contact_radius.values == pytest.approx(np.cbrt(cube), rel=3e-5)
-
-
-def test_load_and_approach_histories_invert_each_other() -> None:
-    time = np.linspace(0.0, 2e-3, 101)
-    depth = 5e-5 * np.sin(np.pi * time / 2.5e-3)
-    pressed = press_sphere(SLS, RADIUS, time, depth, springs=400)
-    loaded = load_sphere(SLS, RADIUS, time, pressed.force, springs=400)
-    assert loaded.approach.values == pytest.approx(depth, abs=5e-5 * 2e-4)
 
 
 def test_exact_sphere_differs_by_the_known_amount() -> None:

@@ -1,42 +1,73 @@
-"""The thesis's scheme: it converges to the springs, slowly, and says what it cannot do."""
+"""The thesis's scheme, of spheres and lines: it converges to the springs, slowly, and says what it cannot do."""
 
 import json
 
 import numpy as np
 import pytest
 
-from labpipe.contact import drop
+from labpipe.contact import drop, indent
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
 SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
-FALL = float(np.sqrt(2 * 1.5e-3 / 9.81))
-SPHERE = {"radius": 9.525e-3, "mass": 0.505, "height": 1.5e-3}
+SLOW = Prony.from_creep(2e9, [0.25e-9], [0.05], nu=0.35)
+SPHERE = {"radius": 9.525e-3, "mass": 0.505, "height": 1.5e-3, "duration": 0.0195, "solver": "thesis"}
+LINE = {"profile": "cosine", "solver": "thesis"}
+GEOMETRY = (2e-3, 8e-3, 1.0)
 
 
-def first_impact(time_step, ring_width=4e-5):
-    return drop(SLS, **SPHERE, duration=FALL + 2e-3, solver="thesis", time_step=time_step, ring_width=ring_width)
+def ramp_and_return(steps: int) -> tuple[np.ndarray, np.ndarray]:
+    time = np.linspace(0.0, 0.4, steps + 1)
+    return time, 1e-4 * np.sin(np.pi * time / 0.4)
 
 
-def test_the_thesis_time_step_is_percents_off():
-    result = first_impact(2e-4)
+def error(steps: int) -> float:
+    time, depth = ramp_and_return(steps)
+    plain, ours = (
+        indent(SLOW, *GEOMETRY, time, depth, profile="cosine", elements=128, solver=solver)
+        for solver in ("thesis", "springs")
+    )
+    return float(np.abs(plain.force - ours.force).max() / ours.force.max())
+
+
+def test_a_drop_in_steps_of_the_thesis_is_percents_off() -> None:
+    result = drop(SLS, **SPHERE)
     assert 0.01 < abs(float(result.peak_force[0]) / 257.5063769 - 1) < 0.2
     assert abs(float(result.restitution[0]) / 0.7288782966 - 1) < 0.2
-
-
-def test_its_work_grows_with_the_square_of_the_steps():
-    products = [json.loads(first_impact(dt).attrs["work"])["history_products"] for dt in (2e-5, 1e-5)]
-    assert products[1] / products[0] == pytest.approx(4.0, rel=0.05)
-
-
-def test_the_fall_comes_first_and_times_may_be_asked_for():
-    result = first_impact(2e-5)
     assert float(result.displacement[0]) == 1.5e-3
     assert np.all(np.diff(result.time) > 0)
-    asked = drop(SLS, **SPHERE, duration=0.02, solver="thesis", times=[0.0, 0.01, 0.02])
+    asked = drop(SLS, **SPHERE, times=[0.0, 0.01, 0.019])
     assert asked.displacement.values[1] == pytest.approx(1.5e-3 - 0.5 * 9.81 * 1e-4, abs=1e-6)
 
 
-def test_an_hour_of_history_is_refused():
+def test_a_line_converges_to_first_order() -> None:
+    coarse, fine = error(40), error(160)
+    assert 3.0 < coarse / fine < 5.0
+    assert coarse > 1e-2
+
+
+def test_its_work_grows_with_the_square_of_the_steps() -> None:
+    drops = [drop(SLS, **SPHERE, time_step=dt).attrs["work"] for dt in (2e-5, 1e-5)]
+    lines = [indent(SLOW, *GEOMETRY, *ramp_and_return(n), elements=64, **LINE).work for n in (50, 100)]
+    for pair in (drops, lines):
+        products = [json.loads(work)["history_products"] for work in pair]
+        assert products[1] / products[0] == pytest.approx(4.0, rel=0.05)
+
+
+def test_an_elastic_line_is_as_wide_and_as_stiff_as_ours() -> None:
+    rubber = Prony(10.14e6, [], [], nu=0.3)
+    plain, ours = (
+        indent(rubber, *GEOMETRY, [0.0, 1.0], [1e-4, 2e-4], profile="cosine", elements=256, solver=solver)
+        for solver in ("thesis", "springs")
+    )
+    assert plain.force.values == pytest.approx(ours.force.values, rel=2e-3)
+    assert plain.contact_half_width.values == pytest.approx(ours.contact_half_width.values, abs=1.5 * 8e-3 / 256)
+
+
+def test_what_it_cannot_do_is_refused() -> None:
     with pytest.raises(InputError, match="time step"):
-        drop(SLS, **SPHERE, duration=10.0, solver="thesis", time_step=2e-6)
+        drop(SLS, **(SPHERE | {"duration": 10.0}), time_step=2e-6)
+    with pytest.raises(InputError, match="uniform"):
+        indent(SLOW, *GEOMETRY, [0.0, 1.0, 3.0], [0.0, 0.0, 0.0], **LINE)
+    with pytest.raises(InputError, match="outputs"):
+        indent(SLOW, *GEOMETRY, [0.0, 1.0], [0.0, 0.0], outputs=["energy"], **LINE)

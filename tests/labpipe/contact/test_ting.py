@@ -10,32 +10,19 @@ from tests.labpipe.contact.ting_solution import ting
 # Triangle t, 2 − t; F in units of (4/3)√R, and a²/R.
 SOFT = {
     0.1: (0.030516173064619, 0.1),
-    0.25: (0.11451088227227, 0.25),
     0.5: (0.29808021331168, 0.5),
-    0.75: (0.5062295832091, 0.75),
     1.0: (0.72359266566776, 1.0),
-    1.05: (0.62080010588599, 0.94765632600966),
     1.1: (0.52472764119916, 0.89021881612432),
     1.2: (0.35263839545418, 0.75717533691364),
-    1.3: (0.20785509440317, 0.59366841064398),
     1.4: (0.092806179861841, 0.38948330058915),
 }
 HALF = {
     0.1: (0.030427047013755, 0.1),
     0.5: (0.29926186268327, 0.5),
     1.0: (0.75500223601899, 1.0),
-    1.05: (0.65851072851287, 0.94750758262131),
     1.1: (0.56974199509347, 0.89012512192216),
     1.2: (0.41381368030125, 0.76206873618999),
     1.4: (0.1796082976273, 0.47129135974076),
-}
-SINE = {
-    0.1: (0.059701601498316, 0.15643446504023),
-    0.5: (0.49483656769377, 0.70710678118655),
-    1.0: (0.62984766912536, 1.0),
-    1.1: (0.5615611116323, 0.98609848138406),
-    1.2: (0.4656633461337, 0.93718853951133),
-    1.4: (0.22065209670755, 0.67966341960984),
 }
 TABLES = {
     "soft": (Prony(0.1, [0.9], [1.0], nu=0.0), SOFT, 1.542098051836172),
@@ -63,7 +50,7 @@ def test_ting_reproduces_the_triangle_to_all_digits(name) -> None:
 @pytest.mark.parametrize("name", TABLES)
 @pytest.mark.parametrize(
     ("steps", "springs", "rtol", "force_bound", "square_bound"),
-    [(50, 100, None, 2e-5, 2e-4), (200, 200, None, 2e-6, 1e-4), (50, 100, 1e-5, 1e-5, 2e-4)],
+    [(200, 200, None, 2e-6, 1e-4), (50, 100, 1e-5, 1e-5, 2e-4)],
 )
 def test_springs_reproduce_the_triangle(name, steps, springs, rtol, force_bound, square_bound) -> None:
     material, table, release = TABLES[name]
@@ -77,11 +64,3 @@ def test_springs_reproduce_the_triangle(name, steps, springs, rtol, force_bound,
     assert np.abs(found.contact_radius.values[rows] ** 2 - square).max() < square_bound
     last = time[np.flatnonzero(found.force.values > 0.0)[-1]]
     assert release - 1.0 / steps <= last <= release
-
-
-def test_half_sine_matches_the_table() -> None:
-    time = np.linspace(0.0, 2.0, 2001)
-    found = press_sphere(TABLES["soft"][0], 1.0, time, np.sin(0.5 * np.pi * time), springs=400, rtol=None)
-    rows = [round(1000 * t) for t in SINE]
-    force = np.array([row[0] for row in SINE.values()])
-    assert np.abs(found.force.values[rows] / (4 / 3) - force).max() < 2e-6

@@ -46,28 +46,8 @@ class TingResult(NamedTuple):
 def ting(material: Prony, radius: float, time: ArrayLike, approach: ArrayLike) -> TingResult:
     """Force and contact radius under a single rise and fall of the approach.
 
-    Parameters
-    ----------
-    material : Prony
-        Solid or liquid with relaxation terms; constant Poisson's ratio.
-    radius : float [m]
-        Of the sphere (parabolic gap).
-    time : array (time,) [s]
-        Strictly rising.
-    approach : array (time,) [m]
-        Starts at 0, rises to one maximum, then falls; linear between the samples.
-
-    Raises
-    ------
-    InputError
-        The history is not a single rise and fall that starts at 0, or time does not rise.
-
-    Examples
-    --------
-    >>> solid = Prony(0.1, [0.9], [1.0], nu=0.0)
-    >>> found = ting(solid, 1.0, [0.0, 1.0, 2.0], [0.0, 1.0, 0.0])
-    >>> float(np.round(found.force[1] / (4 / 3), 10))
-    0.7235926657
+    ``approach`` (time,) [m] starts at 0, rises to one maximum, then falls; linear between strictly rising times [s].
+    Other histories raise InputError.
     """
     times, depth = checked_history(time, approach, "approach")
     peak = int(np.argmax(depth))

@@ -2,7 +2,7 @@
 
 The history is linear between its samples; two samples at one time are a jump. Inside an interval
 the springs' load is taken linear in every step, the memory update is then exact for any step length
-(:mod:`labpipe.contact.memory._creep`), and what is left is the curvature of the load in time. It is
+(:mod:`labpipe.contact.memory`), and what is left is the curvature of the load in time. It is
 controlled by doing every step once whole and once in two halves (see ``March._pair``): the halves
 are kept, the difference must stay below a share of the force. It is of third order and what all
 steps leave of second, so that the share goes with the power 3/2 of ``rtol``. Steps shrink to the fastest
@@ -22,7 +22,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.contact.memory import Creep, StepWeights, advance, history, step_weights
-from labpipe.contact.springs._bed import Answer, NotNestedError, SpringBed
+from labpipe.contact.springs import Answer, NotNestedError, SpringBed
 from labpipe.errors import InputError
 
 Control = Literal["displacement", "force"]
@@ -33,29 +33,16 @@ _HELD_STEPS = 4
 # of the difference, measured on ramps, holds, oscillations and tapping of four materials.
 _STEP_SHARE = 8.0
 # Third-order local error: the factor on the step that would just meet the tolerance, with a margin.
-_ORDER = 1.0 / 3.0
-_MARGIN = 0.85
+_ORDER, _MARGIN = 1.0 / 3.0, 0.85
 _SHRINK, _GROW = 0.1, 4.0
 # Steps ten times shorter each that may look like a contact that is not nested.
 _UNNESTED_STEPS = 8
-# A last step shorter than this part of the one before is merged into it.
-_MERGE = 1.001
 _MAX_STEPS_PER_INTERVAL = 20_000
-_CACHED_WEIGHTS = 256
-
-
-@dataclass(slots=True)
-class Ledger:
-    """Counts of the work done."""
-
-    steps: int = 0
-    rejected_steps: int = 0
-    solves: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Where the contact stands: loads, memory, and the energies since the start.
+    """Loads and memory of the springs, and the energies since the start.
 
     ``work`` is the work of the indenter on the springs (trapezoids over the steps), and ``dissipated``
     the heat of the Kelvin elements, exact for the load path taken; both per unit depth for a line,
@@ -91,7 +78,9 @@ class March:
     control: Control
     rtol: float | None
     has_energy: bool = False
-    ledger: Ledger = field(default_factory=Ledger)
+    counts: dict[str, int] = field(
+        default_factory=lambda: dict.fromkeys(("solver_steps", "rejected_steps", "solves"), 0)
+    )
     samples_done: int = 0
     _weights: dict[tuple[float, bool], StepWeights] = field(default_factory=dict)
     _scale: float = 0.0
@@ -103,23 +92,29 @@ class March:
     def run(self, time: Floats, value: Floats) -> Iterator[State]:
         """Yield the state at every sample of the history.
 
-        ``time`` (time,) [s]: Never falling. ``value`` (time,) [m or N]: Displacement, or force per tip (and unit
-        depth). Raises InputError: The step control does not get through an interval.
+        ``time`` (time,) [s]: never falling; ``value`` (time,) [m or N]: displacement, or force per tip (and unit
+        depth). A step control that does not get through an interval raises InputError.
         """
         self._softest = float(self.creep.compliance(float(time[-1] - time[0])))
-        state = self._at_rest(float(value[0]))
-        state = self._jump(state, float(value[0]))
+        # A time below every relaxation time: a bound on the trace of the rates.
+        fastest = np.inf
+        if self.creep.rate.size:
+            flow = float(np.sum(self.creep.C / self.creep.tau)) + self.creep.fluidity
+            fastest = 1.0 / (float(self.creep.rate.max()) + flow / self.creep.instantaneous)
+        start = float(value[0]) if self.control == "displacement" else 0.0
+        answer = Answer(np.zeros(self.contact.size), 0.0, min(start, 0.0), 0.0)
+        zero = 0.0 if self.has_energy else np.nan
+        state = self._jump(State(answer, self.creep.rest(self.contact.size), zero, zero), float(value[0]))
         self.samples_done = 1
         yield state
-        suggested = self._fastest()
+        suggested = fastest
         for n in range(1, time.size):
             length = float(time[n] - time[n - 1])
             before, after = float(value[n - 1]), float(value[n])
             self._raise_scale(after)
             if length == 0.0:
                 if after != before:
-                    state = self._jump(state, after)
-                    suggested = self._fastest()
+                    state, suggested = self._jump(state, after), fastest
             elif self.rtol is None or self.creep.rate.size == 0:
                 state = self._single(state, length, after)
             else:
@@ -127,40 +122,39 @@ class March:
             self.samples_done = n + 1
             yield state
 
-    def _at_rest(self, value: float) -> State:
-        size = self.contact.size
-        start = value if self.control == "displacement" else 0.0
-        answer = Answer(np.zeros(size), 0.0, min(start, 0.0), 0.0)
-        zero = 0.0 if self.has_energy else np.nan
-        return State(answer, self.creep.rest(size), zero, zero)
+    def stored(self, state: State) -> float:
+        """Energy held elastically in all springs (per unit depth for a line)."""
+        inner, load = self.contact.inner, state.answer.load
+        kelvin = float(inner(state.memory, state.memory) @ self.creep.inverse)
+        return 0.5 * self.creep.instantaneous * float(inner(load, load)) + 0.5 * kelvin
 
     def _jump(self, state: State, value: float) -> State:
         """Move in no time: every Kelvin element keeps its length."""
         self._raise_scale(value)
-        weights = self._weights_of(0.0, hold=False)
-        answer = self._step(weights, state, value)
-        self.ledger.steps += 1
+        past = state.memory.sum(axis=0)
+        answer = self._solve(past, self.creep.instantaneous, value, state.answer)
+        self.counts["solver_steps"] += 1
         if np.any(answer.load != state.answer.load):
             self._held = _HELD_STEPS
         work = self._work(state, answer, state.memory) if self.has_energy else np.nan
         return State(answer, state.memory, state.work + work, state.dissipated)
 
     def _single(self, state: State, length: float, value: float) -> State:
+        """Cross one interval in one step; where a linear load rings, a constant one may not."""
         hold = self._held > 0
         self._held = max(self._held - 1, 0)
-        try:
-            return self._advance(state, length, value, hold=hold)
-        except NotNestedError:
-            if hold:
-                raise
-            # A linear load may ring where a constant one does not.
-            return self._advance(state, length, value, hold=True)
-
-    def _advance(self, state: State, length: float, value: float, *, hold: bool) -> State:
-        weights = self._weights_of(length, hold=hold)
-        answer = self._step(weights, state, value)
-        self.ledger.steps += 1
-        return self._accept(weights, state, answer, hold=hold)
+        while True:
+            weights = self._weights_of(length, hold=hold)
+            past = history(weights, state.memory, state.answer.load)
+            try:
+                answer = self._solve(past, weights.compliance, value, state.answer)
+            except NotNestedError:
+                if hold:
+                    raise
+                hold = True
+                continue
+            self.counts["solver_steps"] += 1
+            return self._accept(weights, state, answer, hold=hold)
 
     def _controlled(
         self, state: State, length: float, before: float, after: float, suggested: float
@@ -170,7 +164,7 @@ class March:
         slope = (after - before) / length
         for _ in range(_MAX_STEPS_PER_INTERVAL):
             left = length - elapsed
-            is_last = left <= step * _MERGE
+            is_last = left <= 1.001 * step  # no sliver is left
             dt = left if is_last else step
             middle_value = before + slope * (elapsed + 0.5 * dt)
             end_value = after if is_last else before + slope * (elapsed + dt)
@@ -185,10 +179,10 @@ class March:
                     raise
             factor = _MARGIN * min(max(error, 1e-12), 1e12) ** -_ORDER
             if error > 1.0:
-                self.ledger.rejected_steps += 1
+                self.counts["rejected_steps"] += 1
                 step = dt * min(max(factor, _SHRINK), _MARGIN)
                 continue
-            self.ledger.steps += 2
+            self.counts["solver_steps"] += 2
             half = self._weights_of(0.5 * dt, hold=False)
             state = self._accept(half, state, middle, hold=False)
             state = self._accept(half, state, end, hold=False)
@@ -208,7 +202,9 @@ class March:
         Halves of linear load alone never forget an error made while the force was much larger:
         they ring. Blending the second half with the whole step, 2:1, is the analogue of TR-BDF2
         for an exact memory: second order, and what rings is damped out in one step. It is the same
-        as a load that is linear in each half through the middle value returned here.
+        as a load that is linear in each half through the middle value returned here. The error is the
+        difference of the two solutions in units of the tolerance: springs that leave the contact carry no load in
+        either, but differ in how far they have crept, which counts as a load under slow loading.
         """
         start = state.answer
         one, half = self._weights_of(dt, hold=False), self._weights_of(0.5 * dt, hold=False)
@@ -224,67 +220,41 @@ class March:
         rigid = self.creep.instantaneous
         crept = past_end + (compliance - rigid) * end.load
         crept = crept - past_whole - (one.compliance - rigid) * whole.load
-        return middle._replace(load=path), end, self._error(whole, end, crept)
+        difference = np.abs(whole.load - end.load) + np.abs(crept) / self._softest
+        error = float(self.contact.stiffness @ difference) / max(end.force, self._scale, 1e-300)
+        if self.control == "force":
+            # Against the deepest approach: without load the surface recovers towards none.
+            self._deepest = max(self._deepest, end.displacement)
+            error = max(error, abs(whole.displacement - end.displacement) / self._deepest)
+        return middle._replace(load=path), end, error / (_STEP_SHARE * (self.rtol or 1.0) ** 1.5)
 
     def _solve(self, past: Floats, compliance: float, value: float, before: Answer) -> Answer:
-        self.ledger.solves += 1
+        self.counts["solves"] += 1
         solve = self.contact.press if self.control == "displacement" else self.contact.push
         return solve(past, compliance, value, before.displacement)
 
-    def _step(self, weights: StepWeights, state: State, value: float) -> Answer:
-        past = history(weights, state.memory, state.answer.load)
-        return self._solve(past, weights.compliance, value, state.answer)
-
     def _accept(self, weights: StepWeights, state: State, answer: Answer, *, hold: bool) -> State:
-        old = state.answer
-        memory = advance(weights, state.memory, old.load, answer.load)
+        memory = advance(weights, state.memory, state.answer.load, answer.load)
         if not self.has_energy:
             return State(answer, memory, np.nan, np.nan)
-        work = self._work(state, answer, memory)
         heat = self._heat(weights.dt, state, answer.load, hold=hold)
-        return State(answer, memory, state.work + work, state.dissipated + heat)
-
-    def _error(self, whole: Answer, halves: Answer, crept: Floats) -> float:
-        """Difference of the two solutions in units of the tolerance.
-
-        Springs that leave the contact carry no load in either, but differ in how far they have
-        ``crept``: as a load under slow loading, that counts too.
-        """
-        difference = np.abs(whole.load - halves.load) + np.abs(crept) / self._softest
-        force = max(halves.force, self._scale, 1e-300)
-        error = float(self.contact.stiffness @ difference) / force
-        if self.control == "force":
-            # Against the deepest approach: without load the surface recovers towards none.
-            self._deepest = max(self._deepest, halves.displacement)
-            error = max(error, abs(whole.displacement - halves.displacement) / self._deepest)
-        return error / (_STEP_SHARE * (self.rtol or 1.0) ** 1.5)
+        return State(answer, memory, state.work + self._work(state, answer, memory), state.dissipated + heat)
 
     def _raise_scale(self, value: float) -> None:
         """Keep the force that the slowest loading would show at the largest value so far."""
         if self.rtol is None or value <= self._highest:
             return
-        self._highest = value
-        if self.control == "force":
-            self._scale = value
-        else:
-            rest = np.zeros(self.contact.size)
-            self._scale = self.contact.press(rest, self._softest, value, 0.0).force
-
-    def _fastest(self) -> float:
-        """Return a time below every relaxation time (bound on the trace of the rates)."""
-        rates = self.creep.rate
-        if rates.size == 0:
-            return np.inf
-        flow = float(np.sum(self.creep.C / self.creep.tau)) + self.creep.fluidity
-        return 1.0 / (float(rates.max()) + flow / self.creep.instantaneous)
+        self._highest = self._scale = value
+        if self.control == "displacement":
+            self._scale = self.contact.press(np.zeros(self.contact.size), self._softest, value, 0.0).force
 
     def _weights_of(self, dt: float, *, hold: bool) -> StepWeights:
-        key = (dt, hold)
-        found = self._weights.get(key)
+        """Weights of a step, remembered: samples are often even."""
+        found = self._weights.get((dt, hold))
         if found is None:
-            if len(self._weights) >= _CACHED_WEIGHTS:
+            if len(self._weights) >= 256:
                 self._weights.clear()
-            found = self._weights[key] = step_weights(self.creep, dt, hold=hold)
+            found = self._weights[dt, hold] = step_weights(self.creep, dt, hold=hold)
         return found
 
     def _work(self, state: State, answer: Answer, memory: Floats) -> float:
@@ -294,31 +264,18 @@ class March:
         moved = moved + memory.sum(axis=0) - state.memory.sum(axis=0)
         return 0.5 * float(self.contact.inner(old + answer.load, moved))
 
-    def stored(self, state: State) -> float:
-        """Energy held elastically in all springs (per unit depth for a line)."""
-        inner, load = self.contact.inner, state.answer.load
-        kelvin = float(inner(state.memory, state.memory) @ self.creep.inverse)
-        return 0.5 * self.creep.instantaneous * float(inner(load, load)) + 0.5 * kelvin
-
     def _heat(self, dt: float, state: State, new_load: Floats, *, hold: bool) -> float:
         r"""Heat of one step, exactly: the integral of (q − w/C)² C/τ; never negative."""
         C, inner = self.creep.C, self.contact.inner
         old_load = new_load if hold else state.answer.load
-        lag = old_load - state.memory[: C.size] / C[:, None]
-        rise = new_load - old_load
-        first, cross, second = _heat_weights(dt / self.creep.tau)
+        lag, rise = old_load - state.memory[: C.size] / C[:, None], new_load - old_load
+        # ∫e^{-2s}, ∫e^{-s}(1-e^{-s})/x and ∫(1-e^{-s})²/x² over 0 < s < x = dt/τ.
+        x = dt / self.creep.tau
+        loss, first = -np.expm1(-x), -0.5 * np.expm1(-2.0 * x)
+        small = np.minimum(x, 0.05)
+        series = small * (1 / 3 - small * (1 / 4 - small * (7 / 60 - small * (1 / 24 - small * 31 / 2520))))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cross, second = 0.5 * loss**2 / x, np.where(x < 0.05, series, (x - 2.0 * loss + first) / x**2)
         heat = first * inner(lag, lag) + 2.0 * cross * inner(lag, rise) + second * inner(rise, rise)
         flow = inner(old_load, new_load) + inner(rise, rise) / 3.0
         return float(C @ np.maximum(heat, 0.0)) + self.creep.fluidity * dt * float(flow)
-
-
-def _heat_weights(x: Floats) -> tuple[Floats, Floats, Floats]:
-    """∫e^{-2s}, ∫e^{-s}(1-e^{-s})/x and ∫(1-e^{-s})²/x² over 0 < s < x = dt/τ."""
-    loss = -np.expm1(-x)
-    double = -0.5 * np.expm1(-2.0 * x)
-    small = np.minimum(x, 0.05)
-    series = small * (1 / 3 - small * (1 / 4 - small * (7 / 60 - small * (1 / 24 - small * 31 / 2520))))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        direct = (x - 2.0 * loss + double) / x**2
-        cross = 0.5 * loss**2 / x
-    return double, cross, np.where(x < 0.05, series, direct)

@@ -25,6 +25,7 @@ is first order in the contact width (staircase) and second order in force:
   at 20 strips per half width and 4e-8 at 100.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -32,15 +33,14 @@ from typing import NamedTuple
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.contact.springs._nested import NESTED_TOLERANCE, pressed, smooth_edge_force
+from labpipe.compilation import inner, lean
 from labpipe.errors import InputError
 
 # The edge of the contact lies this fraction of a strip inside the strip whose pressure vanishes
 # (limit of many strips; calibrated on the closed form of the parabola).
 EDGE_OFFSET = 0.17464
-# Iterations and relative tolerance of a displacement that carries a given force.
-_EDGE_ITERATIONS = 100
-_EDGE_TOLERANCE = 1e-13
+# Loads may differ from nested order by rounding only; relative tolerance of a displacement that carries a given force.
+_NESTED_TOLERANCE, _EDGE_TOLERANCE = 1e-9, 1e-13
 
 
 class NotNestedError(Exception):
@@ -107,24 +107,16 @@ class SpringBed:
     def push(self, history: Floats, compliance: float, force: float, before: float) -> Answer:
         """Solve at a prescribed force; at zero force the indenter just touches.
 
-        Raises NotNestedError: See :meth:`press`. Raises InputError: No contact within the bed carries the force.
+        The displacement is found by the secant method within a bracket; the force is continuous and made of a plain
+        sum, which is piecewise linear, and the edge's small part. It begins where the plain sum alone carries the
+        force, with the slope of that sum. Errors are those of :meth:`press`.
         """
         threshold = history + self.gap
         if force <= 0.0:
             return Answer(np.zeros(self.size), 0.0, float(threshold.min()), 0.0)
-        if np.any(np.diff(threshold) < -NESTED_TOLERANCE * np.abs(threshold).max()):
+        if np.any(np.diff(threshold) < -_NESTED_TOLERANCE * np.abs(threshold).max()):
             raise NotNestedError
         threshold = np.maximum.accumulate(threshold)
-        answer = self.press(history, compliance, self._inverse(threshold, compliance, force), before)
-        return answer._replace(force=force)
-
-    def _inverse(self, threshold: Floats, compliance: float, force: float) -> float:
-        """Displacement at which springs with these thresholds carry the force.
-
-        The secant method within a bracket; the force is continuous and made of a plain sum, which is
-        piecewise linear, and the edge's small part. It begins where the plain sum alone carries the
-        force, with the slope of that sum.
-        """
         stiffness = np.cumsum(self.stiffness)
         moment = np.cumsum(self.stiffness * threshold)
         target = force * compliance
@@ -142,7 +134,7 @@ class SpringBed:
         last = int(np.searchsorted(plain, target))
         displacement = (target + float(moment[last])) / float(stiffness[last])
         old, old_miss = np.nan, np.nan
-        for _ in range(_EDGE_ITERATIONS):
+        for _ in range(100):
             miss, slope = excess(displacement)
             if abs(miss) <= _EDGE_TOLERANCE * target:
                 break
@@ -155,7 +147,7 @@ class SpringBed:
                 displacement = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low
             if np.isfinite(high) and high - low <= _EDGE_TOLERANCE * abs(high):
                 break
-        return displacement
+        return self.press(history, compliance, displacement, before)._replace(force=force)
 
 
 def sphere_bed(radius: float, reach: float, springs: int, gap: Callable[[Floats], Floats] | None = None) -> SpringBed:
@@ -186,3 +178,114 @@ def sphere_bed(radius: float, reach: float, springs: int, gap: Callable[[Floats]
     gaps = position**2 / radius if gap is None else gap(position)
     limit = "the contact reaches the end of the springs; give a larger reach"
     return SpringBed(gaps, stiffness, position, 1, limit)
+
+
+@lean()
+def pressed(
+    gap: Floats,
+    stiffness: Floats,
+    edge: Floats,
+    history: Floats,
+    compliance: float,
+    displacement: float,
+    shrinks: bool,
+    load: Floats,
+) -> tuple[int, float, float]:
+    """Press a bed of springs to a displacement [m] and write their ``load`` (spring,).
+
+    Returns the number of springs in contact, -1 if they are not nested; their force (per reduced modulus, and depth of
+    a line); and the contact half width [m], NaN where every spring is in contact.
+    """
+    size, touched = gap.size, 0
+    for j in range(size):
+        load[j] = (displacement - history[j] - gap[j]) / compliance
+        if load[j] > 0.0:
+            touched += 1
+    force, half_width = 0.0, 0.0
+    for j in range(touched):
+        if load[j] <= 0.0 or (j > 0 and load[j] - load[j - 1] > _NESTED_TOLERANCE * load[0]):
+            return -1, force, half_width
+        force += stiffness[j] * load[j]
+    if touched == size:
+        half_width = math.nan
+    elif touched > 0:
+        share = _share(gap, load, touched, shrinks)
+        force += _edge_force(gap, stiffness, edge, load, touched, share)
+        half_width = _width(edge, touched, share)
+    for j in range(touched, size):
+        load[j] = 0.0
+    return touched, force, half_width
+
+
+@lean()
+def smooth_edge_force(gap: Floats, stiffness: Floats, edge: Floats, trial: Floats, touched: int) -> float:
+    """Force of the edge as :func:`pressed` adds it, but continuous as springs come and go.
+
+    The share is the place between the inner and the outer spring where the loads of either side,
+    linear in the gap, reach zero; the two add up to the cell in a contact that neither relaxes nor
+    recovers. Less accurate than the share of one side, which jumps where springs come and go.
+    """
+    inside, outside = touched - 1, touched
+    if touched < 2 or outside + 1 == gap.size:
+        share = trial[inside] / (trial[inside] - trial[outside])
+    else:
+        before = _rest(gap, trial, inside - 1, inside)
+        behind = -_rest(gap, trial, outside, outside + 1)
+        share = before / max(before + behind, 1e-300)
+    return _edge_force(gap, stiffness, edge, trial, touched, share)
+
+
+@inner()
+def _share(gap: Floats, trial: Floats, touched: int, shrinks: bool) -> float:
+    """Where between two springs (0 to 1 in the gap) the load, linear in the gap, reaches zero.
+
+    While the contact grows, the springs outside tell (those inside have just begun to relax,
+    at different rates); while it shrinks, the springs inside do (those outside have just begun
+    to recover).
+    """
+    inside, outside = touched - 1, touched
+    cell = gap[outside] - gap[inside]
+    if cell <= 0.0:
+        share = trial[inside] / (trial[inside] - trial[outside])
+    elif shrinks and inside > 0:
+        share = _rest(gap, trial, inside - 1, inside) / cell
+    elif outside + 1 < gap.size:
+        share = 1.0 + _rest(gap, trial, outside, outside + 1) / cell
+    else:
+        share = _rest(gap, trial, inside, outside) / cell
+    return min(max(share, 0.0), 1.0)
+
+
+@inner()
+def _width(edge: Floats, touched: int, share: float) -> float:
+    """Contact half width of an edge between two springs; the gap grows with its square."""
+    inside, outside = edge[touched - 1] ** 2, edge[touched] ** 2
+    return math.sqrt(inside + share * (outside - inside))
+
+
+@inner()
+def _edge_force(gap: Floats, stiffness: Floats, edge: Floats, trial: Floats, touched: int, share: float) -> float:
+    """Force between the plain sum over the springs of a smooth profile and the integral up to the edge.
+
+    Continuous as springs come and go, if ``share`` is.
+    """
+    if touched < 2:
+        return 0.0
+    inside, outside = touched - 1, touched
+    place = (_width(edge, touched, share) - edge[inside]) / (edge[outside] - edge[inside])
+    weight = (1.0 - place) * stiffness[inside] + place * stiffness[outside]
+    half_bernoulli = 0.5 * (place * (place - 1.0) + 1.0 / 6.0) * weight
+    if touched == 2:
+        # It comes in without a jump of force.
+        half_bernoulli *= share
+    # Loads inside, continued outwards: springs outside answer with the step's own compliance.
+    cell = gap[outside] - gap[inside]
+    slope = (trial[inside - 1] - trial[inside]) / (gap[inside] - gap[inside - 1])
+    return half_bernoulli * ((1.0 - share) * slope * cell + trial[inside])
+
+
+@inner()
+def _rest(gap: Floats, trial: Floats, first: int, second: int) -> float:
+    """Gap [m] from the pair's nearer end to where its loads, on one line, are zero."""
+    near = second if trial[second] > 0.0 else first
+    return trial[near] * (gap[second] - gap[first]) / max(trial[first] - trial[second], 1e-300)

@@ -1,4 +1,4 @@
-r"""The exact exponential memory of a linear viscoelastic spring, shared by indentation and impact.
+r"""The exact exponential memory of a linear viscoelastic spring, and the histories that load it.
 
 Both contact problems collapse to independent springs that obey ``w = J * dq`` with the creep
 compliance ``J(t) = J(0) + sum C_k (1 - exp(-t/tau_k))``: a spring in series with Kelvin elements,
@@ -22,7 +22,7 @@ included. The usual loop is::
 """
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,29 +31,8 @@ from labpipe.arrays import Floats
 from labpipe.compilation import lean
 from labpipe.errors import InputError
 
-# Below this dt/tau the difference of exponentials loses digits and its series is exact.
-_SERIES_BELOW = 0.05
-# 1 - (1 - exp(-x))/x = x/2! - x^2/3! + x^3/4! - ... ; seven terms leave 1e-15 at 0.05.
-_SERIES = (1 / 2, -1 / 6, 1 / 24, -1 / 120, 1 / 720, -1 / 5040, 1 / 40320)
-
-
-class CreepMaterial(Protocol):
-    """What the contact code needs to know of a material."""
-
-    @property
-    def E_unrelaxed(self) -> float:
-        """Instantaneous modulus in Pa."""
-
-    @property
-    def nu(self) -> float:
-        """Poisson's ratio."""
-
-    @property
-    def fluidity(self) -> float:
-        """Inverse of the zero-rate viscosity in 1/(Pa s); 0 for a solid."""
-
-    def creep_terms(self) -> tuple[Floats, Floats]:
-        """Return the compliances C in 1/Pa and the retardation times tau in s."""
+if TYPE_CHECKING:
+    from labpipe.materials import Prony
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,22 +57,19 @@ class Creep:
         object.__setattr__(self, "rate", np.concatenate([1.0 / self.tau, dashpot]))
 
     @classmethod
-    def of(cls, material: CreepMaterial) -> "Creep":
+    def of(cls, material: "Prony") -> "Creep":
         """Take the compliance of a half-space of the material.
 
-        ``material``: Anything with ``E_unrelaxed``, ``nu``, ``fluidity`` and ``creep_terms()``. Raises InputError: A
-        number is not finite, the material has no instantaneous compliance (a dashpot in parallel), a compliance or
-        time is not positive, or Poisson's ratio lies outside (-1, 0.5].
+        A material without an instantaneous compliance (a dashpot in parallel) raises InputError.
         """
         C, tau = material.creep_terms()
-        nu = float(material.nu)
         modulus = float(material.E_unrelaxed)
         if not (np.isfinite(modulus) and modulus > 0.0):
             raise InputError(
                 f"the instantaneous modulus is {modulus} Pa, expected a finite positive number: "
                 "contact needs a material with an instantaneous compliance"
             )
-        return cls.from_terms(1.0 / modulus, C, tau, nu, float(material.fluidity))
+        return cls.from_terms(1.0 / modulus, C, tau, float(material.nu), float(material.fluidity))
 
     @classmethod
     def from_terms(
@@ -101,10 +77,7 @@ class Creep:
     ) -> "Creep":
         """Build from uniaxial terms; ``J(0)``, ``C`` in 1/Pa, ``tau`` in s, fluidity in 1/(Pa s).
 
-        Raises
-        ------
-        InputError
-            As :meth:`of`.
+        A number that is not finite or positive, or Poisson's ratio outside (-1, 0.5], raises InputError.
         """
         if not -1.0 < nu <= 0.5:
             raise InputError(f"Poisson's ratio is {nu}, expected above -1 and at most 0.5")
@@ -134,13 +107,6 @@ class Creep:
     def n_terms(self) -> int:
         """Number of Kelvin elements."""
         return int(self.C.size)
-
-    @property
-    def relaxed(self) -> float:
-        """Long-time compliance ``J*(infinity)`` in 1/Pa; infinite for a liquid."""
-        if self.fluidity > 0.0:
-            return float("inf")
-        return float(self.instantaneous + self.C.sum())
 
     @property
     def inverse(self) -> Floats:
@@ -177,10 +143,9 @@ class StepWeights:
 def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
     """Weights of one step.
 
-    ``creep``: The contact compliance. ``dt`` [s]: Length of the step, at least 0; a step of length 0 is an
-    instantaneous (elastic) jump. ``hold``: False: the load is linear inside the step. True: it jumps to its new value
-    at the start of the step and stays; use it for the first few steps after a jump of the displacement, where a
-    linear load would overshoot. Raises InputError: ``dt`` is negative or not a number.
+    ``dt`` [s]: length of the step; 0 is an instantaneous (elastic) jump. The load is linear inside the step; with
+    ``hold`` it jumps to its new value at the start and stays, for the first few steps after a jump of the
+    displacement, where a linear load would overshoot.
 
     Examples
     --------
@@ -192,7 +157,12 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
         raise InputError(f"a step of {dt} s; the time of a history must not run backwards or be NaN")
     x = dt / creep.tau
     loss = -np.expm1(-x)
-    share = late_share(x, loss)
+    # 1 - (1 - exp(-x))/x = x/2! - x^2/3! + x^3/4! - ... below 0.05, where the difference loses digits
+    small, share = np.minimum(x, 0.05), np.zeros_like(x)
+    for factorial in (40320.0, -5040.0, 720.0, -120.0, 24.0, -6.0, 2.0):
+        share = share * small + 1.0 / factorial
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(x < 0.05, share * small, 1.0 - loss / x)
     new, old = creep.C * share, creep.C * (loss - share)
     if creep.fluidity > 0.0:
         half = 0.5 * creep.fluidity * dt
@@ -203,22 +173,10 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
     return StepWeights(float(dt), np.exp(-dt * creep.rate), old, new, compliance, float(old.sum()))
 
 
-def late_share(x: Floats, loss: Floats) -> Floats:
-    """Return ``1 - (1 - exp(-x))/x`` without cancellation; ``loss`` is ``1 - exp(-x)``."""
-    small = np.minimum(x, _SERIES_BELOW)
-    series = np.zeros_like(x)
-    for coefficient in reversed(_SERIES):
-        series = series * small + coefficient
-    with np.errstate(divide="ignore", invalid="ignore"):
-        direct = 1.0 - loss / x
-    return np.where(x < _SERIES_BELOW, series * small, direct)
-
-
 def history(weights: StepWeights, memory: Floats, load: Floats) -> Floats:
     """Displacement (spring,) that the springs would show at the end of the step at zero load.
 
-    ``weights``: Of this step. ``memory`` (element, spring): Displacements of the Kelvin elements at the start of the
-    step. ``load`` (spring,): Load at the start of the step.
+    ``memory`` (element, spring) and ``load`` (spring,) are those at its start.
     """
     return weights.decay @ memory + weights.old_total * load
 
@@ -239,26 +197,16 @@ def _advance(
             result[k, j] = decay[k] * memory[k, j] + old[k] * load[j] + new[k] * new_load[j]
 
 
-@dataclass(frozen=True, slots=True)
-class Condensed:
-    """A compliance with fewer terms, and how many were folded into one and frozen."""
-
-    creep: Creep
-    n_folded: int
-    n_frozen: int
-
-
-def condense(creep: Creep, shortest: float, longest: float, tolerance: float) -> Condensed:
+def condense(creep: Creep, shortest: float, longest: float, tolerance: float) -> tuple[Creep, int, int]:
     """Fold terms far below a time scale into one, and drop those far above it.
 
     Fast terms become a single term with the same sum of ``C`` and the same sum of ``C tau``: what
     is left out is of second order in ``tau/shortest``. Slow terms, which have no time to creep, are
     dropped.
 
-    ``creep``: All terms. ``shortest`` [s]: Duration of the fastest event of interest (one contact, one cycle).
-    ``longest`` [s]: Duration of everything. ``tolerance``: Relative error of the compliance that each of the two
-    shortcuts may cost, at most. Returns: The shorter compliance and the counts; the instantaneous compliance is
-    unchanged.
+    ``shortest`` [s]: duration of the fastest event of interest; ``longest`` [s]: of everything; ``tolerance``:
+    relative error of the compliance that each of the two shortcuts may cost. Returns the shorter compliance, with the
+    same instantaneous one, and how many terms were folded into one and dropped.
     """
     order = np.argsort(creep.tau)
     C, tau = creep.C[order], creep.tau[order]
@@ -268,11 +216,49 @@ def condense(creep: Creep, shortest: float, longest: float, tolerance: float) ->
     frozen = (slow < tolerance * creep.instantaneous) & ~fast
     kept = ~fast & ~frozen
     n_fast = int(fast.sum())
-    if n_fast:
-        total = C[fast].sum()
-        mean_time = float(C[fast] @ tau[fast] / total)
-        C = np.concatenate([[total], C[kept]])
-        tau = np.concatenate([[mean_time], tau[kept]])
-    else:
-        C, tau = C[kept], tau[kept]
-    return Condensed(Creep(creep.instantaneous, C, tau, creep.fluidity), max(n_fast - 1, 0), int(frozen.sum()))
+    folded, mean_time = [C[fast].sum()] * bool(n_fast), [C[fast] @ tau[fast] / C[fast].sum()] if n_fast else []
+    C, tau = np.concatenate([folded, C[kept]]), np.concatenate([mean_time, tau[kept]])
+    return Creep(creep.instantaneous, C, tau, creep.fluidity), max(n_fast - 1, 0), int(frozen.sum())
+
+
+def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Floats, Floats]:
+    """Return a history as two arrays (time,), or say where it is wrong.
+
+    Raises
+    ------
+    InputError
+        Lengths differ, a number is missing or infinite, or time runs backwards.
+
+    Examples
+    --------
+    >>> checked_history([0.0, 1.0], [0.0, float("nan")], "displacement")
+    Traceback (most recent call last):
+    labpipe.errors.InputError: displacement[1] is nan (at 1 s); fill or cut the gap before simulating
+    """
+    times, values = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
+    if times.ndim != 1 or times.shape != values.shape or times.size == 0:
+        raise InputError(
+            f"time has the shape {times.shape} and {name} {values.shape}; expected two rows of the "
+            "same length with at least one sample"
+        )
+    if (bad := np.flatnonzero(~np.isfinite(times))).size:
+        raise InputError(f"time[{bad[0]}] is {times[bad[0]]}; every sample needs a finite time")
+    if (bad := np.flatnonzero(~np.isfinite(values))).size:
+        n = bad[0]
+        raise InputError(f"{name}[{n}] is {values[n]} (at {times[n]:g} s); fill or cut the gap before simulating")
+    if (back := np.flatnonzero(np.diff(times) < 0.0)).size:
+        n = back[0] + 1
+        raise InputError(
+            f"time runs backwards at sample {n}: {times[n]:g} s after {times[n - 1]:g} s; "
+            "sort the history (two samples at one time are a jump)"
+        )
+    return times, values
+
+
+def checked_load(time: ArrayLike, load: ArrayLike) -> tuple[Floats, Floats]:
+    """Return a history of load as :func:`checked_history` does; no load may be negative [N]."""
+    times, loads = checked_history(time, load, "load")
+    if (negative := np.flatnonzero(loads < 0.0)).size:
+        n = negative[0]
+        raise InputError(f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull")
+    return times, loads

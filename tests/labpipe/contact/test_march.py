@@ -1,0 +1,82 @@
+"""The time stepper: control of errors, jumps, energy, and histories that try to break it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from labpipe.contact import indent, load_sphere, press_sphere
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+GEOMETRY = (2e-3, 8e-3, 1.0)
+SLS = Prony.from_creep(2e9, [0.25e-9], [0.05], nu=0.35)
+
+
+def wild(terms: int, ratio: float, nu: float = 0.4) -> Prony:
+    """Times from 1e-12 to 1e6 s in one material."""
+    creep = np.full(terms, (1.0 - 1.0 / ratio) / terms) / 1e6
+    return Prony.from_creep(1e6, creep, np.logspace(-12, 6, terms), nu=nu)
+
+
+def unit_force(depth: float, elements: int = 256) -> float:
+    elastic = Prony(1.0, [], [], nu=0.0)
+    return float(indent(elastic, *GEOMETRY, [0.0], [depth], elements=elements).force[0])
+
+
+@pytest.mark.parametrize(("ratio", "terms", "nu"), [(2.0, 1, 0.0), (1e2, 7, 0.4999), (1e4, 60, 0.0)])
+def test_hold_is_the_modulus_for_any_material(ratio, terms, nu) -> None:
+    material = wild(terms, ratio, nu)
+    time = np.array([0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3])
+    found = indent(material, *GEOMETRY, time, np.full(6, 1e-4), elements=256)
+    exact = unit_force(1e-4) * material.relaxation(time) / (1.0 - nu**2)
+    assert np.abs(found.force.values / exact - 1.0).max() < 1e-4
+
+
+def test_steps_are_counted_and_few() -> None:
+    hold = indent(wild(60, 1e4), *GEOMETRY, [0.0, 1e3], [1e-4, 1e-4], elements=256)
+    work = json.loads(hold.attrs["work"])
+    assert work["solver_steps"] < 2500
+    assert work["solves"] < 2 * work["solver_steps"] + 1
+
+
+def test_a_control_that_cannot_succeed_says_so(monkeypatch) -> None:
+    monkeypatch.setattr("labpipe.contact.march._MAX_STEPS_PER_INTERVAL", 5)
+    with pytest.raises(InputError, match="larger rtol"):
+        indent(wild(5, 1e3), *GEOMETRY, [0.0, 1.0], [1e-4, 1e-4], elements=64)
+
+
+@pytest.mark.parametrize("rtol", [0.0, np.nan])
+def test_tolerances_outside_their_range_are_refused(rtol) -> None:
+    with pytest.raises(InputError, match="rtol"):
+        indent(SLS, *GEOMETRY, [0.0], [1e-4], rtol=rtol)
+
+
+_TAPS = np.linspace(0.0, 2.0, 41)
+_HISTORIES = {
+    "held": ([0.0, 1.0, 10.0, 100.0], [0.0, 1.0, 1.0, 1.0]),
+    "jumps": ([0.0, 0.0, 1.0, 10.0, 10.0, 20.0], [0.0, 1.0, 1.0, 1.0, 0.2, 0.2]),
+    "taps": (_TAPS, np.maximum(np.sin(2 * np.pi * _TAPS), 0.0)),
+    "coarse": (np.linspace(0.0, 3.0, 13), np.abs(np.sin(1.3 * np.linspace(0.0, 3.0, 13)))),
+}
+_FEW, _MANY = Prony(1e6, [1e6], [1.0], nu=0.4), Prony(1e5, np.full(8, 3e5), 10.0 ** np.arange(-5, 3), nu=0.4)
+
+
+@pytest.mark.parametrize("solid", [_FEW, _MANY], ids=["one term", "eight terms"])
+@pytest.mark.parametrize("history", sorted(_HISTORIES))
+@pytest.mark.parametrize("run", [press_sphere, load_sphere])
+def test_the_tolerance_is_the_error_of_what_is_returned(solid, history, run):
+    time, value = _HISTORIES[history]
+    name, scale = ("force", 1e-4) if run is press_sphere else ("approach", 0.05)
+    exact = run(solid, 0.01, time, scale * np.array(value), springs=60, rtol=1e-5)[name].values
+    for rtol in (1e-2, 1e-3, 1e-4):
+        found = run(solid, 0.01, time, scale * np.array(value), springs=60, rtol=rtol)[name].values
+        assert np.abs(found - exact).max() < rtol * np.abs(exact).max()
+
+
+def test_zero_length_holds_and_repeated_times_change_nothing() -> None:
+    material = Prony(1e6, [1e8], [1e-3], nu=0.3)
+    plain = press_sphere(material, 0.01, [0.0, 1.0, 2.0], [0.0, 1e-5, 1e-5])
+    held = press_sphere(material, 0.01, [0.0, 1.0, 1.0, 1.0, 2.0, 2.0], [0.0, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
+    assert held.force.values[[0, 1, 4]] == pytest.approx(plain.force.values, rel=1e-12)
+    assert held.force.values[5] == held.force.values[4]
