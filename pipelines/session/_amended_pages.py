@@ -1,8 +1,8 @@
-"""What the session as a whole tells of an experiment, on that experiment's page too.
+"""Findings of the session as a whole, added to the page of the experiment that they concern.
 
-A page is a result of its experiment and knows no other. What is found beyond it is added where the
-page is shown, so that it says what the command, the index, the catalogue and JSON say; the stored
-page stays as it is, and comes back when the finding goes.
+A page is a result of its experiment and knows no other. Findings beyond it are added where the page
+is shown, so that it agrees with the command, the index, the catalogue and JSON; the stored page
+stays as it is, and comes back when the finding goes.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _amended(page: str, one: Verdict) -> str:
     from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus, written_place
     from pipelines.session._verdict_notices import LEVELS, as_sentence
 
-    for finding in one.findings[: len(one.findings) - one.n_of_session]:
+    for finding in one.own:
         if finding.setting and finding.place:
             for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
                 page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
@@ -77,4 +77,5 @@ def _amended(page: str, one: Verdict) -> str:
         text = f"{found.message.rstrip('.')}{place}.{cause}"  # a notice that is one is called so
         told = text if found.level == "note" else f"{capitalised(found.level)}: {text}"
         notices.append(Notice(level, with_minus(told)))
-    return amended(page, VERDICT, notices, aside=_BY_ITSELF if one.is_by_session else "")
+    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in one.own)
+    return amended(page, VERDICT, notices, aside=_BY_ITSELF if is_by_session else "")

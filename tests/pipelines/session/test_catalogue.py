@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from labpipe.errors import SourceError, UsageError
-from pipelines.commands.catalogue import catalogue as command
+from pipelines.commands.results import catalogue as command
 from pipelines.process import process, result
 from pipelines.session import catalogue, query
 from pipelines.session._catalogue import CATALOGUE

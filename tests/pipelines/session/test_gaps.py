@@ -11,7 +11,7 @@ from labpipe.errors import InputError
 from pipelines.commands.session import init as command
 from pipelines.process import open_session, process
 from pipelines.session import Gap, checked, init
-from pipelines.session._gaps import filled, gaps, library_names
+from pipelines.session._gaps import filled, gaps
 
 TEXT = """[experiments.drop.sphere]
 radius = "FILL mm"  # of the sphere
@@ -76,17 +76,6 @@ def test_an_answer_that_does_not_fit_says_what_would(key: str, unit: str, answer
     assert words in str(caught.value)
 
 
-def test_a_day_is_written_as_a_day() -> None:
-    text = filled('valid_from = "FILL"\nwho = "FILL"\n', lambda gap: "2024-05-14")
-    assert text == 'valid_from = 2024-05-14\nwho = "2024-05-14"\n'
-
-
-def test_a_table_in_a_list_is_named_in_its_questions() -> None:
-    text = '[[experiments.stack.loads]]  # on from the beginning\nmass = "FILL kg"\n'
-    (gap,) = gaps(text)
-    assert gap.question == "stack.loads: mass"
-
-
 def test_a_value_that_there_is_not_leaves_its_line_out() -> None:
     text = 'wavelength = "FILL nm"  # of the light; "none" for white light\nheight = "FILL mm"\n'
     first, second = gaps(text)
@@ -95,16 +84,6 @@ def test_a_value_that_there_is_not_leaves_its_line_out() -> None:
         checked(second, "none")
     left = filled(text, lambda gap: "none" if gap.may_be_left_out else "7 mm")
     assert left == '# wavelength: there is none\nheight = "7 mm"\n'
-
-
-def test_an_answer_is_offered_again_only_to_a_question_of_its_sort() -> None:
-    sphere, other = (Gap(1, t, "mass", "g", "of all that moves") for t in ("a.sphere", "b.sphere"))
-    assert sphere.sort == other.sort
-    assert sphere.sort != Gap(1, "a.loads", "mass", "kg", "all that rests").sort
-
-
-def test_library_names_are_those_of_the_library() -> None:
-    assert library_names() == ("acrylic", "nbr", "nylon", "peek", "ptfe")
 
 
 @pytest.fixture

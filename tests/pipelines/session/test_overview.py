@@ -115,14 +115,6 @@ def test_a_gap_in_a_curve_stays_a_gap_in_its_picture() -> None:
     assert _chart(empty, Picture("", "x", "a")) is None
 
 
-def test_a_picture_of_the_first_stretch_begins_behind_flicker_and_ends_at_the_gap() -> None:
-    y = [np.nan, 9.0, np.nan, 1.0, 2.0, 3.0, np.nan, 4.0, 5.0, 6.0, 7.0]
-    dataset = xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(11.0)})
-    drawn = _chart(dataset, Picture("", "x", "a", is_first=True))
-    assert drawn is not None
-    assert drawn.series[0].y.tolist() == [1.0, 2.0, 3.0]
-
-
 def test_a_damaged_result_leaves_its_cell_empty(session_copy: Path) -> None:
     for victim in (session_copy / "labpipe/store").glob("??/*.nc"):
         data = bytearray(victim.read_bytes())

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.errors import InputError
 from labpipe.workflow.watch import ARRIVING, BROKEN, FAILED, PROCESSED, REFUSED, WAITING, Settling, Watcher
 from pipelines.process import SETTINGS, STAGES, plan, process, watch
 from tests.by_day import by_day
@@ -154,18 +153,3 @@ def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(pristine_session: 
     assert "drop" in line
     assert "Traceback" not in err
     assert not list(folder.rglob("*.part"))
-
-
-def test_an_unknown_kind_of_content_is_refused_by_name(small_session: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(small_session, folder)
-    (folder / "laser/drop_1.csv").write_bytes(b"\0" * 100)
-    watcher = watch(folder, looks=2, jobs=0)
-    said = [n for _ in range(3) for n in watcher.look() if n.experiment == "drop"]
-    assert said[-1].state == REFUSED
-    assert "drop_1.csv" in said[-1].text
-
-
-def test_settling_needs_at_least_one_look() -> None:
-    with pytest.raises(InputError, match="at least 1 look"):
-        Settling(0)
