@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from functools import reduce
 from pathlib import Path
@@ -110,22 +110,7 @@ def simulate() -> None:
 @click.option("--heat-capacity", type=_HEAT_CAPACITY, help="For --heating; default: from the library.")
 @click.option("--conductivity", type=_CONDUCTIVITY, help="For --heating; default: from the library.")
 @_result_options
-def drop(
-    material: str,
-    temperature: float | None,
-    vertical_shift: float,
-    plate_mass: float | None,
-    plate_frequency: float | None,
-    plate_damping: float | None,
-    work_of_adhesion: float | None,
-    heating: bool,
-    heat_capacity: float | None,
-    conductivity: float | None,
-    out: Path | None,
-    picture: Path | None,
-    as_json: bool,
-    **fall: Any,
-) -> None:
+def drop(material: str, temperature: float | None, vertical_shift: float, **options: Any) -> None:
     r"""Drop a viscoelastic sphere on a rigid flat (or on a vibrating plate).
 
     \b
@@ -136,20 +121,22 @@ def drop(
     from labpipe.materials import describe
     from pipelines.simulator_inputs import material as load, thermal_of
 
-    plate = None
-    if plate_mass is not None and plate_frequency is not None and plate_damping is not None:
-        plate = contact.Plate(plate_mass, plate_frequency, plate_damping)
-    elif (plate_mass, plate_frequency, plate_damping) != (None, None, None):
+    of_plate = [options.pop(f"plate_{name}") for name in ("mass", "frequency", "damping")]
+    if None in of_plate and of_plate != [None, None, None]:
         raise click.UsageError("a plate needs --plate-mass, --plate-frequency and --plate-damping together")
+    plate = None if None in of_plate else contact.Plate(*of_plate)
+    output = {name: options.pop(name) for name in ("out", "picture", "as_json")}
+    work, is_heated = options.pop("work_of_adhesion"), options.pop("heating")
+    properties = [options.pop(name) for name in ("heat_capacity", "conductivity")]
     solid = load(material, temperature, vertical_shift)
-    with _progress(as_json) as shown:
-        found = contact.drop(solid, **fall, plate=plate, progress=shown)
+    with _progress(output["as_json"]) as shown:
+        found = contact.drop(solid, **options, plate=plate, progress=shown)
     rows = _drop_rows(found)
-    if work_of_adhesion is not None:
-        rows += _adhesion_rows(found, solid, work_of_adhesion)
-    if heating:
-        rows += _heating_rows(found, describe(material), thermal_of(material, heat_capacity, conductivity), temperature)
-    _deliver(found, out, picture, as_json, rows, json.loads(found.attrs["work"]), _drop_panels(found))
+    if work is not None:
+        rows += _adhesion_rows(found, solid, work)
+    if is_heated:
+        rows += _heating_rows(found, describe(material), thermal_of(material, *properties), temperature)
+    _deliver(found, rows, json.loads(found.attrs["work"]), _drop_panels(found), **output)
 
 
 @simulate.command()
@@ -170,21 +157,7 @@ def drop(
 @click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
 @_result_options
 def indent(
-    material: str,
-    temperature: float | None,
-    vertical_shift: float,
-    mean: float,
-    amplitude: float,
-    frequency: float,
-    cycles: int,
-    hold: float,
-    ramp: float,
-    thickness: float | None,
-    maps: bool,
-    out: Path | None,
-    picture: Path | None,
-    as_json: bool,
-    **punch: Any,
+    material: str, temperature: float | None, vertical_shift: float, thickness: float | None, maps: bool, **options: Any
 ) -> None:
     r"""Press a periodic punch into a surface: ramp, hold, then oscillate.
 
@@ -197,19 +170,21 @@ def indent(
     from labpipe import contact
     from pipelines.simulator_inputs import material as load, ramp_hold_oscillation
 
-    for name, value in (("mean", mean), ("frequency", frequency), ("ramp", ramp)):
-        if not value > 0.0:
-            raise click.UsageError(f"--{name} is {value:g} in SI units; expected more than 0")
-    time, moved = ramp_hold_oscillation(mean, amplitude, frequency, cycles, hold=hold, ramp=ramp, per_cycle=100)
-    with _progress(as_json) as shown:
+    for name in ("mean", "frequency", "ramp"):
+        if not options[name] > 0.0:
+            raise click.UsageError(f"--{name} is {options[name]:g} in SI units; expected more than 0")
+    output = {name: options.pop(name) for name in ("out", "picture", "as_json")}
+    moves = {name: options.pop(name) for name in ("mean", "amplitude", "frequency", "cycles", "hold", "ramp")}
+    time, moved = ramp_hold_oscillation(**moves, per_cycle=100)
+    with _progress(output["as_json"]) as shown:
         found = contact.indent(
             load(material, temperature, vertical_shift),
             time=time,
             displacement=moved,
             thickness=np.inf if thickness is None else thickness,
-            **punch,
             outputs=("energy", "pressure", "surface") if maps else ("energy",),
             progress=shown,
+            **options,
         )
     force, um = found["force"].values, found["displacement"].values * 1e6
     rows: _Rows = [
@@ -223,7 +198,7 @@ def indent(
         *((name.replace("_", " "), str(found.attrs[name]), "") for name in ("solver", "solver_reason", "datum")),
     ]
     panels = [(found["time"].values, force, "time / s", "force / N"), (um, force, "displacement / µm", "force / N")]
-    _deliver(found, out, picture, as_json, rows, json.loads(found.attrs["work"]), panels)
+    _deliver(found, rows, json.loads(found.attrs["work"]), panels, **output)
 
 
 @simulate.command()
@@ -239,9 +214,7 @@ def adhesion(
     radius: float,
     work: float,
     load: float,
-    out: Path | None,
-    picture: Path | None,
-    as_json: bool,
+    **output: Any,
 ) -> None:
     r"""Load and unload an adhesive sphere slowly, after JKR: force, indentation, pull-off.
 
@@ -263,7 +236,7 @@ def adhesion(
         (found[name].values * 1e6, found["force"].values, f"{name.replace('_', ' ')} / µm", "force / N")
         for name in ("indentation", "contact_radius")
     ]
-    _deliver(found, out, picture, as_json, rows, {"states": found.sizes["state"]}, panels)
+    _deliver(found, rows, {"states": found.sizes["state"]}, panels, **output)
 
 
 @click.command()
@@ -329,8 +302,8 @@ def _progress(quiet: bool) -> AbstractContextManager[Callable[[float], None] | N
 
 
 def _deliver(
-    found: "xr.Dataset", out: Path | None, picture: Path | None, as_json: bool,
-    rows: _Rows, work: dict[str, Any], panels: _Panels,
+    found: "xr.Dataset", rows: _Rows, work: dict[str, Any], panels: _Panels,
+    *, out: Path | None, picture: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Write and draw a simulation as wanted, and print its rows and its work."""
     from labpipe import files
@@ -395,9 +368,12 @@ def _adhesion_rows(found: "xr.Dataset", solid: "Prony", work: float) -> _Rows:
 
     if not found.sizes["impact"]:
         raise InputError("the drop has no completed impact to compare adhesion with")
-    impacts: Sequence[Any] = [found[n].values for n in ("impact_speed", "contact_duration", "peak_force")]
+    impacts = (found[n].values for n in ("impact_speed", "contact_duration", "peak_force"))
     radius, mass = float(found["sphere_radius"]), float(found["mass"])
-    seen = [adhesion_in_impact(solid, radius, mass, *impact, work) for impact in zip(*impacts, strict=True)]
+    seen = [
+        adhesion_in_impact(solid, radius, mass, speed, duration, force, work)
+        for speed, duration, force in zip(*impacts, strict=True)
+    ]
     first = seen[0]
     some = [i + 1 for i, one in enumerate(seen) if one.verdict != "negligible"]
     return [

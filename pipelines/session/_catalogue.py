@@ -299,15 +299,16 @@ def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) 
     below = [_relative(root, base) for root in roots]
     found = {*renewed, *unchanged, *problems}
     gone = [n for n in known if n not in found and any(_is_below(n, root) for root in below)]
-    for name in ("experiments", "results", "sessions"):
-        stale = {*renewed, *gone, *(problems if name == "sessions" else ())}
-        frame = tables[name]
-        parts = [frame[~frame["session"].isin(stale)], pd.DataFrame(new[name])]
-        if name == "sessions":  # the rest that is known of one that cannot be read is kept
-            broken = frame[frame["session"].isin(problems)].set_index("session").reindex(list(problems)).reset_index()
-            parts.append(broken.assign(digest=None, problem=list(problems.values())))
-        made = pd.concat([part for part in parts if len(part)] or [frame[:0]], ignore_index=True)
-        tables[name] = made.reindex(columns=list(dict.fromkeys((*TABLES[name], *made.columns))))
+    kept = {row["session"]: row for row in tables["sessions"].to_dict("records")}
+    # the rest that is known of a session that cannot be read is kept
+    new["sessions"] += [kept.get(n, {"session": n}) | {"digest": None, "problem": why} for n, why in problems.items()]
+    stale = {*renewed, *gone}
+    for name in ("experiments", "results", "sessions") if stale or problems else ():
+        left_out = stale | problems.keys() if name == "sessions" else stale
+        rows: list[Any] = [row for row in tables[name].to_dict("records") if row["session"] not in left_out]
+        rows += new[name]
+        columns = dict.fromkeys((*TABLES[name], *(title for row in rows for title in row)))
+        tables[name] = pd.DataFrame(rows, columns=list(columns))
     tables["columns"] = pd.DataFrame(list(units.items()), columns=list(TABLES["columns"]))
     return {"renewed": tuple(renewed), "unchanged": tuple(unchanged), "removed": tuple(gone),
             "problems": problems}  # fmt: skip

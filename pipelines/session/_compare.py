@@ -62,9 +62,9 @@ def compare(
     ...     print(row.experiment, row.quantity, row.measured, row.model)
     """
     session = reopen_session(folder)
-    able = {n: rows for n, e in session.experiments.items() if (rows := KINDS[e.kind].rows) is not None}
+    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
     judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
-    wanted = [target for name, rows in able.items() for target in needed(session, session.experiments[name], rows)]
+    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
     wanted += [f"{name}/{JUDGEMENT}" for name in judged]
     failed: dict[str, str] = {}
     if wanted:

@@ -110,7 +110,8 @@ def _experiments(found: Comparison) -> tuple[Block, ...]:
         p = None if document["p"] is None else probability(document["p"])
         chi2 = document["chi2"] if freedom else None
         body.append((document["experiment"], document["model"], *most, chi2, freedom, p))
-    return (Table(columns, sorted(body, key=lambda cells: -abs(cells[2] or 0.0))),)
+    body.sort(key=lambda cells: -abs(cells[2] or 0.0))
+    return (Table(columns, body),)
 
 
 def _deviations(rows: Sequence[Row]) -> tuple[Block, ...]:

@@ -47,42 +47,33 @@ _IRREGULAR = 0.01
 
 
 class Inspected(dict[str, Any]):
-    """What is known of a file: a mapping that shows itself."""
+    """The properties of a file: a mapping that shows itself."""
 
     def __repr__(self) -> str:
         return "\n".join(self.lines())
 
     def _repr_html_(self) -> str:
-        known = [(k.replace("_", " "), _shown(v)) for k, v in self._apart()]
-        columns = [(r["name"], f"{_span(r)} {r['units']}".strip()) for r in self._columns()]
-        columns += [(part["file"], f"{part['reader']} {part['holds']}".strip()) for part in self.get("files", ())]
-        problems = [("problem", line) for line in self["problems"]]
-        return html_table(str(self["file"]), ("", ""), [*known[1:], *columns, *problems])
+        rows = [(name.strip(), text) for name, text in self._rows()[1:]]
+        return html_table(str(self["file"]), ("", ""), rows)
 
     def lines(self) -> list[str]:
-        """Say it as lines of text."""
-        found = [f"{key.replace('_', ' '):20}{_shown(value)}" for key, value in self._apart()]
-        rows = self._columns()
-        width = max((len(row["name"]) for row in rows), default=0) + 2
-        for row in rows:
-            invalid = f", {row['invalid']} invalid" if row["invalid"] else ""
-            name = f" ({row['long_name']})" if row["long_name"] not in ("", row["name"]) else ""
-            head = f"  {row['name']:{width}}{row['units']:8}"
-            found.append(f"{head}{_span(row)}{invalid}{name}")
-        parts = self.get("files", ())
-        width = max((len(part["file"]) for part in parts), default=0) + 2
-        found += [f"  {part['file']:{width}}{part['reader']:14}{part['holds']}".rstrip() for part in parts]
-        return found + [f"problem: {line}" for line in self["problems"] or ["none found"]]
+        """Return it as lines of text."""
+        rows = self._rows()
+        width = max(20, *(len(name) + 2 for name, _ in rows))
+        shown = [f"{name}: {text}" if name == "problem" else f"{name:{width}}{text}".rstrip() for name, text in rows]
+        return shown if self["problems"] else [*shown, "problem: none found"]
 
-    def _apart(self) -> list[tuple[str, Any]]:
-        return [(k, v) for k, v in self.items() if k not in ("variables", "problems", "files")]
-
-    def _columns(self) -> list[dict[str, Any]]:
-        return list(self.get("variables", []))
-
-
-def _shown(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    def _rows(self) -> list[tuple[str, str]]:
+        """Return name and text of each property, column, file and problem."""
+        of_own = ("variables", "problems", "files")
+        known = [(k.replace("_", " "), v) for k, v in self.items() if k not in of_own]
+        rows = [(k, f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in known]
+        for column in self.get("variables", ()):
+            invalid = f", {column['invalid']} invalid" if column["invalid"] else ""
+            name = f" ({column['long_name']})" if column["long_name"] not in ("", column["name"]) else ""
+            rows.append((f"  {column['name']}", f"{column['units']:8}{_span(column)}{invalid}{name}"))
+        rows += [(f"  {part['file']}", f"{part['reader']:14}{part['holds']}") for part in self.get("files", ())]
+        return rows + [("problem", line) for line in self["problems"]]
 
 
 def _span(row: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,11 +12,10 @@ from labpipe.workflow.code import Identity, behind
 from labpipe.workflow.plan import KEPT, READY, Plan, make_plan, page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Store
+from labpipe.workflow.store import AMENDED, Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
 from pipelines.experiments import Kind, Picture
-from pipelines.session._amended_pages import amend_pages
 from pipelines.session._session_checks import unused_files
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
@@ -40,6 +40,7 @@ _ERROR = (
     "(or of the laser), for the worst repeat, impact or frequency."
 )
 
+_BY_ITSELF = "By what it records alone: "
 _Read = Callable[[str], "xr.Dataset | None"]
 """Returns the result of a stage of an experiment, for its first recording; each is read once."""
 
@@ -277,3 +278,64 @@ def _chart(dataset: "xr.Dataset", source: Picture) -> "LineChart | ScatterChart 
         return None
     series, scale = [Series(source.y, x, y)], source.scale
     return LineChart("", source.x, source.y, series, x_scale=scale, y_scale=scale)  # type: ignore[arg-type]
+
+
+# --- pages of experiments ---
+
+
+def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
+    """Add the findings of the session as a whole to the pages of the experiments that they concern.
+
+    A page is a result of its experiment and knows no other. It is amended where it is shown, so that it agrees
+    with the command, the catalogue and JSON; the stored page stays, and comes back when the finding goes.
+    """
+    store = Store(results.plan.session.folder)
+    known = store.amended()
+    if not known and not any(one.findings for one in verdicts.values()):
+        return
+    code = behind(f"{__name__}:{_amended.__name__}", is_page=True).digest
+    kept = {name: entry for name, entry in known.items() if name not in verdicts and name in results.experiments}
+    for name, one in verdicts.items():
+        path = store.folder / page_name(name)
+        if not path.is_file() or not (one.findings or name in known):
+            continue
+        rows = (r for r in results.plan.rows if r.experiment == name)
+        pages = (r for r in rows if results.plan.tasks[r.task].stage.output == "page" and r.state in READY)
+        # the page of an experiment that failed is no result: it is made again in every run
+        key = next((results.plan.keys[r.task].value for r in pages), None)
+        before = known.get(name, {})
+        told = [[f.level, f.message, f.cause, f.place] for f in one.findings]
+        mark = [key, code, told]
+        if before.get("mark") != mark or before["digest"] != store.index.digest(path):
+            page = path.read_text("utf-8") if key is None else str(store.read(key))
+            files.write_text(path, _amended(page, one))
+            before = {"key": key, "mark": mark, "digest": files.digest(path)}
+        if told:
+            kept[name] = before
+    if kept != known:
+        files.write_bytes(store.root / AMENDED, files.seal(kept))
+
+
+def _amended(page: str, one: Verdict) -> str:
+    from markupsafe import escape
+
+    from labpipe.report import Notice, amended
+    from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus, written_place
+    from pipelines.session._verdict_notices import LEVELS, as_sentence
+
+    for finding in one.own:
+        if finding.setting and finding.place:
+            for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
+                page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
+    if not one.of_session:
+        return page
+    notices = []
+    for found in one.of_session:
+        level: Any = LEVELS.get(found.level, "info")
+        place = f" ({found.place})" if found.place else ""
+        cause = f" {as_sentence(found.cause)}" if found.cause else ""
+        text = f"{found.message.rstrip('.')}{place}.{cause}"  # a notice that is one is called so
+        told = text if found.level == "note" else f"{capitalised(found.level)}: {text}"
+        notices.append(Notice(level, with_minus(told)))
+    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in one.own)
+    return amended(page, VERDICT, notices, aside=_BY_ITSELF if is_by_session else "")

@@ -120,7 +120,8 @@ def process(
     >>> done.failures, done.reports["acrylic_7mm"]  # doctest: +SKIP
     """
     options: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
-    ((_, done),) = process_all([folder], jobs=jobs, cluster=cluster, fail_fast=fail_fast, **options)
+    options |= {"jobs": jobs, "cluster": cluster, "fail_fast": fail_fast}
+    ((_, done),) = process_all([folder], **options)
     if isinstance(done, LabpipeError):
         raise done
     return done

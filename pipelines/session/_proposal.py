@@ -115,7 +115,9 @@ def init(
             raise UsageError(_nothing_proposed(found))
     texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
     if ask is not None:
-        texts = {name: filled(content, ask, _owner(name)) for name, content in texts.items()}
+        # session.toml's tables are named in the questions; a calibration record is named by its file
+        owners = {n: "" if n == FILE_NAME else f"calibration of {Path(n).stem.replace('_', ' ')}" for n in texts}
+        texts = {name: filled(content, ask, owners[name]) for name, content in texts.items()}
     for name in reversed(texts):  # session.toml last: with it, the folder is a session
         if texts[name] != begun.get(name):
             files.write_text(folder / name, texts[name])
@@ -126,11 +128,6 @@ def init(
         if GAP in line and not line.lstrip().startswith("#")
     ]
     return Scan(path, names, gaps, [folder / name for name in records], _unused_files(found, text))
-
-
-def _owner(name: str) -> str:
-    """Name a calibration record in questions; session.toml's tables are named already."""
-    return "" if name == FILE_NAME else f"calibration of {Path(name).stem.replace('_', ' ')}"
 
 
 def _proposals() -> list[Proposal]:

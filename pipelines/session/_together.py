@@ -184,7 +184,7 @@ def _chart(results: Results, names: Sequence[str]) -> Iterator[Block]:
         series.append(Series(name, x[order] / factors[0], y[order] / factors[1], role=role))
     scale: Literal["linear", "log"] = "log" if source.scale == "log" else "linear"
     title = labels[1].partition(" / ")[0].capitalize()
-    yield LineChart(title, *labels, series, x_scale=scale, y_scale=scale)
+    yield LineChart(title, labels[0], labels[1], series, x_scale=scale, y_scale=scale)
 
 
 def _by_material(session: Session, rows: Sequence[Row]) -> dict[str, list[Row]]:

@@ -127,11 +127,6 @@ def test_a_wrong_condition_is_refused_and_changes_nothing(sessions: Path, where:
     assert (sessions / CATALOGUE).read_bytes() == before
 
 
-def test_a_misspelt_column_gets_a_suggestion(sessions: Path) -> None:
-    with pytest.raises(UsageError, match='did you mean "height"'):
-        query(sessions / CATALOGUE, columns=["hieght"])
-
-
 @pytest.mark.parametrize("content", [b"", b"some notes\n" * 100])
 def test_a_foreign_file_is_left_alone(tmp_path: Path, content: bytes) -> None:
     (tmp_path / CATALOGUE).parent.mkdir()

@@ -15,7 +15,7 @@ from labpipe.errors import InputError, SourceError, UsageError
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.process import export, result
 from pipelines.session import compare
-from pipelines.session._export_formats import csv_tables, mat_bytes
+from pipelines.session._export_formats import csv_tables
 from pipelines.session._summary_table import Line, tex_text
 
 
@@ -56,16 +56,6 @@ def test_no_cell_is_a_formula_where_a_spreadsheet_splits_at_semicolons(text: str
         assert [c for c in line.replace('"', "").split(";") if c.strip().startswith(("=", "+", "@", "-c"))] == []
     numbers = {"parameters": "[0;-1.5,-2]"}
     assert "# parameters: [0;-1.5,-2]" in "".join(csv_tables(small(), numbers).values())
-
-
-def test_matlab_file_holds_values_units_and_no_clock() -> None:
-    data = mat_bytes(small(), {"title": "t"})
-    assert data == mat_bytes(small(), {"title": "t"})
-    assert data.startswith(b"MATLAB 5.0")
-    found = loadmat(BytesIO(data), squeeze_me=True)
-    np.testing.assert_array_equal(found["x"], small()["x"].values)
-    assert found["units"]["x"].item() == "m"
-    assert found["dimensions"]["x"].item() == "repeat, time"
 
 
 @pytest.mark.parametrize("kind", ["csv", "nc", "mat", "json"])

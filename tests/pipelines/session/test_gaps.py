@@ -37,13 +37,8 @@ def test_answers_go_into_their_lines_and_open_ones_stay() -> None:
     ("key", "unit", "answer", "written"),
     [
         ("radius", "mm", "9.525", "9.525 mm"),
-        ("radius", "mm", " 9.525 ± 0.005 ", "9.525 ± 0.005 mm"),
         ("radius", "mm", "0.9525 cm", "0.9525 cm"),
-        ("pixel_length", "px", "386 ± 1.5", "386 ± 1.5 px"),
-        ("inclination", "deg", "12.0 ± 0.2", "12.0 ± 0.2 deg"),
         ("nu", "", "0.35 ± 0.02", "0.35 ± 0.02"),
-        ("material", "", "acrylic", "acrylic"),
-        ("mode", "", "tension", "tension"),
         ("mode", "", "Tension", "tension"),
         ("material", "", "PMMA", "acrylic"),
         ("radius", "mm", "9,525 ± 0,005", "9,525 ± 0,005 mm"),
@@ -61,12 +56,10 @@ def test_a_fitting_answer(key: str, unit: str, answer: str, written: str) -> Non
     ("key", "unit", "answer", "words"),
     [
         ("radius", "mm", "9.525 g", 'expected for example "12.3 ± 0.1 mm", found "9.525 g"'),
-        ("radius", "mm", "large", "12.3 ± 0.1 mm"),
         ("radius", "mm", "1,500", "may stand before decimals or group thousands"),
         ("material", "", "steel", "acrylic, nbr, nylon, peek, ptfe"),
         ("mode", "", "tensile", "tension, bending, shear, torsion"),
         ("who", "", 'A "Person"', "without quotes"),
-        ("nu", "", "a third", "expected for example"),
         ("when", "", "14.05.2024", 'expected a day such as 2024-05-14, found "14.05.2024"'),
     ],
 )

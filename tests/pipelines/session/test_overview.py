@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import xarray as xr
 
 from pipelines.cli import main
 from pipelines.experiments import KINDS, Picture
-from pipelines.process import STAGES, open_session, process
+from pipelines.process import STAGES, open_session
 from pipelines.session import PAGE, write_overview
 from pipelines.session._overview import _chart
 
@@ -41,15 +40,6 @@ def test_the_page_is_written_again_only_after_a_change(session_copy: Path) -> No
     assert re.search(r"\d+ of \d+ steps to do(?! or failed)", page(session_copy))  # nothing has failed
 
 
-def test_a_failed_experiment_is_marked_and_the_other_kept(session_copy: Path) -> None:
-    path = session_copy / "laser/drop_2.csv"
-    path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
-    assert process(session_copy, jobs=0).exit_code == 1
-    text = page(session_copy)
-    assert "steps to do or failed" in text
-    assert '<a href="reports/drop.html">drop</a>' in text
-
-
 def test_it_leads_to_the_comparison_once_there_is_one(session_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "compare.html" not in page(session_copy)
     with pytest.raises(SystemExit):
@@ -58,23 +48,6 @@ def test_it_leads_to_the_comparison_once_there_is_one(session_copy: Path, capsys
     assert '<a href="compare.html">Measurement against model</a>' in page(session_copy)
     compared = (session_copy / "labpipe/compare.html").read_text("utf-8")
     assert '<a href="index.html">All experiments of this session</a>' in compared
-
-
-def test_a_page_older_than_its_results_is_not_called_failed(session_copy: Path) -> None:
-    kind = {
-        name: tuple(replace(s, parameters=()) if s.name == "report" else s for s in stages)
-        for name, stages in STAGES.items()
-    }
-    write_overview(open_session(session_copy), kind)
-    text = page(session_copy)
-    assert "page out of date" in text
-    assert "failed" not in text
-
-
-def test_every_kind_has_a_key_number_and_a_picture() -> None:
-    for kind in KINDS.values():
-        assert kind.picture is not None, kind.name
-        assert kind.key_numbers, kind.name
 
 
 @pytest.mark.parametrize(

@@ -63,16 +63,6 @@ def test_a_session_copied_in_pieces_gives_the_bytes_that_process_gives(
     assert results(folder) == results(pristine_session)
 
 
-def test_a_watch_started_again_computes_nothing_twice(session_copy: Path) -> None:
-    before = {p: p.stat().st_mtime_ns for p in (session_copy / "labpipe/store").glob("??/*.nc")}
-    watcher = watch(session_copy, looks=2, jobs=0)
-    for _ in range(4):
-        list(watcher.look())
-    assert watcher.is_done
-    after = {p: p.stat().st_mtime_ns for p in (session_copy / "labpipe/store").glob("??/*.nc")}
-    assert after == before
-
-
 def test_a_file_that_rests_half_copied_is_refused_and_said_once(small_session: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(small_session, folder)
