@@ -299,7 +299,7 @@ def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) 
     below = [_relative(root, base) for root in roots]
     found = {*renewed, *unchanged, *problems}
     gone = [n for n in known if n not in found and any(_is_below(n, root) for root in below)]
-    kept = {row["session"]: row for row in tables["sessions"].to_dict("records")}
+    kept: dict[str, Any] = {row["session"]: row for row in tables["sessions"].to_dict("records")}
     # the rest that is known of a session that cannot be read is kept
     new["sessions"] += [kept.get(n, {"session": n}) | {"digest": None, "problem": why} for n, why in problems.items()]
     stale = {*renewed, *gone}
