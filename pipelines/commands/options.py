@@ -3,7 +3,7 @@
 import functools
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,10 +17,32 @@ _MOST_JOBS = 8
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+"""Type of an argument: a folder that is there."""
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+session_argument = click.argument("session", type=FOLDER, metavar="SESSION")
+cluster_option = click.option(
+    "--cluster", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port, computes instead."
+)
+keep_option = click.option(
+    "--keep", is_flag=True, help="Take results of earlier code as they are, and mark them; else they are made again."
+)
 
-def json_option(function: F) -> F:
-    """Add ``--json``: one JSON document on stdout and nothing else."""
-    return click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")(function)
+
+def _usual_jobs() -> int:
+    from labpipe.workflow.engines import processors
+
+    return min(processors(), _MOST_JOBS)
+
+
+jobs_option = click.option(
+    "--jobs",
+    "-j",
+    default=_usual_jobs,
+    type=click.IntRange(min=0),
+    show_default=f"one per processor, at most {_MOST_JOBS}",
+    help="Experiments side by side; 0 runs everything in this process.",
+)
 
 
 def names_option(*declared: str, help: str) -> Callable[[F], F]:  # noqa: A002  # as click calls it
@@ -32,17 +54,20 @@ def names_option(*declared: str, help: str) -> Callable[[F], F]:  # noqa: A002  
     return click.option(*declared, multiple=True, callback=split, metavar="NAME[,NAME…]", help=help)
 
 
-def session_argument(function: F) -> F:
-    """Add the argument SESSION, a folder that holds session.toml."""
-    kind = click.Path(exists=True, file_okay=False, path_type=Path)
-    return click.argument("session", type=kind, metavar="SESSION")(function)
+def emit(as_json: bool, document: Any, lines: Iterable[str]) -> None:
+    """Print one JSON document, or lines of text instead; quiet commands print no lines."""
+    if as_json:
+        click.echo(json.dumps(document, indent=2, ensure_ascii=False, default=str))
+        return
+    for line in () if is_quiet() else lines:
+        click.echo(printable(line))
 
 
 def reading_options(function: F) -> F:
-    """Add what a raw file may leave unsaid: ``--instrument`` and the options of its reader.
+    """Add ``--instrument`` and the options of readers, for values that a raw file does not hold.
 
     They come to the function as one dictionary ``reading``, for :func:`instruments.read`. An error
-    of a reader names an option as Python does; it is told as it is typed here.
+    of a reader names an option as Python does; it is shown as it is typed here.
     """
 
     @click.option("--instrument", metavar="NAME", help="What wrote the file, where it does not say so: keyence, …")
@@ -57,25 +82,10 @@ def reading_options(function: F) -> F:
         "--option", "others", multiple=True, metavar="NAME=VALUE", help="Another option of the reader, e.g. fps=1000."
     )
     @functools.wraps(function)
-    def reading(
-        *args: Any,
-        instrument: str | None,
-        columns: str | None,
-        cycle: str | None,
-        units: tuple[str, ...],
-        storage_factor: int | None,
-        channel: str | None,
-        others: tuple[str, ...],
-        **kwargs: Any,
-    ) -> Any:
-        typed = {
-            "columns": columns,
-            "cycle": cycle,
-            "units": list(units),
-            "storage_factor": storage_factor,
-            "channel": channel,
-        }
-        given = {name: value for name, value in typed.items() if value}
+    def reading(*args: Any, instrument: str | None, others: tuple[str, ...], **kwargs: Any) -> Any:
+        given = {name: kwargs.pop(name) for name in ("columns", "cycle", "units", "storage_factor", "channel")}
+        given["units"] = list(given["units"])
+        given = {name: value for name, value in given.items() if value}
         try:
             kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
             return function(*args, **kwargs)
@@ -107,13 +117,6 @@ def _reading(source: Path, instrument: str | None, given: dict[str, Any], others
 
 
 _PYTHON = re.compile(r'\b([a-z][a-z_]*)=(\[[^\]]*\]|"[^"]*"|True|[0-9.]*[0-9])')
-_APART = {
-    "instrument": "--instrument",
-    "columns": "--columns",
-    "cycle": "--cycle",
-    "storage_factor": "--storage-factor",
-    "channel": "--channel",
-}
 
 
 def as_typed(hint: str) -> str:
@@ -122,57 +125,12 @@ def as_typed(hint: str) -> str:
 
     def typed(match: re.Match[str]) -> str:
         name, value = match[1], match[2] if " " in match[2] else match[2].strip('"')
-        if name not in {"instrument", *instruments.Options.__annotations__}:  # what a file holds is shown as it is
+        if name not in {"instrument", *instruments.Options.__annotations__}:  # the content of a file is shown as it is
             return match[0]
         if name == "units":
             return " ".join(f"--unit {unit}" for unit in re.findall(r'"([^"]*)"', value))
-        if name in _APART:
-            return f"{_APART[name]} {value}"
+        if name in ("instrument", "columns", "cycle", "storage_factor", "channel"):
+            return f"--{name.replace('_', '-')} {value}"
         return f"--option {name}={value.replace('True', 'true')}"
 
     return _PYTHON.sub(typed, hint)
-
-
-def jobs_option(function: F) -> F:
-    """Add ``--jobs``: how many experiments are processed at the same time."""
-
-    def usual() -> int:
-        from labpipe.workflow.engines import processors
-
-        return min(processors(), _MOST_JOBS)
-
-    return click.option(
-        "--jobs",
-        "-j",
-        default=usual,
-        type=click.IntRange(min=0),
-        show_default=f"one per processor, at most {_MOST_JOBS}",
-        help="Experiments side by side; 0 runs everything in this process.",
-    )(function)
-
-
-def cluster_option(function: F) -> F:
-    """Add ``--cluster``: a Dask scheduler in place of local processes."""
-    return click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port, computes instead.")(
-        function
-    )
-
-
-def echo(text: str) -> None:
-    """Print text to stdout, stripped of what could repaint the terminal, unless told to be quiet."""
-    if not is_quiet():
-        click.echo(printable(text))
-
-
-def echo_json(document: Any) -> None:
-    """Print one JSON document."""
-    click.echo(json.dumps(document, indent=2, ensure_ascii=False, default=str))
-
-
-def keep_option(function: F) -> F:
-    """Add ``--keep``: results of earlier code are taken as they are."""
-    return click.option(
-        "--keep",
-        is_flag=True,
-        help="Take results of earlier code as they are, and mark them; else they are made again.",
-    )(function)

@@ -4,6 +4,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def _is_shown(enabled: bool) -> bool:
-    """Tell whether progress may be shown: to a person at a terminal who wants to see it."""
+    """Whether progress may be shown: to a person at a terminal who wants to see it."""
     from pipelines.cli import is_quiet
 
     return enabled and sys.stderr.isatty() and not is_quiet()
@@ -31,65 +32,20 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
 
     with _bar(MofNCompleteColumn()) as bar:
         overall = bar.add_task("planning", total=None)
-
-        cached: Counter[Path] = Counter()
-        done: Counter[Path] = Counter()
-        total: Counter[Path] = Counter()
+        cached, done, total = Counter[Path](), Counter[Path](), Counter[Path]()
 
         def show(event: "Event") -> None:
-            if event.kind == "planned":
-                bar.console.print(escape(f"{event.session.name}: {event.message}"), highlight=False)
             one = event.session
-            # What was kept took no time; counted as work it would promise an end too soon.
+            if event.kind == "planned":
+                bar.console.print(escape(f"{one.name}: {event.message}"), highlight=False)
+            # Kept results took no time; counted as work they would promise an end too soon.
             cached[one] += event.kind in ("cached", "kept")
             done[one], total[one] = event.done - cached[one], event.total - cached[one]
-            text = escape(f"{event.task.experiment}: {event.task.stage}")
-            if len(total) > 1:
-                text = escape(f"{one.name}: ") + text
+            text = f"{event.task.experiment}: {event.task.stage}"
+            text = escape(f"{one.name}: {text}" if len(total) > 1 else text)
             bar.update(overall, total=total.total(), completed=done.total(), description=text)
 
         yield show
-
-
-def rate(steps_per_second: float | None) -> str:
-    """Write how fast steps end, in the unit that gives a number from 1 up.
-
-    Examples
-    --------
-    >>> rate(2.5), rate(0.05), rate(None)
-    ('2.5/s', '3.0/min', '')
-    """
-    if not steps_per_second:
-        return ""
-    if steps_per_second >= 1:
-        return f"{steps_per_second:.1f}/s"
-    return f"{steps_per_second * _MINUTE:.1f}/min"
-
-
-_MINUTE = 60.0
-
-
-def _bar(done: "ProgressColumn", *, redirect_stdout: bool = True) -> "Progress":
-    """Return a bar on stderr with how much is done, the rate, the time gone, and the time left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        ProgressColumn,
-        Task,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.text import Text
-
-    class Rate(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            return Text(rate(task.finished_speed or task.speed))
-
-    clocks = (Rate(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(compact=True))
-    columns = (TextColumn("{task.description}"), BarColumn(), done, *clocks)
-    return Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=redirect_stdout)
 
 
 @contextmanager
@@ -109,14 +65,8 @@ def counted(
     # stdout stays where it is: a list of results may go into a file while the bar is shown
     with _bar(MofNCompleteColumn(), redirect_stdout=False) as bar:
         work = bar.add_task("", total=total)
-        done = -1 if when == "begun" else 0
-
-        def step(text: str) -> None:
-            nonlocal done
-            done += 1
-            bar.update(work, completed=done, description=escape(text))
-
-        yield step
+        done = count(int(when == "done"))
+        yield lambda text: bar.update(work, completed=next(done), description=escape(text))
 
 
 @contextmanager
@@ -142,3 +92,13 @@ def fraction(text: str) -> "Iterator[Callable[[float], None]]":
     with _bar(TaskProgressColumn()) as bar:
         work = bar.add_task(text, total=1.0)
         yield lambda done: bar.update(work, completed=done)
+
+
+def _bar(done: "ProgressColumn", *, redirect_stdout: bool = True) -> "Progress":
+    """Return a bar on stderr with the work done, the time gone, and the time left."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    clocks = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(compact=True))
+    columns = (TextColumn("{task.description}"), BarColumn(), done, *clocks)
+    return Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=redirect_stdout)

@@ -1,9 +1,11 @@
-"""Commands on a session folder: init, plan, process."""
+"""Commands on a session folder: init, plan, process, watch."""
 
 import itertools
 import sys
+import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +14,9 @@ import click
 from labpipe.errors import LabpipeError, StorageError
 from pipelines.cli import as_document as error_document, printable, report_error
 from pipelines.commands.options import (
+    FOLDER,
     cluster_option,
-    echo,
-    echo_json,
+    emit,
     jobs_option,
     json_option,
     keep_option,
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
 _STATE_WIDTH = 10
 _NEVER_RUN = "never run"
+_SHOWN = 3  # findings on one experiment that a command prints
 
 
 @click.command()
@@ -46,8 +49,8 @@ _NEVER_RUN = "never run"
 def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...], as_json: bool) -> None:
     r"""Scan FOLDER and write a commented session.toml.
 
-    Instruments are recognised by the content of their files. What the files do not contain (mass,
-    radius, material, drop height, inclination of the laser) is asked for; an empty answer leaves a
+    Instruments are recognised by the content of their files. Values that the files do not contain (mass,
+    radius, material, drop height, inclination of the laser) are asked for; an empty answer leaves a
     line to fill in, marked with FILL, and its experiment waits until it is filled; the others can be
     processed. For a missing calibration record a template is written.
 
@@ -61,27 +64,16 @@ def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...],
     is_person = sys.stdin.isatty() and not as_json
     asker = _Asker() if (is_person if ask is None else ask) else None
     found = verb(folder, replace=force, ask=asker, template=template)
-    if as_json:
-        echo_json(
-            {
-                "path": str(found.path),
-                "experiments": found.experiments,
-                "to_fill": found.gaps,
-                "records": [str(p) for p in found.records],
-                "unused": found.unused,
-            }
-        )
-        return
     n = len(found.experiments)
-    echo(f"wrote {found.path} with {n} experiment{'s' * (n != 1)}")
+    lines = [f"wrote {found.path} with {n} experiment{'s' * (n != 1)}"]
     for path in found.records:
         is_open = any(line.startswith(path.relative_to(folder).as_posix()) for line in found.gaps)
-        echo(f"wrote {path}, a calibration record{' to complete' if is_open else ''}")
-    for line in found.gaps:
-        echo(f"  to fill in: {line}")
-    for line in found.unused:
-        echo(f"  not used: {line}")
-    echo(f"then: labpipe plan {folder}")
+        lines.append(f"wrote {path}, a calibration record{' to complete' if is_open else ''}")
+    lines += [f"  to fill in: {line}" for line in found.gaps]
+    lines += [f"  not used: {line}" for line in found.unused]
+    document = {"path": str(found.path), "experiments": found.experiments, "to_fill": found.gaps}
+    document |= {"records": [str(p) for p in found.records], "unused": found.unused}
+    emit(as_json, document, [*lines, f"then: labpipe plan {folder}"])
 
 
 class _Asker:
@@ -112,7 +104,6 @@ class _Asker:
 
 
 _TO = names_option("--to", "targets", help="Only these stages and what they need.")
-_TOLD = 3  # findings on one experiment that a command prints
 _ONLY = names_option("--only", help="Only these experiments and what they need.")
 _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and solve everything.")
 
@@ -124,9 +115,7 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and s
 @_FULL
 @keep_option
 @json_option
-def plan(
-    session: Path, targets: list[str] | None, only: list[str] | None, full: bool, keep: bool, as_json: bool
-) -> None:
+def plan(session: Path, as_json: bool, **options: Any) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
     A summary comes first, with the experiments that wait and for which lines; then the steps, in one line
@@ -138,52 +127,41 @@ def plan(
     """
     from pipelines import process as verbs
 
-    made = verbs.plan(session, targets, only, full=full, keep=keep)
-    exact = verbs.stated_as_exact(made.session)
-    if as_json:
-        names = ("experiment", "stage", "recording", "state", "reason")
-        rows = [{n: getattr(row, n) for n in names} for row in made.rows]
-        document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate}
-        echo_json(document | {"waiting": made.session.waiting, "exact": exact})
-        return
-    echo(f"{made.summary}")
-    _show_waiting(made.session.waiting)
-    for values, stating in exact.items():
-        echo(f"counted as exact, since stated without ±: {values} ({', '.join(stating)})")
+    made = verbs.plan(session, **options)
+    exact, waiting = verbs.stated_as_exact(made.session), made.session.waiting
+    names = ("experiment", "stage", "recording", "state", "reason")
+    rows = [{n: getattr(row, n) for n in names} for row in made.rows]
+    lines = [f"{made.summary}", *_waiting(waiting)]
+    lines += [f"counted as exact, since stated without ±: {v} ({', '.join(stating)})" for v, stating in exact.items()]
     for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
-        echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
-        _show_steps(list(own))
+        lines += ["", f"{experiment} ({made.session.experiments[experiment].kind})", *_steps(list(own))]
+    document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate}
+    emit(as_json, document | {"waiting": waiting, "exact": exact}, lines)
 
 
-def _show_waiting(waiting: "Mapping[str, Sequence[str]]") -> None:
-    """Say which experiments wait, and each line that they wait for."""
+def _waiting(waiting: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Name the experiments that wait, and each line that they wait for."""
     for name, lines in waiting.items():
-        echo(f"waiting: {name}")
-        for line in lines:
-            echo(f"  {line}")
+        yield f"waiting: {name}"
+        yield from (f"  {line}" for line in lines)
 
 
-def _show_steps(rows: "list[Row]") -> None:
-    """Print one row per step; one for all where all are in the same state for the same reason."""
-    if len(rows) > 1 and len({(row.state, row.reason) for row in rows}) == 1:
-        echo(f"  {rows[0].state:{_STATE_WIDTH}}{f'all {len(rows)} steps':44} {rows[0].reason}".rstrip())
-        return
+def _steps(rows: "list[Row]") -> Iterator[str]:
+    """Write one line per step; one for all where all are in the same state for the same reason."""
+    states = [(row.state, row.reason) for row in rows]
     if all(row.reason.startswith(_NEVER_RUN) for row in rows):
-        echo(f"  {'will run':{_STATE_WIDTH}}{f'all {len(rows)} steps':44} {_NEVER_RUN}")
+        states = [("will run", _NEVER_RUN)]
+    if len(rows) > 1 and len(set(states)) == 1:
+        state, reason = states[0]
+        yield f"  {state:{_STATE_WIDTH}}{f'all {len(rows)} steps':44} {reason}".rstrip()
         return
     for row in rows:
         name = row.stage if row.recording is None else f"{row.stage} [{row.recording}]"
-        echo(f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}".rstrip())
+        yield f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}".rstrip()
 
 
 @click.command()
-@click.argument(
-    "sessions",
-    nargs=-1,
-    required=True,
-    metavar="SESSION...",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-)
+@click.argument("sessions", nargs=-1, required=True, metavar="SESSION...", type=FOLDER)
 @_TO
 @_ONLY
 @_FULL
@@ -192,12 +170,10 @@ def _show_steps(rows: "list[Row]") -> None:
 @cluster_option
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option
-def process(
-    sessions: tuple[Path, ...], targets: list[str] | None, only: list[str] | None, as_json: bool, **options: Any
-) -> None:
+def process(sessions: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     r"""Process session folders: results and one report per experiment.
 
-    What is already there and still true is kept. A failed experiment does not stop the others, nor
+    Results that are still true are kept. A failed experiment does not stop the others, nor
     does one with values to fill in or correct, which waits (exit code 1), nor a session that cannot be opened.
 
     \b
@@ -210,89 +186,105 @@ def process(
 
     folders = list({folder.resolve(): folder for folder in sessions}.values())
     with watching(enabled=not as_json) as progress:
-        ended = dict(verbs.process_all(folders, targets=targets, only=only, progress=progress, **options))
+        ended = dict(verbs.process_all(folders, progress=progress, **options))
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error
     judged = {folder: verbs.verdicts_of(done) for folder, done in ended.items() if not isinstance(done, LabpipeError)}
-    codes = {done.exit_code for done in ended.values()}
-    waits = any(done.session.waiting for done in ended.values() if not isinstance(done, LabpipeError))
-    if waits or any(found.is_impossible for found in judged.values()):
-        codes = (codes - {0}) | {1}
-    code = _common_code(codes)
     ended = {folder: ended[folder] for folder in folders if folder in ended}
-    if as_json:
-        documents = [as_document(done, folder, judged.get(folder)) for folder, done in ended.items()]
-        echo_json(documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code})
-    else:
-        for folder, done in ended.items():
-            if len(folders) > 1:
-                echo(f"{folder}:")
-            summarise(done, judged.get(folder))
+    documents = [as_document(done, folder, judged.get(folder)) for folder, done in ended.items()]
+    codes = {document["exit_code"] for document in documents}
+    code = StorageError.exit_code if StorageError.exit_code in codes else codes.pop() if len(codes) == 1 else 1
+    lines: list[str] = []
+    for folder, done in ended.items() if not as_json else ():
+        lines += [f"{folder}:"] if len(folders) > 1 else []
+        lines += summary(done, judged.get(folder))
+    emit(as_json, documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code}, lines)
     click.get_current_context().exit(code)
-
-
-def _common_code(codes: set[int]) -> int:
-    """Return the exit code of several sessions.
-
-    Examples
-    --------
-    >>> _common_code({3}), _common_code({0, 3}), _common_code({0, 5})
-    (3, 1, 5)
-    """
-    if StorageError.exit_code in codes:
-        return StorageError.exit_code
-    return codes.pop() if len(codes) == 1 else 1
 
 
 def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verdicts | None" = None) -> dict[str, Any]:
     """Return a run, or why there was none, as one JSON document."""
     if isinstance(outcome, LabpipeError):
         return {"session": str(folder), **error_document(outcome)}
+    names = ("experiment", "stage", "recording")
+    steps = [
+        {n: getattr(o.task, n) for n in names} | {"state": o.state, "message": o.message} for o in outcome.outcomes
+    ]
+    is_doubtful = bool(outcome.session.waiting) or (judged is not None and judged.is_impossible)
     return {
         "session": str(outcome.session.root),
-        "steps": [
-            {
-                "experiment": o.task.experiment,
-                "stage": o.task.stage,
-                "recording": o.task.recording,
-                "state": o.state,
-                "message": o.message,
-            }
-            for o in outcome.outcomes
-        ],
+        "steps": steps,
         "experiments": [] if judged is None else judged.document(),
         "findings": [] if judged is None else judged.notes_document(),
         "reports": {name: str(path) for name, path in outcome.reports.items()},
         "waiting": outcome.session.waiting,
-        "exit_code": outcome.exit_code
-        or int(bool(outcome.session.waiting) or (judged is not None and judged.is_impossible)),
+        "exit_code": outcome.exit_code or int(is_doubtful),
     }
 
 
-def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = None) -> None:
-    """Say how a run ended and where its reports are."""
+def summary(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = None) -> Iterator[str]:
+    """Say how a run ended and where its reports are; failures go to stderr."""
     if isinstance(outcome, LabpipeError):
         report_error(outcome, wants_json=False)
         return
     count = Counter(o.state for o in outcome.outcomes)
-    echo(", ".join(f"{n} {state}" for state, n in sorted(count.items())) or "nothing to do")
+    yield ", ".join(f"{n} {state}" for state, n in sorted(count.items())) or "nothing to do"
     for o in outcome.failures:
         click.echo(f"failed: {o.task}: {o.message}", err=True)
     for one in () if judged is None else judged.experiments:
-        if one.state == "waiting":  # its lines are told below, with those that nobody judged
+        if one.state == "waiting":  # its lines follow below, with those that nobody judged
             continue
         grave = [f"{f.message} [{f.place}]" if f.place else f.message for f in one.findings if f.level != "note"]
-        more = f"; and {len(grave) - _TOLD} more on its page" if len(grave) > _TOLD else ""
-        told = "; ".join(grave[:_TOLD]) + more
+        more = f"; and {len(grave) - _SHOWN} more on its page" if len(grave) > _SHOWN else ""
+        said = "; ".join(grave[:_SHOWN]) + more
         model = f", model: {one.model}" if one.model != "none" else ""
-        echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
-        # what a note hints at stands on the page
-        if likely := one.cause if told else next(iter(one.suspects), ""):
-            echo(f"  likely: {likely}")
+        yield f"{one.experiment}: believable: {one.believable}{model}{said and f' ({said})'}"
+        # the cause of a note is on the page
+        if likely := one.cause if said else next(iter(one.suspects), ""):
+            yield f"  likely: {likely}"
     for note in () if judged is None else judged.notes:
-        echo(f"note: {note.message}: {note.cause}")
-    _show_waiting(outcome.session.waiting)
-    for path in outcome.reports.values():
-        echo(f"report: {path}")
+        yield f"note: {note.message}: {note.cause}"
+    yield from _waiting(outcome.session.waiting)
+    yield from (f"report: {path}" for path in outcome.reports.values())
     if (overview := outcome.session.folder / PAGE).is_file():
-        echo(f"all experiments: {overview}")
+        yield f"all experiments: {overview}"
+
+
+@click.command()
+@session_argument
+@click.option("--every", type=click.FloatRange(min=0.01), default=2.0, help="Seconds between checks of the folder.")
+@click.option(
+    "--looks", type=click.IntRange(min=2), default=3, help="Consecutive checks that must find a file unchanged."
+)
+@click.option("--until-done", is_flag=True, help="End once every experiment is processed.")
+@click.option("--jobs", "-j", default=1, type=click.IntRange(min=0), help="0 runs everything in this process.")
+@json_option
+def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int, as_json: bool) -> None:
+    r"""Process each experiment of SESSION as soon as its files are complete; end with Ctrl-C.
+
+    The folder is polled, so it may be on a network share. A file is complete when it is unchanged
+    over several checks and its content is complete. The watch may be stopped and restarted at any
+    time; nothing is computed twice.
+
+    \b
+    Example:
+      labpipe watch my-session
+    """
+    from pipelines import process as verbs
+
+    watcher = verbs.watch(session, looks=looks, jobs=jobs)
+    failed = False
+    try:
+        while True:
+            for news in watcher.look():
+                failed |= news.state == "failed"
+                clock = datetime.now().astimezone().strftime("%H:%M:%S")
+                if not as_json:
+                    emit(False, None, [f"{clock}  {news.experiment or 'session'}: {news.state}: {news.text}"])
+            if until_done and watcher.is_done:
+                break
+            time.sleep(every)
+    finally:
+        states = watcher.states.items()
+        emit(as_json, {"experiments": {n: {"state": s, "text": t} for n, (s, t) in states}}, ())
+    click.get_current_context().exit(1 if failed else 0)

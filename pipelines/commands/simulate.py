@@ -1,21 +1,83 @@
-"""Commands that run the bundled simulator alone: simulate drop, indent, and others."""
+"""Commands that run the bundled simulator alone: simulate drop, indent, adhesion; sweep."""
 
+import json
+import sys
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
+from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from pipelines.commands import quantities
-from pipelines.commands.options import json_option
-from pipelines.commands.simulate_beyond import adhesion
-from pipelines.commands.simulation_output import (
-    adhesion_rows,
-    deliver,
-    drop_panels,
-    drop_summary,
-    heating_rows,
-    indent_panels,
-    indent_summary,
+from pipelines.commands.options import cluster_option, emit, json_option
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from labpipe.materials import Material, Prony, Thermal
+
+F = TypeVar("F", bound=Callable[..., Any])
+_Rows = list[tuple[str, Any, str]]
+"""Name, value and unit."""
+_Panels = list[tuple[Any, Any, str, str]]
+"""Values along both axes and their labels."""
+_WIDTH = 34
+_ADHESIVE_STATES = 200
+
+
+class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic only since click 8.2
+    """A number with a unit, such as ``9.525 mm``; its value is in SI."""
+
+    def __init__(self, name: str, si: str, example: str) -> None:
+        self.name, self._si, self._example = name, si, example
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the value in SI."""
+        from labpipe.errors import InputError
+        from labpipe.units import quantity
+
+        if isinstance(value, float):
+            return value
+        try:
+            found = quantity(str(value))
+        except InputError as error:
+            self.fail(str(error), param, ctx)
+        if found.si != self._si:
+            unit = "has no unit" if found.si == "1" else f"is in {found.si}"
+            self.fail(f'"{value}" {unit}; expected for example "{self._example}"', param, ctx)
+        return found.value
+
+
+LENGTH, TIME = Quantity("length", "m", "9.525 mm"), Quantity("time", "s", "0.5 s")
+_MASS, _FREQUENCY = Quantity("mass", "kg", "505 g"), Quantity("frequency", "Hz", "2 Hz")
+_RATIO, _SPEED = Quantity("number", "1", "0.03"), Quantity("speed", "m/s", "1 mm/s")
+_TEMPERATURE = Quantity("temperature", "degC", "23 degC")
+_WORK, _FORCE = Quantity("energy per area", "J/m2", "50 mJ/m2"), Quantity("force", "N", "10 N")
+_HEAT_CAPACITY = Quantity("heat capacity", "J/kg/K", "1470 J/kg/K")
+_CONDUCTIVITY = Quantity("conductivity", "W/m/K", "0.19 W/m/K")
+
+
+def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
+    return lambda function: reduce(lambda f, option: option(f), reversed(options), function)
+
+
+def _material_options(default: str) -> Callable[[F], F]:
+    """Add ``--material``, ``--temperature`` and ``--vertical-shift``."""
+    of_data = "Temperature of the material, by its shift law; default: that of its data."
+    shift = "b_T: factor on all moduli at that temperature."
+    return _options(
+        click.option("--material", default=default, help="Library name or TOML file."),
+        click.option("--temperature", type=_TEMPERATURE, help=of_data),
+        click.option("--vertical-shift", type=float, default=1.0, help=shift),
+    )
+
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+_result_options = _options(
+    click.option("--out", type=_FILE, help="netCDF file to write."),
+    click.option("--picture", type=_FILE, help="Picture to draw (.png, .svg or .pdf)."),
+    json_option,
 )
 
 
@@ -30,51 +92,25 @@ def simulate() -> None:
 
 
 @simulate.command()
-@quantities.material_options("acrylic")
-@click.option("--radius", type=quantities.LENGTH, default="9.525 mm", help="Of the sphere.")
-@click.option("--mass", type=quantities.MASS, default="505 g", help="Total moving mass.")
-@click.option("--height", type=quantities.LENGTH, default="1.5 mm", help="Drop height, from release to first touch.")
-@click.option("--duration", type=quantities.TIME, default="0.5 s", help="From release.")
-@click.option(
-    "--solver",
-    type=click.Choice(["mdr", "rings", "thesis"]),
-    default="mdr",
-    help="'thesis' is the thesis's own scheme.",
-)
+@_material_options("acrylic")
+@click.option("--radius", type=LENGTH, default="9.525 mm", help="Of the sphere.")
+@click.option("--mass", type=_MASS, default="505 g", help="Total moving mass.")
+@click.option("--height", type=LENGTH, default="1.5 mm", help="Drop height, from release to first touch.")
+@click.option("--duration", type=TIME, default="0.5 s", help="From release.")
+@click.option("--solver", type=click.Choice(["mdr", "rings", "thesis"]), default="mdr",
+              help="'thesis' is the thesis's own scheme.")  # fmt: skip
 @click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola", help="Shape of the gap.")
 @click.option("--rtol", type=float, default=1e-4, help="Target relative error.")
-@click.option(
-    "--plate-mass", type=quantities.MASS, help="Modal mass of a vibrating substrate; needs the next two options."
-)
-@click.option("--plate-frequency", type=quantities.FREQUENCY, help="Natural frequency.")
-@click.option("--plate-damping", type=quantities.RATIO, help="Damping ratio.")
-@click.option(
-    "--adhesion",
-    "work_of_adhesion",
-    type=quantities.WORK,
-    help='Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.',
-)
+@click.option("--plate-mass", type=_MASS, help="Modal mass of a vibrating substrate; needs the next two options.")
+@click.option("--plate-frequency", type=_FREQUENCY, help="Natural frequency.")
+@click.option("--plate-damping", type=_RATIO, help="Damping ratio.")
+@click.option("--adhesion", "work_of_adhesion", type=_WORK,
+              help='Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.')  # fmt: skip
 @click.option("--heating", is_flag=True, help="Estimate self-heating.")
-@click.option("--heat-capacity", type=quantities.HEAT_CAPACITY, help="For --heating; default: from the library.")
-@click.option("--conductivity", type=quantities.CONDUCTIVITY, help="For --heating; default: from the library.")
-@quantities.result_options
-@json_option
-def drop(
-    material: str,
-    temperature: float | None,
-    vertical_shift: float,
-    plate_mass: float | None,
-    plate_frequency: float | None,
-    plate_damping: float | None,
-    work_of_adhesion: float | None,
-    heating: bool,
-    heat_capacity: float | None,
-    conductivity: float | None,
-    out: Path | None,
-    picture: Path | None,
-    as_json: bool,
-    **fall: Any,
-) -> None:
+@click.option("--heat-capacity", type=_HEAT_CAPACITY, help="For --heating; default: from the library.")
+@click.option("--conductivity", type=_CONDUCTIVITY, help="For --heating; default: from the library.")
+@_result_options
+def drop(material: str, temperature: float | None, vertical_shift: float, **options: Any) -> None:
     r"""Drop a viscoelastic sphere on a rigid flat (or on a vibrating plate).
 
     \b
@@ -85,56 +121,43 @@ def drop(
     from labpipe.materials import describe
     from pipelines.simulator_inputs import material as load, thermal_of
 
-    parts = (plate_mass, plate_frequency, plate_damping)
-    if any(p is not None for p in parts) and any(p is None for p in parts):
+    of_plate = [options.pop(f"plate_{name}") for name in ("mass", "frequency", "damping")]
+    if None in of_plate and of_plate != [None, None, None]:
         raise click.UsageError("a plate needs --plate-mass, --plate-frequency and --plate-damping together")
-    plate = None
-    if plate_mass is not None and plate_frequency is not None and plate_damping is not None:
-        plate = contact.Plate(plate_mass, plate_frequency, plate_damping)
+    plate = None if None in of_plate else contact.Plate(*of_plate)
+    output = {name: options.pop(name) for name in ("out", "picture", "as_json")}
+    work, is_heated = options.pop("work_of_adhesion"), options.pop("heating")
+    properties = [options.pop(name) for name in ("heat_capacity", "conductivity")]
     solid = load(material, temperature, vertical_shift)
-    with _progress(as_json) as shown:
-        found = contact.drop(solid, **fall, plate=plate, progress=shown)
-    extra: dict[str, Any] = {}
-    if work_of_adhesion is not None:
-        extra |= adhesion_rows(found, solid, work_of_adhesion)
-    if heating:
-        thermal = thermal_of(material, heat_capacity, conductivity)
-        extra |= heating_rows(found, describe(material), thermal, temperature)
-    deliver(found, out, picture, as_json, lambda d: drop_summary(d, extra), drop_panels)
+    with _progress(output["as_json"]) as shown:
+        found = contact.drop(solid, **options, plate=plate, progress=shown)
+    rows = _drop_rows(found)
+    if work is not None:
+        rows += _adhesion_rows(found, solid, work)
+    if is_heated:
+        rows += _heating_rows(found, describe(material), thermal_of(material, *properties), temperature)
+    _deliver(found, rows, json.loads(found.attrs["work"]), _drop_panels(found), **output)
 
 
 @simulate.command()
-@quantities.material_options("nbr")
-@quantities.punch_options
-@click.option("--amplitude", type=quantities.LENGTH, default="0.01 mm", help="Of the oscillation.")
-@click.option("--frequency", type=quantities.FREQUENCY, default="1 Hz", help="Of the oscillation.")
+@_material_options("nbr")
+@click.option("--tip-radius", type=LENGTH, default="2 mm", help="Of curvature.")
+@click.option("--period", type=LENGTH, default="8 mm", help="Distance between neighbouring tips.")
+@click.option("--depth", type=LENGTH, default="18 mm", help="Contact length summed over the tips.")
+@click.option("--mean", type=LENGTH, default="0.1 mm", help="Mean indentation.")
+@click.option("--amplitude", type=LENGTH, default="0.01 mm", help="Of the oscillation.")
+@click.option("--frequency", type=_FREQUENCY, default="1 Hz", help="Of the oscillation.")
 @click.option("--cycles", type=click.IntRange(min=0), default=5, help="Number of cycles; 0 for press and hold only.")
-@click.option("--hold", type=quantities.TIME, default="600 s", help="Duration of the hold before the cycles.")
-@click.option("--ramp", type=quantities.SPEED, default="1 mm/s", help="Speed of the ramp.")
-@click.option("--thickness", type=quantities.LENGTH, help="Thickness of a bonded layer; default: half-plane.")
-@click.option(
-    "--profile", type=click.Choice(["parabola", "circle", "cosine"]), default="circle", help="Shape of a tip."
-)
+@click.option("--hold", type=TIME, default="600 s", help="Duration of the hold before the cycles.")
+@click.option("--ramp", type=_SPEED, default="1 mm/s", help="Speed of the ramp.")
+@click.option("--thickness", type=LENGTH, help="Thickness of a bonded layer; default: half-plane.")
+@click.option("--profile", type=click.Choice(["parabola", "circle", "cosine"]), default="circle",
+              help="Shape of a tip.")  # fmt: skip
 @click.option("--elements", type=click.IntRange(min=64), default=1024, help="Strips per period.")
 @click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
-@quantities.result_options
-@json_option
+@_result_options
 def indent(
-    material: str,
-    temperature: float | None,
-    vertical_shift: float,
-    mean: float,
-    amplitude: float,
-    frequency: float,
-    cycles: int,
-    hold: float,
-    ramp: float,
-    thickness: float | None,
-    maps: bool,
-    out: Path | None,
-    picture: Path | None,
-    as_json: bool,
-    **punch: Any,
+    material: str, temperature: float | None, vertical_shift: float, thickness: float | None, maps: bool, **options: Any
 ) -> None:
     r"""Press a periodic punch into a surface: ramp, hold, then oscillate.
 
@@ -147,36 +170,251 @@ def indent(
     from labpipe import contact
     from pipelines.simulator_inputs import material as load, ramp_hold_oscillation
 
-    _require_positive(mean=mean, frequency=frequency, ramp=ramp)
-    time, moved = ramp_hold_oscillation(mean, amplitude, frequency, cycles, hold=hold, ramp=ramp, per_cycle=100)
-    with _progress(as_json) as shown:
+    for name in ("mean", "frequency", "ramp"):
+        if not options[name] > 0.0:
+            raise click.UsageError(f"--{name} is {options[name]:g} in SI units; expected more than 0")
+    output = {name: options.pop(name) for name in ("out", "picture", "as_json")}
+    moves = {name: options.pop(name) for name in ("mean", "amplitude", "frequency", "cycles", "hold", "ramp")}
+    time, moved = ramp_hold_oscillation(**moves, per_cycle=100)
+    with _progress(output["as_json"]) as shown:
         found = contact.indent(
             load(material, temperature, vertical_shift),
             time=time,
             displacement=moved,
             thickness=np.inf if thickness is None else thickness,
-            **punch,
             outputs=("energy", "pressure", "surface") if maps else ("energy",),
             progress=shown,
+            **options,
         )
-    deliver(found, out, picture, as_json, indent_summary, indent_panels)
+    force, um = found["force"].values, found["displacement"].values * 1e6
+    rows: _Rows = [
+        ("peak force", float(force.max()), "N"),
+        ("final force", float(force[-1]), "N"),
+        ("largest contact half-width", float(found["contact_half_width"].max()), "m"),
+        ("work done", float(found["work_done"][-1]), "J"),
+        ("stored energy", float(found["stored_energy"][-1]), "J"),
+        ("dissipated energy", float(found["dissipated_energy"][-1]), "J"),
+        ("energy error", float(found.attrs["energy_error"]), ""),
+        *((name.replace("_", " "), str(found.attrs[name]), "") for name in ("solver", "solver_reason", "datum")),
+    ]
+    panels = [(found["time"].values, force, "time / s", "force / N"), (um, force, "displacement / µm", "force / N")]
+    _deliver(found, rows, json.loads(found.attrs["work"]), panels, **output)
 
 
-simulate.add_command(adhesion)
+@simulate.command()
+@_material_options("nbr")
+@click.option("--radius", type=LENGTH, default="9.525 mm", help="Of the sphere.")
+@click.option("--work", type=_WORK, default="50 mJ/m2", help="Of adhesion.")
+@click.option("--load", type=_FORCE, default="1 N", help="Largest load.")
+@_result_options
+def adhesion(
+    material: str,
+    temperature: float | None,
+    vertical_shift: float,
+    radius: float,
+    work: float,
+    load: float,
+    **output: Any,
+) -> None:
+    r"""Load and unload an adhesive sphere slowly, after JKR: force, indentation, pull-off.
+
+    Uses the relaxed (long-time) modulus. Validity: elastic, smooth, quasi-static.
+
+    \b
+    Example:
+      labpipe simulate adhesion --radius "5 mm" --work "30 mJ/m2" --picture jkr.svg
+    """
+    from labpipe.contact import adhesive_states
+    from pipelines.simulator_inputs import material as load_material
+
+    solid = load_material(material, temperature, vertical_shift)
+    found = adhesive_states(solid, radius, work, load, _ADHESIVE_STATES)
+    known = [found[n] for n in ("pull_off", "tabor", "lost_energy", "reduced_modulus") if n in found]
+    rows: _Rows = [(v.attrs["long_name"], float(v), v.attrs["units"].replace("1", "")) for v in known]
+    rows += [(name, found.attrs[name], "") for name in ("theory", "regime", "validity") if name in found.attrs]
+    panels = [
+        (found[name].values * 1e6, found["force"].values, f"{name.replace('_', ' ')} / µm", "force / N")
+        for name in ("indentation", "contact_radius")
+    ]
+    _deliver(found, rows, {"states": found.sizes["state"]}, panels, **output)
 
 
-def _require_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not value > 0.0:
-            raise click.UsageError(f"--{name} is {value:g} in SI units; expected more than 0")
+@click.command()
+@click.argument("simulator", type=click.Choice(["drop", "indent", "adhesion", "heating"]))
+@click.option("--vary", multiple=True, metavar="NAME=VALUES",
+              help='"height = 1 mm : 10 mm : 7", ": log" for equal ratios, or a list.')  # fmt: skip
+@click.option("--set", "fixed", multiple=True, metavar="NAME=VALUE",
+              help='A fixed parameter; with "±" and --draws it is sampled.')  # fmt: skip
+@click.option("--draws", type=click.IntRange(min=0), default=0, help="Random draws per point.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the draws.")
+@click.option("--out", required=True, type=_FILE, help="netCDF file; the page is written beside it.")
+@click.option("--jobs", "-j", type=click.IntRange(min=0), default=1, help="Local processes; 0 for one per processor.")
+@cluster_option
+@json_option
+def sweep(
+    simulator: str, vary: tuple[str, ...], fixed: tuple[str, ...], out: Path, as_json: bool, **options: Any
+) -> None:
+    r"""Simulate every combination of some parameters; write one netCDF file and a page.
+
+    The same command resumes a stopped sweep and retries failed points. The result does not depend
+    on where it is computed.
+
+    \b
+    Example:
+      labpipe sweep drop --vary "material = acrylic, ptfe" --vary "height = 1 mm : 10 mm : 7" \
+          --set "radius = 9.525 ± 0.005 mm" --draws 20 --out heights.nc
+    """
+    from pipelines.commands.progress import fraction
+    from pipelines.sweeps import sweep as verb
+
+    varied, constants = _named(vary), _named(fixed)
+    progress: Any = nullcontext(None) if as_json else fraction("simulating")
+    with progress as shown:
+        swept = verb(simulator, out, vary=varied, fixed=constants, progress=shown, **options)
+    counts = {"computed": swept.computed, "reused": swept.reused, "failed": swept.failed}
+    lines = (swept.summary, f"results: {out}", f"page: {swept.page}")
+    emit(as_json, {"netcdf": str(out), "page": str(swept.page)} | counts, lines)
+    click.get_current_context().exit(1 if swept.failed else 0)
 
 
-def _progress(quiet: bool) -> Any:
-    import sys
-    from contextlib import nullcontext
+def _named(texts: Iterable[str]) -> dict[str, str]:
+    """Split NAME=VALUE, and refuse a name that comes twice."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not name or not value:
+            raise click.UsageError(f'"{text}": expected NAME=VALUE, such as "height=1.5 mm"')
+        if name in found:
+            raise click.UsageError(f"{name} is set twice")
+        found[name] = value
+    return found
 
+
+def _progress(quiet: bool) -> AbstractContextManager[Callable[[float], None] | None]:
     if quiet or not sys.stderr.isatty():
         return nullcontext(None)
     from pipelines.commands.progress import fraction
 
     return fraction("simulating")
+
+
+# --- output ---
+
+
+def _deliver(
+    found: "xr.Dataset", rows: _Rows, work: dict[str, Any], panels: _Panels,
+    *, out: Path | None, picture: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Write and draw a simulation as wanted, and print its rows and its work."""
+    from labpipe import files
+
+    if out is not None:
+        files.write_dataset(out, found)
+        rows.append(("netcdf", str(out), ""))
+    if picture is not None:
+        files.write_bytes(picture, _draw(panels, picture.suffix.lstrip(".") or "png"))
+        rows.append(("picture", str(picture), ""))
+
+    def text(value: Any) -> str:
+        if isinstance(value, list):
+            return " ".join(map(text, value))
+        return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+    units = {name: unit for name, _, unit in rows if unit}
+    lines = [f"{name:{_WIDTH}}{text(value)} {unit}".rstrip() for name, value, unit in rows]
+    lines.append(f"{'work':{_WIDTH}}" + ", ".join(f"{n.replace('_', ' ')} {v}" for n, v in work.items()))
+    emit(as_json, {name: value for name, value, _ in rows} | {"units": units, "work": work}, lines)
+
+
+def _draw(panels: _Panels, file_format: str) -> bytes:
+    from matplotlib.figure import Figure
+
+    from labpipe.report import figure_bytes, figure_style, line_arguments
+
+    # Dashes mark a model beside a measurement; here there is the model only, and it has spikes.
+    look = line_arguments("model") | {"linestyle": "-", "linewidth": 1.0}
+    with figure_style(columns=1):
+        figure = Figure(figsize=(3.35, 1.7 * len(panels)), layout="constrained")
+        for row, (x, y, x_label, y_label) in enumerate(panels):
+            axes = figure.add_subplot(len(panels), 1, row + 1)
+            axes.plot(x, y, **look)
+            axes.set(xlabel=x_label, ylabel=y_label)
+        return figure_bytes(figure, file_format)
+
+
+def _drop_rows(found: "xr.Dataset") -> _Rows:
+    """Return the results of a drop: first bounce, all bounces, ledger of energy."""
+    count = found.sizes["impact"]
+    rows: _Rows = [("impacts", count, "")]
+    if count:
+        for name in ("restitution", "peak_force", "peak_contact_radius", "contact_duration"):
+            unit = found[name].attrs["units"].replace("1", "")
+            rows.append((f"first {name.replace('_', ' ')}", float(found[name][0]), unit))
+        rows.append(("impact times", [round(float(t), 9) for t in found["impact_time"].values], "s"))
+        rows.append(("restitutions", [round(float(e), 6) for e in found["restitution"].values], ""))
+    if "rigid_restitution" in found:
+        rows.append(("first restitution on a rigid flat", float(found["rigid_restitution"]), ""))
+    last = found.isel(time=-1)
+    for name in ("kinetic", "potential", "stored", "plate", "dissipated", "numerical"):
+        if f"{name}_energy" in found:
+            rows.append((f"{name} energy at the end", float(last[f"{name}_energy"]), "J"))
+    return rows + ([("energy error", float(found.attrs["energy_error"]), "")] if "energy_error" in found.attrs else [])
+
+
+def _adhesion_rows(found: "xr.Dataset", solid: "Prony", work: float) -> _Rows:
+    """Say whether adhesion matters in the last and the first impact of a drop."""
+    from labpipe.contact import adhesion_in_impact
+    from labpipe.errors import InputError
+
+    if not found.sizes["impact"]:
+        raise InputError("the drop has no completed impact to compare adhesion with")
+    impacts = (found[n].values for n in ("impact_speed", "contact_duration", "peak_force"))
+    radius, mass = float(found["sphere_radius"]), float(found["mass"])
+    seen = [
+        adhesion_in_impact(solid, radius, mass, speed, duration, force, work)
+        for speed, duration, force in zip(*impacts, strict=True)
+    ]
+    first = seen[0]
+    some = [i + 1 for i, one in enumerate(seen) if one.verdict != "negligible"]
+    return [
+        ("adhesion", f"may matter from impact {some[0]} on" if some else "negligible", ""),
+        ("adhesion pull-off force", first.pull_off, "N"),
+        ("adhesion pull-off force at most", first.pull_off_bound, "N"),
+        ("adhesion of the first peak force", first.force_share, ""),
+        ("adhesion regime", f"{first.regime}, Tabor {first.tabor:.3g}", ""),
+    ]
+
+
+def _heating_rows(found: "xr.Dataset", material: "Material", thermal: "Thermal", temperature: float | None) -> _Rows:
+    """Say by how much a drop warms its contact, and by how much that changes the modulus."""
+    import numpy as np
+
+    from labpipe.contact import NOTICEABLE, self_heating
+
+    estimate = self_heating(found, material, thermal, temperature)
+    over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= NOTICEABLE)
+    since = f" from impact {over[0] + 1} on" if over.size else ""
+    return [
+        ("self-heating", f"{estimate.verdict}{since}", ""),
+        ("self-heating by the first impact", float(estimate.dataset["bulk_rise"][0]), "K"),
+        ("self-heating after all impacts", estimate.train, "K"),
+        ("self-heating without conduction", estimate.train_adiabatic, "K"),
+        ("self-heating if all heat were from friction", estimate.surface, "K"),
+        ("change of modulus by heating", estimate.modulus_change, ""),
+        ("thermal properties", f"{thermal.status}: {thermal.source}", ""),
+    ]
+
+
+def _drop_panels(found: "xr.Dataset") -> _Panels:
+    """Return the height over time, and force and radius of the first contact."""
+    time, label, start, end = found["time"].values, "time / ms", -float("inf"), float("inf")
+    since = time * 1e3
+    if found.sizes["impact"]:
+        start, label = float(found["impact_time"][0]), "time since first touch / ms"
+        end, since = start + 1.1 * float(found["contact_duration"][0]), (time - start) * 1e3
+    near = (time >= start) & (time <= end)
+    return [
+        (time * 1e3, found["displacement"].values * 1e3, "time / ms", "height / mm"),
+        (since[near], found["force"].values[near], label, "force / N"),
+        (since[near], found["contact_radius"].values[near] * 1e3, label, "contact radius / mm"),
+    ]

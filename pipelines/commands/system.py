@@ -1,29 +1,37 @@
-"""Commands about the installation itself: doctor and completion."""
+"""Commands about the installation and its parts: doctor, completion, open, sample, demo, figures, bench, acquire."""
 
+import json
 import sys
+from collections import Counter
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import click
 from click.shell_completion import get_completion_class
 
 from labpipe.errors import ConfigError, StorageError, StoreError
 from pipelines.cli import cli
-from pipelines.commands.options import echo, echo_json, json_option
+from pipelines.commands.options import FOLDER, emit, jobs_option, json_option
+from pipelines.commands.simulate import TIME
+
+_NEW_FOLDER = click.Path(file_okay=False, path_type=Path)
+_NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command()
-@click.argument("session", required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument("session", required=False, type=FOLDER)
 @json_option
 def doctor(session: Path | None, as_json: bool) -> None:
     r"""Check the installation and the disk; audit SESSION.
 
-    Says which versions are installed and whether they are too old, whether another package
+    Lists installed versions and whether they are too old, whether another package
     shadows one of ours, which plug-ins are used or left out, whether files can be written and how
     much space is free; reads session.toml and every stored result in SESSION, or in the present
     folder.
 
-    All that is wrong with the recordings and settings of SESSION comes as one table, what costs
-    most first, each with the line to change; what the verdicts need is processed first. The exit
+    All that is wrong with the recordings and settings of SESSION comes as one table, the costliest
+    first, each with the line to change; results that the verdicts need are processed first. The exit
     code is 1 when a record is impossible.
 
     \b
@@ -33,25 +41,20 @@ def doctor(session: Path | None, as_json: bool) -> None:
     from pipelines.session import doctor as verb
 
     found = verb(session)
-    if as_json:
-        echo_json({
-            "versions": found.versions, "plugins": found.plugins, "free_bytes": found.free_bytes,
-            "problems": found.problems, "session_problems": found.session_problems,
-            "damaged_results": found.damaged_results,
-            "checks": None if found.audit is None else found.audit.checks,
-            "exact": None if found.audit is None else found.audit.exact,
-            "findings": None if found.audit is None else [t.document() for t in found.audit.troubles],
-        })  # fmt: skip
-    else:
-        for line in repr(found).splitlines():
-            echo(line)
+    audit = found.audit
+    names = ("versions", "plugins", "free_bytes", "problems", "session_problems", "damaged_results")
+    document = {name: getattr(found, name) for name in names} | {"checks": None, "exact": None, "findings": None}
+    if audit is not None:
+        findings = [trouble.document() for trouble in audit.troubles]
+        document |= {"checks": audit.checks, "exact": audit.exact, "findings": findings}
+    emit(as_json, document, repr(found).splitlines())
     if found.damaged_results:
         sys.exit(StoreError.exit_code)
     if found.problems:
         sys.exit(StorageError.exit_code)
     if found.session_problems:
         sys.exit(ConfigError.exit_code)
-    if found.audit is not None and found.audit.is_impossible:
+    if audit is not None and audit.is_impossible:
         sys.exit(1)
 
 
@@ -69,7 +72,287 @@ def completion(shell: str, as_json: bool) -> None:
     if kind is None:  # click knows all three shells of the choice above
         raise click.UsageError(f"no completion for {shell}")
     script = kind(cli, {}, "labpipe", "_LABPIPE_COMPLETE").source()
+    emit(as_json, {"shell": shell, "script": script}, [script])
+
+
+@click.command("open")
+@click.argument("folder", default=".", type=FOLDER)
+@click.option(
+    "--port", default=0, show_default=False, type=click.IntRange(0, 65535), help="Of 127.0.0.1; by default a free one."
+)
+@click.option(
+    "--browser/--no-browser",
+    default=True,
+    show_default=False,
+    help="Show the page in the browser, or print its address alone.",
+)
+@click.option("--guide", is_flag=True, help="Show the guide that is installed instead; no network is needed.")
+@json_option
+def open_(folder: Path, port: int, browser: bool, guide: bool, as_json: bool) -> None:
+    r"""Set up, run and read the session in FOLDER in a local page; end with Ctrl-C.
+
+    The page answers on this computer only, under an address that nobody can guess, and shows
+    nothing outside FOLDER. Raw files are never changed; session.toml and calibration records are
+    written after a look at the difference.
+
+    \b
+    Example:
+      labpipe open my-session
+      labpipe open --guide
+    """
+    import webbrowser
+
+    from pipelines.app import open as verb, open_guide
+
+    served = open_guide(port=port) if guide else verb(folder, port=port)
+    kept = "" if guide else "; a run that goes on is stopped then, its results are kept"
+    lines = (f"{'the guide' if guide else folder}: {served.address}", f"end with Ctrl-C{kept}")
+    emit(as_json, {"address": served.address, "folder": None if guide else str(folder)}, lines)
+    if browser and not as_json:
+        webbrowser.open(served.address)
+    served.run()
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.argument("dest", required=False, type=_NEW_FOLDER)
+@click.option("--full-size", is_flag=True, help="Films at the camera's full size.")
+@json_option
+def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) -> None:
+    r"""Write the synthetic session NAME, with its true values, into the new folder DEST.
+
+    Without NAME the samples are listed. The virtual rig generates all data; none is measured.
+
+    \b
+    Example:
+      labpipe sample core my-session
+    """
+    from pipelines.commands.progress import waiting
+    from pipelines.rig import SAMPLES, sample as verb
+
+    if name is None:
+        known = {key: entry.summary for key, entry in SAMPLES.items()}
+        emit(as_json, known, (f"{key:12}{text}" for key, text in known.items()))
+        return
+    if dest is None:
+        raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")
+    with waiting(f"recording {name}", enabled=not as_json):
+        experiments = [*verb(name, dest, full_size=full_size).experiments]
+    n = len(experiments)
+    line = f"wrote {n} synthetic experiment{'s' * (n != 1)} into {dest}"
+    emit(as_json, {"folder": str(dest), "experiments": experiments}, [line])
+
+
+@click.command()
+@click.argument("dest", default="labpipe-demo", type=_NEW_FOLDER)
+@json_option
+def demo(dest: Path, as_json: bool) -> None:
+    r"""Write a synthetic session into DEST, process it, and print the path of the reports.
+
+    Where DEST holds the demonstration already, it is processed as it is.
+
+    \b
+    Example:
+      labpipe demo
+    """
+    from pipelines import rig
+    from pipelines.commands.progress import waiting, watching
+    from pipelines.commands.session import as_document, summary
+    from pipelines.session import verdicts_of
+
+    with waiting("recording a session", enabled=not as_json):
+        rig.record_demo(dest)
+    with watching(enabled=not as_json) as progress:
+        outcome = rig.demo(dest, progress=progress)
+    judged = verdicts_of(outcome)
+    lines = [] if as_json else [f"synthetic session: {dest}", *summary(outcome, judged)]
+    emit(as_json, as_document(outcome, dest, judged), lines)
+    click.get_current_context().exit(outcome.exit_code)
+
+
+@click.command()
+@click.argument("ids", nargs=-1, metavar="[ID]...")
+@click.option("--list", "listed", is_flag=True, help="List what each figure needs; draw nothing.")
+@click.option("--check", is_flag=True, help="Compare the thesis's printed numbers with ours.")
+@click.option("--session", type=FOLDER, help="Session folder for the figures that show experiments.")
+@click.option("--out", type=_NEW_FOLDER, default="figures", help="Folder to write into.")
+@click.option("--data", is_flag=True, help="Write the numbers that each figure draws too, as csv.")
+@jobs_option
+@json_option
+def figures(
+    ids: tuple[str, ...],
+    listed: bool,
+    check: bool,
+    session: Path | None,
+    out: Path,
+    data: bool,
+    jobs: int,
+    as_json: bool,
+) -> None:
+    r"""Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each, as text and as LaTeX.
+
+    Without --session only computed figures are drawn. Up-to-date figures are not drawn again; of
+    the session only results that the figures need are processed.
+
+    \b
+    Example:
+      labpipe figures 2.6 --out FIGURES
+      labpipe figures --session my-session --out FIGURES
+    """
+    from pipelines.commands.progress import counted
+    from pipelines.figures import figures as verb, make
+
+    if check:
+        from pipelines.figures.check import rows as check_rows
+
+        checked = check_rows()
+        count = Counter(row.verdict for row in checked)
+        counts = "; ".join(f"{n} {verdict}" for verdict, n in sorted(count.items()))
+        emit(as_json, {"rows": [row.document() for row in checked]}, [*(row.line() for row in checked), counts])
+        return
+    wanted = make.chosen(ids)
+    if listed:
+        rows, lines = [], []
+        for s in make.states(make.Shelf.of(out, session), wanted):
+            needs, figure = " and ".join(dict.fromkeys(map(str, s.figure.needs))), s.figure
+            is_optional = bool(figure.needs) and all(n.is_optional for n in figure.needs)
+            rows.append({"id": figure.id, "title": figure.title, "needs": needs, "optional": is_optional,
+                         "state": s.state, "detail": s.detail})  # fmt: skip
+            needs = f"{needs}{' (optional)' if is_optional else ''}" or "-"
+            lines.append(f"{figure.id:10} {figure.title:46} {needs:26} {s.state}{s.detail and f': {s.detail}'}")
+        emit(as_json, {"figures": rows}, lines)
+        return
+
+    def said(outcome: Any) -> None:
+        emit(False, None, [f"{outcome.id:10} {outcome.state}{outcome.detail and f': {outcome.detail}'}"])
+
+    with counted(len(wanted), enabled=not as_json, when="done") as step:
+        # while the bar is shown, the list waits: both on one screen would run into each other
+        quiet = (lambda outcome: None) if as_json else said
+        show = quiet if step is None else lambda outcome: step(outcome.id)
+        outcomes = verb(ids, session=session, out=out, data=data, jobs=jobs, progress=show).outcomes
+    for outcome in outcomes if step is not None else ():
+        said(outcome)
     if as_json:
-        echo_json({"shell": shell, "script": script})
-    else:
-        click.echo(script)
+        made = [{"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes]
+        emit(as_json, {"out": str(out), "figures": made}, ())
+    click.get_current_context().exit(any(o.state == make.FAILED for o in outcomes))
+
+
+@click.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--quick", is_flag=True, help="Fewer settings and repeats; minutes for all parts.")
+@click.option("--list", "listed", is_flag=True, help="Name the parts; measure nothing.")
+@click.option("--out", type=_NEW_FOLDER, default="bench", help="Folder to write into.")
+@json_option
+def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json: bool) -> None:
+    r"""Measure error against run time of every part, on data with known true values.
+
+    Writes one JSON file and one page with a work-precision diagram for each part: our default
+    and other settings, the thesis's own method, installed peers, and the physical limit. A note
+    names peers that are not installed. On a busy machine only ratios of times are meaningful.
+
+    \b
+    Example:
+      labpipe bench --quick
+      labpipe bench dic velocity --out BENCH
+    """
+    from pipelines.bench.parts import PARTS, chosen, measure_all
+
+    wanted = chosen(names)
+    if listed:
+        emit(as_json, {n: PARTS[n][1] for n in wanted}, (f"{n:18}{PARTS[n][1]}" for n in wanted))
+        return
+    from labpipe import files
+    from pipelines.bench import page
+    from pipelines.bench.measure import machine
+    from pipelines.commands.progress import counted
+
+    with counted(len(wanted), enabled=not as_json) as begin:
+        results, failures = measure_all(wanted, quick, begin or (lambda _: None))
+    about = machine()
+    document = page.as_document(results, failures, about)
+    out.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    files.write_text(out / "bench.json", text + "\n")
+    files.write_text(out / "bench.html", page.render(results, failures, about))
+    for failure in failures if not as_json else ():
+        click.echo(f"failed: {failure.name}: {failure.message}", err=True)
+    emit(as_json, document, [f"wrote {out / 'bench.html'}, and bench.json in the same folder"])
+    click.get_current_context().exit(bool(failures))
+
+
+@click.group()
+def acquire() -> None:
+    r"""Record a running sensor into a file of a session.
+
+    \b
+    Example:
+      labpipe acquire keyence my-session/laser/drop_1.csv --host 192.168.0.10 --decimals 4 --duration "5 s"
+    """
+
+
+@acquire.command()
+@click.argument("file", type=_NEW_FILE)
+@click.option("--host", required=True, help="Address of the controller.")
+@click.option("--port", type=click.IntRange(1, 65535), help="TCP port; 24687 for lk-g5000, required for dl-en1.")
+@click.option("--protocol", type=click.Choice(["lk-g5000", "dl-en1"]), default="lk-g5000", help="Of the controller.")
+@click.option("--output", "outputs", type=int, multiple=True, default=(1,), help="Output to record; may be repeated.")
+@click.option("--decimals", type=int, multiple=True, required=True, help="Decimals of the display, for every output.")
+@click.option("--unit", "units", multiple=True, default=("mm",), help="Unit on the display, for every output.")
+@click.option("--interval", type=TIME, default="10 ms", help="Time between two readings.")
+@click.option("--duration", type=TIME, required=True, help="From the start, or from the trigger.")
+@click.option("--trigger", help='Wait until an output passes a level, e.g. "out1 < -1.5 mm".')
+@click.option("--before", type=TIME, default="100 ms", help="Duration kept before the trigger.")
+@click.option("--patience", type=TIME, default="10 s", help="Longest wait for an answer of the controller.")
+@json_option
+def keyence(file: Path, as_json: bool, **given: Any) -> None:
+    r"""Record a Keyence displacement controller over TCP into FILE.
+
+    FILE has the layout of a storage file and is readable at any moment, also after a crash; FILE.times.csv holds the
+    real time of every reading. A missing reading leaves its row empty. Ctrl-C ends the recording. The protocols were
+    tested against an emulator only: compare the first readings with the display.
+
+    \b
+    Example:
+      labpipe acquire keyence drop_1.csv --host 192.168.0.10 --decimals 4 --duration "2 s" \
+        --trigger "out1 < -0.5 mm" --interval "1 ms"
+    """
+    from instruments import keyence as laser
+
+    outputs, interval, patience = given["outputs"], given["interval"], given["patience"]
+    port = given["port"] or (laser.LK_PORT if given["protocol"] == laser.LK_G5000 else None)
+    if port is None:
+        raise click.UsageError("--port is needed: that of a DL-EN1 is set on the unit")
+    decimals, units = (each * len(outputs) if len(each) == 1 else each for each in (given["decimals"], given["units"]))
+    wait = min(max(1.0, 2 * interval), patience)
+    done = laser.record(
+        file,
+        laser.Setup(outputs, decimals, units, interval),
+        lambda: laser.Connection(given["protocol"], given["host"], port, outputs, wait),
+        given["duration"],
+        laser.Trigger.of(given["trigger"]) if given["trigger"] else None,
+        before=given["before"],
+        patience=patience,
+    )
+    found = {each.name: getattr(done, each.name) for each in fields(done) if not each.name.startswith("_")}
+    _show(found | {name: str(found[name]) for name in ("path", "times", "start")}, as_json)
+
+
+@acquire.command()
+@click.argument("file", type=_NEW_FILE)
+@json_option
+def recover(file: Path, as_json: bool) -> None:
+    r"""Cut off the half line that a power failure may leave at the end of a recording.
+
+    \b
+    Example:
+      labpipe acquire recover my-session/laser/drop_1.csv
+    """
+    from instruments import keyence as laser
+
+    _show(laser.recover(file), as_json)
+
+
+def _show(found: dict[str, Any], as_json: bool) -> None:
+    emit(as_json, found, (f"{name.replace('_', ' '):20}{value}" for name, value in found.items()))

@@ -76,13 +76,22 @@ _ON_A_FLAT = _Law("sphere on a flat, no yield", "model", False, float(np.mean(_D
 
 def collision_model(inputs: Inputs | None) -> Drawing:
     """Figure A.1: the semi-empirical collision model, as printed and fitted to the drops."""
-    measured = {} if inputs is None else _first_contacts(inputs)
+    measured: dict[int, list[tuple[Floats, Floats]]] = {}  # time in ms and displacement in mm by height in µm
+    if inputs is not None:
+        for name, settings in inputs.experiments.items():
+            repeats = inputs.result(name, "repeats")
+            seen = repeats["time"].values * 1e3, repeats["displacement_mean"].values * 1e3
+            measured.setdefault(round(settings.height.value * 1e6), []).append(seen)
     laws, said = ({}, "") if inputs is None or not measured else _fitted(inputs)
     notes: list[str] = []
     with panels(2, 4, width=2, aspect=0.58) as (figure, axes):
         for column, height in enumerate(HEIGHTS):
-            _height_column(axes[:, column], height)
-            law = laws.get(round(height * 1e6), _near(laws, height))
+            for place, limits in zip(axes[:, column], (_SHOWN, (-1.2, 2.4)), strict=True):
+                place.set(xlim=limits, xlabel="time $t_c$ (ms)")
+            axes[0, column].set_ylim(-0.25 * height * 1e3, 1.1 * height * 1e3)  # down to where it sinks as printed
+            axes[1, column].set_ylim(-0.25, 0.25)
+            nearest = min(laws, key=lambda known: abs(known - height * 1e6)) if laws else None
+            law = _ON_A_FLAT if nearest is None else laws[nearest]
             runs = [(one, one.drop(height, 0.35)) for one in (_PRINTED, law)]
             _draw_run(axes[:, column], runs[0][1], _PRINTED)
             for curve in measured.get(round(height * 1e6), ()):
@@ -98,7 +107,12 @@ def collision_model(inputs: Inputs | None) -> Drawing:
         legend_above(figure, axes[0, 0])
     laser = "laser displacement, mean of the repeats at each height, from first contact."
     missing = [f"{h * 1e3:g}" for h in HEIGHTS if round(h * 1e6) not in measured]
-    lacking = ""
+    lacking, of_fit = "", ""
+    if laws:
+        of_fit = "; with E = 3.2 GPa, which the text takes from the literature, contacts last too long"
+    if len(laws) > 1:
+        of_fit += "; a damping that must differ by height says that the solid is not that of (A.4), whose loss grows "
+        of_fit += "with the fifth root of the speed"
     if inputs is not None and missing:
         lacking = beyond("four heights", f"{len(HEIGHTS) - len(missing)}", "the samples core and thesis do")
     return Drawing(
@@ -112,26 +126,12 @@ def collision_model(inputs: Inputs | None) -> Drawing:
         ),
         difference=(
             "the text gives ranges of damping and unloading multiplier, not the values per "
-            f"height, so the printed curves cannot be repeated exactly{_of_fit(len(laws))}. The 'yield "
+            f"height, so the printed curves cannot be repeated exactly{of_fit}. The 'yield "
             "stress of 2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
             "stays, and the sphere hardly bounces: the printed agreement requires a larger one." + lacking
         ),
         **(inputs.data_note(laser) if inputs is not None and measured else {}),
     )
-
-
-def _of_fit(heights: int) -> str:
-    """Say what a fit to the drops tells of the law; nothing where none was made."""
-    told = "; with E = 3.2 GPa, which the text takes from the literature, contacts last too long" * (heights > 0)
-    return told + (
-        "; a damping that must differ by height says that the solid is not that of (A.4), whose loss grows with the "
-        "fifth root of the speed"
-    ) * (heights > 1)
-
-
-def _near(laws: dict[int, _Law], height: float) -> _Law:
-    """Return the law of the nearest height that was fitted."""
-    return laws[min(laws, key=lambda known: abs(known - height * 1e6))] if laws else _ON_A_FLAT
 
 
 def _fitted(inputs: Inputs) -> tuple[dict[int, _Law], str]:
@@ -196,9 +196,10 @@ def _missed(law: _Law, height: float, measured: Sequence[xr.Dataset]) -> Floats:
 def _agreement(height: float, made: xr.Dataset, curve: tuple[Floats, Floats]) -> str:
     """Say how well a run agrees with a measured curve over what is drawn, and in the first contact."""
     since, moved = curve
+    fall = 1e3 * float(np.sqrt(2.0 * height / GRAVITY))
     time = (made["time"].values - float(made["impact_time"][0])) * 1e3
     notes = []
-    spans = ((*_SHOWN, "over all"), (0.0, _FIRST_BOUNCE * _fall(height), "in the first bounce"))
+    spans = ((*_SHOWN, "over all"), (0.0, _FIRST_BOUNCE * fall, "in the first bounce"))
     for low, high, words in spans:
         inside = (since >= low) & (since <= min(high, time[-1])) & np.isfinite(moved)
         ours = np.interp(since[inside], time, made["displacement"].values * 1e3)
@@ -214,33 +215,10 @@ def _until_back(time: Floats, moved: Floats) -> float:
     return float(np.interp(0.0, moved[last - 1 : last + 1], time[last - 1 : last + 1]))
 
 
-def _fall(height: float) -> float:
-    return 1e3 * float(np.sqrt(2.0 * height / GRAVITY))
-
-
 def _draw_run(places: Any, made: xr.Dataset, law: _Law) -> None:
     t = (made["time"].values - float(made["impact_time"][0])) * 1e3
     for place in places:
         place.plot(t, made["displacement"].values * 1e3, label=law.words, **line_arguments(law.look))
-
-
-def _height_column(places: Any, height: float) -> None:
-    """Set the limits of the two panels of one height: the whole drop, the first impact."""
-    for place, limits in zip(places, (_SHOWN, (-1.2, 2.4)), strict=True):
-        place.set_xlim(*limits)
-        place.set_xlabel("time $t_c$ (ms)")
-    places[0].set_ylim(-0.25 * height * 1e3, 1.1 * height * 1e3)  # down to where it sinks as printed
-    places[1].set_ylim(-0.25, 0.25)
-
-
-def _first_contacts(inputs: Inputs) -> dict[int, list[tuple[np.ndarray, np.ndarray]]]:
-    """Return time [ms] and displacement [mm] from first contact by height in µm."""
-    found: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for name, settings in inputs.experiments.items():
-        made = inputs.result(name, "repeats")
-        curve = made["time"].values * 1e3, made["displacement_mean"].values * 1e3
-        found.setdefault(round(settings.height.value * 1e6), []).append(curve)
-    return found
 
 
 def camera_table() -> Drawing:

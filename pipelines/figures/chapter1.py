@@ -85,21 +85,17 @@ def one_relaxation_time() -> Drawing:
     )
 
 
-def _process(centre: float, strength: float, width: float) -> tuple[Any, Any]:
-    """Terms of a process that is normal in log time: moduli and times, ``centre`` in decades."""
-    exponents = np.arange(centre - 4 * width, centre + 4 * width + 1e-9, 0.25)
-    weight = np.exp(-0.5 * ((exponents - centre) / width) ** 2)
-    return strength * weight / weight.sum(), 10.0**exponents
-
-
 def _polymer(E_relaxed: float, *processes: tuple[float, float, float]) -> Prony:
-    terms = [_process(*process) for process in processes]
-    moduli = np.concatenate([t[0] for t in terms])
-    times = np.concatenate([t[1] for t in terms])
-    order = np.argsort(times)
+    """Sum processes that are normal in log10 of time: centre (decades), strength [Pa], width (decades)."""
+    moduli, times = [], []
+    for centre, strength, width in processes:
+        exponents = np.arange(centre - 4 * width, centre + 4 * width + 1e-9, 0.25)
+        weight = np.exp(-0.5 * ((exponents - centre) / width) ** 2)
+        moduli.append(strength * weight / weight.sum())
+        times.append(10.0**exponents)
     # Neighbouring processes overlap; equal times are merged by rounding to a quarter decade.
-    unique, where = np.unique(np.round(np.log10(times[order]), 6), return_inverse=True)
-    summed = np.bincount(where, weights=moduli[order])
+    unique, where = np.unique(np.round(np.log10(np.concatenate(times)), 6), return_inverse=True)
+    summed = np.bincount(where, weights=np.concatenate(moduli))
     return Prony(E_relaxed, summed, 10.0**unique, nu=0.5)
 
 

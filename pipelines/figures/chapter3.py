@@ -27,7 +27,7 @@ def reduced_gap(inputs: Inputs | None) -> Drawing:
             break
     first = float(made["impact_time"][0])
     t = (made["time"].values - first) * 1e3
-    rest = _static_radius(MASS)
+    rest = float(np.cbrt(0.75 * MASS * GRAVITY * SPHERE_RADIUS * (1 - 0.35**2) / 3.2e9))
     with panels(2, 2, width=2, aspect=0.52, width_ratios=(2.0, 1.0)) as (figure, axes):
         gap, radius, sketch, near = axes[0, 0], axes[1, 0], axes[0, 1], axes[1, 1]
         under = made["displacement"].values * 1e3
@@ -70,11 +70,6 @@ def reduced_gap(inputs: Inputs | None) -> Drawing:
         ),
         **sweeps_note(inputs),
     )
-
-
-def _static_radius(mass: float) -> float:
-    modulus = 3.2e9 / (1 - 0.35**2)
-    return float(np.cbrt(0.75 * mass * GRAVITY * SPHERE_RADIUS / modulus))
 
 
 def _near_peaks(axes: Any, made: Any) -> list[float]:

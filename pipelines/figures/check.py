@@ -44,6 +44,10 @@ Verdict = Literal[
     "depends on unavailable data",
 ]
 
+_CONTRADICTS: Verdict = "inconsistent"
+_UNAVAILABLE: Verdict = "depends on unavailable data"
+_NONLINEAR: Verdict = "inconsistent with linear viscoelasticity"
+
 _RELAXED_CONTACT_MODULUS = 10.14e6
 """Pa; the one modulus that gives the three plateaus of section 2.3.2."""
 
@@ -62,14 +66,15 @@ class Row:
         Section, figure, table or equation of the thesis; "reference" for a number that follows
         from the thesis's inputs but is not printed.
     quantity : str
-        What it is.
     printed, ours : float
         In ``unit``.
     unit : str
     within : float
         Distance that still counts as agreement, in ``unit``.
-    misprint, inconsistent, nonlinear, unavailable : str
-        Why ours differs: one of them, where it does.
+    why : str
+        Why ours differs, where it does.
+    differs_by : str
+        The verdict on a number that differs.
     set_by : str
         How ours was chosen to agree; empty where it follows from other numbers.
     """
@@ -80,10 +85,8 @@ class Row:
     ours: float
     unit: str
     within: float
-    misprint: str = ""
-    inconsistent: str = ""
-    nonlinear: str = ""
-    unavailable: str = ""
+    why: str = ""
+    differs_by: Verdict = "misprint"
     set_by: str = ""
 
     @property
@@ -93,24 +96,15 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """What to make of the difference."""
-        # The last digits of a decimal number are not exact in binary.
-        if abs(self.difference) <= self.within * (1 + 1e-9):
-            return "agrees, set to it" if self.set_by else "agrees"
-        if self.nonlinear:
-            return "inconsistent with linear viscoelasticity"
-        if self.inconsistent:
-            return "inconsistent"
-        return "depends on unavailable data" if self.unavailable else "misprint"
+        """The verdict on the difference; the last digits of a decimal number are not exact in binary."""
+        if abs(self.difference) > self.within * (1 + 1e-9):
+            return self.differs_by
+        return "agrees, set to it" if self.set_by else "agrees"
 
     @property
     def reason(self) -> str:
         """Why it differs, or how it was made to agree; empty when it agrees by itself."""
-        if self.verdict == "agrees":
-            return ""
-        if self.verdict == "agrees, set to it":
-            return self.set_by
-        return self.misprint or self.inconsistent or self.nonlinear or self.unavailable
+        return {"agrees": "", "agrees, set to it": self.set_by}.get(self.verdict, self.why)
 
     def document(self) -> dict[str, Any]:
         """Return the row for JSON."""
@@ -135,81 +129,56 @@ def _conventions() -> Iterator[Row]:
     solid = materials.Prony(1.0, [3.0], [1.0], nu=0.5)
     lead = float(np.sign(np.angle(solid.complex_modulus(0.5))))
     why = "with a minus sign a cycle would give energy; (1.15) has plus"
-    yield Row("1.1", "sign of delta in sigma_A sin(omega t - delta)", -1, lead, "1", 0, inconsistent=why)
+    yield Row("1.1", "sign of delta in sigma_A sin(omega t - delta)", -1, lead, "1", 0, why, _CONTRADICTS)
     ratio = contact_stiffness(1.0, 1.0, 0.0) * 3
     why = "2 is for two equal spheres; a sphere on a rigid flat, which the text describes, has 4"
-    yield Row("A.1", "factor of E sqrt(a)/(3(1-nu^2)) in chi", 2, ratio, "1", 1e-9, inconsistent=why)
+    yield Row("A.1", "factor of E sqrt(a)/(3(1-nu^2)) in chi", 2, ratio, "1", 1e-9, why, _CONTRADICTS)
     why = "the unit is m: it is the yield depth of 20 um, not a stress"
-    yield Row("A.1 text", "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)", 1, 0, "1", 0, misprint=why)
+    yield Row("A.1 text", "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)", 1, 0, "1", 0, why)
     why = "mm over s is mm/s, not um/s; the /1000 is right"
-    yield Row("3.14 (eq.)", "velocity unit before /1000, in m/s", 1e-6, 1e-3, "m/s", 0, misprint=why)
+    yield Row("3.14 (eq.)", "velocity unit before /1000, in m/s", 1e-6, 1e-3, "m/s", 0, why)
     lead = float(np.abs(np.exp(1j * (1.0 + 1.0))))
     why = "brackets are missing: exp(i (omega t + delta)); as printed the amplitude grows with the phase"
-    yield Row("1.15", "|sigma| over |G*| epsilon_0 at delta = 1", float(np.exp(1.0)), lead, "1", 1e-9, misprint=why)
+    yield Row("1.15", "|sigma| over |G*| epsilon_0 at delta = 1", float(np.exp(1.0)), lead, "1", 1e-9, why)
     why = "the dot belongs to the entropy: rho theta ds/dt"
-    yield Row("1.17", "factor of ds/dt over rho theta", 0, 1, "1", 0, misprint=why)
-    why = (
-        "(1.26) multiplies the time by a, (2.35) the frequency; a material that softens has a rising and a falling one"
-    )
-    yield Row("1.26, 2.35", "sign of d log a_T / d T by both", 1, -1, "1", 0, inconsistent=why)
+    yield Row("1.17", "factor of ds/dt over rho theta", 0, 1, "1", 0, why)
+    why = "(1.26) multiplies the time by a, (2.35) the frequency; of a material that softens one rises, one falls"
+    yield Row("1.26, 2.35", "sign of d log a_T / d T by both", 1, -1, "1", 0, why, _CONTRADICTS)
     why = "no unit is printed; as a yield strain of E = 3.2 GPa it would be 64 to 128 MPa"
-    yield Row("A.1 text", "is the 'yield stress range of 0.02-0.04' a stress? (1 yes)", 1, 0, "1", 0, misprint=why)
+    yield Row("A.1 text", "is the 'yield stress range of 0.02-0.04' a stress? (1 yes)", 1, 0, "1", 0, why)
     yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
 
 
 def _indenter() -> Iterator[Row]:
     for depth, printed in zip(_INDENTATIONS, (0.05, 0.10, 0.15), strict=True):
-        yield Row(
-            "2.4", f"Delta/R at {depth * 1e3:g} mm", printed, float(dimensionless_length(depth, TIP_RADIUS)), "1", 1e-9
-        )
-    for frequency, printed in ((0.5, 0.78e-10), (2.0, 3.12e-10)):
-        figure, found = (
-            "2.5" if frequency < 1 else "2.7",
-            float(dimensionless_frequency(frequency, CHARACTERISTIC_TIME)),
-        )
+        found = float(dimensionless_length(depth, TIP_RADIUS))
+        yield Row("2.4", f"Delta/R at {depth * 1e3:g} mm", printed, found, "1", 1e-9)
+    for frequency, figure, printed in ((0.5, "2.5", 0.78e-10), (2.0, "2.7", 3.12e-10)):
+        found = float(dimensionless_frequency(frequency, CHARACTERISTIC_TIME))
         yield Row(figure, f"f tau_0 at {frequency:g} Hz", printed, found, "1", 5e-13)
     why = "the frequency f tau_0 is printed as an amplitude"
-    yield Row("2.7 caption", "amplitude over R", 3.12e-10, 0.15, "1", 1e-3, misprint=why)
+    yield Row("2.7 caption", "amplitude over R", 3.12e-10, 0.15, "1", 1e-3, why)
     yield Row("2.1", "width that three tips of R = 2 mm span", 20.0, (2 * PERIOD + 2 * TIP_RADIUS) * 1e3, "mm", 0.5)
-    shortest = float(materials.load("nbr").creep_terms()[1][0])
-    yield Row(
-        "2.38",
-        "shortest retardation time of nbr",
-        CHARACTERISTIC_TIME,
-        shortest,
-        "s",
-        5e-13,
-        unavailable="the DMA spectrum; ours is one term per decade",
-        set_by="the library's terms were laid over the printed range",
-    )
     times = materials.load("nbr").creep_terms()[1]
+    why, set_by = (
+        "the DMA spectrum; ours is one term per decade",
+        "the library's terms were laid over the printed range",
+    )
+    own = (CHARACTERISTIC_TIME, float(times[0]), "s", 5e-13, why, _UNAVAILABLE, set_by)
+    yield Row("2.38", "shortest retardation time of nbr", *own)
     for word, printed, ours in (("shortest", -10.0, times.min()), ("longest", 2.0, times.max())):
         # "Approximately" a power of ten: half a decade either way.
-        yield Row(
-            "2.3.1",
-            f"log10 of nbr's {word} time in s, 'about'",
-            printed,
-            float(np.log10(ours)),
-            "1",
-            0.5,
-            unavailable="the DMA spectrum; ours is one term per decade",
-            set_by="the library's terms were laid over the printed range",
-        )
+        name, found = f"log10 of nbr's {word} time in s, 'about'", float(np.log10(ours))
+        yield Row("2.3.1", name, printed, found, "1", 0.5, why, _UNAVAILABLE, set_by)
 
 
 def _plateaus() -> Iterator[Row]:
+    set_by = "the one modulus 10.14 MPa was fitted to the three plateaus; what agrees is their ratios"
     for depth, printed in zip(_INDENTATIONS, _PLATEAUS, strict=True):
         state = westergaard.from_displacement(depth, TIP_RADIUS, PERIOD, _RELAXED_CONTACT_MODULUS, "cosine")
+        name, found = f"plateau force at {depth * 1e3:g} mm", float(state.force) * DEPTH
         # One modulus for three plateaus; 3 % covers the tips' shape and the force's calibration.
-        yield Row(
-            "2.3.2",
-            f"plateau force at {depth * 1e3:g} mm",
-            printed,
-            float(state.force) * DEPTH,
-            "N",
-            0.03 * printed,
-            set_by="the one modulus 10.14 MPa was fitted to the three plateaus; what agrees is their ratios",
-        )
+        yield Row("2.3.2", name, printed, found, "N", 0.03 * printed, set_by=set_by)
 
 
 def left_of_terms(rho: Floats) -> Floats:
@@ -250,21 +219,13 @@ def _force_after_200_s() -> float:
 def _peaks() -> Iterator[Row]:
     yield Row("2.3.2", "force after 200 s over that after 600 s, 'stable'", 1.0, _force_after_200_s(), "1", 0.03)
     excess = tuple(peak / plateau - 1.0 for peak, plateau in zip(_PEAKS, _PLATEAUS, strict=True))
-    for depth, peak, plateau, printed, ours in zip(
-        _INDENTATIONS, _PEAKS, _PLATEAUS, excess, best_excesses(excess), strict=True
-    ):
-        # Half a digit of either force.
-        within = (0.05 / peak + 0.05 / plateau) * peak / plateau
-        yield Row(
-            "2.3.2",
-            f"peak over plateau less 1 at {depth * 1e3:g} mm",
-            printed,
-            ours,
-            "1",
-            within,
-            nonlinear="of the three: at one speed the excess falls with depth for every spectrum; ours fits best",
-            set_by="ours is the best of all spectra for the three printed excesses",
-        )
+    why = "of the three: at one speed the excess falls with depth for every spectrum; ours fits best"
+    set_by = "ours is the best of all spectra for the three printed excesses"
+    columns = (_INDENTATIONS, _PEAKS, _PLATEAUS, excess, best_excesses(excess))
+    for depth, peak, plateau, printed, ours in zip(*columns, strict=True):
+        within = (0.05 / peak + 0.05 / plateau) * peak / plateau  # half a digit of either force
+        name = f"peak over plateau less 1 at {depth * 1e3:g} mm"
+        yield Row("2.3.2", name, printed, ours, "1", within, why, _NONLINEAR, set_by)
 
 
 def _tapping() -> Iterator[Row]:
@@ -272,13 +233,13 @@ def _tapping() -> Iterator[Row]:
     mean = 0.05 * TIP_RADIUS
     slow, fast = contact.tapping_amplitude(rubber, [0.0, 1e15], mean, TIP_RADIUS, PERIOD)
     sign, why = float(np.sign(fast - slow)), "|E| in (2.34) rises with frequency, so the critical amplitude falls"
-    yield Row("2.34 text", "sign of d alpha / d frequency", 1, sign, "1", 0, inconsistent=why)
+    yield Row("2.34 text", "sign of d alpha / d frequency", 1, sign, "1", 0, why, _CONTRADICTS)
     why = "white is above the front, and the caption calls white the detachment region; simulated, the force ends there"
     frequency = _ABOVE_THE_FRONT
     beyond = 2.0 * float(contact.tapping_amplitude(rubber, frequency, mean, TIP_RADIUS, PERIOD))
     least = least_force(rubber, beyond, frequency)
     name = "is contact continuous above the front? (1 yes)"
-    yield Row("2.3.3", name, 1, float(least > 0.0), "1", 0, inconsistent=why)
+    yield Row("2.3.3", name, 1, float(least > 0.0), "1", 0, why, _CONTRADICTS)
     yield Row("2.34 text", "alpha(0)/Delta_0, 'about'", 1.0, float(slow) / mean, "1", 0.25)
     ratio = float(fast) / mean * rubber.E_unrelaxed / rubber.E_relaxed
     yield Row("2.34 text", "alpha(inf) beta/Delta_0, 'about'", 1.0, ratio, "1", 0.25)
@@ -293,25 +254,23 @@ def _impacts() -> Iterator[Row]:
     over, why = float(ptfe["final_contact_time"]), "the library's ptfe was given the loss for it"
     yield Row("3.3.2", "last lift-off is over, PTFE from 7 mm", 0.15, over, "s", 0.01, set_by=why)
     rest, why = -7.0 + float(ptfe["displacement"][-1]) * 1e3, "the recording: zero of the laser, permanent set of PTFE"
-    yield Row("3.3.2", "position at rest, PTFE from 7 mm", -7.1, rest, "mm", 0.05, unavailable=why)
+    yield Row("3.3.2", "position at rest, PTFE from 7 mm", -7.1, rest, "mm", 0.05, why, _UNAVAILABLE)
     acrylic = contact.drop(materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.03)
     yield Row("3.3.3", "duration of an impact, 'about 10^-3 s'", 1e-3, float(acrylic["contact_duration"][0]), "s", 5e-4)
     modulus = 3.2e9 / (1 - 0.35**2)
     load = hertz.static_load(MASS * GRAVITY, SPHERE_RADIUS, modulus)
     yield Row("reference", "Hertz radius at rest, E = 3.2 GPa", 0.213, float(load.contact_radius) * 1e3, "mm", 5e-4)
-    step, converged = 2e-4, contact.drop(materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.5)
-    coarse = contact.drop(
-        materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.5, solver="thesis", time_step=step
-    )
+    fall = (materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.5)
+    coarse, converged = contact.drop(*fall, solver="thesis", time_step=2e-4), contact.drop(*fall)
     bounces = coarse.sizes["impact"] / converged.sizes["impact"]
     why = "a contact of 1 ms has five such steps; the thesis's scheme agrees with the solution at steps of some us"
-    yield Row("3.3.3", "bounces by steps of 0.2 ms over the true number", 1.0, bounces, "1", 0.05, inconsistent=why)
+    yield Row("3.3.3", "bounces by steps of 0.2 ms over the true number", 1.0, bounces, "1", 0.05, why, _CONTRADICTS)
     elastic = hertz.impact(sqrt(2 * GRAVITY * HEIGHTS[0]), SPHERE_RADIUS, MASS, modulus)
     yield Row("reference", "Hertz approach, acrylic from 1.5 mm", 69.0, float(elastic.peak_approach) * 1e6, "um", 0.5)
     yield Row("3.1", "radius of a 3/4 inch sphere", 9.525, 0.75 * 25.4 / 2, "mm", 1e-9)
     sphere = 1180 * 4 / 3 * pi * SPHERE_RADIUS**3
     why = "weighing; one value for four spheres, 0.15 % of all"
-    yield Row("3.9 text", "mass of the sphere, acrylic 1180 kg/m3", 5.0, sphere * 1e3, "g", 0.5, unavailable=why)
+    yield Row("3.9 text", "mass of the sphere, acrylic 1180 kg/m3", 5.0, sphere * 1e3, "g", 0.5, why, _UNAVAILABLE)
 
 
 def _loads() -> Iterator[Row]:
@@ -322,7 +281,7 @@ def _loads() -> Iterator[Row]:
         yield Row("3.3.4", f"load {number} from the masses of 3.1", printed, load, "kg", 0.05)
     times = (2.55, 18.20, 33.10, 47.55)
     why = "3 min in 3.1, 2.55 min in 3.3.4 (2 min 55 s would be near)"
-    yield Row("3.1, 3.3.4", "first hold", 3.0, times[0], "min", 0.2, inconsistent=why)
+    yield Row("3.1, 3.3.4", "first hold", 3.0, times[0], "min", 0.2, why, _CONTRADICTS)
     for number, (before, after) in enumerate(pairwise(times), start=2):
         yield Row("3.1, 3.3.4", f"hold {number}, 'about every 15 min'", 15.0, after - before, "min", 1.0)
 
@@ -339,18 +298,18 @@ def _cameras() -> Iterator[Row]:
     yield Row("D.3", "camera under the disc", 0.00217, disc.value * 1e3, "mm/px", 5e-6)
     yield Row("3.1", "camera under the disc", 2.17, disc.value * 1e6, "um/px", 5e-3)
     why = "printed in mm; 1 mm = 461 px gives 2.17 um"
-    yield Row("3.14 caption", "camera under the disc", 2.17, disc.value * 1e3, "mm/px", 5e-3, misprint=why)
+    yield Row("3.14 caption", "camera under the disc", 2.17, disc.value * 1e3, "mm/px", 5e-3, why)
     for u_pixels, printed in ((1, 0.3), (2, 0.5)):
         size = _size(30e-3, 386, u_pixels)
         name, share = f"uncertainty of the front camera, {u_pixels} px", 100 * size.u / size.value
         yield Row("table D.1", name, printed, share, "%", 0.05)
     yield Row("table D.1", "uncertainty of the disc camera, 1 px", 0.2, 100 * disc.u / disc.value, "%", 0.05)
     ratio, why = front.value / disc.value, "the scales printed beside it differ by a factor 36, one and a half orders"
-    yield Row("D.2 text", "front over disc, 'two orders of magnitude'", 100.0, ratio, "1", 50.0, inconsistent=why)
+    yield Row("D.2 text", "front over disc, 'two orders of magnitude'", 100.0, ratio, "1", 50.0, why, _CONTRADICTS)
 
 
 def _clocks() -> Iterator[Row]:
     name, why = "PEEK's T_0 against the hottest sweep", "T_0 lies outside the stated sweeps"
-    yield Row("3.3.1", name, 129.93, 120.0, "degC", 1.0, inconsistent=why)
+    yield Row("3.3.1", name, 129.93, 120.0, "degC", 1.0, why, _CONTRADICTS)
     yield Row("D.1 text", "time between frames at 10,000 per second", 0.1, 1e3 / 10_000, "ms", 1e-9)
     yield Row("3.1", "time step of the laser at 20 kHz", 50.0, 1e6 / 20_000, "us", 1e-9)

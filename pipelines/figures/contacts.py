@@ -101,14 +101,16 @@ def phases(inputs: Inputs) -> Drawing:
         legend_above(figure, [place, other])
     rest = float(impacts["static_radius"]) * 1e6
     u_rest = float(impacts["u_static_radius"]) * 1e6
-    bounced = f"bouncing until {edges[1]:.0f} ms"
+    bounced, until = f"bouncing until {edges[1]:.0f} ms", f"the end of the laser's record at {edges[2]:.0f} ms"
+    if is_at_rest:
+        until = f"{edges[2]:.0f} ms, static from then on"
     return Drawing(
         f"Displacement and contact radius of an acrylic sphere dropped from {height * 1e3:g} mm, over time from first "
         "contact; shaded: the phases, found in the laser's record. I, II, III: the impacts that are analysed.",
         figure,
         computed=(
             f"phases: {bounced} (the last touch after which no flight is resolved), vibration "
-            f"until {_vibrating(edges[2], is_at_rest=is_at_rest)}. Band: Hertz radius under the "
+            f"until {until}. Band: Hertz radius under the "
             f"weight, with the creep from an impact's duration to the film's end, {hertz[0]:.0f} to "
             f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
         ),
@@ -119,11 +121,6 @@ def phases(inputs: Inputs) -> Drawing:
             "dense around the first three impacts and at rest only."
         ),
     )
-
-
-def _vibrating(until: float, *, is_at_rest: bool) -> str:
-    """Say until when it vibrates, in ms."""
-    return f"{until:.0f} ms, static from then on" if is_at_rest else f"the end of the laser's record at {until:.0f} ms"
 
 
 def _first(inputs: Inputs) -> tuple[str, str, float]:
@@ -384,7 +381,11 @@ def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
     at_rest = " and ".join(
         f"{float(r['static_radius']) * 1e6:.1f} ± {float(r['u_static_radius']) * 1e6:.1f}" for r in rest
     )
-    swings = [label for name, label in pair if not _is_still(inputs, name)]
+    swings = []
+    for (name, label), impacts in zip(pair, rest, strict=True):
+        drop, since = inputs.result(name, "model"), float(impacts["static_since"]) - _first_contact(inputs, name)
+        if float(drop["rest_time"]) - float(drop["impact_time"][0]) > since:
+            swings.append(label)
     still = f" (the sphere still swings there: {', '.join(swings)})" if swings else ""
     return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm{still}."
 
@@ -399,10 +400,3 @@ def _where_larger(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
         word = "not told apart" if abs(gap) < 2 * u else "larger" if gap > 0 else "smaller"
         words[word].append("I" * (number + 1))
     return ", ".join(f"{word} in {', '.join(found)}" for word, found in words.items() if found)
-
-
-def _is_still(inputs: Inputs, name: str) -> bool:
-    """Tell whether the simulated sphere rests when the film's frames at rest begin."""
-    model, impacts = inputs.result(name, "model"), inputs.result(name, "impacts")
-    since = float(impacts["static_since"]) - _first_contact(inputs, name)
-    return float(model["rest_time"]) - float(model["impact_time"][0]) <= since

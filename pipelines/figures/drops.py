@@ -51,10 +51,16 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
             results = {stage: inputs.result(name, stage) for stage in ("repeats", "model", "comparison")}
             _row(axes[row], results, inputs.origin, _rest(inputs, name))
             letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height * 1e3:g} mm")
-            notes.append(_agreement(height, results))
+            found = results["comparison"]
+            gap, u = (float(found[f"{p}restitution_difference"][0]) for p in ("", "u_"))
+            nrmse = 100 * float(found["nrmse"])
+            notes.append(f"{height * 1e3:g} mm: nRMSE {nrmse:.2f} %, first restitution {gap:+.4f} ± {u:.4f}")
         label_outside(axes, "time $t_c$ (ms)")
         legend_above(figure, axes[0, 0])
-    number = int(results["repeats"].sizes["repeat"])
+    number, larger = int(results["repeats"].sizes["repeat"]), ""
+    if len(chosen) < _MOST_HEIGHTS or number < _REPEATS:
+        samples = "the samples core (acrylic) and thesis (every polymer) do"
+        larger = beyond("four heights and five repeats", f"{len(chosen)} and {number}", samples)
     return Drawing(
         f"Displacement of {sphere} sphere after drops from {len(chosen)} {'heights' if len(chosen) > 1 else 'height'}, "
         f"from {_BEFORE:g} ms before first contact to {_ends(inputs, chosen)} (left); green: the penetration, "
@@ -64,21 +70,13 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
             "lines: drop simulation with the material that the session names. Agreement with "
             f"the mean of the repeats: {'; '.join(notes)}."
         ),
-        difference="the printed figures give no number for the agreement." + _larger_sample(len(chosen), number),
+        difference="the printed figures give no number for the agreement." + larger,
         **inputs.data_note(
             f"bands: the envelope of {number} laser recordings per height, from the lowest to the highest at "
             f"each time ({'; '.join(_widths(inputs, chosen))}; the left panels hold it within the line's width until "
             "the bounces run apart)."
         ),
     )
-
-
-def _larger_sample(heights_: int, repeats: int) -> str:
-    """Say what the printed figure shows beyond a small sample; nothing of a complete one."""
-    if heights_ == _MOST_HEIGHTS and repeats >= _REPEATS:
-        return ""
-    samples = "the samples core (acrylic) and thesis (every polymer) do"
-    return beyond("four heights and five repeats", f"{heights_} and {repeats}", samples)
 
 
 def _ends(inputs: Inputs, chosen: list[str]) -> str:
@@ -148,12 +146,3 @@ def _rest(inputs: Inputs, name: str) -> float:
     """Return how long after first contact [s] the last repeat came to rest; NaN where one ended before."""
     seen = [inputs.result(name, "bounces", file) for file in inputs.experiments[name].laser]
     return float(np.max([one["rest_time"] - one["first_contact_time"] for one in seen]))
-
-
-def _agreement(height: float, results: dict[str, xr.Dataset]) -> str:
-    found = results["comparison"]
-    difference = float(found["restitution_difference"][0])
-    u = float(found["u_restitution_difference"][0])
-    return (
-        f"{height * 1e3:g} mm: nRMSE {100 * float(found['nrmse']):.2f} %, first restitution {difference:+.4f} ± {u:.4f}"
-    )

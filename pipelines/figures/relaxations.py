@@ -45,7 +45,8 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             in_block = loads["block"].values == int(at["block"])
             since = loads["time"].values - float(at["begin"])
             inside = in_block & (since > 0) & (loads["time"].values <= float(at["last"]))
-            thin = _log_thinned(since[inside])
+            wanted = np.geomspace(since[inside][0], since[inside][-1], _DRAWN_POINTS)  # equal steps of log time
+            thin = np.unique(np.searchsorted(since[inside], wanted).clip(0, inside.sum() - 1))
             force, line = (
                 loads["force"].values[inside][thin],
                 line_arguments("measured", style="points") | {"markersize": 2},
@@ -53,6 +54,8 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             place.semilogx(since[inside][thin], force, label=f"force, {inputs.origin}", **line)
             place.semilogx(since[inside][thin], simulated[inside][thin], label="model", **line_arguments("model"))
             depth = float(at["depth"])
+            known = next((row[1:] for row in _PRINTED if abs(depth - row[0]) < 0.1 * row[0]), None)
+            printed = "" if known is None else f" (printed {known[0]:g} and {known[1]:g} N)"
             curves = inputs.result(name, "curves", file)
             peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
             clean, u_clean = (float(curves[f"{p}peak_force_unfiltered"][0]) for p in ("", "u_"))
@@ -65,37 +68,21 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
                 f"{depth * 1e3:.2g} mm: peak {clean:.2f} ± {u_clean:.2f} N before the filter and {peak:.2f} N behind "
                 f"it, plateau {plateau:.2f} ± {float(at['u_plateau_force']):.2f} N (model "
                 f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE {100 * float(made['nrmse_all'][0]):.2f} "
-                f"%{_printed(depth)}"
+                f"%{printed}"
             )
         axes[0, 0].set_ylabel("force (N)")
         legend_above(figure, [axes[0, 0], others[0]])
+    longest, held = float(since[inside][-1]), ""
+    if longest < 0.9 * _HOLD:
+        held = beyond(f"holds of {_HOLD:g} s", f"{longest:.0f} s", "the samples indentation and thesis do")
     return Drawing(
         "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
         "indentation from the recorded position.",
         figure,
         computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
-        difference=f"{'; '.join(notes)}.{_held(float(since[inside][-1]))}",
+        difference=f"{'; '.join(notes)}.{held}",
         **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
     )
-
-
-def _held(longest: float) -> str:
-    """Say that the printed hold is longer; nothing of one that is as long."""
-    shorter = longest < 0.9 * _HOLD
-    return beyond(f"holds of {_HOLD:g} s", f"{longest:.0f} s", "the samples indentation and thesis do") * shorter
-
-
-def _printed(depth: float) -> str:
-    for printed, peak, plateau in _PRINTED:
-        if abs(depth - printed) < 0.1 * printed:
-            return f" (printed {peak:g} and {plateau:g} N)"
-    return ""
-
-
-def _log_thinned(since: Floats) -> Floats:
-    """Choose samples at about equal steps of log time."""
-    wanted = np.geomspace(since[0], since[-1], _DRAWN_POINTS)
-    return np.unique(np.searchsorted(since, wanted).clip(0, len(since) - 1))
 
 
 def _computed_relaxation() -> Drawing:

@@ -54,7 +54,10 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_s
         axes,
     ):
         drawn = _moduli(axes[0, 0], made, inputs.origin, is_shear=is_shear, is_split=not with_spectrum)
-        _shifts(axes[0, 1], made)
+        T, shift, u = (made[column].values for column in ("temperature", "log10_aT", "u_log10_aT"))
+        axes[0, 1].errorbar(T, shift, _COVERAGE * u, capsize=1.5, **line_arguments("measured", style="both"))
+        axes[0, 1].axvline(float(made["T_ref"]), **line_arguments("reference"))
+        axes[0, 1].set(xlabel="temperature (°C)", ylabel="shift factor $\\log_{10} a_T$ (1)")
         if with_spectrum:
             _spectrum(axes[0, 2], made)
         for place, letter_ in zip(axes[0], "abc", strict=False):
@@ -125,13 +128,6 @@ def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_spli
         left.set(ylim=(low / 3, high * 3), ylabel=f"modulus ${symbol}'$, ${symbol}''$ (Pa)")
     left.set_xlabel("frequency $a_T f$ (Hz)")
     return [left, right]
-
-
-def _shifts(axes: Any, made: xr.Dataset) -> None:
-    T, shift, u = (made[name].values for name in ("temperature", "log10_aT", "u_log10_aT"))
-    axes.errorbar(T, shift, _COVERAGE * u, capsize=1.5, **line_arguments("measured", style="both"))
-    axes.axvline(float(made["T_ref"]), **line_arguments("reference"))
-    axes.set(xlabel="temperature (°C)", ylabel="shift factor $\\log_{10} a_T$ (1)")
 
 
 def _spectrum(axes: Any, made: xr.Dataset) -> None:

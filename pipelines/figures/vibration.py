@@ -1,7 +1,5 @@
 """Figure B.2: vibration of the plate, recorded or computed."""
 
-from typing import Any
-
 import numpy as np
 
 from labpipe.report import line_arguments, value_with_uncertainty
@@ -33,10 +31,21 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
                 material = str(table["material"].values[i])
                 look = line_arguments(None, count=kinds.index(material)) | {"linewidth": 0.9}
                 place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=spelled(material), **look)
-                _mark_amplitude(place, kinds.index(material), float(table["amplitude"].values[i]) * 1e6, look["color"])
+                # a bar before the blow: lines of like spheres cover each other
+                at, amplitude = _BARS + _BAR_STEP * kinds.index(material), float(table["amplitude"].values[i]) * 1e6
+                bar = {"color": look["color"], "linestyle": "-", "linewidth": 2.5, "solid_capstyle": "butt"}
+                place.plot([at, at], [0.0, amplitude], **bar)
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
         label_outside(axes, "time from impact (ms)", "plate, upwards (µm)")
         legend_above(figure, axes[0, 0])
+    notes = []
+    for kind in kinds:
+        chosen = np.flatnonzero(table["material"].values == kind)
+        values = table["amplitude"].values[chosen[np.argsort(table["height"].values[chosen], kind="stable")]] * 1e6
+        notes.append(f"{spelled(kind)} {', '.join(f'{value:.2f}' for value in values)}")
+    fewer = ""
+    if len(heights) < _MOST_HEIGHTS or len(kinds) < _MOST_HEIGHTS:
+        fewer = beyond("four heights and four spheres", f"{len(heights)} and {len(kinds)}")
     worst = 100 * float(made["nrmse"].max())
     chance = float(table["probability_natural_frequency"])
     return Drawing(
@@ -47,41 +56,18 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
         computed=(
             f"free vibration between the first two contacts: natural frequency {_shown(plate, 'frequency', 'Hz')}, "
             f"damping ratio {_shown(plate, 'damping_ratio', '1')}, modal mass {_shown(plate, 'mass', 'kg')}; "
-            f"amplitudes at impact in µm: {_amplitudes(table, kinds)}. Measured minus simulated drop on that plate: "
+            f"amplitudes at impact in µm: {'; '.join(notes)}. Measured minus simulated drop on that plate: "
             f"nRMSE at most {worst:.1f} %."
         ),
         difference=(
             f"the thesis prints no numbers; it says that the frequency is the same for all "
             f"materials and heights (here: probability {chance:.2f} of so large a difference "
-            "by chance) and that the amplitude grows with the height." + _fewer(len(heights), len(kinds))
+            "by chance) and that the amplitude grows with the height." + fewer
         ),
         **inputs.data_note(f"{int(table['n'].sum())} recordings of the laser on the plate ({name})."),
     )
 
 
-def _fewer(heights: int, materials: int) -> str:
-    """Say that the printed figure shows more spheres or heights; nothing where it does not."""
-    if heights >= _MOST_HEIGHTS and materials >= _MOST_HEIGHTS:
-        return ""
-    return beyond("four heights and four spheres", f"{heights} and {materials}")
-
-
-def _mark_amplitude(place: Any, number: int, amplitude: float, color: str) -> None:
-    """Draw the amplitude at impact as a bar before the blow: lines of like spheres cover each other."""
-    at = _BARS + _BAR_STEP * number
-    place.plot([at, at], [0.0, amplitude], color=color, linestyle="-", linewidth=2.5, solid_capstyle="butt")
-
-
 def _shown(plate: object, name: str, unit: str) -> str:
     value, u = (float(plate[key]) for key in (name, f"u_{name}"))  # type: ignore[index]
     return value_with_uncertainty(value, u, unit) if np.isfinite(value) else "not known"
-
-
-def _amplitudes(table: object, kinds: list[str]) -> str:
-    notes = []
-    for kind in kinds:
-        chosen = np.flatnonzero(table["material"].values == kind)  # type: ignore[index]
-        order = sorted(chosen, key=lambda i: float(table["height"][i]))  # type: ignore[index]
-        values = ", ".join(f"{float(table['amplitude'][i]) * 1e6:.2f}" for i in order)  # type: ignore[index]
-        notes.append(f"{spelled(kind)} {values}")
-    return "; ".join(notes)

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.engines import Died, choose, side_by_side
 from pipelines.rig import film_front, film_under, session_text
@@ -158,18 +157,17 @@ def write_campaign(folder: Path, start: datetime, extent: Extent = THESIS, *, wo
 
 def _write_session(folder: Path, sections: list[str], *, is_binned: bool) -> None:
     """Write the calibration records, and session.toml with the plate's drops under one head."""
-    records = {
-        "laser": session_text.laser_record(),
-        "laser_plate": session_text.plate_laser_record(),
-        "camera_front": session_text.front_record(),
-        "camera_under": session_text.under_record(is_binned=is_binned),
-    }
-    for name, text in records.items():
-        files.write_text(folder / f"calibration/{name}.toml", text)
-    head = session_text.session_head("Every experiment of the thesis (synthetic)")
     plate = plate_section([text for text in sections if text.startswith(_DROPS)])
     rest = [text for text in sections if not text.startswith(_DROPS)]
-    files.write_text(folder / "session.toml", head + plate + "".join(rest))
+    head = session_text.session_head("Every experiment of the thesis (synthetic)")
+    session_text.write_session(
+        folder,
+        head + plate + "".join(rest),
+        laser=session_text.laser_record(),
+        laser_plate=session_text.plate_laser_record(),
+        camera_front=session_text.front_record(),
+        camera_under=session_text.under_record(is_binned=is_binned),
+    )
 
 
 def written(part: Part) -> str:
@@ -196,34 +194,19 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
 
 def _laser_parts(folder: Path, start: datetime, extent: Extent) -> tuple[list[Part], list[Part]]:
     """List the drops that the laser sees on the holder, and those that it sees on the plate."""
-    drops, rings = [], []
+    drops: list[tuple[str, float, float | None, int, datetime]] = []
+    rings: list[Part] = []
     for day, material in enumerate(POLYMERS):
         for number, height in enumerate(extent.heights):
             begun = start + timedelta(days=day, minutes=20 * number)
             seed = 1000 * sum(map(ord, material)) + 100 * number
-            drops.append(_drop_part(folder, extent, material, height, seed, begun))
+            drops.append((material, height, None, seed, begun))
             later = begun + timedelta(days=5)
             if material in extent.ringing:
                 of = (extent.plate_rig, material, height, extent.plate_repeats, seed + 50, later)
                 rings.append(Part((), partial(write_ringing_of, folder, *of)))
-    warm = start + timedelta(days=10)
-    highest = max(extent.heights)
-    drops.append(_drop_part(folder, extent, "acrylic", highest, 9900, warm, HEATED))
-    return drops, rings
-
-
-def _drop_part(
-    folder: Path,
-    extent: Extent,
-    material: str,
-    height: float,
-    seed: int,
-    start: datetime,
-    temperature: float | None = None,
-) -> Part:
-    name = _name(material, height, temperature)
-    write = partial(_drops, folder, name, material, height, seed, start, extent, temperature)
-    return Part((name,), write)
+    drops.append(("acrylic", max(extent.heights), HEATED, 9900, start + timedelta(days=10)))
+    return [Part((_name(*one[:3]),), partial(_drops, folder, extent, *one)) for one in drops], rings
 
 
 def _name(material: str, height: float, temperature: float | None) -> str:
@@ -255,25 +238,17 @@ def _front_film(folder: Path, extent: Extent) -> str:
 
 
 def _drops(
-    folder: Path,
-    name: str,
-    material: str,
-    height: float,
-    seed: int,
-    start: datetime,
-    extent: Extent,
-    temperature: float | None = None,
+    folder: Path, extent: Extent, material: str, height: float, temperature: float | None, seed: int, start: datetime
 ) -> str:
     """Record the repeats of one height by the laser."""
-    solid = specimen_of(material, _true(temperature))
-    rig = extent.rig
+    rig, name = extent.rig, _name(material, height, temperature)
     if extent.to_rest:
         duration = rig.release + _until_rest(material, height)
         rig = replace(rig, duration=float(np.ceil(duration / _WHOLE) * _WHOLE))
+    solid = specimen_of(material, _true(temperature))
     recordings = write_drops(folder, name, rig, solid, height, extent.repeats, seed, start)
-    return session_text.drop_section(
-        name, recordings, height, material, _ON_PLATE, session_text.from_dma(material, temperature)
-    )
+    source = session_text.from_dma(material, temperature)
+    return session_text.drop_section(name, recordings, height, material, _ON_PLATE, source)
 
 
 def _until_rest(material: str, height: float) -> float:

@@ -10,7 +10,6 @@ from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
 
-from labpipe import files
 from labpipe.errors import UsageError
 from pipelines.rig._ahead import DEMO_TITLE
 from pipelines.rig.dma import sweeps
@@ -33,6 +32,7 @@ from pipelines.rig.session_text import (
     plate_laser_record,
     session_head,
     under_record,
+    write_session,
 )
 from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import record_static
@@ -87,15 +87,8 @@ def _write_core(folder: Path, title: str, heights: tuple[float, ...], repeats: i
     write_harmonic(folder, "nbr_harmonic", specimen, protocol, Tester(), 7, _START + timedelta(days=1))
     sections += oscillation_section("nbr_harmonic", specimen, from_dma("nbr"), is_calibrated=False)
     sections += sweeps(folder, "acrylic", "nbr")
-    _write_session(folder, title, sections, laser=laser_record())
+    write_session(folder, session_head(title) + sections, laser=laser_record())
     return [*names, "nbr_harmonic", "acrylic_dma", "nbr_dma"]
-
-
-def _write_session(folder: Path, title: str, sections: str, **records: str) -> None:
-    """Write session.toml, and the calibration records by their names."""
-    for name, text in records.items():
-        files.write_text(folder / f"calibration/{name}.toml", text)
-    files.write_text(folder / "session.toml", session_head(title) + sections)
 
 
 def _demo(folder: Path) -> list[str]:
@@ -109,17 +102,16 @@ def _core(folder: Path) -> list[str]:
 
 
 def _dma(folder: Path) -> list[str]:
-    _write_session(folder, "Rheometer sweeps of five materials (synthetic)", sweeps(folder, *SOLIDS))
+    write_session(folder, session_head("Rheometer sweeps of five materials (synthetic)") + sweeps(folder, *SOLIDS))
     return [dma_name(material) for material in SOLIDS]
 
 
 def _films(folder: Path, *, full_size: bool = False) -> list[str]:
     laser, sections = write_films(folder, _START, full_size=full_size)
     drops = drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe", source=from_dma("ptfe"))
-    _write_session(
+    write_session(
         folder,
-        "Films of PTFE and acrylic (synthetic)",
-        drops + sections + sweeps(folder, "ptfe", "acrylic"),
+        session_head("Films of PTFE and acrylic (synthetic)") + drops + sections + sweeps(folder, "ptfe", "acrylic"),
         laser=laser_record(),
         camera_front=front_record(),
         camera_under=under_record(is_binned=not full_size),
@@ -131,13 +123,13 @@ def _indentation(folder: Path) -> list[str]:
     names, sections = write_indentations(
         folder, _START + timedelta(days=1), Relaxation(), Harmonic(frequencies=FREQUENCIES)
     )
-    _write_session(folder, "NBR under a periodic punch (synthetic)", sections + sweeps(folder, "nbr"))
+    write_session(folder, session_head("NBR under a periodic punch (synthetic)") + sections + sweeps(folder, "nbr"))
     return [*names, "nbr_dma"]
 
 
 def _static(folder: Path) -> list[str]:
     sections = record_static(folder, "ptfe_static", _START) + sweeps(folder, "ptfe")
-    _write_session(folder, "PTFE sphere under five loads (synthetic)", sections, laser=laser_record())
+    write_session(folder, session_head("PTFE sphere under five loads (synthetic)") + sections, laser=laser_record())
     return ["ptfe_static", "ptfe_dma"]
 
 
@@ -159,7 +151,7 @@ def _plate(folder: Path) -> list[str]:
     )
     sections += sweeps(folder, "acrylic", "ptfe")
     records = {"laser": laser_record(), "laser_plate": plate_laser_record()}
-    _write_session(folder, "Ringing of the plate (synthetic)", sections, **records)
+    write_session(folder, session_head("Ringing of the plate (synthetic)") + sections, **records)
     return ["plate", "acrylic_10mm", "acrylic_dma", "ptfe_dma"]
 
 

@@ -1,5 +1,8 @@
 """The texts that synthetic sessions share: the head of session.toml, records, sections."""
 
+from pathlib import Path
+
+from labpipe import files
 from labpipe.workflow.session import VERSION
 from pipelines.rig.solids import Solid
 
@@ -93,6 +96,13 @@ operator = "the virtual rig"
 notes = "{NOTE}"
 synthetic = true
 """
+
+
+def write_session(folder: Path, text: str, **records: str) -> None:
+    """Write session.toml, and the calibration records by their names."""
+    for name, record_text in records.items():
+        files.write_text(folder / f"calibration/{name}.toml", record_text)
+    files.write_text(folder / "session.toml", text)
 
 
 def from_library(material: str) -> str:

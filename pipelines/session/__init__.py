@@ -1,6 +1,6 @@
-"""The verbs on a session folder; each treats all kinds of experiment alike.
+"""The verbs on a session folder, the same for all kinds of experiment.
 
-What the command line does, Python does with these; each returns objects to look at. They are
+Every command has one of these as its twin in Python; each returns objects to look at. They are
 imported when they are first used, so that a plan loads nothing that it does not need.
 """
 
@@ -11,26 +11,20 @@ from labpipe.installation import lazily
 if TYPE_CHECKING:
     from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue, query as query
     from pipelines.session._compare import compare as compare
-    from pipelines.session._comparison import Comparison as Comparison
+    from pipelines.session._comparison import Comparison as Comparison, comparison_text as comparison_text
     from pipelines.session._contact_sheet import write_sheet as write_sheet
     from pipelines.session._doctor import Health as Health, doctor as doctor
-    from pipelines.session._examined import Examined as Examined, examine as examine
     from pipelines.session._export import FORMATS as FORMATS, Exported as Exported, export as export
     from pipelines.session._gaps import (
         Gap as Gap,
+        bare_type as bare_type,
         checked as checked,
+        gap_for as gap_for,
         in_unit as in_unit,
         library_names as library_names,
     )
     from pipelines.session._inspection import Inspected as Inspected, describe as describe, inspect as inspect
     from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
-    from pipelines.session._opening import (
-        SCHEMAS as SCHEMAS,
-        SETTINGS as SETTINGS,
-        STAGES as STAGES,
-        open_session as open_session,
-        reopen_session as reopen_session,
-    )
     from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
     from pipelines.session._processing import (
         plan as plan,
@@ -42,18 +36,21 @@ if TYPE_CHECKING:
         watch as watch,
     )
     from pipelines.session._proposal import Scan as Scan, init as init
+    from pipelines.session._recognition import Surveyed as Surveyed, survey as survey
     from pipelines.session._results import (
+        SCHEMAS as SCHEMAS,
+        SETTINGS as SETTINGS,
+        STAGES as STAGES,
         derive as derive,
         needed as needed,
+        open_session as open_session,
         opened as opened,
+        reopen_session as reopen_session,
         result as result,
         results as results,
     )
     from pipelines.session._sensitivity import Sensitivity as Sensitivity, sensitivity as sensitivity
-    from pipelines.session._sensitivity_page import advice as advice
-    from pipelines.session._stated_alike import stated_as_exact as stated_as_exact
-    from pipelines.session._survey import Surveyed as Surveyed, survey as survey
-    from pipelines.session._template import bare_type as bare_type, gap_for as gap_for
+    from pipelines.session._session_checks import stated_as_exact as stated_as_exact
     from pipelines.session._together import beside as beside
     from pipelines.session._verdicts import (
         Verdict as Verdict,

@@ -22,27 +22,22 @@ _READINGS = "readings"
 
 
 def missing_part(experiment: Experiment, path: Path) -> str | None:
-    """Say what a file of an experiment lacks, or None when it is complete; the settings hold what it leaves unsaid."""
-    try:
-        with warnings.catch_warnings(action="ignore"):  # shown when the file is processed
-            return _missing_part(experiment, path)
-    except LabpipeError as error:
-        return str(error)
-
-
-def _missing_part(experiment: Experiment, path: Path) -> str | None:
+    """Return the missing part of a file of an experiment, or None when it is complete."""
     import xarray as xr
 
     import instruments
 
-    suffix = path.suffix.lower()
-    if suffix == ".toml":
-        parse(path)
-        return None
-    if suffix == ".png":
+    if path.suffix.lower() == ".png":
         return None if path.read_bytes().endswith(_PNG_END) else f"{path}: the picture has no end"
-    reader = _own_reader(experiment, path)
-    found: Any = reader(path, settings=experiment.settings) if reader else instruments.read(path)
+    try:
+        with warnings.catch_warnings(action="ignore"):  # shown when the file is processed
+            if path.suffix.lower() == ".toml":
+                parse(path)
+                return None
+            reader = _own_reader(experiment, path)
+            found: Any = reader(path, settings=experiment.settings) if reader else instruments.read(path)
+    except LabpipeError as error:
+        return str(error)
     if isinstance(found, xr.Dataset):
         return None
     absent = int((~found.valid).sum())

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe.workflow.session import FILE_NAME, Session
+from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.session._processing import process
-from pipelines.session._session_checks import SESSION_CHECKS, named_at
-from pipelines.session._stated_alike import stated_as_exact
-from pipelines.session._unused import unused_files
-from pipelines.session._verdicts import Verdict, verdicts_of
-from pipelines.session._waiting import WAITING
+from pipelines.session._results import open_session
+from pipelines.session._session_checks import SESSION_CHECKS, named_at, stated_as_exact, unused_files
+from pipelines.session._verdicts import WAITING, verdicts_of
 
 if TYPE_CHECKING:
     from labpipe.judging import Finding, Level
-    from labpipe.workflow.run_result import RunResult
 
 _WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
 
@@ -28,10 +24,9 @@ class Trouble:
     """One row of an audit: one thing to change, and all that it spoils.
 
     ``level``: the worst of what follows from it; ``experiments``: those that it spoils; ``checks``: those that it
-    fails; ``message``: what was seen, of the worst of them; ``cause``: the most likely mistake; empty when nothing
-    singles one out; ``file``: to look at or to change, relative to the session; ``line``: of that file, where it is
-    known; ``named_at``: line of session.toml that names the file, where that is another file; ``value``: the text of
-    the line.
+    fails; ``message``: of the worst of them; ``cause``: the most likely mistake, empty when nothing singles one
+    out; ``file``: to look at or to change, relative to the session; ``line``: of that file, where it is known;
+    ``named_at``: line of session.toml that names the file, where that is another file; ``value``: the text of the line.
     """
 
     level: Level
@@ -53,7 +48,7 @@ class Trouble:
 
     @property
     def sentence(self) -> str:
-        """What was seen, and why."""
+        """The observation and its cause."""
         more = len(self.checks) - 1
         others = f" (and {more} more check{'s' * (more > 1)})" if more else ""
         return f"{self.message}{others}{f'; {self.cause}' if self.cause else ''}"
@@ -65,7 +60,7 @@ class Trouble:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """All rows, what costs most first, how many checks were made, and experiments by the values they state as exact."""
+    """All rows, the costliest first, the number of checks, and experiments by the values that they state as exact."""
 
     troubles: tuple[Trouble, ...]
     checks: int
@@ -73,65 +68,55 @@ class Audit:
 
     @property
     def is_impossible(self) -> bool:
-        """Whether any record contradicts itself, physics, or what the session states."""
+        """Whether any record contradicts itself, physics, or the session's statements."""
         return any(t.level == "impossible" for t in self.troubles)
 
     @property
     def caption(self) -> str:
-        """What was done, and what was found."""
+        """Number of checks and of findings."""
         count = {level: sum(t.level == level for t in self.troubles) for level in _WEIGHT}
         found = ", ".join(f"{n} {level}" for level, n in count.items() if n)
         return f"{self.checks} checks of the session: {found or 'nothing found'}"
+
+    @property
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """Level, place, experiments and sentence of every row."""
+        return [(t.level, t.place, ", ".join(t.experiments), t.sentence) for t in self.troubles]
 
 
 def audit(folder: Path) -> Audit:
     """Judge every experiment of a session, and the session as a whole.
 
-    What the verdicts need and is not there yet is processed first.
+    Results that the verdicts need are processed first. Findings that one change would mend are one row.
     """
-    from pipelines.session._opening import open_session
-
     session, targets = open_session(folder), []
     for e in session.experiments.values():
         stages = [stage.name for stage in KINDS[e.kind].stages]
         targets += [f"{e.name}/{stage}" for stage in ([JUDGEMENT] if JUDGEMENT in stages else stages[-1:])]
-    run = process(folder, targets) if targets else None
-    # the lines that others wait for stand with the problems of session.toml
-    verdicts = () if run is None else [v for v in verdicts_of(run).experiments if v.state != WAITING]
-    session = session if run is None else run.session
-    unused = (Trouble(f.level, (), (f.check,), f.message, f.cause, f.file, None) for f in unused_files(session))
-    rows = [*_of_verdicts(session, verdicts), *_failures(run, verdicts), *unused]
-    return Audit(
-        tuple(sorted(rows, key=_cost)), sum(v.checks for v in verdicts) + SESSION_CHECKS + 1, stated_as_exact(session)
-    )
-
-
-def _cost(trouble: Trouble) -> tuple[int, int, int]:
-    return -_WEIGHT[trouble.level], -len(trouble.experiments), -len(trouble.checks)
-
-
-def _of_verdicts(session: Session, verdicts: Iterable[Verdict]) -> Iterator[Trouble]:
-    """Join the findings that one change would mend."""
-    joined: dict[tuple[str, int | None, str], list[tuple[str, Finding]]] = {}
-    for verdict in verdicts:
-        for finding in verdict.findings:
-            key = (finding.file, finding.line, finding.cause or finding.message)
-            joined.setdefault(key, []).append((verdict.experiment, finding))
-    lines = named_at(session)
-    for (file, line, _), found in joined.items():
-        worst = min((f for _, f in found), key=lambda f: -_WEIGHT[f.level])
-        experiments = tuple(dict.fromkeys(name for name, _ in found))
-        checks = tuple(dict.fromkeys(f.check for _, f in found))
-        named = lines.get(file) if line is None else None
-        yield Trouble(worst.level, experiments, checks, worst.message, worst.cause, file, line, named, worst.value)
-
-
-def _failures(run: RunResult | None, verdicts: Iterable[Verdict]) -> Iterator[Trouble]:
-    """Tell the steps that failed in experiments whose kind makes no verdict."""
-    told = {v.experiment for v in verdicts if v.findings}
-    for outcome in () if run is None else run.failures:
-        name = outcome.task.experiment
-        if name not in told:
-            line = run.session.experiments[name].lines.get("") if run is not None else None
-            step = f"step {outcome.task.stage}"
-            yield Trouble("impossible", (name,), (step,), f"{step}: {outcome.message}", "", FILE_NAME, line)
+    rows = [Trouble(f.level, (), (f.check,), f.message, f.cause, f.file, None) for f in unused_files(session)]
+    checks = SESSION_CHECKS
+    if targets:
+        run = process(folder, targets)
+        session = run.session
+        joined: dict[tuple[str, int | None, str], list[tuple[str, Finding]]] = {}
+        judged = set[str]()
+        for verdict in verdicts_of(run).experiments:
+            checks += verdict.checks
+            # the lines that experiments wait for are among the problems of session.toml
+            for finding in () if verdict.state == WAITING else verdict.findings:
+                key = (finding.file, finding.line, finding.cause or finding.message)
+                joined.setdefault(key, []).append((verdict.experiment, finding))
+                judged.add(verdict.experiment)
+        lines = named_at(session)
+        for (file, line, _), found in joined.items():
+            worst = max((f for _, f in found), key=lambda f: _WEIGHT[f.level])
+            names, titles = (tuple(dict.fromkeys(c)) for c in zip(*((n, f.check) for n, f in found), strict=True))
+            named = lines.get(file) if line is None else None
+            rows.append(Trouble(worst.level, names, titles, worst.message, worst.cause, file, line, named, worst.value))
+        for outcome in run.failures:  # in experiments whose kind makes no verdict
+            if (name := outcome.task.experiment) not in judged:
+                step, line = f"step {outcome.task.stage}", session.experiments[name].lines.get("")
+                text = f"{step}: {outcome.message}"
+                rows.append(Trouble("impossible", (name,), (step,), text, "", FILE_NAME, line))
+    rows.sort(key=lambda t: (-_WEIGHT[t.level], -len(t.experiments), -len(t.checks)))
+    return Audit(tuple(rows), checks, stated_as_exact(session))

@@ -1,7 +1,7 @@
 """Many session folders as one table of experiments, parameters and results.
 
 The table is an SQLite database. It is made in memory and written whole, so that it is never half
-there, and it can be thrown away: everything in it stands in the sessions. A session is read again
+there, and it can be thrown away: everything in it is in the sessions. A session is read again
 only when its plan says that something changed.
 """
 
@@ -35,36 +35,24 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from labpipe.judging import Finding
-
 CATALOGUE = "labpipe/catalogue.sqlite"
-TABLES = ("experiments", "results", "sessions", "columns")
+TABLES = {
+    "experiments": (
+        "session", "experiment", "kind", "state", "believable", "model", "checks", "findings", "cause",
+    ),
+    "results": ("session", "experiment", "stage", "recording", "variable", "item", "value", "u", "unit"),
+    "sessions": ("session", "title", "operator", "synthetic", "digest", "problem"),
+    "columns": ("name", "unit"),
+}  # fmt: skip
+"""Tables and the columns that they always have; experiments have one more for each setting and key number."""
 
-_APPLICATION = 0x6C706361  # "lpca": tells our databases from others
-_LAYOUT = 2
+_APPLICATION = 0x6C706361  # "lpca": marks our databases
+_LAYOUT = 3
 """Raised when the tables change; a catalogue of another layout is made anew."""
 _LONGEST_RESULT = 64
 """Values of one variable that are listed; longer ones are curves, which ``export`` writes."""
 _BODIES = ("sphere", "punch", "substrate")
-"""Their fields stand without the name of their table: ``radius``, not ``sphere_radius``."""
-_FIRST = ("session", "experiment", "kind", "state")
-_JUDGED = ("believable", "model", "checks", "findings", "cause")
-"""Columns of the verdict; ``findings`` and ``cause`` are sentences, with file and line."""
-_SCHEMA = f"""
-PRAGMA application_id = {_APPLICATION};
-PRAGMA user_version = {_LAYOUT};
-CREATE TABLE sessions (session TEXT PRIMARY KEY, title TEXT, operator TEXT, synthetic INTEGER,
-                       digest TEXT, problem TEXT);
-CREATE TABLE columns (name TEXT PRIMARY KEY, unit TEXT);
-CREATE TABLE experiments (session TEXT, experiment TEXT, kind TEXT, state TEXT, believable TEXT,
-                          model TEXT, checks INTEGER, findings TEXT, cause TEXT,
-                          PRIMARY KEY (session, experiment));
-CREATE TABLE results (session TEXT, experiment TEXT, stage TEXT, recording TEXT, variable TEXT,
-                      item INTEGER, value REAL, u REAL, unit TEXT);
-CREATE INDEX results_of ON results (session, experiment);
-"""
-
-
+"""Their fields have no name of a table before them: ``radius``, not ``sphere_radius``."""
 _MOST_SHOWN = 60
 """Rows of a table in a notebook; the middle of a longer one is left out."""
 
@@ -149,10 +137,14 @@ def catalogue(
     if not roots:
         raise InputError("no folder to search; give at least one")
     path = Path(database).resolve() if database is not None else roots[0] / CATALOGUE
-    with closing((_opened(path) if path.exists() else None) or _empty()) as connection:
-        with connection:
-            done = _update(connection, roots, path)
-        if done["renewed"] or done["removed"] or done["problems"] or not path.exists():
+    tables = _tables(path)
+    done = _update(tables, roots, path)
+    if done["renewed"] or done["removed"] or done["problems"] or not path.exists():
+        with closing(sqlite3.connect(":memory:")) as connection:
+            for name, frame in tables.items():
+                frame.to_sql(name, connection, index=False)
+            connection.execute(f"PRAGMA application_id = {_APPLICATION}")
+            connection.execute(f"PRAGMA user_version = {_LAYOUT}")
             files.write_bytes(path, connection.serialize())
     return Catalogued(path, **done, table=query(path, where, columns, table=table))
 
@@ -223,16 +215,10 @@ def _may_only_read(action: int, first: str | None, *_: object) -> int:
     return sqlite3.SQLITE_OK if is_harmless else sqlite3.SQLITE_DENY
 
 
-def _empty() -> sqlite3.Connection:
-    connection = sqlite3.connect(":memory:")
-    connection.executescript(_SCHEMA)
-    return connection
-
-
 def _opened(path: Path) -> sqlite3.Connection | None:
-    """Load a catalogue into memory; none when it is damaged or of an older layout.
+    """Load a catalogue into memory; None when it is damaged or of an older layout.
 
-    What it is stands in the file's first bytes (sqlite.org/fileformat2.html, section 1.3).
+    Its application and layout are in the file's first bytes (sqlite.org/fileformat2.html, section 1.3).
     """
     if not path.is_file():
         raise SourceError(path, "there is no such catalogue", hint="Make one with `labpipe catalogue FOLDER`.")
@@ -260,50 +246,70 @@ def _opened(path: Path) -> sqlite3.Connection | None:
     return None
 
 
+def _tables(path: Path) -> dict[str, pd.DataFrame]:
+    """Return the tables of a catalogue; empty ones where there is none, or it is to be made anew."""
+    import pandas as pd
+
+    connection = _opened(path) if path.exists() else None
+    if connection is None:
+        return {name: pd.DataFrame(columns=list(columns), dtype=object) for name, columns in TABLES.items()}
+    with closing(connection):
+        return {name: pd.read_sql_query(f"SELECT * FROM {name}", connection) for name in TABLES}  # noqa: S608
+
+
 def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
     seen = set()
     for root in roots:
         for folder, names, file_names in os.walk(root):
             place = Path(folder)
             has_session = FILE_NAME in file_names
-            # What labpipe wrote holds no sessions, and there may be much of it.
+            # The results of labpipe hold no sessions, and there may be many of them.
             names[:] = sorted(n for n in names if not n.startswith(".") and not (has_session and n == "labpipe"))
             if has_session and place not in seen:
                 seen.add(place)
                 yield place
 
 
-def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -> dict[str, Any]:
-    known = dict(connection.execute("SELECT session, digest FROM sessions"))
-    renewed, unchanged = [], []
-    problems: dict[str, str] = {}
+def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) -> dict[str, Any]:
+    """Bring the tables up to date; return the sessions that were read again, unchanged, removed or broken."""
+    import pandas as pd
+
+    known = dict(zip(tables["sessions"]["session"], tables["sessions"]["digest"], strict=True))
+    units = dict(zip(tables["columns"]["name"], tables["columns"]["unit"], strict=True))
     # names start from the folder of the catalogue, or from the one that holds its "labpipe/"
     base = path.parents[1] if path.parts[-2:] == Path(CATALOGUE).parts else path.parent
-    found = set()
+    new: dict[str, list[dict[str, Any]]] = {name: [] for name in TABLES}
+    renewed, unchanged = [], []
+    problems: dict[str, str] = {}
     for folder in _sessions(roots):
         name = _relative(folder, base)
-        found.add(name)
         try:
             plan = plan_session(folder)
         except LabpipeError as error:
             problems[name] = str(error)
-            connection.execute(
-                "INSERT INTO sessions (session, problem) VALUES (?, ?) "
-                "ON CONFLICT (session) DO UPDATE SET digest = NULL, problem = excluded.problem",
-                (name, str(error)),
-            )
             continue
-        digest = _digest(plan)
-        if known.get(name) == digest:
+        if known.get(name) == (digest := _digest(plan)):
             unchanged.append(name)
             continue
-        _forget(connection, name)
-        _add(connection, name, digest, plan)
+        session = plan.session
+        head = {"session": name, "title": session.title, "operator": session.operator}
+        new["sessions"].append({**head, "synthetic": int(session.synthetic), "digest": digest})
+        _add(new, units, name, plan)
         renewed.append(name)
     below = [_relative(root, base) for root in roots]
+    found = {*renewed, *unchanged, *problems}
     gone = [n for n in known if n not in found and any(_is_below(n, root) for root in below)]
-    for name in gone:
-        _forget(connection, name)
+    kept: dict[str, Any] = {row["session"]: row for row in tables["sessions"].to_dict("records")}
+    # the rest that is known of a session that cannot be read is kept
+    new["sessions"] += [kept.get(n, {"session": n}) | {"digest": None, "problem": why} for n, why in problems.items()]
+    stale = {*renewed, *gone}
+    for name in ("experiments", "results", "sessions") if stale or problems else ():
+        left_out = stale | problems.keys() if name == "sessions" else stale
+        rows: list[Any] = [row for row in tables[name].to_dict("records") if row["session"] not in left_out]
+        rows += new[name]
+        columns = dict.fromkeys((*TABLES[name], *(title for row in rows for title in row)))
+        tables[name] = pd.DataFrame(rows, columns=list(columns))
+    tables["columns"] = pd.DataFrame(list(units.items()), columns=list(TABLES["columns"]))
     return {"renewed": tuple(renewed), "unchanged": tuple(unchanged), "removed": tuple(gone),
             "problems": problems}  # fmt: skip
 
@@ -328,18 +334,9 @@ def _digest(plan: Plan) -> str:
     return hashlib.sha256(files.canonical(document).encode("utf-8", "replace")).hexdigest()
 
 
-def _forget(connection: sqlite3.Connection, name: str) -> None:
-    for table in ("sessions", "experiments", "results"):
-        connection.execute(f"DELETE FROM {table} WHERE session = ?", (name,))  # noqa: S608
-
-
-def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> None:
-    session = plan.session
-    connection.execute(
-        "INSERT INTO sessions VALUES (?, ?, ?, ?, ?, NULL)",
-        (name, session.title, session.operator, int(session.synthetic), digest),
-    )
-    results = Results(plan)
+def _add(new: dict[str, list[dict[str, Any]]], units: dict[str, str], name: str, plan: Plan) -> None:
+    """Add the experiments of a session and their short results."""
+    session, results = plan.session, Results(plan)
     verdicts = stored_verdicts(results)
     for experiment in session.experiments.values():
         rows = [row for row in plan.rows if row.experiment == experiment.name]
@@ -350,26 +347,22 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
         entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind, "state": state})
         entry.add_verdict(verdicts.get(experiment.name))
         entry.add_settings((), experiment.settings)
-        entry.name_material()
         for row in rows:
             dataset = results.up_to_date(row)
             if dataset is None:
                 continue
             entry.add_key_numbers(experiment.kind, row.stage, dataset)
             label = (name, experiment.name, row.stage, row.recording)
-            connection.executemany(
-                "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                [(*label, *value) for value in _values(dataset)],
-            )
-        entry.insert(connection)
+            new["results"] += [dict(zip(TABLES["results"], (*label, *v), strict=True)) for v in _values(dataset)]
+        new["experiments"].append(entry.row(units))
     for one in waiting_verdicts(session).values():
         entry = _Entry({"session": name, "experiment": one.experiment, "kind": one.kind, "state": one.state})
         entry.add_verdict(one)
-        entry.insert(connection)
+        new["experiments"].append(entry.row(units))
 
 
 def _values(dataset: xr.Dataset) -> Iterator[tuple[str, int, float, float | None, str]]:
-    """Numbers of short variables: name, position, value, standard uncertainty, unit."""
+    """Yield numbers of short variables: name, position, value, standard uncertainty, unit."""
     import numpy as np
 
     for name, variable in dataset.data_vars.items():
@@ -378,16 +371,11 @@ def _values(dataset: xr.Dataset) -> Iterator[tuple[str, int, float, float | None
             continue
         if text.startswith("u_") and text[2:] in dataset:
             continue
-        u_name = f"u_{text}"
-        u = np.ravel(dataset[u_name].values) if u_name in dataset else None
+        u = dataset.get(f"u_{text}")
         for i, value in enumerate(np.ravel(variable.values)):
             if np.isfinite(value):
-                own_u = None if u is None or u.size != variable.size else float(u[i])
+                own_u = None if u is None or u.size != variable.size else float(np.ravel(u.values)[i])
                 yield text, i, float(value), own_u, str(variable.attrs.get("units", ""))
-
-
-def _place(finding: Finding) -> str:
-    return finding.file if finding.line is None else f"{finding.file}:{finding.line}"
 
 
 @dataclass(slots=True)
@@ -398,14 +386,16 @@ class _Entry:
     units: dict[str, str] = field(default_factory=dict)
 
     def add_verdict(self, verdict: Verdict | None) -> None:
-        """Add what was found, the worst first; none of what was not judged."""
+        """Add the findings, the worst first; none of an experiment that was not judged."""
         if verdict is None:
             return
-        told = "; ".join(f"{f.level}: {f.message} ({_place(f)})" if f.file else f"{f.level}: {f.message}"
-                         for f in verdict.findings)  # fmt: skip
+        lines = []
+        for f in verdict.findings:
+            place = f.file if f.line is None else f"{f.file}:{f.line}"
+            lines.append(f"{f.level}: {f.message}" + (f" ({place})" if f.file else ""))
         cause = verdict.cause or next((f.cause for f in verdict.findings if f.cause), "")
-        values = (verdict.believable, verdict.model, verdict.checks, told, cause)
-        self.cells |= dict(zip(_JUDGED, values, strict=True))
+        self.cells |= {"believable": verdict.believable, "model": verdict.model, "checks": verdict.checks,
+                       "findings": "; ".join(lines), "cause": cause}  # fmt: skip
 
     def add_settings(self, path: tuple[str, ...], value: Any) -> None:
         """Add a setting or, for a table of settings, all in it."""
@@ -413,8 +403,7 @@ class _Entry:
             for name in value.__struct_fields__:
                 self.add_settings((*path, name), getattr(value, name))
             return
-        place = path[1:] if len(path) > 1 and path[0] in _BODIES else path
-        name = "_".join(place)
+        name = "_".join(path[1:] if len(path) > 1 and path[0] in _BODIES else path)
         if value is None or name == "kind":
             return
         if isinstance(value, Quantity):
@@ -424,16 +413,6 @@ class _Entry:
         else:
             self.cells[name] = files.canonical(msgspec.to_builtins(value))
 
-    def name_material(self) -> None:
-        """Give every experiment on a polymer the column ``material``, wherever its moduli come from.
-
-        Where they come from a DMA experiment or a file, it is the polymer that its name contains, or else that name.
-        """
-        source = self.cells.get("material_from") or self.cells.get("material_file")
-        if source is not None:
-            name = str(source).removeprefix(REFERENCE)
-            self.cells.setdefault("material", material_word(name) or name)
-
     def add_key_numbers(self, kind: str, stage: str, dataset: xr.Dataset) -> None:
         """Add the numbers that the session's page shows of this kind of experiment."""
         for number in KINDS[kind].key_numbers:
@@ -442,28 +421,26 @@ class _Entry:
 
     def add_number(self, name: str, value: float, u: float | None, unit: str) -> None:
         """Add a value, and its standard uncertainty under ``u_`` and the same name."""
-        self.cells.setdefault(name, value)
-        self.units[name] = unit
-        if u is not None:
-            self.cells.setdefault(f"u_{name}", u)
-            self.units[f"u_{name}"] = unit
+        for title, one in ((name, value), (f"u_{name}", u)):
+            if one is not None:
+                self.cells.setdefault(title, one)
+                self.units[title] = unit
 
-    def insert(self, connection: sqlite3.Connection) -> None:
-        """Write the row; columns that are new come to the table."""
-        units = dict(connection.execute("SELECT name, unit FROM columns"))
-        cells = {}
+    def row(self, units: dict[str, str]) -> dict[str, Any]:
+        """Return the row; units of new columns are added to those that are known.
+
+        Every experiment on a polymer has the column ``material``, wherever its moduli come from: of a DMA
+        experiment or a file it is the polymer that its name contains, or else that name.
+        """
+        source = self.cells.get("material_from") or self.cells.get("material_file")
+        if source is not None:
+            name = str(source).removeprefix(REFERENCE)
+            self.cells.setdefault("material", material_word(name) or name)
+        made = {}
         for name, value in self.cells.items():
             unit = self.units.get(name, "")
             # The same word for two quantities, in kinds that know nothing of each other.
             title = name if units.get(name, unit) == unit else f"{self.cells['kind']}_{name}"
-            cells[title] = value
-            if title not in units:
-                connection.execute("INSERT INTO columns VALUES (?, ?)", (title, unit))
-                if title not in (*_FIRST, *_JUDGED):
-                    connection.execute(f'ALTER TABLE experiments ADD COLUMN "{title}"')
-        names = ", ".join(f'"{name}"' for name in cells)
-        marks = ", ".join("?" for _ in cells)
-        connection.execute(
-            f"INSERT INTO experiments ({names}) VALUES ({marks})",  # noqa: S608
-            tuple(cells.values()),
-        )
+            units.setdefault(title, unit)
+            made[title] = value
+        return made

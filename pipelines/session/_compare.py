@@ -1,6 +1,6 @@
 """The verb compare: measurement against model over all experiments of a session.
 
-What an experiment compares stands in its own results; here the rows of all kinds are collected.
+The comparisons of an experiment are in its own results; here the rows of all kinds are collected.
 A curve gives its normalised root-mean-square error and bias, an event (a restitution, a largest
 radius, the work of a cycle) its two values and their difference with its uncertainty.
 """
@@ -13,16 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labpipe import files
-from labpipe.workflow.plan import Plan
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements import compared
 from pipelines.session._compare_page import render
 from pipelines.session._comparison import Comparison, labelled
-from pipelines.session._opening import STAGES, reopen_session
 from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._processing import process
-from pipelines.session._results import derive, needed, opened
+from pipelines.session._results import STAGES, derive, needed, opened, reopen_session
 from pipelines.session._together import write_materials
 from pipelines.session._verdicts import stored_verdicts
 
@@ -35,7 +33,7 @@ def compare(
 ) -> Comparison:
     """Compare measurement and model of every experiment of a session, on one page.
 
-    What is missing is processed first. The page is ``FOLDER/labpipe/compare.html``.
+    Missing results are processed first. The page is ``FOLDER/labpipe/compare.html``.
 
     Parameters
     ----------
@@ -64,15 +62,9 @@ def compare(
     ...     print(row.experiment, row.quantity, row.measured, row.model)
     """
     session = reopen_session(folder)
-    able = {
-        experiment.name: derived
-        for experiment in session.experiments.values()
-        if (derived := KINDS[experiment.kind].rows) is not None
-    }
-    wanted = [
-        target for name, derived in able.items() for target in needed(session, session.experiments[name], derived)
-    ]
+    able = {n: made for n, e in session.experiments.items() if (made := KINDS[e.kind].rows) is not None}
     judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
+    wanted = [target for name, made in able.items() for target in needed(session, session.experiments[name], made)]
     wanted += [f"{name}/{JUDGEMENT}" for name in judged]
     failed: dict[str, str] = {}
     if wanted:
@@ -83,8 +75,9 @@ def compare(
             failed.setdefault(name, f"{str(outcome.task).removeprefix(f'{name}/')}: {outcome.message}")
     results = opened(folder)
     verdicts = stored_verdicts(results)
-    causes = {n: verdict.cause for n, verdict in verdicts.items() if verdict is not None and verdict.cause}
-    failed = {n: f"{why}. Likely: {causes[n]}" if n in causes else why for n, why in failed.items()}
+    for name in failed:
+        if name in verdicts and (cause := verdicts[name].cause):
+            failed[name] += f". Likely: {cause}"
     rows: list[Row] = []
     absent: dict[str, str] = {}
     for name, experiment in session.experiments.items():
@@ -94,7 +87,8 @@ def compare(
             absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
             continue
         own = [labelled(row, experiment, session) for row in derive(results, experiment, able[name])]
-        kept = _kept(results.plan, name)
+        tasks = [task for task in results.plan.tasks if task.experiment == name]
+        kept = tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in results.plan.kept(*tasks)))
         rows += [replace(row, kept=kept) for row in own]
         if not own:
             absent[name] = "it has no model: session.toml names nothing to simulate"
@@ -108,9 +102,3 @@ def compare(
     files.write_text(found.page, render(session, found, write_materials(results, found)))
     write_overview(session, STAGES)
     return found
-
-
-def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:
-    """Name the results of earlier code behind those of an experiment."""
-    wanted = [name for name in plan.tasks if name.experiment == experiment]
-    return tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in plan.kept(*wanted)))

@@ -35,26 +35,24 @@ _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 
 
 def render(session: Session, found: Comparison, materials: Sequence[tuple[str, str]] = ()) -> str:
-    """Return the page as HTML text, with names and files of the pages of one material each, beside this one."""
-    curves = [row for row in found.rows if row.is_curve]
-    events = [row for row in found.rows if not row.is_curve]
+    """Return the page as HTML text, with links to the pages of one material each, by name and file."""
     links = tuple(Link(f"material {material}", page) for material, page in materials)
-    sections = [Section("Answer", (*summary(curves, events, found), *links, *synthetic_notice(session))), *parts(found)]
+    sections = [Section("Answer", (*_summary(found), *links, *synthetic_notice(session))), *parts(found)]
     return session_document(session, "Measurement against model", sections)
 
 
 def parts(found: Comparison) -> list[Section]:
     """Return the charts and tables of a comparison."""
     curves = [row for row in found.rows if row.is_curve]
-    # What deviates most is read first; what has no uncertainty cannot be judged and comes last.
+    # The largest deviation is read first; a value without uncertainty cannot be judged and comes last.
     events = sorted((row for row in found.rows if not row.is_curve), key=lambda row: -abs(row.deviation or 0.0))
-    answer = [Section("Deviations", _deviations(found.rows)), Section("Experiments", tuple(_experiments(found)))]
+    answer = [Section("Deviations", _deviations(found.rows)), Section("Experiments", _experiments(found))]
     return [*answer, Section("Values", _events(events)), Section("Curves", _curves(curves))]
 
 
-def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> tuple[Block, ...]:
+def _summary(found: Comparison) -> tuple[Block, ...]:
     """Say in how many experiments the model agrees, and how many comparisons that rests on."""
-    blocks: list[Block] = []
+    curves, blocks = [row for row in found.rows if row.is_curve], list[Block]()
     said = agreement({document["experiment"]: document["model"] for document in found.experiments})
     blocks += [said] if said else []
     reasons = [reason for document in found.experiments if (reason := _reason(document))]
@@ -62,7 +60,7 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
     if len(reasons) > _REASONS:
         blocks.append(Paragraph(f"{len(reasons) - _REASONS} more say on their own pages why they may differ."))
     rows = []
-    known = [row.deviation for row in events if row.deviation is not None]
+    known = [row.deviation for row in found.rows if not row.is_curve and row.deviation is not None]
     if known:
         inside = sum(1 for d in known if abs(d) < SURE)
         rows.append(("values", f"{inside} of {len(known)}", "differ by less than the 95 % interval of the difference"))
@@ -96,24 +94,24 @@ def _reason(document: Mapping[str, Any]) -> Notice | None:
     return Notice("warning", f"{name}: {'; '.join(document['suspects'])}.") if document["suspects"] else None
 
 
-def _experiments(found: Comparison) -> list[Block]:
+def _experiments(found: Comparison) -> tuple[Block, ...]:
     """One line for each experiment that is judged as a whole, the largest deviation first."""
     if not found.experiments:
-        return []
+        return ()
     largest, chi_square = Column("largest deviation", "u", digits=2), Column("chi square", digits=3)
     names = (Column("experiment"), Column("model"))
     columns = (*names, largest, Column("of"), chi_square, Column("degrees of freedom", digits=2), Column("p"))
     body: list[tuple[Any, ...]] = []
     for document in found.experiments:
-        own = [row for row in found.rows if row.experiment == document["experiment"] and row.deviation is not None]
+        own = [r for r in found.rows if r.experiment == document["experiment"] and r.deviation is not None]
         worst = max(own, key=lambda row: abs(row.deviation or 0.0), default=None)
         most = (worst.deviation, worst.quantity) if worst is not None else (None, "")
         freedom = document["degrees_of_freedom"] or None
-        chi2 = document["chi2"] if freedom else None
         p = None if document["p"] is None else probability(document["p"])
+        chi2 = document["chi2"] if freedom else None
         body.append((document["experiment"], document["model"], *most, chi2, freedom, p))
     body.sort(key=lambda cells: -abs(cells[2] or 0.0))
-    return [Table(columns, body)]
+    return (Table(columns, body),)
 
 
 def _deviations(rows: Sequence[Row]) -> tuple[Block, ...]:

@@ -1,4 +1,4 @@
-"""What a comparison of measurement and model found, and how it shows itself."""
+"""Comparisons of measurement and model over a session: the rows of its experiments, named and labelled."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,8 +20,8 @@ from pipelines.session._results import derive
 class Comparison(ShownAsTable):
     """All rows of a session, and the experiments that failed or compare nothing, with reasons.
 
-    ``page`` is the HTML file. ``experiments`` says of each that is judged as a whole how its chi
-    square came out, and the smallest error of each input that it would have shown.
+    ``page`` is the HTML file. ``experiments`` holds, for each that is judged as a whole, its chi
+    square, and the smallest error of each input that it would have shown.
     """
 
     rows: tuple[Row, ...]
@@ -31,40 +31,40 @@ class Comparison(ShownAsTable):
     experiments: tuple[dict[str, Any], ...] = ()
 
     def _shown(self) -> Shown:
-        rows: list[tuple[str, ...]] = [
-            (r.experiment, r.condition, r.quantity, *_pair(r), _agreement(r)) for r in self.rows
-        ]
-        rows += [(name, "", why, "", "", "") for name, why in (self.failed | self.absent).items()]
-        titles = ("experiment", "condition", "quantity", "measured", "model", "agreement")
+        rows = [(r.experiment, r.condition, r.quantity, comparison_text(r)) for r in self.rows]
+        rows += [(name, "", why, "") for name, why in (self.failed | self.absent).items()]
+        titles = ("experiment", "condition", "quantity", "measured against model")
         return Shown(f"{len(self.rows)} comparisons, {self.page}", titles, rows)
 
 
-def _pair(row: Row) -> tuple[str, str]:
-    if row.measured is None or row.model is None:
-        return "", ""
-    return _with_unit(f"{row.measured:.5g}", row), _with_unit(f"{row.model:.5g}", row)
+def comparison_text(row: Row) -> str:
+    """Write the values of a row: nRMSE and bias of a curve, both sides and the deviation of an event."""
+    from labpipe.report import display_unit, number, plus_minus, quantity
 
-
-def _agreement(row: Row) -> str:
     if row.nrmse is not None:
-        return f"nRMSE {100 * row.nrmse:.2f} %"
-    u = "" if row.u_difference is None else f" ± {row.u_difference:.1e}"
-    return "" if row.difference is None else _with_unit(f"{row.difference:+.2e}{u}", row)
-
-
-def _with_unit(text: str, row: Row) -> str:
-    """Write a number with its unit; a ratio has none."""
-    return text if row.unit == "1" else f"{text} {row.unit}"
+        bias = "" if row.difference is None else f", bias {quantity(row.difference, row.unit, 3)}"
+        return f"nRMSE {100 * row.nrmse:.2f} %{bias}"
+    shown = display_unit([value for value in (row.measured, row.model) if value is not None], row.unit)
+    measured, model = (
+        plus_minus(value / shown.factor, u / shown.factor) if u else number(value / shown.factor, 5)
+        for value, u in ((row.measured or 0.0, row.u_measured), (row.model or 0.0, row.u_model))
+    )
+    deviation = "" if row.deviation is None else f", {row.deviation:+z.1f} u"
+    return f"{measured} against {model}{shown.text and f' {shown.text}'}{deviation}"
 
 
 def labelled(row: Row, experiment: Experiment, session: Session) -> Row:
-    """Say of a row which experiment it is of and, where it does not, of what and how."""
-    material, condition = row.material or _material(experiment, session), row.condition or _condition(experiment)
+    """Return a row with the names of its experiment and kind and, where it has none, its material and condition."""
+    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
+    height, temperature = getattr(experiment.settings, "height", None), getattr(body, "temperature", None)
+    parts = [] if height is None else [f"{height.value * 1e3:g} mm"]
+    parts += [] if temperature is None else [f"{temperature.value:g} °C"]
+    material, condition = row.material or _material(experiment, session), row.condition or ", ".join(parts)
     return replace(row, experiment=experiment.name, kind=experiment.kind, material=material, condition=condition)
 
 
 def compared(results: Results, name: str) -> list[Row] | None:
-    """Return what an experiment compares, by the results that are there; None where they are not."""
+    """Return the comparisons of an experiment by its results; None where these are not there."""
     session = results.plan.session
     experiment = session.experiments[name]
     derived = KINDS[experiment.kind].rows
@@ -77,29 +77,17 @@ def compared(results: Results, name: str) -> list[Row] | None:
 
 
 def _material(experiment: Experiment, session: Session) -> str:
-    """Return what a body is made of; of a film that names none, that of the drops it is laid against."""
+    """Return the material of a body; of a film that names none, that of the drops it is compared with."""
     kind = KINDS[experiment.kind]
     body = getattr(experiment.settings, kind.body, None)
     texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
     own = next((text.removeprefix(REFERENCE) for text in texts if isinstance(text, str)), "")
     if own:
         return own
-    fields = {
-        name.removeprefix(OTHER).split("/")[0] for s in kind.stages for name in s.inputs if name.startswith(OTHER)
-    }
-    named = (field_value(experiment.settings, field) for field in sorted(fields))
-    others = (session.experiments.get(text.removeprefix(REFERENCE)) for text in named if isinstance(text, str))
-    found = (_material(other, session) for other in others if other is not None and other.name != experiment.name)
-    return next(filter(None, found), "")
-
-
-def _condition(experiment: Experiment) -> str:
-    parts = []
-    height = getattr(experiment.settings, "height", None)
-    if height is not None:
-        parts.append(f"{height.value * 1e3:g} mm")
-    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
-    temperature = getattr(body, "temperature", None)
-    if temperature is not None:
-        parts.append(f"{temperature.value:g} °C")
-    return ", ".join(parts)
+    inputs = {name.removeprefix(OTHER) for s in kind.stages for name in s.inputs if name.startswith(OTHER)}
+    for field in sorted({name.split("/")[0] for name in inputs}):
+        named = field_value(experiment.settings, field)
+        other = session.experiments.get(named.removeprefix(REFERENCE)) if isinstance(named, str) else None
+        if other is not None and other.name != experiment.name and (found := _material(other, session)):
+            return found
+    return ""

@@ -17,12 +17,10 @@ if TYPE_CHECKING:
 
     from labpipe.frames import FrameSource
 
-_FRAMES = 8
-_WIDTH, _GAP = 240, 6
-"""Pixels of one picture of the strip, and between two."""
+_FRAMES, _WIDTH, _GAP = 8, 240, 6
+"""Pictures of the strip, the width of one and the gap between two, in pixels."""
 _ACROSS = 9.0  # inches of a frame with its pixels
-_COLUMNS = 6
-"""Columns of a table that are drawn; more would be too small to read."""
+_COLUMNS = 6  # of a table that are drawn; more would be too small to read
 
 
 def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = None) -> None:
@@ -38,10 +36,13 @@ def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = Non
     if target.resolve() == source.resolve():
         raise UsageError(f"{target} is the file itself, which is never written; name another picture")
     found = instruments.read(source, **options or {})
-    files.write_bytes(target, _curves(found) if isinstance(found, xr.Dataset) else _frames(found))
+    stream = BytesIO()
+    figure = _curves(found) if isinstance(found, xr.Dataset) else _frames(found)
+    figure.savefig(stream, format="png", dpi=100, metadata={"Software": None})
+    files.write_bytes(target, stream.getvalue())
 
 
-def _frames(film: "FrameSource") -> bytes:
+def _frames(film: "FrameSource") -> "Figure":
     """Draw the first sound frame with its pixels along the sides, and below it some frames of the film."""
     from matplotlib.figure import Figure
 
@@ -60,7 +61,7 @@ def _frames(film: "FrameSource") -> bytes:
     first.grid(color="tab:orange", linewidth=0.5, alpha=0.6)
     others.imshow(below, cmap="gray", vmin=0, vmax=255)
     others.set_axis_off()
-    return _bytes(figure)
+    return figure
 
 
 def strip(frames: "FrameSource", count: int = _FRAMES) -> "NDArray[np.uint8]":
@@ -73,50 +74,35 @@ def strip(frames: "FrameSource", count: int = _FRAMES) -> "NDArray[np.uint8]":
     total, rows, columns = frames.shape
     chosen = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int))
     height = max(1, round(rows * _WIDTH / columns))
-    shape = (height, len(chosen) * (_WIDTH + _GAP) - _GAP)
-    sheet = np.full(shape, 255, np.uint8)
+    sheet = np.full((height, len(chosen) * (_WIDTH + _GAP) - _GAP), 255, np.uint8)
     black, white = frames.levels
-    for place, index in enumerate(chosen.tolist()):
-        left = place * (_WIDTH + _GAP)
+    for left, index in zip(range(0, sheet.shape[1], _WIDTH + _GAP), chosen.tolist(), strict=True):
         tile = np.full((height, _WIDTH), 128, np.uint8)
         if frames.valid[index]:
             grey = (frames[index].astype(np.float32) - black) * (255.0 / max(white - black, 1e-9))
             # Averaging over areas does not invent patterns when a frame is made smaller.
             way = cv2.INTER_AREA if columns > _WIDTH else cv2.INTER_NEAREST
-            small = cv2.resize(grey, (_WIDTH, height), interpolation=way)
-            tile = np.clip(np.round(small), 0, 255).astype(np.uint8)
+            tile = np.clip(np.round(cv2.resize(grey, (_WIDTH, height), interpolation=way)), 0, 255).astype(np.uint8)
         sheet[:, left : left + _WIDTH] = tile
     return sheet
 
 
-def _curves(dataset: xr.Dataset) -> bytes:
+def _curves(dataset: xr.Dataset) -> "Figure":
     """Draw the numeric columns of a table over its first long axis, one below the other."""
     from matplotlib.figure import Figure
 
     longest = max(dataset.sizes.values(), default=0)
-    names = [
-        str(n)
-        for n, v in dataset.data_vars.items()
-        if v.shape == (longest,) and v.dtype.kind == "f" and np.isfinite(v.values).any()
-    ][:_COLUMNS]
-    if not names:
+    columns = [v for v in dataset.data_vars.values() if v.shape == (longest,) and v.dtype.kind == "f"]
+    columns = [v for v in columns if np.isfinite(v.values).any()][:_COLUMNS]
+    if not columns:
         raise InputError("the file holds no column of numbers to draw")
-    figure = Figure(figsize=(7.0, 1.5 * len(names) + 0.4), layout="constrained")
-    for place, name in enumerate(names):
-        axes = figure.add_subplot(len(names), 1, place + 1)
-        variable = dataset[name]
+    figure = Figure(figsize=(7.0, 1.5 * len(columns) + 0.4), layout="constrained")
+    for place, variable in enumerate(columns):
+        axes = figure.add_subplot(len(columns), 1, place + 1)
         has_time = "time" in dataset.variables and dataset["time"].dims == variable.dims
         # A clock that starts again in every block would lay the blocks over each other.
         has_time = has_time and bool((np.diff(dataset["time"].values) > 0).all())
-        x = dataset["time"].values if has_time else np.arange(variable.size)
-        axes.plot(x, variable.values, linewidth=0.7)
-        axes.set_ylabel(f"{name} / {variable.attrs.get('units', '')}")
-        if place == len(names) - 1:
-            axes.set_xlabel("time / s" if has_time else str(variable.dims[0]))
-    return _bytes(figure)
-
-
-def _bytes(figure: "Figure") -> bytes:
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=100, metadata={"Software": None})
-    return stream.getvalue()
+        axes.plot(dataset["time"].values if has_time else np.arange(longest), variable.values, linewidth=0.7)
+        axes.set_ylabel(f"{variable.name} / {variable.attrs.get('units', '')}")
+    axes.set_xlabel("time / s" if has_time else str(variable.dims[0]))
+    return figure

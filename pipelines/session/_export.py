@@ -1,12 +1,12 @@
-"""Results and raw files for other programs: which ones, under which names, in which format."""
+"""Results and raw files for other programs: selection, names and formats."""
 
 from __future__ import annotations
 
 import json
 import re
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,17 +14,16 @@ from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.variables import described, variable
-from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import READY, plan as make_plan
 from labpipe.workflow.results import Results
+from labpipe.workflow.session import FILE_NAME
+from pipelines.experiments import KINDS
+from pipelines.session._results import STAGES, derive, needed, reopen_session
 from pipelines.session._verdicts import Verdict, told_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from labpipe.workflow.plan import Row
-
-Format = str
 TABLES = ("xlsx", "tex")
 """One table of the whole session."""
 CODES = ("abaqus", "ansys", "comsol", "lsdyna", "json")
@@ -32,11 +31,12 @@ CODES = ("abaqus", "ansys", "comsol", "lsdyna", "json")
 FORMATS = ("csv", "nc", "mat", "json", *TABLES, *CODES[:-1])
 FOLDER = "export"
 """Below ``SESSION/labpipe``: files in it may be replaced."""
+_SYNTHETIC = "yes: made by a virtual rig, not measured"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Exported(ShownAsTable):
-    """What an export wrote, and which results it left out, each with the reason."""
+    """The files that an export wrote, and the results that it left out, each with the reason."""
 
     paths: tuple[Path, ...]
     left_out: tuple[str, ...]
@@ -47,226 +47,42 @@ class Exported(ShownAsTable):
         return Shown(f"{len(self.paths)} files in {', '.join(folders)}", ("", ""), rows)
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Where files go, in which format, and whether those of the same name are replaced."""
+@dataclass(slots=True)
+class _Writer:
+    """Writes files of one format into a folder; gathers those written, and the results left out."""
 
     folder: Path
-    format: Format
+    format: str
     may_replace: bool
+    paths: list[Path] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
-        """Refuse a format that nobody writes."""
-        if self.format not in FORMATS:
-            raise UsageError(f'unknown format "{self.format}"; expected one of {", ".join(FORMATS)}')
-
-    def write(self, name: str, dataset: xr.Dataset, remarks: dict[str, str]) -> list[Path]:
-        """Write one Dataset under a name; return the files.
-
-        Raises
-        ------
-        UsageError
-            A file of that name is there and may not be replaced.
-        """
-        from pipelines.session import _export_formats as formats
-
-        if self.format == "nc":
-            path = self.free(f"{name}.nc")
-            files.write_dataset(path, dataset.assign_attrs({**dataset.attrs, **remarks}))
-            return [path]
-        if self.format == "mat":
-            path = self.free(f"{name}.mat")
-            files.write_bytes(path, formats.mat_bytes(dataset, remarks))
-            return [path]
-        if self.format == "json":
-            path = self.free(f"{name}.json")
-            files.write_text(path, formats.json_text(dataset, remarks))
-            return [path]
-        tables = formats.csv_tables(dataset, remarks)
-        paths = [self.free(f"{name}.{part}.csv") for part in tables]
-        for path, text in zip(paths, tables.values(), strict=True):
-            files.write_text(path, text)
-        return paths
-
-    def free(self, name: str) -> Path:
-        """Return the path of a file that may be written.
-
-        Raises
-        ------
-        UsageError
-            A file of that name is there and may not be replaced.
-        """
+    def write(self, name: str, content: str | bytes | xr.Dataset) -> None:
+        """Write a file, unless one of that name is there and may not be replaced."""
         path = self.folder / name
         if path.exists() and not self.may_replace:
             raise UsageError(f"{path} exists already; use --force to replace it, or another --out")
-        return path
+        if isinstance(content, str):
+            files.write_text(path, content)
+        elif isinstance(content, bytes):
+            files.write_bytes(path, content)
+        else:
+            files.write_dataset(path, content)
+        self.paths.append(path)
 
+    def write_dataset(self, name: str, dataset: xr.Dataset, remarks: dict[str, str]) -> None:
+        """Write one Dataset, as csv in one file per set of dimensions."""
+        from pipelines.session import _export_formats as formats
 
-def export_results(results: Results, stages: Iterable[str], experiments: Iterable[str], target: Target) -> Exported:
-    """Write the stored results of a session that are up to date, of some stages and experiments or of all.
-
-    Raises
-    ------
-    InputError
-        There is nothing to export.
-    """
-    plan = results.plan
-    steps, names = set(stages), set(experiments)
-    rows = [r for r in plan.rows if plan.tasks[r.task].stage.output == "dataset"]
-    rows = [r for r in rows if (not steps or r.stage in steps) and (not names or r.experiment in names)]
-    left_out = tuple(f"{row.task}: {row.reason}" for row in rows if row.state not in READY)
-    ready = [row for row in rows if row.state in READY]
-    if not ready:
-        raise InputError(
-            f"{plan.session.root}: none of {len(rows)} wanted results is there and up to date; "
-            f"run: labpipe process {plan.session.root}"
-        )
-    paths: list[Path] = []
-    verdicts = told_verdicts(results.folder)
-    for row in ready:
-        dataset = results.result(*row.task)
-        remarks = {"experiment": row.experiment, "stage": row.stage}
-        remarks |= {"recording": row.recording} if row.recording else {}
-        remarks["title"] = plan.session.title
-        if plan.session.synthetic:
-            remarks["synthetic"] = "yes: made by a virtual rig, not measured"
-        remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
-        if target.format == "nc":
-            dataset = dataset.assign(quality_flag=_flag(verdicts.get(row.experiment)))
-        paths += target.write(_name(row), dataset, remarks)
-    return Exported(tuple(paths), left_out)
-
-
-def _flag(verdict: Verdict | None) -> xr.Variable:
-    """Return the verdict on an experiment as a flag of the CF conventions, with QARTOD's numbers.
-
-    Unknown where the experiment was not judged, or not with what is there now.
-    """
-    import numpy as np
-    import xarray as xr
-
-    from labpipe.judging import FLAGS
-
-    word = "unknown" if verdict is None else verdict.believable
-    attrs = {
-        "long_name": "whether the record can be believed",
-        "standard_name": "quality_flag",
-        "units": "1",
-        "flag_values": np.array(list(FLAGS.values()), np.int8),
-        "flag_meanings": " ".join(FLAGS),
-    }
-    return xr.Variable((), np.int8(FLAGS[word]), attrs)
-
-
-def export_table(results: Results, experiments: Iterable[str], target: Target) -> Exported:
-    """Write one table of the quantities of some experiments, or of all, as ``xlsx``, ``tex`` or ``csv``.
-
-    Raises
-    ------
-    InputError
-        No quantity is up to date.
-    """
-    from labpipe.workflow.provenance import program
-    from pipelines.session import _summary_table as summary
-
-    session = results.plan.session
-    found = summary.lines(results, experiments)
-    if not found:
-        raise InputError(f"{session.root}: no quantity is there and up to date; run: labpipe process {session.root}")
-    named = {line.row.experiment for line in found}
-    wanted = set(experiments) or set(session.experiments)
-    left_out = [f"{name}: no quantity is up to date" for name in session.experiments if name in wanted - named]
-    remarks = {"title": session.title}
-    if session.synthetic:
-        remarks["synthetic"] = "yes: made by a virtual rig, not measured"
-    remarks |= {"units": "SI; u is a standard uncertainty (k = 1)", "program": json.dumps(program(), sort_keys=True)}
-    path = target.free(f"quantities.{target.format}")
-    if target.format == "xlsx":
-        files.write_bytes(path, summary.xlsx_bytes(results, found, remarks))
-    else:
-        files.write_text(path, (summary.tex_text if target.format == "tex" else summary.csv_text)(found, remarks))
-    return Exported((path,), tuple(left_out))
-
-
-def export_materials(
-    results: Results, experiments: Iterable[str], target: Target, bulk: str | None
-) -> tuple[Exported, tuple[str, ...]]:
-    """Write the materials of some experiments, or of all, for the simulation code that the target names as its format.
-
-    Returns the files, and the warnings that stand in them.
-    """
-    from labpipe import materials
-    from pipelines.experiments import KINDS
-    from pipelines.session._results import derive, needed
-
-    session = results.plan.session
-    states = {str(row.task.experiment) + "/" + row.stage: row for row in results.plan.rows}
-    names = set(experiments)
-    paths, left_out, warned = [], [], []
-    for experiment in session.experiments.values():
-        hook = KINDS[experiment.kind].material
-        if names and experiment.name not in names:
-            continue
-        if hook is None:
-            left_out += [f"{experiment.name}: it makes no material"] if names else []
-            continue
-        waiting = [states[key] for key in needed(session, experiment, hook) if states[key].state not in READY]
-        if waiting:
-            left_out += [f"{row.task}: {row.reason}" for row in waiting]
-            continue
-        deck = derive(results, experiment, hook, name=experiment.name, bulk=bulk)
-        warned += [f"{experiment.name}: {text}" for text in deck.warnings]
-        path = target.free(f"{experiment.name}.material{materials.CODES[target.format]}")
-        files.write_text(path, materials.deck_text(deck, target.format))
-        paths.append(path)
-    return Exported(tuple(paths), tuple(left_out)), tuple(warned)
-
-
-def _name(row: Row) -> str:
-    parts = [row.experiment, row.stage]
-    if row.recording is not None:
-        parts.append(re.sub(r"[^\w.-]+", "_", Path(row.recording).with_suffix("").as_posix()))
-    return ".".join(parts)
-
-
-def export_file(path: Path, target: Target, options: dict[str, Any]) -> Exported:
-    """Write the readings of one raw instrument file; of a film, the times of its frames.
-
-    Raises
-    ------
-    SourceError
-        The file is not known or cannot be read.
-    UsageError
-        The target lies where the raw file is.
-    """
-    import xarray as xr
-
-    import instruments
-    from labpipe.workflow.provenance import program
-
-    source = instruments.read(path, **options)
-    dataset = source if isinstance(source, xr.Dataset) else _frame_times(source)
-    reader = options.get("instrument") or instruments.identify(path, fps=options.get("fps"))
-    origin = {"file": path.name, "sha256": files.digest(path), "reader": reader, "program": program()}
-    remarks = {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)}
-    return Exported(tuple(target.write(path.stem, dataset, remarks)), ())
-
-
-def _frame_times(frames: Any) -> xr.Dataset:
-    """Return what a film says beside its pixels: time, exposure and state of every frame."""
-    import numpy as np
-    import xarray as xr
-
-    variables: dict[str, Any] = {
-        "time": variable("frame", frames.time, "s", "time from the trigger"),
-        "valid": variable("frame", frames.valid.astype(np.int8), "1", "1 where the frame is complete"),
-    }
-    if frames.exposure is not None:
-        attrs = described("s", "exposure time")
-        values = np.broadcast_to(np.asarray(frames.exposure, float), frames.time.shape)
-        variables["exposure"] = ("frame", values, attrs)
-    rows, columns = frames.shape[1:]
-    return xr.Dataset(variables, attrs={"rows": int(rows), "columns": int(columns)})
+        if self.format == "nc":
+            self.write(f"{name}.nc", dataset.assign_attrs({**dataset.attrs, **remarks}))
+        elif self.format == "mat":
+            self.write(f"{name}.mat", formats.mat_bytes(dataset, remarks))
+        elif self.format == "json":
+            self.write(f"{name}.json", formats.json_text(dataset, remarks))
+        else:
+            for part, text in formats.csv_tables(dataset, remarks).items():
+                self.write(f"{name}.{part}.csv", text)
 
 
 def export(
@@ -299,10 +115,10 @@ def export(
     replace : bool
         Replace files of the same name; in the default folder of a session they always are.
     reading : dict, optional
-        What a raw file leaves unsaid, such as ``{"cycle": "50 us"}``.
+        Options of the reader of a raw file, such as ``{"cycle": "50 us"}``.
     bulk : {"constant", "relaxing", "incompressible"}, optional
-        What the bulk modulus of a material does while its shear modulus relaxes; by default
-        Poisson's ratio is constant, and at ν = 0.5 the material incompressible.
+        Bulk modulus of a material while its shear modulus relaxes; by default Poisson's ratio is
+        constant, and at ν = 0.5 the material incompressible.
 
     Returns
     -------
@@ -320,58 +136,163 @@ def export(
     --------
     >>> export("my-session", "mat", only="acrylic_7mm", stages="bounces")  # doctest: +SKIP
     """
-    from pipelines.session._opening import STAGES, reopen_session
-
     place = Path(source)
-    if not (place / sessions.FILE_NAME).is_file() and not _is_unknown_folder(place):
-        options = dict(reading or {})
-        if format in (*TABLES, *CODES[:-1]):
-            what = "is a table" if format in TABLES else "writes the materials"
-            message = f"{format} {what} of a whole session, and {place} is a file; expected csv, nc, mat or json"
-            raise UsageError(message)
-        return export_file(place, Target(Path(out or "."), format, replace), options)
+    if format not in FORMATS:
+        raise UsageError(f'unknown format "{format}"; expected one of {", ".join(FORMATS)}')
+    if not (place / FILE_NAME).is_file() and not _is_unknown_folder(place):
+        writer = _Writer(Path(out or "."), format, replace)
+        _export_file(place, writer, dict(reading or {}))
+        return Exported(tuple(writer.paths), ())
     if reading:
         raise UsageError("options of a raw file (cycle, units) do not go with a session folder")
     session = reopen_session(place)
-    ours = session.folder / FOLDER
-    target = Target(Path(out) if out else ours, format, replace or out is None)
-    names, experiments = _names(stages), _names(only or ())
-    made = make_plan(session, STAGES, names or None, experiments or None, keep=None)
-    if format in TABLES:
-        if names:
-            raise UsageError(f"{format} is one table of all steps; leave out --stage, or take csv, nc, mat or json")
-        return export_table(Results(made), experiments, target)
+    writer = _Writer(Path(out) if out else session.folder / FOLDER, format, replace or out is None)
+    # one name is a list of one, not of its letters
+    names, experiments = ((given,) if isinstance(given, str) else tuple(given) for given in (stages, only or ()))
+    results = Results(make_plan(session, STAGES, names or None, experiments or None, keep=None))
+    if format in TABLES and names:
+        raise UsageError(f"{format} is one table of all steps; leave out --stage, or take csv, nc, mat or json")
     if format in CODES and not names:
-        written, warned = export_materials(Results(made), experiments, target, bulk)
-        for text in warned:
-            warnings.warn(text, stacklevel=2)
-        if format != "json" and not written.paths:
-            reasons = "; ".join(written.left_out) or "no experiment makes one, as a master curve does"
+        _export_materials(results, experiments, writer, bulk)
+        if format != "json" and not writer.paths:
+            reasons = "; ".join(writer.left_out) or "no experiment makes one, as a master curve does"
             raise InputError(f"{place}: there is no material to write: {reasons}")
-        if format != "json":
-            return written
-        done = export_results(Results(made), names, experiments, target)
-        return Exported((*written.paths, *done.paths), done.left_out)
-    done = export_results(Results(made), names, experiments, target)
-    if format != "csv" or names:
-        return done
-    table = export_table(Results(made), experiments, target)
-    return Exported((*table.paths, *done.paths), done.left_out)
-
-
-def _names(given: str | Iterable[str]) -> tuple[str, ...]:
-    """Take one name for a list of one, not for its letters."""
-    return (given,) if isinstance(given, str) else tuple(given)
+    if format in ("csv", "nc", "mat", "json"):
+        writer.left_out.clear()  # those of the results say more
+        _export_results(results, names, experiments, writer)
+    if format in TABLES or (format == "csv" and not names):
+        _export_table(results, experiments, writer)
+        writer.paths.insert(0, writer.paths.pop())
+    return Exported(tuple(writer.paths), tuple(writer.left_out))
 
 
 def _is_unknown_folder(place: Path) -> bool:
-    """Tell a folder that should have been a session from one that holds a film."""
+    """Whether a folder should have been a session, since it holds no film either."""
     import instruments
 
-    if not place.is_dir():
-        return False
     try:
-        instruments.identify(place)
+        return place.is_dir() and not instruments.identify(place)
     except SourceError:
         return True
-    return False
+
+
+def _export_file(path: Path, writer: _Writer, options: dict[str, Any]) -> None:
+    """Write the readings of one raw instrument file; of a film, time, exposure and state of every frame."""
+    import numpy as np
+    import xarray as xr
+
+    import instruments
+    from labpipe.workflow.provenance import program
+
+    if writer.format in (*TABLES, *CODES[:-1]):
+        word = "is a table" if writer.format in TABLES else "writes the materials"
+        message = f"{writer.format} {word} of a whole session, and {path} is a file; expected csv, nc, mat or json"
+        raise UsageError(message)
+    frames: Any = instruments.read(path, **options)
+    dataset = frames
+    if not isinstance(frames, xr.Dataset):
+        variables: dict[str, Any] = {
+            "time": variable("frame", frames.time, "s", "time from the trigger"),
+            "valid": variable("frame", frames.valid.astype(np.int8), "1", "1 where the frame is complete"),
+        }
+        if frames.exposure is not None:
+            values = np.broadcast_to(np.asarray(frames.exposure, float), frames.time.shape)
+            variables["exposure"] = ("frame", values, described("s", "exposure time"))
+        rows, columns = frames.shape[1:]
+        dataset = xr.Dataset(variables, attrs={"rows": int(rows), "columns": int(columns)})
+    reader = options.get("instrument") or instruments.identify(path, fps=options.get("fps"))
+    origin = {"file": path.name, "sha256": files.digest(path), "reader": reader, "program": program()}
+    writer.write_dataset(path.stem, dataset, {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)})
+
+
+def _export_results(results: Results, stages: Sequence[str], experiments: Sequence[str], writer: _Writer) -> None:
+    """Write the stored results of a session that are up to date, of some stages and experiments or of all."""
+    plan, session = results.plan, results.plan.session
+    rows = [r for r in plan.rows if plan.tasks[r.task].stage.output == "dataset"]
+    rows = [r for r in rows if r.stage in (stages or (r.stage,)) and r.experiment in (experiments or (r.experiment,))]
+    writer.left_out += [f"{row.task}: {row.reason}" for row in rows if row.state not in READY]
+    ready = [row for row in rows if row.state in READY]
+    if not ready:
+        raise InputError(
+            f"{session.root}: none of {len(rows)} wanted results is there and up to date; "
+            f"run: labpipe process {session.root}"
+        )
+    verdicts = told_verdicts(results.folder)
+    for row in ready:
+        dataset = results.result(*row.task)
+        remarks = {"experiment": row.experiment, "stage": row.stage}
+        remarks |= {"recording": row.recording} if row.recording else {}
+        remarks |= {"title": session.title} | ({"synthetic": _SYNTHETIC} if session.synthetic else {})
+        remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
+        if writer.format == "nc":
+            dataset = dataset.assign(quality_flag=_flag(verdicts.get(row.experiment)))
+        parts = [row.experiment, row.stage]
+        if row.recording is not None:
+            parts.append(re.sub(r"[^\w.-]+", "_", Path(row.recording).with_suffix("").as_posix()))
+        writer.write_dataset(".".join(parts), dataset, remarks)
+
+
+def _flag(verdict: Verdict | None) -> xr.Variable:
+    """Return the verdict on an experiment as a flag of the CF conventions, with QARTOD's numbers.
+
+    Unknown where the experiment was not judged, or not by its present results.
+    """
+    import numpy as np
+    import xarray as xr
+
+    from labpipe.judging import FLAGS
+
+    attrs = {
+        "long_name": "whether the record can be believed",
+        "standard_name": "quality_flag",
+        "units": "1",
+        "flag_values": np.array(list(FLAGS.values()), np.int8),
+        "flag_meanings": " ".join(FLAGS),
+    }
+    return xr.Variable((), np.int8(FLAGS["unknown" if verdict is None else verdict.believable]), attrs)
+
+
+def _export_table(results: Results, experiments: Sequence[str], writer: _Writer) -> None:
+    """Write one table of the quantities of some experiments, or of all, as ``xlsx``, ``tex`` or ``csv``."""
+    from labpipe.workflow.provenance import program
+    from pipelines.session import _summary_table as summary
+
+    session = results.plan.session
+    found = summary.lines(results, experiments)
+    if not found:
+        raise InputError(f"{session.root}: no quantity is there and up to date; run: labpipe process {session.root}")
+    named = {line.row.experiment for line in found}
+    absent = [name for name in experiments or session.experiments if name not in named]
+    writer.left_out = writer.left_out or [f"{name}: no quantity is up to date" for name in absent]
+    remarks = {"title": session.title} | ({"synthetic": _SYNTHETIC} if session.synthetic else {})
+    remarks |= {"units": "SI; u is a standard uncertainty (k = 1)", "program": json.dumps(program(), sort_keys=True)}
+    if writer.format == "xlsx":
+        writer.write("quantities.xlsx", summary.xlsx_bytes(results, found, remarks))
+    else:
+        write = summary.tex_text if writer.format == "tex" else summary.table_csv
+        writer.write(f"quantities.{writer.format}", write(found, remarks))
+
+
+def _export_materials(results: Results, experiments: Sequence[str], writer: _Writer, bulk: str | None) -> None:
+    """Write the materials of some experiments, or of all, for the simulation code that is the writer's format.
+
+    The warnings in the files are given too.
+    """
+    from labpipe import materials
+
+    session = results.plan.session
+    states = {f"{row.task.experiment}/{row.stage}": row for row in results.plan.rows}
+    for name in experiments or session.experiments:
+        experiment = session.experiments[name]
+        hook = KINDS[experiment.kind].material
+        if hook is None:
+            writer.left_out += [f"{name}: it makes no material"] if experiments else []
+            continue
+        waiting = [states[key] for key in needed(session, experiment, hook) if states[key].state not in READY]
+        writer.left_out += [f"{row.task}: {row.reason}" for row in waiting]
+        if waiting:
+            continue
+        deck = derive(results, experiment, hook, name=name, bulk=bulk)
+        for text in deck.warnings:
+            warnings.warn(f"{name}: {text}", stacklevel=3)
+        writer.write(f"{name}.material{materials.CODES[writer.format]}", materials.deck_text(deck, writer.format))

@@ -1,7 +1,7 @@
 """Datasets as tables of text, JSON and MATLAB files, for programs that read no netCDF.
 
-Every format keeps units, long names and the provenance. Text is that of the Dataset alone, so two
-exports of one result are equal byte for byte.
+Every format keeps units, long names and the provenance, and none a time of day: two exports of one
+result are equal byte for byte.
 """
 
 import io
@@ -12,8 +12,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """A spreadsheet takes a cell that begins with one of these for a formula."""
@@ -22,18 +22,18 @@ _HIDDEN = re.compile(r"([;,]\s*)(?=[=+@]|-[^\d.])")
 that splits a remark; a negative number is none."""
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
 _APART = r"\1'"
-_MATLAB_NAME = 63
-"""Longest name of a variable in MATLAB."""
+_MATLAB_NAME = 63  # characters of a variable's name
 _MATLAB_HEAD = 116
 """Bytes of free text that begin a MATLAB file; by default they hold the time of day."""
+_MATLAB_OURS = ("units", "long_name", "dimensions", "remarks")
 
 
 def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str]:
     """Write a Dataset as tables, one for all variables of equal dimensions, by those: ``"time"``, ``"repeat-time"``.
 
     A table over several dimensions has one row per combination, with one column per dimension; variables without
-    dimensions are in ``"values"``. Remarks stand above the table, one line each, after ``#``; below the head of names
-    stands a row of units.
+    dimensions are in ``"values"``. Remarks are above the table, one line each, after ``#``; below the head of names
+    is a row of units.
 
     Examples
     --------
@@ -48,59 +48,44 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str
     for name, variable in dataset.variables.items():
         if variable.dims != (name,):
             groups.setdefault(tuple(map(str, variable.dims)), []).append(str(name))
-    for name in map(str, dataset.dims):  # a coordinate that nothing else stands over
+    for name in map(str, dataset.dims):  # a coordinate over which there is nothing else
         if name in dataset.variables and not any(name in dims for dims in groups):
             groups[name,] = []
+    made = {}
+    for dims, names in groups.items():
+        along = [dataset[dim].values if dim in dataset.variables else np.arange(dataset.sizes[dim]) for dim in dims]
+        columns = dict(zip(dims, np.meshgrid(*along, indexing="ij"), strict=True))
+        columns |= {name: dataset[name].values for name in names}
+        units = [dataset[n].attrs.get("units", "1" if n in dims else "") if n in dataset else "1" for n in columns]
+        made["-".join(dims) or "values"] = csv_text(columns, remarks, units)
+    return made
+
+
+def csv_text(columns: Mapping[str, Any], remarks: Mapping[str, str], units: Iterable[str] = ()) -> str:
+    """Write columns as csv below remarks; no text is one that a spreadsheet takes for a formula."""
+    frame = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
+    for name in frame.columns:
+        if frame[name].dtype.kind == "b":
+            frame[name] = frame[name].astype(int)
+        elif frame[name].dtype.kind not in "fiu":
+            frame[name] = [safe_text(value) if isinstance(value, str) else value for value in frame[name]]
+    top = pd.DataFrame([list(map(safe_text, row)) for row in (columns, units) if row])
     head = "".join(f"# {key}: {_HIDDEN.sub(_APART, one_line(value))}\n" for key, value in remarks.items())
-    return {"-".join(dims) or "values": head + _table(dataset, dims, names) for dims, names in groups.items()}
+    absent = "nan" if units else ""
+    parts = (top.to_csv(index=False, header=False), frame.to_csv(index=False, header=False, na_rep=absent))
+    return head + "".join(parts).replace("\r\n", "\n")
 
 
-def _table(dataset: xr.Dataset, dims: tuple[str, ...], names: list[str]) -> str:
-    shape = tuple(dataset.sizes[dim] for dim in dims)
-    titles, units, columns = [], [], []
-    for axis, dim in enumerate(dims):
-        has_values = dim in dataset.variables
-        values = dataset[dim].values if has_values else np.arange(shape[axis])
-        along = [1] * axis + [shape[axis]] + [1] * (len(dims) - axis - 1)
-        titles.append(dim)
-        units.append(str(dataset[dim].attrs.get("units", "1")) if has_values else "1")
-        columns.append(_cells(np.broadcast_to(values.reshape(along), shape)))
-    for name in names:
-        variable = dataset[name]
-        titles.append(name)
-        units.append(str(variable.attrs.get("units", "")))
-        columns.append(_cells(variable.values))
-    rows = [_row(titles), _row(units), *map(",".join, zip(*columns, strict=True))]
-    return "\n".join(rows) + "\n"
-
-
-def _cells(values: NDArray[Any]) -> list[str]:
-    flat = np.asarray(values).ravel()
-    if flat.dtype.kind == "f":
-        return [repr(value) for value in flat.tolist()]
-    if flat.dtype.kind in "iu":
-        return [str(value) for value in flat.tolist()]
-    if flat.dtype.kind == "b":
-        return ["1" if value else "0" for value in flat.tolist()]
-    return [text_cell(str(value)) for value in flat.tolist()]
-
-
-def _row(texts: Iterable[str]) -> str:
-    return ",".join(map(text_cell, texts))
-
-
-def text_cell(text: str) -> str:
-    """Write a text as a cell of csv that no spreadsheet takes for a formula, wherever it splits.
+def safe_text(text: str) -> str:
+    """Write a text on one line that no spreadsheet takes for a formula, wherever it splits.
 
     Examples
     --------
-    >>> text_cell("=1+1"), text_cell("a;=1+1")
+    >>> safe_text("=1+1"), safe_text("a;=1+1")
     ("'=1+1", "a;'=1+1")
     """
     text = _HIDDEN.sub(_APART, one_line(text))
-    if text.startswith(_FORMULA):
-        text = "'" + text
-    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"') else text
+    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def one_line(text: str) -> str:
@@ -132,7 +117,7 @@ def json_text(dataset: xr.Dataset, remarks: Mapping[str, str]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Turn numpy's values into Python's; what JSON has no number for becomes null."""
+    """Turn numpy's values into Python's; a number that JSON has not becomes null."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, list | tuple):
@@ -146,11 +131,11 @@ def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
     """Write a Dataset as a MATLAB file (version 5, readable by MATLAB, Octave and Julia).
 
     It has one array per variable; structures ``units``, ``long_name`` and ``dimensions`` with a text
-    per variable; ``remarks``. Names are cut to what MATLAB takes.
+    per variable; ``remarks``. Names are cut to those that MATLAB takes.
     """
     from scipy.io import savemat
 
-    names = _matlab_names(map(str, dataset.variables))
+    names = _matlab_names(map(str, dataset.variables), _MATLAB_OURS)
     content: dict[str, Any] = {}
     for name, short in names.items():
         values = dataset[name].values
@@ -165,19 +150,14 @@ def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
     return head + stream.getvalue()[_MATLAB_HEAD:]
 
 
-_TAKEN = ("units", "long_name", "dimensions", "remarks")
-
-
-def _matlab_names(names: Iterable[str], taken: Iterable[str] = _TAKEN) -> dict[str, str]:
+def _matlab_names(names: Iterable[str], taken: Iterable[str]) -> dict[str, str]:
     """Give every name one that MATLAB accepts, all of them different."""
     found: dict[str, str] = {}
-    used = set(taken)
     for name in names:
         plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-        plain = (plain if plain[:1].isalpha() else f"x{plain}")[:_MATLAB_NAME]
-        number, wanted = 2, plain
-        while plain in used:
+        wanted = plain = (plain if plain[:1].isalpha() else f"x{plain}")[:_MATLAB_NAME]
+        number = 2
+        while plain in (*taken, *found.values()):
             plain, number = f"{wanted[: _MATLAB_NAME - 4]}_{number}", number + 1
-        used.add(plain)
         found[name] = plain
     return found

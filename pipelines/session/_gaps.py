@@ -1,23 +1,32 @@
-"""Questions for what the files do not contain: the gaps of a proposed session.toml."""
+"""Values that no file contains: the gaps of a session.toml, questions for them, and templates made of gaps alone."""
 
 import re
-from collections.abc import Callable, Iterator
+import types
+import typing
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
 
 from labpipe import installation
-from labpipe.errors import InputError
+from labpipe.errors import InputError, UsageError
 from labpipe.units import quantity, unit
+from labpipe.workflow.fields import Dimension, FileMark, describe, mark, split, suggest
 from pipelines import experiments
-from pipelines.experiments.shared.proposals import GAP, material_word
+from pipelines.experiments.shared.proposals import GAP, material_line, material_word
+from pipelines.experiments.shared.settings import MaterialChoice
 
-_LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: ([^"]*))?"(?:\s*#\s*(.*))?$')
-_TABLE = re.compile(r"^\[{1,2}(?:experiments\.)?([^\]]+)\]{1,2}\s*(?:#.*)?$")
 NONE = "none"
 """The answer that leaves a line out, where its remark offers it."""
+_LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: ([^"]*))?"(?:\s*#\s*(.*))?$')
+_TABLE = re.compile(r"^\[{1,2}(?:experiments\.)?([^\]]+)\]{1,2}\s*(?:#.*)?$")
 _BARE_NUMBERS = re.compile(r"(?:[\d\s.,±+-]|(?<=\d)[eE](?=[+-]?\d))+")
 _DAYS = ("valid_from", "valid_until", "when")
+_RECORDS = ("calibration", "camera", "record")
+"""Fields that name a calibration record."""
 
 
 def library_names() -> tuple[str, ...]:
@@ -30,7 +39,7 @@ def library_names() -> tuple[str, ...]:
 class Gap:
     """One value that is missing: its line from 1, its table, its key, unit, and explanation.
 
-    ``record`` tells that it belongs to a calibration record.
+    ``record`` is true where it belongs to a calibration record.
     """
 
     line: int
@@ -42,7 +51,7 @@ class Gap:
 
     @property
     def question(self) -> str:
-        """What to ask a person."""
+        """The question for a person."""
         remark = f" ({self.remark})" if self.remark else ""
         return f"{self.table}: {self.key.replace('_', ' ')}{remark}"
 
@@ -53,7 +62,7 @@ class Gap:
 
     @property
     def sort(self) -> tuple[str, str, str]:
-        """What two questions of one sort share; the answer to one is offered for the next.
+        """Key that questions of one sort share; the answer to one is offered for the next.
 
         A value of a calibration record belongs to its sensor or view, and is offered for no other.
         """
@@ -95,27 +104,29 @@ def checked(gap: Gap, answer: str) -> str:
     if gap.may_be_left_out and answer.lower() == NONE:
         return NONE
     if gap.key in _DAYS:
-        return _day(answer)
-    for key, allowed in (("material", library_names()), *_answers()):
-        if gap.key == key:
-            if (known := answer.lower()) in allowed or (known := material_word(answer, is_whole=True) or "") in allowed:
-                return known
-            raise InputError(f'expected one of {", ".join(allowed)}; found "{answer}"')
-    return _with_unit(gap, answer) if gap.unit or gap.key == "nu" else answer
-
-
-def _answers() -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield fields, and the answers that the kinds accept for them."""
+        try:
+            return date.fromisoformat(answer).isoformat()
+        except ValueError:
+            raise InputError(f'expected a day such as 2024-05-14, found "{answer}"') from None
+    allowed: dict[str, tuple[str, ...]] = {"material": library_names()}
     for kind in experiments.KINDS.values():
-        if kind.proposal is not None:
-            yield from kind.proposal.answers.items()
-
-
-def _day(answer: str) -> str:
+        allowed |= kind.proposal.answers if kind.proposal is not None else {}
+    if gap.key in allowed:
+        for known in (answer.lower(), material_word(answer, is_whole=True)):
+            if known in allowed[gap.key]:
+                return str(known)
+        raise InputError(f'expected one of {", ".join(allowed[gap.key])}; found "{answer}"')
+    if not gap.unit and gap.key != "nu":
+        return answer
+    text = in_unit(answer, gap.unit)
+    expected = f'expected for example "{f"12.3 ± 0.1 {gap.unit}".strip()}"'
     try:
-        return date.fromisoformat(answer).isoformat()
-    except ValueError:
-        raise InputError(f'expected a day such as 2024-05-14, found "{answer}"') from None
+        found = quantity(text)
+    except InputError as error:
+        raise InputError(f"{expected}: {error}") from None
+    if found.si != unit(gap.unit or "1").si:
+        raise InputError(f'{expected}, found "{text}", which is in {found.si}')
+    return text
 
 
 def in_unit(answer: str, unit: str) -> str:
@@ -127,19 +138,6 @@ def in_unit(answer: str, unit: str) -> str:
     ('9,525 ± 0,005 mm', '1 cm')
     """
     return f"{answer} {unit}" if unit not in ("", "1") and _BARE_NUMBERS.fullmatch(answer) else answer
-
-
-def _with_unit(gap: Gap, answer: str) -> str:
-    wanted = gap.unit or "1"
-    text = in_unit(answer, wanted)
-    expected = f'expected for example "{f"12.3 ± 0.1 {gap.unit}".strip()}"'
-    try:
-        found = quantity(text)
-    except InputError as error:
-        raise InputError(f"{expected}: {error}") from None
-    if found.si != unit(wanted).si:
-        raise InputError(f'{expected}, found "{text}", which is in {found.si}')
-    return text
 
 
 def filled(text: str, ask: Callable[[Gap], str | None], owner: str = "") -> str:
@@ -158,3 +156,72 @@ def filled(text: str, ask: Callable[[Gap], str | None], owner: str = "") -> str:
             new = answer if gap.key in _DAYS else f'"{answer}"'
             lines[gap.line - 1] = lines[gap.line - 1].replace(old, new, 1)
     return "".join(lines)
+
+
+# --- templates ---
+
+
+def template_of(kinds: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Return the sections of session.toml for some kinds, every value still to come, and the experiments' names.
+
+    Raises
+    ------
+    UsageError
+        There is no such kind.
+    """
+    sections, names = [], []
+    for name in dict.fromkeys(kinds):
+        if name not in experiments.KINDS:
+            raise UsageError(f'there is no kind of experiment "{name}"{suggest(name, experiments.KINDS)}')
+        kind = experiments.KINDS[name]
+        names.append(name)
+        lines = [f"[experiments.{name}]", f'kind = "{name}"  # {kind.summary}']
+        sections.append("\n".join([*lines, *_fields(kind.settings, f"experiments.{name}")]))
+    return sections, names
+
+
+def gap_for(kind: Any) -> str:
+    """Return the placeholder for a value of a field that is still to come."""
+    bare, marks = split(bare_type(kind))
+    if typing.get_origin(bare) is list:
+        return gap_for(typing.get_args(bare)[0])
+    dimension = mark(marks, Dimension)
+    of_unit = dimension.example.rpartition(" ")[2] if dimension is not None and dimension.si != "1" else ""
+    return f"{GAP} {of_unit}".strip()
+
+
+def bare_type(kind: Any) -> Any:
+    """Leave the None of an optional field away."""
+    options = [option for option in typing.get_args(kind) if option is not type(None)]
+    is_union = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    return options[0] if is_union and len(options) == 1 else kind
+
+
+def _fields(kind: type[msgspec.Struct], place: str) -> Iterator[str]:
+    """Yield the lines of a structure: the required fields, then, as remarks, the optional ones, then its tables."""
+    tables, further = [], []
+    for info in msgspec.structs.fields(kind):
+        name = info.encode_name
+        bare, marks = split(bare_type(info.type))
+        is_list = typing.get_origin(bare) is list
+        inner = typing.get_args(bare)[0] if is_list else bare
+        if isinstance(inner, type) and issubclass(inner, msgspec.Struct):
+            head = f"[[{place}.{name}]]" if is_list else f"[{place}.{name}]"
+            tables += ["", head, *_fields(inner, f"{place}.{name}")] if info.required else []
+        elif name == "material" and issubclass(kind, MaterialChoice):
+            yield material_line("")
+        elif not info.required and name != "kind":
+            further.append(f"# {name} = …  # {describe(info.type)}")
+        elif name != "kind":
+            is_record = name in _RECORDS and mark(marks, FileMark) is not None
+            gap = f"calibration/{GAP}.toml" if is_record else gap_for(info.type)
+            if typing.get_origin(bare) is Literal and len(typing.get_args(bare)) == 1:
+                yield f"{name} = {typing.get_args(bare)[0]!r}"
+            else:
+                yield (
+                    f'{name} = ["{gap}"]  # {describe(info.type)}'
+                    if is_list
+                    else (f'{name} = "{gap}"  # {describe(info.type)}')
+                )
+    yield from further
+    yield from tables

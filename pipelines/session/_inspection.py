@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from labpipe.errors import ConfigError, LabpipeError, SourceError, SourceWarning
-from labpipe.files import files_below
+from labpipe.files import files_below, read_dataset
 from labpipe.notebook import html_table
 from labpipe.workflow.session import FILE_NAME
+from pipelines.session._recognition import wholes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,52 +37,43 @@ _KNOWN = (
     "delimiter",
     "decimal",
 )
-_LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, characters that are shown
+_SHOWN = 60  # characters of an unknown file
 _OWN = (".toml", ".nc", ".png")
-_MOST = 2000  # files of a folder, of which each is told in a line
+_MOST = 2000  # files of a folder, of which each is one line
 _QUICK = 16 << 20
-"""Bytes of a file that is read whole to say a line about it; of a larger film, what opening it tells."""
+"""Bytes of a file that is read whole for one line; a larger film is only opened."""
 _IRREGULAR = 0.01
-"""Of the median interval: a step that differs by more is worth telling."""
+"""Of the median interval: a step that differs by more is a problem."""
 
 
 class Inspected(dict[str, Any]):
-    """What is known of a file: a mapping that shows itself."""
+    """The properties of a file: a mapping that shows itself."""
 
     def __repr__(self) -> str:
         return "\n".join(self.lines())
 
     def _repr_html_(self) -> str:
-        known = [(k.replace("_", " "), _shown(v)) for k, v in self._apart()]
-        columns = [(r["name"], f"{_span(r)} {r['units']}".strip()) for r in self._columns()]
-        columns += [(part["file"], f"{part['reader']} {part['holds']}".strip()) for part in self.get("files", ())]
-        problems = [("problem", line) for line in self["problems"]]
-        return html_table(str(self["file"]), ("", ""), [*known[1:], *columns, *problems])
+        rows = [(name.strip(), text) for name, text in self._rows()[1:]]
+        return html_table(str(self["file"]), ("", ""), rows)
 
     def lines(self) -> list[str]:
-        """Say it as lines of text."""
-        found = [f"{key.replace('_', ' '):20}{_shown(value)}" for key, value in self._apart()]
-        rows = self._columns()
-        width = max((len(row["name"]) for row in rows), default=0) + 2
-        for row in rows:
-            invalid = f", {row['invalid']} invalid" if row["invalid"] else ""
-            name = f" ({row['long_name']})" if row["long_name"] not in ("", row["name"]) else ""
-            head = f"  {row['name']:{width}}{row['units']:8}"
-            found.append(f"{head}{_span(row)}{invalid}{name}")
-        parts = self.get("files", ())
-        width = max((len(part["file"]) for part in parts), default=0) + 2
-        found += [f"  {part['file']:{width}}{part['reader']:14}{part['holds']}".rstrip() for part in parts]
-        return found + [f"problem: {line}" for line in self["problems"] or ["none found"]]
+        """Return it as lines of text."""
+        rows = self._rows()
+        width = max(20, *(len(name) + 2 for name, _ in rows))
+        shown = [f"{name}: {text}" if name == "problem" else f"{name:{width}}{text}".rstrip() for name, text in rows]
+        return shown if self["problems"] else [*shown, "problem: none found"]
 
-    def _apart(self) -> list[tuple[str, Any]]:
-        return [(k, v) for k, v in self.items() if k not in ("variables", "problems", "files")]
-
-    def _columns(self) -> list[dict[str, Any]]:
-        return list(self.get("variables", []))
-
-
-def _shown(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    def _rows(self) -> list[tuple[str, str]]:
+        """Return name and text of each property, column, file and problem."""
+        of_own = ("variables", "problems", "files")
+        known = [(k.replace("_", " "), v) for k, v in self.items() if k not in of_own]
+        rows = [(k, f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in known]
+        for column in self.get("variables", ()):
+            invalid = f", {column['invalid']} invalid" if column["invalid"] else ""
+            name = f" ({column['long_name']})" if column["long_name"] not in ("", column["name"]) else ""
+            rows.append((f"  {column['name']}", f"{column['units']:8}{_span(column)}{invalid}{name}"))
+        rows += [(f"  {part['file']}", f"{part['reader']:14}{part['holds']}") for part in self.get("files", ())]
+        return rows + [("problem", line) for line in self["problems"]]
 
 
 def _span(row: dict[str, Any]) -> str:
@@ -136,7 +128,7 @@ def inspect(
 
 
 def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return what is known of a file; ``options`` are those of :func:`inspect`, the instrument among them.
+    """Return the properties of a file; ``options`` are those of :func:`inspect`, the instrument among them.
 
     Its ``kind`` is ``table``, ``film``, ``record``, ``session``, ``result``, ``picture`` or ``folder``. A
     table's columns are in ``variables``: name, long name, unit, range, and number of invalid readings.
@@ -145,25 +137,16 @@ def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any
     if options or not (file.is_file() or file.is_dir()):  # of an instrument; a pipe is refused
         found = _instrument(file, options or {})
     elif suffix == ".toml":
-        found = _session(file) if file.name == "session.toml" else _record(file)
+        found = _session(file) if file.name == FILE_NAME else _record(file)
     elif suffix == ".nc":
-        from labpipe.files import read_dataset
-
         found = {"reader": "labpipe", "kind": "result"} | table(read_dataset(file))
     elif suffix == ".png" and not file.is_dir():
         found = {"reader": "image", "kind": "picture"} | _picture(file)
     else:
         found = _instrument(file, {})
-    head = {"file": str(file), "bytes": _size(file)}
+    size = sum(part.stat().st_size for part in (files_below(file) if file.is_dir() else [file]))
     problems = found.pop("problems", [])
-    return head | found | {"problems": problems}
-
-
-def _size(file: Path) -> int:
-    from labpipe.files import files_below
-
-    parts = files_below(file) if file.is_dir() else [file]
-    return sum(part.stat().st_size for part in parts)
+    return {"file": str(file), "bytes": size} | found | {"problems": problems}
 
 
 def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
@@ -186,33 +169,38 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
         is_table = isinstance(source, xr.Dataset)
         found = table(source) if isinstance(source, xr.Dataset) else film(source, is_timed=not untimed)
     said = _said(caught)
-    if untimed:  # what does not depend on it is told all the same
+    if untimed:  # everything that does not depend on it is shown all the same
         said.insert(0, f"no frame rate. {images.NEEDS_RATE}")
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
     return {"reader": name, "kind": "table" if is_table else "film", **found, "problems": problems}
 
 
 def _folder(folder: Path) -> dict[str, Any]:
-    """Say of every file in a folder, and in those within it, what it is; {} where none of them is known."""
+    """List the files in a folder, and in those within it, a line each; {} where none of them is known."""
     import instruments
-    from pipelines.session._proposal import wholes
+
+    def is_given(path: Path) -> bool:
+        """Whether a file is neither hidden, nor part of a film, nor a result of a session."""
+        parts = path.relative_to(folder).parts
+        is_result = parts[0] == "labpipe" and (folder / FILE_NAME).is_file()
+        return not (is_result or path.parent in stacks or any(part.startswith((".", "~$")) for part in parts))
 
     rows: list[dict[str, str]] = []
     problems: dict[str, list[str]] = {}
-    alike: dict[tuple[Path, str], list[dict[str, str]]] = {}
+    unknown: dict[tuple[Path, str], list[dict[str, str]]] = {}
     stacks = list(wholes(folder))  # each one film
-    single = [path for path in files_below(folder) if path.parent not in stacks and _is_given(path, folder)]
-    for part in sorted([*stacks, *single])[:_MOST]:
+    paths = sorted([*stacks, *filter(is_given, files_below(folder))])
+    for part in paths[:_MOST]:
         name = part.relative_to(folder).as_posix()
         row = {"file": name, "reader": "", "holds": "not known"}
         try:
             row |= {"reader": instruments.identify(part), "holds": "cannot be read"}
         except SourceError:
             if part.suffix not in _OWN:
-                alike.setdefault((part.parent, part.suffix), []).append(row)
+                unknown.setdefault((part.parent, part.suffix), []).append(row)
                 continue
         try:
-            said, of_part = _briefly(part)
+            said, of_part = _briefly(part, row["reader"])
             row |= said
             for problem in of_part:
                 problems.setdefault(problem, []).append(name)
@@ -221,69 +209,53 @@ def _folder(folder: Path) -> dict[str, Any]:
             inside = at.relative_to(folder).as_posix() if at.is_relative_to(folder) else name
             problems.setdefault(getattr(error, "message", "") or str(error), []).append(inside)
         rows.append(row)
-    if (left := len(stacks) + len(single) - _MOST) > 0:
-        problems[f"{left} more files are not shown: name a folder within this one"] = []
+    if len(paths) > _MOST:
+        problems[f"{len(paths) - _MOST} more files are not shown: name a folder within this one"] = []
     if not any(row["reader"] for row in rows):
         return {}
-    for first, *more in alike.values():  # as a program leaves them that numbers what it writes
+    for first, *more in unknown.values():  # as a program leaves them that numbers its files
         rows.append(first | ({"file": f"{first['file']} and {len(more)} more beside it"} if more else {}))
     rows.sort(key=lambda row: row["file"])
-    told = [f"{', '.join(names)}: {text}" if names else text for text, names in problems.items()]
-    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": told}
+    lines = [f"{', '.join(names)}: {text}" if names else text for text, names in problems.items()]
+    return {"reader": "labpipe", "kind": "folder", "files": rows, "problems": lines}
 
 
-def _is_given(path: Path, folder: Path) -> bool:
-    """Tell a file that is neither hidden nor a result of a session."""
-    parts = path.relative_to(folder).parts
-    return not any(part.startswith((".", "~$")) for part in parts) and not (
-        parts[0] == "labpipe" and (folder / FILE_NAME).is_file()
-    )
-
-
-def _briefly(file: Path) -> tuple[dict[str, str], list[str]]:
-    """Return what wrote a file and, of one that is quickly read, what it holds and what is wrong with it."""
+def _briefly(file: Path, name: str) -> tuple[dict[str, str], list[str]]:
+    """Return the reader of a file with a line on its content, and its problems; a large film is only opened."""
     import instruments
 
     if file.stat().st_size > _QUICK and file.suffix not in _OWN:
-        name = instruments.identify(file)
-        return {"reader": name, "holds": f"{file.stat().st_size >> 20} MB"}, _on_opening(file, name)
+        caught: list[warnings.WarningMessage] = []
+        if instruments.by_name(name).content == "film":
+            rate: Any = {"fps": 1.0} if name == "image_stack" else {}
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                instruments.read(file, instrument=name, **rate)
+        return {"reader": name, "holds": f"{file.stat().st_size >> 20} MB"}, _said(caught)
     found = describe(file)
     spans = {row["name"]: row for row in found.get("variables", ()) if row.get("min") is not None}
     said = [f"{found['kind']} of {found['sizes']}" if "sizes" in found else found["kind"]]
-    said += [
-        f"{_span(spans[name])} {unit}" for name, unit in (("temperature", "°C"), ("frequency", "Hz")) if name in spans
-    ]
+    said += [f"{_span(spans[n])} {unit}" for n, unit in (("temperature", "°C"), ("frequency", "Hz")) if n in spans]
     if count := len(found["problems"]):
         said.append(f"{count} problem{'s' * (count > 1)}")
     return {"reader": found["reader"], "holds": ", ".join(said)}, found["problems"]
 
 
-def _on_opening(film: Path, name: str) -> list[str]:
-    """Return what is wrong with a film that shows without reading its frames, as that it was not copied whole."""
-    import instruments
-
-    if instruments.by_name(name).content != "film":
-        return []
-    rate: Any = {"fps": 1.0} if name == "image_stack" else {}
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        instruments.read(film, instrument=name, **rate)
-    return _said(caught)
-
-
 def _said(caught: list[warnings.WarningMessage]) -> list[str]:
-    """Return what readers warned of, without the name of the file, which is told beside it."""
+    """Return the warnings of readers without the name of the file, which is shown next to them."""
     return [w.message.message if isinstance(w.message, SourceWarning) else str(w.message) for w in caught]
 
 
 def _with_a_look(file: Path, error: SourceError) -> SourceError:
-    """Add what can be seen of a file that no instrument recognises."""
+    """Add the beginning of a file that no instrument recognises."""
+    from instruments import HEAD_BYTES
+
     if not file.is_file():
         return error
-    with file.open("rb") as opened:
-        head = opened.read(_LOOK)
+    with file.open("rb") as stream:
+        head = stream.read(HEAD_BYTES)
     try:
-        text = head.decode("utf-8", "strict" if len(head) < _LOOK else "ignore")
+        text = head.decode("utf-8", "strict" if len(head) < HEAD_BYTES else "ignore")
     except UnicodeDecodeError:
         text = ""
     line = next((line.strip() for line in text.splitlines() if line.strip()), "")
@@ -310,20 +282,16 @@ def _column(name: str, variable: xr.Variable) -> dict[str, Any]:
 
     long_name, units = (str(variable.attrs.get(key, "")) for key in ("long_name", "units"))
     row: dict[str, Any] = {"name": name, "long_name": long_name, "units": units, "min": None, "max": None, "invalid": 0}
-    if variable.dtype.kind in "fiub":
-        values = np.asarray(variable.values, float)
-        finite = values[np.isfinite(values)]
-        row["invalid"] = int(values.size - finite.size)
-        if finite.size:
-            row |= {"min": float(finite.min()), "max": float(finite.max())}
-    else:
-        texts = sorted({str(v) for v in variable.values.ravel().tolist()})
-        row["values"] = texts[:8]
-    return row
+    if variable.dtype.kind not in "fiub":
+        return row | {"values": sorted({str(v) for v in variable.values.ravel().tolist()})[:8]}
+    values = np.asarray(variable.values, float)
+    finite = values[np.isfinite(values)]
+    row["invalid"] = int(values.size - finite.size)
+    return row | ({"min": float(finite.min()), "max": float(finite.max())} if finite.size else {})
 
 
 def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
-    """Say how the time axis runs: points, interval, rate, duration, and where it is uneven."""
+    """Describe the time axis: interval, rate, duration, and where it is uneven."""
     import numpy as np
 
     if "time" not in dataset.variables or dataset["time"].ndim != 1 or dataset["time"].size < 2:
@@ -334,17 +302,15 @@ def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
     if not forward.size:
         return {}, ["the time does not advance"]
     interval = float(np.median(forward))
-    found = {
-        "interval": f"{interval:.6g} s",
-        "rate": f"{1.0 / interval:.6g} Hz",
-        "duration": f"{float(time.max() - time.min()):.6g} s",
-    }
+    duration = f"{float(time.max() - time.min()):.6g} s"
+    found = {"interval": f"{interval:.6g} s", "rate": f"{1.0 / interval:.6g} Hz", "duration": duration}
     restarts = int((steps <= 0).sum())
     uneven = int((np.abs(forward - interval) > _IRREGULAR * interval).sum())
-    if uneven > len(forward) // 2 or (uneven and "interval" in dataset.variables):  # a rheometer samples as it likes
-        return {"interval": "uneven", "duration": found["duration"]}, []
+    of_rheometer = "interval" in dataset.variables  # which samples as it likes
+    if uneven > len(forward) // 2 or (uneven and of_rheometer):
+        return {"interval": "uneven", "duration": duration}, []
     problems = []
-    if restarts and "block" not in dataset.variables and "interval" not in dataset.variables:
+    if restarts and "block" not in dataset.variables and not of_rheometer:
         problems.append(f"the time goes back {'once' if restarts == 1 else f'{restarts} times'}, so no rate is known")
         found = {"interval": "unknown"}
     if uneven:
@@ -354,28 +320,26 @@ def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
 
 
 def _reading_problems(dataset: xr.Dataset, columns: list[dict[str, Any]]) -> list[str]:
+    """Count invalid readings by column; tables in the file that lack a column are left out."""
+    import numpy as np
+
     found = []
     states = json.loads(dataset.attrs.get("status_counts", "{}"))
+    ends = np.cumsum([part["rows"] for part in json.loads(dataset.attrs.get("tests", "[]"))])[:-1].astype(int)
     longest = max(dataset.sizes.values(), default=0)
     for row in columns:
         size = dataset[row["name"]].size
-        if not row["invalid"] or size < longest or not _invalid(dataset, row["name"]):
-            continue  # tables beside the readings leave out what a header does not state
+        if not row["invalid"] or size < longest:  # a header may leave a value out
+            continue
+        lost = np.split(np.isnan(dataset[row["name"]].values), ends)
+        if not any(part.any() and not part.all() for part in lost):
+            continue
         states_of = states.get(row["name"].replace("out", "status"), {})
         why = ", ".join(f"{n} {s}" for s, n in states_of.items() if s != "VALID")
         found.append(f"{row['name']}: {row['invalid']} of {size} readings are invalid" + (f" ({why})" if why else ""))
     if dataset.attrs.get("incomplete"):
         found.append("the file is incomplete: it ends before its end mark")
     return found
-
-
-def _invalid(dataset: xr.Dataset, name: str) -> int:
-    """Count the readings of a column that are absent, in the tables of the file that have the column."""
-    import numpy as np
-
-    tables = json.loads(dataset.attrs.get("tests", "[]"))
-    lost = np.split(np.isnan(dataset[name].values), np.cumsum([table["rows"] for table in tables])[:-1])
-    return int(sum(part.sum() for part in lost if not part.all()))
 
 
 def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:
@@ -410,7 +374,7 @@ def film(frames: FrameSource, *, is_timed: bool = True) -> dict[str, Any]:
 
 
 def _session(file: Path) -> dict[str, Any]:
-    from pipelines.session._opening import open_session
+    from pipelines.session._results import open_session
 
     head: dict[str, Any] = {"reader": "labpipe", "kind": "session"}
     try:

@@ -11,10 +11,9 @@ from labpipe.errors import InputError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.fields import suggest
 from labpipe.workflow.session import Experiment, Session
-from pipelines.session._opening import reopen_session
 from pipelines.session._processing import verdict
-from pipelines.session._results import result, results
-from pipelines.session._session_checks import named_files
+from pipelines.session._results import reopen_session, result, results
+from pipelines.session._session_checks import CONFIGURATION, named_files
 from pipelines.session._verdicts import Verdicts
 
 if TYPE_CHECKING:
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from labpipe.frames import FrameSource
 
 _BAND = 2.0  # standard uncertainties, about 95 %
-_CONFIGURATION = ".toml"  # calibration records and materials, which are no recordings
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -78,10 +76,9 @@ class OpenSession(ShownAsTable):
 
         session = self.session
         if experiment not in session.experiments:
-            known = list(session.experiments)
-            raise UsageError(f'no experiment "{experiment}"{suggest(experiment, known)}')
+            raise UsageError(f'no experiment "{experiment}"{suggest(experiment, list(session.experiments))}')
         named = [one for one in named_files(session) if one.experiment == experiment]
-        return {one.name: instruments.read(one.path) for one in named if one.path.suffix != _CONFIGURATION}
+        return {one.name: instruments.read(one.path) for one in named if one.path.suffix != CONFIGURATION}
 
     def results(self, experiment: str | None = None) -> xr.DataTree:
         """Return the results of an experiment, or of all, as one tree, see :func:`labpipe.results`."""
@@ -118,7 +115,6 @@ class OpenSession(ShownAsTable):
             The result is out of date, or the variable is not a curve.
         """
         import matplotlib.pyplot as plt
-        import numpy as np
 
         found = self.result(experiment, stage, recording)
         if variable not in found:
@@ -129,16 +125,11 @@ class OpenSession(ShownAsTable):
         curve = found[variable]
         if curve.ndim != 1:
             raise InputError(f"{variable} is over {curve.dims}; choose one curve of it with result(...) and plot that")
-        along = curve.coords.get(str(curve.dims[0]), np.arange(curve.size))
         axes = plt.subplots()[1] if ax is None else ax
-        (line,) = axes.plot(along, curve.values, label=experiment)
+        (line,) = curve.plot.line(ax=axes, x=curve.dims[0], label=experiment, add_legend=False)
         if (u := found.get(f"u_{variable}")) is not None and u.shape == curve.shape:
             low, high = curve.values - _BAND * u.values, curve.values + _BAND * u.values
-            axes.fill_between(np.asarray(along), low, high, color=line.get_color(), alpha=0.25, linewidth=0.0)
-        for setter, what in ((axes.set_xlabel, along), (axes.set_ylabel, curve)):
-            attributes = getattr(what, "attrs", {})
-            name, unit = attributes.get("long_name", getattr(what, "name", "")), attributes.get("units", "")
-            setter(f"{name} [{unit}]" if unit not in ("", "1") else str(name))
+            axes.fill_between(line.get_xdata(), low, high, color=line.get_color(), alpha=0.25, linewidth=0.0)
         return axes
 
     def _shown(self) -> Shown:

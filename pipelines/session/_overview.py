@@ -1,7 +1,8 @@
 """The page of a whole session: every experiment with its state, key numbers and a small picture."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,18 +12,17 @@ from labpipe.workflow.code import Identity, behind
 from labpipe.workflow.plan import KEPT, READY, Plan, make_plan, page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Store
+from labpipe.workflow.store import AMENDED, Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
-from pipelines.experiments import KeyNumber, Kind, Picture
-from pipelines.session._amended_pages import amend_pages
-from pipelines.session._unused import unused_files
+from pipelines.experiments import Kind, Picture
+from pipelines.session._session_checks import unused_files
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from labpipe.report import Block, Cell, IndexRow, IndexTable, LineChart, Link, Notice, ScatterChart, Table
+    from labpipe.report import Block, Cell, IndexRow, LineChart, Notice, ScatterChart, Table
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
@@ -32,21 +32,17 @@ MATERIAL, BESIDE, AND = "material-", "beside-", "--"
 """How the names of the other pages of several experiments begin, and what is between two names."""
 
 
-_REPORT, _DONE, _WAITING = "report", "done", "waits"
 _FEW_KINDS = 3  # that share one table
-_REASONS = 5  # what is wrong with more experiments stands in their rows
+_REASONS = 5  # of more experiments the rows say it
 _LEAST_STRETCH = 2  # points; fewer show no course
-_SORT = "Select a heading to sort. "
 _ERROR = (
     "The error is the root mean square of measurement minus model (or film minus laser) over the range of the model "
     "(or of the laser), for the worst repeat, impact or frequency."
 )
-_COMPARISON = "comparison"
-"""The stage whose result holds the error of a kind."""
 
-
+_BY_ITSELF = "By what it records alone: "
 _Read = Callable[[str], "xr.Dataset | None"]
-"""Gives what a stage of an experiment gave, for its first recording; each is read once."""
+"""Returns the result of a stage of an experiment, for its first recording; each is read once."""
 
 
 def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -> Path:
@@ -64,8 +60,7 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     path = session.folder / PAGE
     code = behind(f"{__name__}:{_page.__name__}", "pipelines.experiments", is_page=True)
     notes = [f"{f.message}: {f.cause}" for f in unused_files(session)]
-    told = [verdict.document() for verdict in verdicts.values()]
-    mark = f"<!-- {_state_digest(plan, code, [notes, told])} -->\n"
+    mark = f"<!-- {_state_digest(plan, code, [notes, [one.document() for one in verdicts.values()]])} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
         files.write_text(path, _page(results, verdicts, notes) + mark)
     return path
@@ -82,18 +77,28 @@ def _state_digest(plan: Plan, code: Identity, told: Sequence[Any]) -> str:
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
+def pages_together(folder: Path) -> list[tuple[str, str]]:
+    """Return title and file of every page of one material, or of two experiments, in ``SESSION/labpipe``."""
+    forms = ((MATERIAL, "material {}"), (BESIDE, "side by side: {}"))
+    return [
+        (form.format(path.stem.removeprefix(before).replace(AND, " and ")), path.name)
+        for before, form in forms
+        for path in sorted(folder.glob(f"{before}*.html"))
+    ]
+
+
 def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str]) -> str:
-    from labpipe.report import Document, IndexTable, Notice, Paragraph, Section
+    from labpipe.report import Document, IndexRow, IndexTable, Link, Notice, Paragraph, Section
     from pipelines.session._verdict_notices import as_sentence
 
     session = results.plan.session
-    sort, error = _SORT, _ERROR  # each is said once
-    unfinished = {row.experiment for row in results.plan.rows if row.state not in READY}
-    sections, done = [], 0
-    told = (Notice("info", as_sentence(note)) for note in notes)
-    answer: list[Block] = [*_answer(session, verdicts), *told, *_links(session)]
-    if answer:
-        sections.append(Section("Answer", answer))
+    answer: list[Block] = [*_answer(session, verdicts), *(Notice("info", as_sentence(note)) for note in notes)]
+    if (session.folder / COMPARISON_PAGE).is_file():
+        remark = "all experiments in one table, as of the last labpipe compare"
+        answer.append(Link("Measurement against model", COMPARISON_PAGE, remark))
+    answer += [Link(text, name) for text, name in pages_together(session.folder)]
+    sections = [Section("Answer", answer)] if answer else []
+    sort, error = "Select a heading to sort. ", _ERROR  # each is said once
     for title, names in _groups(session):
         table, pictures = _numbers(results, names)
         rows = tuple(
@@ -103,22 +108,25 @@ def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str
         can_sort, has_error = len(rows) > 1, any(column.title == "error" for column in table.columns)
         caption = (sort if can_sort else "") + (error if has_error else "")
         sections.append(Section(title, (IndexTable(table.columns, rows, caption.strip()),)))
-        done += sum(row.name not in unfinished for row in rows)
         sort, error = "" if can_sort else sort, "" if has_error else error
     if session.waiting:
-        sections.append(Section("Waiting", (_those_that_wait(session),)))
+        rows = tuple(
+            IndexRow(name, "waits", "info", remark=lines[0] + (f"; and {len(lines) - 1} more" if lines[1:] else ""))
+            for name, lines in session.waiting.items()
+        )
+        caption = "Not processed until the lines that are named here are filled in or corrected."
+        sections.append(Section("Waiting", (IndexTable((), rows, caption),)))
     if session.notes:
         sections.append(Section("Session", (Paragraph(session.notes),)))
-    about = [f"{done} of {len(session.experiments) + len(session.waiting)} experiments done"]
-    if session.operator:
-        about.insert(0, f"recorded by {session.operator}")
-    return Document(
-        session.title, " · ".join(about), "synthetic data" if session.synthetic else "", tuple(sections)
-    ).render()
+    unfinished = {row.experiment for row in results.plan.rows if row.state not in READY}
+    done, n = len(session.experiments.keys() - unfinished), len(session.experiments) + len(session.waiting)
+    about = f"{done} of {n} experiments done"
+    about = f"recorded by {session.operator} · {about}" if session.operator else about
+    return Document(session.title, about, "synthetic data" if session.synthetic else "", tuple(sections)).render()
 
 
 def _answer(session: Session, verdicts: Mapping[str, Verdict]) -> "Iterator[Notice]":
-    """Say what the session came to, and of what cannot be believed or differs each with its reason.
+    """Say how many experiments are believable and agree, and of the others each with its reason.
 
     Those on which others rest come first.
     """
@@ -134,17 +142,6 @@ def _answer(session: Session, verdicts: Mapping[str, Verdict]) -> "Iterator[Noti
     yield from each(bad[:_REASONS], verdicts, {})
 
 
-def _those_that_wait(session: Session) -> "IndexTable":
-    """List the experiments whose settings are open or mistaken, each with the first of them."""
-    from labpipe.report import IndexRow, IndexTable
-
-    rows = [
-        IndexRow(name, _WAITING, "info", remark=lines[0] + (f"; and {len(lines) - 1} more" if lines[1:] else ""))
-        for name, lines in session.waiting.items()
-    ]
-    return IndexTable((), tuple(rows), "Not processed until what is named here is filled in or corrected.")
-
-
 def _groups(session: Session) -> list[tuple[str, list[str]]]:
     """Put all experiments into one table, or those of each kind where kinds are many.
 
@@ -158,80 +155,46 @@ def _groups(session: Session) -> list[tuple[str, list[str]]]:
     return [(experiments.KINDS[kind].title, names) for kind, names in by_kind.items()]
 
 
-def _links(session: Session) -> "tuple[Link, ...]":
-    """Lead to the pages of several experiments, the comparison of all of them first."""
-    from labpipe.report import Link
-
-    found = []
-    if (session.folder / COMPARISON_PAGE).is_file():
-        remark = "all experiments in one table, as of the last labpipe compare"
-        found.append(Link("Measurement against model", COMPARISON_PAGE, remark))
-    return (*found, *(Link(text, name) for text, name in pages_together(session.folder)))
-
-
-def pages_together(folder: Path) -> list[tuple[str, str]]:
-    """Return what every page of one material, or of two experiments, in ``SESSION/labpipe`` is called, and its file."""
-    forms = ((MATERIAL, "material {}"), (BESIDE, "side by side: {}"))
-    return [
-        (form.format(path.stem.removeprefix(before).replace(AND, " and ")), path.name)
-        for before, form in forms
-        for path in sorted(folder.glob(f"{before}*.html"))
-    ]
-
-
 def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, bytes | None]]":
     """Return the numbers of experiments, under headings that at least one of them has, and their pictures."""
     from labpipe.report import Listed, listed
 
-    session = results.plan.session
-    kinds = {name: experiments.KINDS[session.experiments[name].kind] for name in names}
-    numbers = _key_numbers(kinds.values())
+    plan, store = results.plan, Store(results.plan.session.folder)
+    kinds = {name: experiments.KINDS[results.experiments[name].kind] for name in names}
+    # kinds with the same number share its heading
+    shown = (n for kind in experiments.KINDS.values() if kind in kinds.values() for n in kind.key_numbers)
+    numbers = list(dict.fromkeys((number.title, number.unit) for number in shown))
     headings = [("error", "1", 2), *((title, unit, 4) for title, unit in numbers), ("warnings", "", 4)]
     found: list[list[tuple[Cell, float | None]]] = []
     pictures: dict[str, bytes | None] = {}
     for name, kind in kinds.items():
-        own = {(n.title, n.unit): n for n in kind.key_numbers}
         read = cache(partial(results.first, name))  # one result holds several numbers
-        error = _worst(read, kind.error)
-        found.append(
-            [(error, None), *(_number(read, own.get(n)) for n in numbers), (_warnings(results.plan, name), None)]
-        )
+        cells: list[tuple[Cell, float | None]] = [(_worst(read("comparison"), kind.error), None)]
+        own = {(n.title, n.unit): n for n in kind.key_numbers}
+        for key in numbers:
+            number = own.get(key)
+            dataset = read(number.stage) if number else None
+            cells.append((None if dataset is None or number is None else number.within(dataset)) or (None, None))
+        keys = [plan.keys[row.task].value for row in plan.rows if row.experiment == name]
+        records = [store.record(key) for key in keys if key is not None]
+        cells.append((sum(len(record.warnings) for record in records if record is not None), None))
+        found.append(cells)
         pictures[name] = _picture(read, kind)
     columns = []
     for (title, unit, digits), column in zip(headings, zip(*found, strict=True), strict=True):
-        cells, u = zip(*column, strict=True)
-        if any(cell is not None for cell in cells):
-            columns.append(Listed(title, cells, unit, u if any(u) else None, digits))
+        values, u = zip(*column, strict=True)
+        if any(value is not None for value in values):
+            columns.append(Listed(title, values, unit, u if any(u) else None, digits))
     return listed(columns), pictures
 
 
-def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
-    """Return title and unit of the kinds' key numbers; kinds with the same one share it."""
-    names = {kind.name for kind in shown}
-    every = (n for kind in experiments.KINDS.values() if kind.name in names for n in kind.key_numbers)
-    return list(dict.fromkeys((number.title, number.unit) for number in every))
-
-
-def _worst(read: _Read, variable: str) -> float | None:
+def _worst(dataset: "xr.Dataset | None", variable: str) -> float | None:
     import numpy as np
 
-    dataset = read(_COMPARISON)
     if dataset is None or variable not in dataset:
         return None
     values = np.asarray(dataset[variable].values, float)
     return float(np.nanmax(values)) if np.isfinite(values).any() else None
-
-
-def _number(read: _Read, number: KeyNumber | None) -> tuple[float | None, float | None]:
-    dataset = read(number.stage) if number else None
-    return (None if dataset is None or number is None else number.within(dataset)) or (None, None)
-
-
-def _warnings(plan: Plan, name: str) -> int:
-    store = Store(plan.session.folder)
-    keys = [plan.keys[row.task].value for row in plan.rows if row.experiment == name]
-    records = [store.record(key) for key in keys if key is not None]
-    return sum(len(record.warnings) for record in records if record is not None)
 
 
 def _row(
@@ -246,22 +209,20 @@ def _row(
     kept = [row for row in rows if row.state == KEPT]
     kind = experiments.KINDS[plan.session.experiments[name].kind].title
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
-    state, level = _DONE, "ok"
+    judged, colour = _judged(verdict)
+    state, level = judged, colour
     if unreadable:
         state, level = "waiting for files", "warning"
-    elif has_page and {row.stage for row in waiting} == {_REPORT}:
+    elif has_page and {row.stage for row in waiting} == {"report"}:
         state, level = "page out of date", "warning"
     elif waiting and has_page:
-        known = "" if verdict is None else f"{_judged(verdict.believable, verdict.model)[0]}, "
-        has_failed = verdict is not None and verdict.state == "failed"
+        known = f"{judged}, " if verdict is not None else ""
         state, level = f"{known}{len(waiting)} of {len(rows)} steps to do", "warning"
-        if has_failed:
+        if verdict is not None and verdict.state == "failed":
             state, level = f"{state} or failed", "error"
     elif waiting:
         state, level = "not processed", "info"
-    elif verdict is not None:
-        state, level = _judged(verdict.believable, verdict.model)
-    if kept and not (unreadable or waiting):
+    elif kept:
         state, level = f"{state}, {len(kept)} results of earlier code", "warning" if level == "ok" else level
     return IndexRow(
         name,
@@ -274,13 +235,15 @@ def _row(
     )
 
 
-def _judged(believable: str, model: str) -> tuple[str, str]:
-    """Say in a few words what a judgement came to, and in which colour."""
-    if believable != "yes":
-        return believable, "error" if believable == "impossible" else "warning"
-    if model == "none":
+def _judged(verdict: Verdict | None) -> tuple[str, str]:
+    """Return a judgement in a few words, and its colour."""
+    if verdict is None:
+        return "done", "ok"
+    if verdict.believable != "yes":
+        return verdict.believable, "error" if verdict.believable == "impossible" else "warning"
+    if verdict.model == "none":
         return "believable", "ok"
-    return f"believable, model {model}", "warning" if model == "differs" else "ok"
+    return f"believable, model {verdict.model}", "warning" if verdict.model == "differs" else "ok"
 
 
 def _picture(read: _Read, kind: Kind) -> bytes | None:
@@ -315,3 +278,64 @@ def _chart(dataset: "xr.Dataset", source: Picture) -> "LineChart | ScatterChart 
         return None
     series, scale = [Series(source.y, x, y)], source.scale
     return LineChart("", source.x, source.y, series, x_scale=scale, y_scale=scale)  # type: ignore[arg-type]
+
+
+# --- pages of experiments ---
+
+
+def amend_pages(results: Results, verdicts: Mapping[str, Verdict]) -> None:
+    """Add the findings of the session as a whole to the pages of the experiments that they concern.
+
+    A page is a result of its experiment and knows no other. It is amended where it is shown, so that it agrees
+    with the command, the catalogue and JSON; the stored page stays, and comes back when the finding goes.
+    """
+    store = Store(results.plan.session.folder)
+    known = store.amended()
+    if not known and not any(one.findings for one in verdicts.values()):
+        return
+    code = behind(f"{__name__}:{_amended.__name__}", is_page=True).digest
+    kept = {name: entry for name, entry in known.items() if name not in verdicts and name in results.experiments}
+    for name, one in verdicts.items():
+        path = store.folder / page_name(name)
+        if not path.is_file() or not (one.findings or name in known):
+            continue
+        rows = (r for r in results.plan.rows if r.experiment == name)
+        pages = (r for r in rows if results.plan.tasks[r.task].stage.output == "page" and r.state in READY)
+        # the page of an experiment that failed is no result: it is made again in every run
+        key = next((results.plan.keys[r.task].value for r in pages), None)
+        before = known.get(name, {})
+        told = [[f.level, f.message, f.cause, f.place] for f in one.findings]
+        mark = [key, code, told]
+        if before.get("mark") != mark or before["digest"] != store.index.digest(path):
+            page = path.read_text("utf-8") if key is None else str(store.read(key))
+            files.write_text(path, _amended(page, one))
+            before = {"key": key, "mark": mark, "digest": files.digest(path)}
+        if told:
+            kept[name] = before
+    if kept != known:
+        files.write_bytes(store.root / AMENDED, files.seal(kept))
+
+
+def _amended(page: str, one: Verdict) -> str:
+    from markupsafe import escape
+
+    from labpipe.report import Notice, amended
+    from pipelines.experiments.shared.judgements import VERDICT, capitalised, with_minus, written_place
+    from pipelines.session._verdict_notices import LEVELS, as_sentence
+
+    for finding in one.own:
+        if finding.setting and finding.place:
+            for stored in {written_place(replace(finding, line=None, value="", file=f)) for f in (finding.file, "")}:
+                page = page.replace(f">{escape(stored)}</td>", f">{escape(finding.place)}</td>")
+    if not one.of_session:
+        return page
+    notices = []
+    for found in one.of_session:
+        level: Any = LEVELS.get(found.level, "info")
+        place = f" ({found.place})" if found.place else ""
+        cause = f" {as_sentence(found.cause)}" if found.cause else ""
+        text = f"{found.message.rstrip('.')}{place}.{cause}"  # a notice that is one is called so
+        told = text if found.level == "note" else f"{capitalised(found.level)}: {text}"
+        notices.append(Notice(level, with_minus(told)))
+    is_by_session = one.believable != "yes" and not any(f.level == one.believable for f in one.own)
+    return amended(page, VERDICT, notices, aside=_BY_ITSELF if is_by_session else "")

@@ -15,9 +15,8 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
 from pipelines.experiments import Derived
-from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, reopen_session
 from pipelines.session._overview import write_overview
-from pipelines.session._results import needed, opened
+from pipelines.session._results import SCHEMAS, SETTINGS, STAGES, needed, opened, reopen_session
 
 if TYPE_CHECKING:
     from labpipe.report import Report
@@ -34,7 +33,7 @@ def plan(
     full: bool = False,
     keep: bool | None = False,
 ) -> Plan:
-    """Say what :func:`process` would run, and why; nothing numerical is imported.
+    """List the steps that :func:`process` would run, and why; nothing numerical is imported.
 
     Parameters
     ----------
@@ -79,7 +78,7 @@ def process(
     fail_fast: bool = False,
     progress: Callable[[Event], None] | None = None,
 ) -> RunResult:
-    """Compute what a session lacks, and write its reports.
+    """Compute the results that a session lacks, and write its reports.
 
     Parameters
     ----------
@@ -113,16 +112,16 @@ def process(
     UsageError
         A stage or an experiment is unknown.
     ConfigError, SourceError
-        The session cannot be opened; an experiment that fails is told in the result instead.
+        The session cannot be opened; an experiment that fails is in the result instead.
 
     Examples
     --------
     >>> done = process("my-session", only="acrylic_7mm", jobs=4)  # doctest: +SKIP
     >>> done.failures, done.reports["acrylic_7mm"]  # doctest: +SKIP
     """
-    how: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
-    how |= {"jobs": jobs, "cluster": cluster, "fail_fast": fail_fast}
-    ((_, done),) = process_all([folder], **how)
+    options: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
+    options |= {"jobs": jobs, "cluster": cluster, "fail_fast": fail_fast}
+    ((_, done),) = process_all([folder], **options)
     if isinstance(done, LabpipeError):
         raise done
     return done
@@ -155,7 +154,7 @@ def process_all(
     refused: list[tuple[Path, LabpipeError]] = []
     given: dict[Path, Path] = {}  # by the whole path that a session has, as the caller calls it
 
-    def opened() -> Iterator[Session]:
+    def sessions_of() -> Iterator[Session]:
         for folder in map(Path, folders):
             try:
                 session = reopen_session(folder)
@@ -167,10 +166,10 @@ def process_all(
                     return
 
     options["schemas"] = SCHEMAS
-    for session, done in run_all(opened(), STAGES, **options):
+    has_processes = bool(options.get("jobs", 1)) and not options.get("cluster")
+    for session, done in run_all(sessions_of(), STAGES, **options):
         if not isinstance(done, LabpipeError):
-            _judge_failures(done)
-            _look_over(session, done, has_processes=bool(options.get("jobs", 1)) and not options.get("cluster"))
+            _finish(session, done, done.plan, has_processes)
         yield given[session.root], done
     yield from refused
 
@@ -191,28 +190,27 @@ def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived
     return opened(folder)
 
 
-def _look_over(session: Session, done: RunResult, has_processes: bool) -> None:
-    """Write the page of a session; where processes have worked, in one more of them, which has NumPy loaded."""
+def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes: bool = False) -> None:
+    """Keep the verdicts on experiments that failed, and write the page of the session.
+
+    Where processes have worked, one more of them writes it, which has NumPy loaded.
+    """
     from labpipe.workflow.engines import Call, Died, elsewhere
 
-    if has_processes and any(outcome.state == "done" for outcome in done.outcomes):
-        whole = replace(session, root=session.root.absolute())
-        with contextlib.suppress(Died):
-            elsewhere(Call(f"{write_overview.__module__}:{write_overview.__name__}", (whole, STAGES, done.plan)))
-            return
-    write_overview(session, STAGES, done.plan)
-
-
-def _judge_failures(done: RunResult) -> None:
-    """Keep the verdicts on experiments that failed, for the pages of the session."""
     if done.failures:
         from pipelines.session._verdicts import verdicts_of
 
         verdicts_of(done)
+    if has_processes and any(outcome.state == "done" for outcome in done.outcomes):
+        whole = replace(session, root=session.root.absolute())
+        with contextlib.suppress(Died):
+            elsewhere(Call(f"{write_overview.__module__}:{write_overview.__name__}", (whole, STAGES, plan)))
+            return
+    write_overview(session, STAGES, plan)
 
 
 def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
-    """Watch a session that is still being recorded; process what has become complete.
+    """Watch a session that is still being recorded; process each experiment that has become complete.
 
     Parameters
     ----------
@@ -226,7 +224,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
     Returns
     -------
     Watcher
-        Call its ``look()`` again and again; each call yields what is new.
+        Call its ``look()`` again and again; each call yields the news.
 
     Examples
     --------
@@ -239,8 +237,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
         from labpipe.workflow.runner import run
 
         done = run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
-        _judge_failures(done)
-        write_overview(sessions.load(session.root, SETTINGS, may_wait=True), STAGES)
+        _finish(sessions.load(session.root, SETTINGS, may_wait=True), done, None)
         return done
 
     settling = Settling(looks)
@@ -291,10 +288,10 @@ def verdict(
     Parameters
     ----------
     folder : path-like
-        The session folder; what it lacks is processed first.
+        The session folder; results that it lacks are processed first.
     targets, only : str or iterable of str, optional
-        Stages and experiments that are wanted; all by default. With stages, what was measured is
-        judged by what is there.
+        Stages and experiments that are wanted; all by default. With stages, the measurement is
+        judged by the results that there are.
     jobs : int
         Experiments computed side by side.
 

@@ -1,4 +1,4 @@
-"""Results of a processed session: one, all of an experiment, or values derived from them."""
+"""A session from its folder, opened and checked, and its results."""
 
 from __future__ import annotations
 
@@ -7,16 +7,56 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe.errors import InputError, UsageError
-from labpipe.workflow.plan import READY, plan as make_plan
+from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.workflow import session as sessions
+from labpipe.workflow.plan import READY, page_name, plan as make_plan
 from labpipe.workflow.results import Results, open_result
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.tasks import arguments
-from pipelines.experiments import Derived, function
-from pipelines.session._opening import STAGES, reopen_session
+from pipelines.experiments import KINDS, Derived, function
 
 if TYPE_CHECKING:
     import xarray as xr
+
+SETTINGS = {name: kind.settings for name, kind in KINDS.items()}
+STAGES = {name: kind.stages for name, kind in KINDS.items()}
+SCHEMAS = {schema.name: schema for kind in KINDS.values() for schema in kind.schemas}
+
+
+def open_session(folder: str | Path, *, is_processed: bool = False) -> Session:
+    """Read and check the ``session.toml`` of a folder.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    is_processed : bool
+        Let experiments that have a page lack files. In an experiment that was never processed a file
+        that is not there is a mistake; later it has been lost, and its experiment fails and says so.
+
+    Returns
+    -------
+    Session
+        Title, operator, and the experiments with their typed settings.
+
+    Raises
+    ------
+    SourceError
+        The folder holds no session.toml.
+    ConfigError
+        No experiment can be processed; every mistake is listed with its line.
+    """
+    folder = Path(folder)
+    path = folder / sessions.FILE_NAME
+    if not path.is_file():
+        raise SourceError(path, "there is no such file", hint=f"Write one with `labpipe init {folder}`.")
+    pages = {page.stem for page in (folder / "labpipe").glob(page_name("*"))} if is_processed else ()
+    return sessions.load(path, SETTINGS, may_lack=pages)
+
+
+def reopen_session(folder: str | Path) -> Session:
+    """Open a session as :func:`open_session`, but let experiments that have a page lack files."""
+    return open_session(folder, is_processed=True)
 
 
 def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:
@@ -25,13 +65,13 @@ def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:
 
 
 def needed(session: Session, experiment: Experiment, derived: Derived) -> list[str]:
-    """Return the targets behind what is derived, such as ``"acrylic/model"``; others' too."""
+    """Return the targets behind a derived value, such as ``"acrylic/model"``; others' too."""
     found = arguments(session, STAGES, experiment, derived.inputs)
     return list(dict.fromkeys(f"{t.experiment}/{t.stage}" for a in found for t in a.tasks))
 
 
 def derive(results: Results, experiment: Experiment, derived: Derived, **keywords: Any) -> Any:
-    """Call what a kind derives from its results, with those keywords that it takes."""
+    """Return a value that a kind derives from its results; the call gets those keywords that it takes."""
     found = arguments(results.plan.session, STAGES, experiment, derived.inputs)
     call = function(derived.function)
     taken = inspect.signature(call).parameters

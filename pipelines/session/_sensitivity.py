@@ -1,17 +1,76 @@
-"""The verb sensitivity: budgets of the main quantities, and what to measure better."""
+"""The verb sensitivity: budgets of the main quantities, and the inputs to measure better.
+
+The quantities are formulas of their inputs (:attr:`pipelines.experiments.Kind.budget`), propagated
+linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.uncertainty`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import isinf
 from pathlib import Path
 from typing import Any
 
 from labpipe import files
+from labpipe.errors import UsageError
 from labpipe.notebook import Shown, ShownAsTable
-from pipelines.session._examined import Examined, examine
-from pipelines.session._opening import reopen_session
-from pipelines.session._sensitivity_page import advice, render
+from labpipe.report import Bars, Block, Column, Details, Paragraph, Section, Table, shown_source
+from labpipe.uncertainty import (
+    Budget,
+    Indices,
+    MonteCarlo,
+    inputs_to_halve,
+    intervals_agree,
+    linear_budget,
+    monte_carlo,
+    sobol,
+)
+from labpipe.workflow.session import Session
+from pipelines.experiments import KINDS
+from pipelines.experiments.shared import budget_blocks
+from pipelines.experiments.shared.budget_quantity import Quantity
+from pipelines.experiments.shared.pages import session_document, synthetic_notice
+from pipelines.session._processing import processed_for
+from pipelines.session._results import derive, reopen_session
+
+_BEST = 20.0  # factor beyond which "better" means "exactly"
+_NO_SCALE = ("degC", "1")  # units in which a share of the value says little
+_SMALL = 0.5  # of the value: beyond, a result is about nothing
+_BARS, _SHOWN = 2, 0.05  # bars of a quantity, and the least share that has one
+_SAME = 0.05  # of the variance: shares that differ by less are equal
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A quantity of an experiment with its linear budget, Monte Carlo draws and, by input, Sobol's indices."""
+
+    experiment: str
+    quantity: Quantity
+    budget: Budget
+    drawn: MonteCarlo
+    indices: dict[str, Indices]
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the 95 % intervals of budget and draws agree."""
+        return intervals_agree(self.budget, self.drawn)
+
+    @property
+    def coverage_factor(self) -> float:
+        """Expanded over standard uncertainty, for 95 %."""
+        return budget_blocks.coverage_factor(self.budget)
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Sobol's total indices, scaled to a sum of one."""
+        total = sum(i.total for i in self.indices.values()) or 1.0
+        return {name: i.total / total for name, i in self.indices.items()}
+
+    @property
+    def advice(self) -> str:
+        """The inputs to measure better to halve the uncertainty."""
+        return _known_better(self.shares) if self.budget.u else "no input is uncertain"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,7 +99,7 @@ class Sensitivity(ShownAsTable):
                 "value": e.budget.value, "u": e.budget.u, "expanded": e.budget.expanded(),
                 "coverage_factor": e.coverage_factor, "monte_carlo_agrees": e.is_linear,
                 "total_indices": {name: i.total for name, i in e.indices.items()},
-                "to_halve": advice(e),
+                "to_halve": e.advice,
             }
             for e in self.quantities
         ]  # fmt: skip
@@ -52,7 +111,7 @@ def sensitivity(folder: str | Path, which: str | None = None) -> Sensitivity:
     Parameters
     ----------
     folder : path-like
-        The session folder; what is not processed yet is processed first.
+        The session folder; missing results are processed first.
     which : str, optional
         Only experiments of this kind, or of this name.
 
@@ -73,11 +132,117 @@ def sensitivity(folder: str | Path, which: str | None = None) -> Sensitivity:
     --------
     >>> sensitivity("my-session", "acrylic_7mm")  # doctest: +SKIP
     """
-    found = examine(folder, which)
     session = reopen_session(folder)
+    budgets = {name: kind.budget for name, kind in KINDS.items() if kind.budget is not None}
+    chosen = [e for n, e in session.experiments.items() if e.kind in budgets and which in (None, n, e.kind)]
+    if not chosen:
+        known = ", ".join(budgets)
+        raise UsageError(f'nothing to examine for "{which or "this session"}"; kinds with budgets: {known}')
+    results = processed_for(folder, [(e, budgets[e.kind]) for e in chosen])
+    found = [examined(e.name, quantity) for e in chosen for quantity in derive(results, e, budgets[e.kind])]
     pages = []
-    for kind in dict.fromkeys(session.experiments[e.experiment].kind for e in found):
+    for kind in dict.fromkeys(e.kind for e in chosen):
         own = [e for e in found if session.experiments[e.experiment].kind == kind]
         pages.append(session.folder / f"sensitivity_{kind}.html")
-        files.write_text(pages[-1], render(session, kind, own))
+        files.write_text(pages[-1], _page(session, kind, own))
     return Sensitivity(tuple(found), tuple(pages))
+
+
+def examined(experiment: str, quantity: Quantity) -> Examined:
+    """Propagate one quantity in all three ways."""
+    model, inputs = quantity.model, quantity.inputs
+    return Examined(
+        experiment, quantity, linear_budget(model, inputs), monte_carlo(model, inputs), sobol(model, inputs)
+    )
+
+
+# --- the page ---
+
+
+def _page(session: Session, kind: str, found: Sequence[Examined]) -> str:
+    """Return the page of the quantities of one kind of experiment as HTML text."""
+    head = Section("What to measure better", (Paragraph(answer(found)), *synthetic_notice(session), *answers(found)))
+    sections = [head]
+    for name in dict.fromkeys(e.experiment for e in found):
+        own = [e for e in found if e.experiment == name]
+        propagated = [(e.quantity, e.budget, e.drawn) for e in own]
+        table = budget_blocks.overview(propagated, "to halve the uncertainty", [e.advice for e in own])
+        folded = []
+        for e in own:
+            columns = {  # an estimated share may be a little below zero
+                "Sobol, alone": {n: f"{100.0 * max(i.first, 0.0):.1f} %" for n, i in e.indices.items()},
+                "Sobol, in all": {n: f"{100.0 * max(i.total, 0.0):.1f} %" for n, i in e.indices.items()},
+            }
+            made = budget_blocks.blocks(e.quantity, e.budget, e.drawn, columns)
+            advice = Paragraph(f"To halve the uncertainty: {e.advice}.")
+            folded.append(Details(e.quantity.name, blocks=(advice, *made)))
+        sections.append(Section(name, (table, *folded)))
+    return session_document(session, f"Uncertainty and sensitivity: {KINDS[kind].title}", sections)
+
+
+def _known_better(shares: dict[str, float]) -> str:
+    """Say which inputs of these shares of the variance to know how much better to halve the uncertainty."""
+    names, factor = inputs_to_halve(shares)
+    *others, last = map(shown_source, names)
+    text = f"{', '.join(others)} and {last}" if others else last
+    return f"know {text} exactly" if isinf(factor) or factor > _BEST else f"know {text} {factor:.2g} times better"
+
+
+def _families(found: Sequence[Examined]) -> dict[str, tuple[list[Examined], dict[str, float]]]:
+    """Gather uncertain quantities of the same sense, in all experiments and impacts, with the mean shares of inputs."""
+    groups: dict[str, list[Examined]] = {}
+    for each in found:
+        if each.budget.u > 0.0:
+            groups.setdefault(each.quantity.family or each.quantity.name, []).append(each)
+    shares = {}
+    for name, group in groups.items():
+        inputs = dict.fromkeys(n for e in group for n in e.indices)
+        shares[name] = {n: sum(e.shares.get(n, 0.0) for e in group) / len(group) for n in inputs}
+    return {name: (group, shares[name]) for name, group in groups.items()}
+
+
+def answer(found: Sequence[Examined]) -> str:
+    """Say in one sentence which inputs to measure better, and whether linear shares and Sobol indices agree."""
+    parts = [f"of the {name}, {_known_better(shares)}" for name, (_, shares) in _families(found).items()]
+    first = f"To halve the uncertainty {'; '.join(parts)}." if parts else "Nothing is uncertain."
+    gaps = {
+        e: max(abs(r["share"] - e.shares.get(r["source"], 0.0)) for r in e.budget.rows)
+        for e in found
+        if e.budget.u > 0.0
+    }
+    apart = [f"{e.experiment}, {e.quantity.name} ({100 * gap:.0f} %)" for e, gap in gaps.items() if gap > _SAME]
+    if apart:
+        return (
+            f"{first} Linear shares of the variance and Sobol's total indices differ where the result is "
+            f"nonlinear within the uncertainty of an input: {', '.join(apart)}. Use Sobol's there."
+        )
+    most = f"{100.0 * max(gaps.values(), default=0.0):.1g}"
+    return f"{first} Linear shares of the variance and Sobol's total indices agree within {most} % of the variance."
+
+
+def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
+    """Return the limits of each sort of quantity: its largest shares as bars, and one row each."""
+    bars, rows = [], []
+    for name, (group, shares) in _families(found).items():
+        order = sorted(shares, key=lambda n: -shares[n])
+        bars += [(f"{name}: {shown_source(n)}", min(shares[n], 1.0), "") for n in order[:_BARS] if shares[n] >= _SHOWN]
+        shown = (f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3] if shares[n] >= 0.01)
+        rows.append((name, len(group), _spread(group), ", ".join(shown), _known_better(shares)))
+    limiting = "limiting inputs, mean share of the variance"
+    titles = ("quantity", "results", "expanded uncertainty, 95 %", limiting, "to halve it")
+    table = Table(tuple(map(Column, titles)), rows, sortable=False)
+    caption = "Shares of the variance: Sobol's total indices, averaged over the results."
+    chart = Bars("The inputs that limit each quantity", bars, caption)
+    return (*([chart] if bars else []), table)
+
+
+def _spread(group: Sequence[Examined]) -> str:
+    """Write least and largest expanded uncertainty; in % where there is a value to compare with."""
+    ordered = sorted(group, key=lambda e: e.budget.expanded())
+    relative = sorted(e.budget.expanded() / abs(e.budget.value) for e in group if e.budget.value)
+    is_scale = group[0].quantity.unit not in _NO_SCALE
+    if is_scale and len(relative) == len(group) and relative[-1] < _SMALL:
+        ends = [f"{100.0 * relative[i]:.2g} %" for i in (0, -1)]
+    else:
+        ends = [budget_blocks.half_width(ordered[i].budget, ordered[i].quantity.unit) for i in (0, -1)]
+    return " to ".join(dict.fromkeys(ends))

@@ -1,6 +1,6 @@
-"""What only the session as a whole can tell: files under two names, records, bodies, names.
+"""Checks of a session as a whole: recordings used twice, records, bodies and plates, names, units, unused files.
 
-Every check holds what one experiment states against the others, or against the names that the
+Each holds the statements of one experiment against the others, or against the names that the
 laboratory gave its files. None opens a recording: digests are those of the run.
 """
 
@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import hypot, inf, log
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,18 +19,24 @@ from labpipe.units import Quantity
 from labpipe.workflow.fields import POSITIVE, FileMark, Range, every_setting, mark, options_of
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
+from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.session._gaps import library_names
-from pipelines.session._stated_alike import bodies, finding, plates, written
+from pipelines.session._recognition import recognised_below
 
 if TYPE_CHECKING:
     from calibration.record import Record
-    from labpipe.judging import Finding
+    from labpipe.judging import Finding, Level
 
-_CONFIGURATION = ".toml"
+TWO_VALUES = "one body, two values"
+CONFIGURATION = ".toml"
 """Ending of records and materials: those are meant to serve several experiments."""
+_APART, _SAME = 4.0, 2.0
+"""Standard uncertainties between two values of one thing that differ, and within which they are one."""
+_EXACT = 1e-4  # relative uncertainty of a value that is stated without one
+_SLIP = 0.01  # tolerance of the logarithm of a ratio that is a typing error's factor
 _UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
-_KELVIN, _IN_KELVIN, _COLD = 273.15, (250.0, 400.0), -150.0
-"""Degrees that are a laboratory's temperatures in K, and below which K was written for degrees."""
+_KELVIN = 273.15
+_MOST_NAMES = 3  # in a sentence; more of them are counted
 _OF_RECORD = {
     "it expired": "valid_until",
     "was not yet valid": "valid_from",
@@ -37,9 +44,9 @@ _OF_RECORD = {
     "expected a record": "kind",
     "the readings come from": "instrument",
 }
-"""What the refusal of a calibration record says, and the line of the record that it speaks of."""
-Found = dict[str, list["Finding"]]
-"""Findings by the experiment that they concern."""
+"""Words in the refusal of a calibration record, and the line of the record that they concern."""
+_Owned = Iterator[tuple[str, "Finding"]]
+"""Findings, each with the experiment that it concerns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +60,12 @@ class Named:
     path: Path
 
 
-def session_findings(session: Session) -> Found:
-    """Check a session as a whole; findings have file and setting."""
-    found: Found = {}
+def session_findings(session: Session) -> dict[str, list[Finding]]:
+    """Check a session as a whole; return findings, with file and setting, by the experiment that they concern."""
+    found: dict[str, list[Finding]] = {}
     for check in _CHECKS:
-        for owner, told in check(session):
-            found.setdefault(owner, []).append(told)
+        for owner, one in check(session):
+            found.setdefault(owner, []).append(one)
     return found
 
 
@@ -69,189 +76,6 @@ def named_files(session: Session) -> list[Named]:
         for e in session.experiments.values()
         for setting, name in _files(e.settings)
     ]
-
-
-def _files(settings: Any) -> Iterator[tuple[str, str]]:
-    return (
-        (place, value)
-        for place, value, kind in every_setting(settings)
-        if isinstance(value, str) and any(mark(marks, FileMark) for _, marks in options_of(kind))
-    )
-
-
-def _twice(session: Session) -> Iterator[tuple[str, Finding]]:
-    """Find recordings that are used twice: one file, or the same bytes in two."""
-    index = Store(session.folder).index
-    owners: dict[str, list[Named]] = {}
-    for named in named_files(session):
-        if named.path.exists() and named.path.suffix != _CONFIGURATION:
-            digest = index.digest(named.path)  # known from the run, by size and time
-            owners.setdefault(digest, []).append(named)
-    for places in owners.values():
-        for number, later in enumerate(places[1:], 1):
-            first = _rival(places[:number], later)
-            if first is not None:
-                # of two experiments nothing tells which one it belongs to
-                for owner in dict.fromkeys((later.experiment, first.experiment)):
-                    yield owner, _copy(first, later)
-
-
-def _rival(before: Sequence[Named], later: Named) -> Named | None:
-    """Return what already stands for a recording: other kinds may look at the same file."""
-    for first in before:
-        is_same_file = first.path.samefile(later.path)
-        is_same_use = first.kind == later.kind and _field(first.setting) == _field(later.setting)
-        if not is_same_file or is_same_use or first.experiment == later.experiment:
-            return first
-    return None
-
-
-def _field(setting: str) -> str:
-    return re.sub(r"\[\d+\]", "", setting)
-
-
-def _copy(first: Named, later: Named) -> Finding:
-    of_other = f" of {first.experiment}" if first.experiment != later.experiment else ""
-    if first.name == later.name:
-        text = f"{later.name} is listed again" if not of_other else f"{later.name} is also a recording{of_other}"
-        cause = "one recording was taken for two"
-    elif first.path.samefile(later.path):
-        text = f"{later.name} and {first.name}{of_other} are one file, the same bytes under two names"
-        cause = "one recording was taken for two"
-    else:
-        text = f"{later.name} holds the same bytes as {first.name}{of_other}"
-        cause = "a copy was taken for a repeat"
-    return finding("same bytes twice", "doubtful", text, cause, later.name)
-
-
-def _records(session: Session) -> Iterator[tuple[str, Finding]]:
-    """Hold calibration records against each other, and their day against their period.
-
-    Whether a record was valid on the day of a recording, and is of its sensor, is asked where it
-    is applied.
-    """
-    users: dict[str, list[str]] = {}
-    for named in named_files(session):
-        if named.path.suffix == _CONFIGURATION:
-            users.setdefault(named.path.resolve().relative_to(session.root).as_posix(), []).append(named.experiment)
-    records = {name: record for name in users if (record := _record(session.root / name)) is not None}
-    for name, record in records.items():
-        if record.when > record.valid_until:
-            text = f"{name}: calibrated on {record.when}, after the record ended ({record.valid_until})"
-            for owner in dict.fromkeys(users[name]):
-                cause = "a day of the record is mistyped, or an older record was copied"
-                yield owner, finding("calibration record", "doubtful", text, cause, name, "when")
-    for (name, record), (other, twin) in combinations(records.items(), 2):
-        if record.id == twin.id and record != twin:
-            text = f'{name} and {other} have the same id, "{record.id}", but differ'
-            cause = "one of the two records is out of date"
-            for owner in dict.fromkeys(users[other]):
-                yield owner, finding("calibration record", "doubtful", text, cause, other, "id")
-
-
-def _record(path: Path) -> Record | None:
-    from calibration.record import load_record
-
-    try:
-        return load_record(path)
-    except LabpipeError:  # a file of a material; or a record whose mistakes its experiment tells
-        return None
-
-
-def of_record(session: Session, finding: Finding) -> Finding:
-    """Let a step that a calibration record stopped point at that record and its line."""
-    if 'record "' not in finding.message:
-        return finding
-    for named in named_files(session):
-        record = _record(named.path) if named.path.suffix == _CONFIGURATION else None
-        if record is not None and f'record "{record.id}"' in finding.message:
-            key = next((key for words, key in _OF_RECORD.items() if words in finding.message), "id")
-            return replace(finding, file=named.name, setting=key)
-    return finding
-
-
-def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
-    """Hold the material that is stated against the one that names of experiment and files tell."""
-    known = set(library_names())
-    for e in session.experiments.values():
-        named = [("", e.name), *_files(e.settings)]
-        # a table in a list that states a material of its own has files of its own
-        tables = {setting.rpartition(".")[0] for setting, _ in _materials(e.settings) if "[" in setting}
-        for table in sorted(tables):
-            yield from _named_alike(e, [p for p in named if p[0].startswith(f"{table}.")], known, table)
-        rest = [p for p in named if not any(p[0].startswith(f"{table}.") for table in tables)]
-        yield from _named_alike(e, rest, known, "")
-
-
-def _named_alike(
-    e: Experiment, places: Sequence[tuple[str, str]], known: set[str], table: str
-) -> Iterator[tuple[str, Finding]]:
-    """Hold names, each with its setting, against the material of their table, else against each other."""
-    names = [name for _, name in places]
-    materials = [(setting, m) for setting, m in _materials(e.settings) if m in known]
-    stated = [pair for pair in materials if ("[" not in pair[0] if not table else pair[0].startswith(f"{table}."))]
-    for setting, material in stated:
-        told = next((name for name in names if _words(name) & known), "")
-        if told and not any(material in _words(name) for name in names):
-            yield e.name, _misnamed(f'the material is "{material}"', told, known, setting)
-    first = next((name for name in names if len(_words(name) & known) == 1), "")
-    for setting, name in () if stated or not first else places:
-        if _words(name) & known and not _words(name) & _words(first) & known:
-            yield (
-                e.name,
-                _misnamed(f"{first} is named after {', '.join(_words(first) & known)}", name, known, setting),
-            )
-            break
-
-
-def _misnamed(what: str, name: str, known: set[str], setting: str) -> Finding:
-    other = " and ".join(sorted(_words(name) & known))
-    cause = f"one of them is of another material, {other} probably, or the name is misleading"
-    text = f"{what}, but {name} is named after {other}"
-    return finding("name of the material", "doubtful", text, cause, setting=setting)
-
-
-def _words(name: str) -> set[str]:
-    return set(re.split(r"[^a-z]+", name.lower()))
-
-
-def _materials(settings: Any) -> Iterator[tuple[str, str]]:
-    found = ((where, v) for where, v, _ in every_setting(settings) if where.rpartition(".")[2] == "material")
-    return ((where, value) for where, value in found if isinstance(value, str))
-
-
-def _uncertainties(session: Session) -> Iterator[tuple[str, Finding]]:
-    """Find positive quantities whose stated uncertainty says that nothing is known of them."""
-    for e in session.experiments.values():
-        for setting, value, kind in _quantities(e.settings):
-            is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
-            if is_positive and value.u > _UNKNOWN * value.value:
-                name = setting.rpartition(".")[2].replace("_", " ")
-                text = f"the {name} is {written(value)} with a standard uncertainty of {written(value, value.u)}"
-                cause = "the unit or the decimal point of the uncertainty is wrong"
-                yield e.name, finding("stated uncertainty", "doubtful", text, cause, setting=setting)
-
-
-def _temperatures(session: Session) -> Iterator[tuple[str, Finding]]:
-    """Find temperatures in another unit than is written, where no polymer is tested."""
-    for e in session.experiments.values():
-        for setting, value, _ in _quantities(e.settings):
-            # a reference is held against the temperatures that were measured, by its kind
-            if value.si != "degC" or setting.rpartition(".")[2] == "T_ref":
-                continue
-            T, meant = value.value, ""
-            if _IN_KELVIN[0] <= T <= _IN_KELVIN[1]:
-                meant = f"{T:g} K = {T - _KELVIN:.4g} °C"
-            elif T < _COLD:
-                meant = f"{T + _KELVIN:.4g} °C"
-            if meant:
-                text = f"{setting} is {T:.4g} °C"
-                cause = f"{meant} is meant: its unit is wrong"
-                yield e.name, finding("unit of the temperature", "doubtful", text, cause, setting=setting)
-
-
-def _quantities(settings: Any) -> Iterator[tuple[str, Quantity, Any]]:
-    return ((where, value, kind) for where, value, kind in every_setting(settings) if isinstance(value, Quantity))
 
 
 def named_at(session: Session) -> Mapping[str, int]:
@@ -265,6 +89,314 @@ def named_at(session: Session) -> Mapping[str, int]:
     return found
 
 
-_CHECKS = (_twice, _records, bodies, plates, _material_names, _uncertainties, _temperatures)
-SESSION_CHECKS = len(_CHECKS)
-"""How many checks a session as a whole is given, beside those of its experiments."""
+def stated_as_exact(session: Session) -> dict[str, list[str]]:
+    """Return the experiments that state the same values without an uncertainty, by the names of these values."""
+    found: dict[str, list[str]] = {}
+    for e in session.experiments.values():
+        if names := exact_values(e.settings):
+            found.setdefault(", ".join(names), []).append(e.name)
+    return found
+
+
+def unused_files(session: Session) -> list[Finding]:
+    """Find files of known instruments, and records, that no experiment names; one that waits may name any.
+
+    They are notes, one for all files of one sort in one folder.
+    """
+    if session.waiting:
+        return []
+    index = Store(session.folder).index
+    named = [one for one in named_files(session) if one.path.exists()]
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, title in recognised_below(session.root, {n.path.resolve() for n in named}):
+        groups.setdefault((title, Path(name).parent.as_posix()), []).append(name)
+    found = []
+    for (title, _), names in groups.items():
+        twin, n = "", len(names)
+        for path in (session.root / name for name in names):
+            # files of another size are not read for it
+            alike = (o for o in named if o.path.is_file() and o.path.stat().st_size == path.stat().st_size)
+            if one := next((o.name for o in alike if index.digest(o.path) == index.digest(path)), ""):
+                twin = f"{path.relative_to(session.root).as_posix()} holds the same bytes as {one}: a copy that can go"
+                break
+        shown = ", ".join(names[:_MOST_NAMES]) + (f" and {n - _MOST_NAMES} more" if n > _MOST_NAMES else "")
+        text = f"no experiment uses {shown} ({title}{f', {n} files' if n > 1 else ''})"
+        cause = twin or "an experiment lacks a recording, or the file can go"
+        found.append(_finding("files that no experiment uses", text, cause, names[0], level="note"))
+    return found
+
+
+def of_record(session: Session, finding: Finding) -> Finding:
+    """Let a step that a calibration record stopped point at that record and its line."""
+    if 'record "' not in finding.message:
+        return finding
+    for named in named_files(session):
+        record = _record(named.path) if named.path.suffix == CONFIGURATION else None
+        if record is not None and f'record "{record.id}"' in finding.message:
+            key = next((key for words, key in _OF_RECORD.items() if words in finding.message), "id")
+            return replace(finding, file=named.name, setting=key)
+    return finding
+
+
+def _finding(
+    check: str, text: str, cause: str, file: str = "", setting: str = "", *, level: Level = "doubtful"
+) -> Finding:
+    from labpipe.judging import Finding
+
+    return Finding(check, level, text, cause, file, None, setting)
+
+
+def _files(settings: Any) -> Iterator[tuple[str, str]]:
+    for place, value, kind in every_setting(settings):
+        if isinstance(value, str) and any(mark(marks, FileMark) for _, marks in options_of(kind)):
+            yield place, value
+
+
+def _field(setting: str) -> str:
+    return re.sub(r"\[\d+\]", "", setting)
+
+
+def _record(path: Path) -> Record | None:
+    from calibration.record import load_record
+
+    try:
+        return load_record(path)
+    except LabpipeError:  # a file of a material; or a record whose mistakes its experiment names
+        return None
+
+
+def _twice(session: Session) -> _Owned:
+    """Find recordings that are used twice: one file, or the same bytes in two."""
+    index = Store(session.folder).index
+    owners: dict[str, list[Named]] = {}
+    for named in named_files(session):
+        if named.path.exists() and named.path.suffix != CONFIGURATION:
+            owners.setdefault(index.digest(named.path), []).append(named)  # known from the run, by size and time
+    for places in owners.values():
+        for number, later in enumerate(places[1:], 1):
+            for first in places[:number]:
+                is_same_file = first.path.samefile(later.path)
+                is_same_use = first.kind == later.kind and _field(first.setting) == _field(later.setting)
+                # other kinds may look at the same file
+                if not is_same_file or is_same_use or first.experiment == later.experiment:
+                    # of two experiments nothing says which one it belongs to
+                    for owner in dict.fromkeys((later.experiment, first.experiment)):
+                        yield owner, _copy(first, later, is_same_file)
+                    break
+
+
+def _copy(first: Named, later: Named, is_same_file: bool) -> Finding:
+    of_other = f" of {first.experiment}" if first.experiment != later.experiment else ""
+    text = f"{later.name} holds the same bytes as {first.name}{of_other}"
+    if first.name == later.name:
+        text = f"{later.name} is listed again" if not of_other else f"{later.name} is also a recording{of_other}"
+    elif is_same_file:
+        text = f"{later.name} and {first.name}{of_other} are one file, the same bytes under two names"
+    cause = "one recording was taken for two" if is_same_file else "a copy was taken for a repeat"
+    return _finding("same bytes twice", text, cause, later.name)
+
+
+def _records(session: Session) -> _Owned:
+    """Hold calibration records against each other, and their day against their period.
+
+    The step that applies a record checks the day of the recording and the sensor.
+    """
+    check, users = "calibration record", dict[str, list[str]]()
+    for named in named_files(session):
+        if named.path.suffix == CONFIGURATION:
+            users.setdefault(named.path.resolve().relative_to(session.root).as_posix(), []).append(named.experiment)
+    records = {name: record for name in users if (record := _record(session.root / name)) is not None}
+    for name, record in records.items():
+        if record.when > record.valid_until:
+            text = f"{name}: calibrated on {record.when}, after the record ended ({record.valid_until})"
+            cause = "a day of the record is mistyped, or an older record was copied"
+            for owner in dict.fromkeys(users[name]):
+                yield owner, _finding(check, text, cause, name, "when")
+    for (name, record), (other, twin) in combinations(records.items(), 2):
+        if record.id == twin.id and record != twin:
+            text = f'{name} and {other} have the same id, "{record.id}", but differ'
+            for owner in dict.fromkeys(users[other]):
+                yield owner, _finding(check, text, "one of the two records is out of date", other, "id")
+
+
+# --- one thing, two values ---
+
+
+@dataclass(frozen=True, slots=True)
+class _Body:
+    """A body whose radius and mass an experiment states, such as the sphere, and the sources of its material."""
+
+    experiment: Experiment
+    setting: str
+    materials: frozenset[str]
+    radius: Quantity
+    mass: Quantity
+
+
+def _bodies(session: Session) -> _Owned:
+    """Hold masses of bodies of one radius and material against each other, and radii of bodies of one mass."""
+    found = []
+    for e in session.experiments.values():
+        for place, table, _ in every_setting(e.settings):
+            radius, mass = getattr(table, "radius", None), getattr(table, "mass", None)
+            if isinstance(radius, Quantity) and isinstance(mass, Quantity):
+                # a body without a material of its own falls on, or with, each of the others of its experiment
+                sources = frozenset(_sources(table)) or frozenset(_sources(e.settings))
+                found.append(_Body(e, place, sources, radius, mass))
+    for i, body in enumerate(found):
+        for name, same in (("mass", "radius"), ("radius", "mass")):
+            others = [
+                (j, other)
+                for j, other in enumerate(found)
+                if other.experiment is not body.experiment
+                and not other.materials.isdisjoint(body.materials)
+                and _distance(getattr(other, same), getattr(body, same)) <= _SAME
+            ]
+            if len(others) == 1 and others[0][0] > i:  # of two the later one is named
+                continue
+            value: Quantity = getattr(body, name)
+            usual = _usual([(other.experiment.name, getattr(other, name)) for _, other in others])
+            if usual is None or _distance(value, usual[1]) <= _APART:
+                continue
+            cause = _typing_error(name, value, usual[1])
+            if not cause and name == "radius":  # a sphere of another size
+                continue
+            text = f"{name} is {_written(value)} here and {_written(usual[1])} in {usual[0]}, "
+            text += f"for bodies of one {same} and material"
+            cause = cause or f"the {name} of this sphere is mistyped, or another one was used: then say so"
+            yield body.experiment.name, _finding(TWO_VALUES, text, cause, setting=f"{body.setting}.{name}")
+
+
+def _plates(session: Session) -> _Owned:
+    """Hold the properties of the plate under one experiment against those that most of the others state.
+
+    Experiments may be on two plates; no two differ by a typing error.
+    """
+    stated = [(e, plate) for e in session.experiments.values() if (plate := getattr(e.settings, "plate", None))]
+    for name in ("mass", "frequency", "damping_ratio"):
+        values = [(e.name, value) for e, plate in stated if isinstance(value := getattr(plate, name, None), Quantity)]
+        for owner, value in values:
+            others = [pair for pair in values if pair[0] != owner]
+            usual = _usual(others) if len(others) > 1 else None
+            word = name.replace("_", " ")
+            if usual is None or _distance(value, usual[1]) <= _APART or not _typing_error(word, value, usual[1]):
+                continue
+            text = f"the plate's {word} is {_written(value)} here and {_written(usual[1])} in the other experiments"
+            cause = f"{_typing_error(word, value, usual[1])}; or the plate is another one"
+            yield owner, _finding("one plate, two values", text, cause, setting=f"plate.{name}")
+
+
+def _sources(settings: Any) -> Iterator[str]:
+    """Yield the names, files and experiments that state materials of a table and all in it; the most exact of each."""
+    for _, table, _ in every_setting(settings):
+        given = [getattr(table, name, None) for name in ("material_from", "material_file", "material")]
+        yield from [source for source in given if isinstance(source, str)][:1]
+
+
+def _distance(a: Quantity, b: Quantity) -> float:
+    """Return the distance of two stated values in standard uncertainties."""
+    u = hypot(a.u or _EXACT * a.value, b.u or _EXACT * b.value)
+    return abs(a.value - b.value) / u if u else inf
+
+
+def _usual(values: Sequence[tuple[str, Quantity]]) -> tuple[str, Quantity] | None:
+    """Return the value, with its owner, with which more than half of some values agree."""
+    agreeing = {i: sum(_distance(one, v) <= _SAME for _, v in values) for i, (_, one) in enumerate(values)}
+    return next((values[i] for i, n in agreeing.items() if 2 * n > len(values)), None)
+
+
+def _typing_error(name: str, value: Quantity, expected: Quantity) -> str:
+    """Say by which typing error a value is another one: a factor, or two digits exchanged; "" for none."""
+    from labpipe.judging import SLIPS
+
+    ratio, probably = value.value / expected.value, f"the {name} is probably {_written(expected)}"
+    factors = (f for f in SLIPS["value"] if f > 1 and ratio > 0 and abs(abs(log(ratio)) - log(f)) < _SLIP)
+    if factor := next(factors, 0.0):
+        if name == "radius" and factor == 2.0 and ratio > 1:
+            return f"{probably}: its diameter was typed"
+        return f"{probably}, a factor {factor:g}: its unit or decimal point is wrong"
+    one, other = _written(value), _written(expected)
+    differ = sum(x != y for x, y in zip(one, other, strict=False))
+    return f"{probably}: two digits were exchanged" if differ == 2 and sorted(one) == sorted(other) else ""
+
+
+def _written(value: Quantity, number: float | None = None) -> str:
+    from labpipe.report import quantity
+
+    return quantity(value.value if number is None else number, value.si, 4)
+
+
+# --- names and units ---
+
+
+def _material_names(session: Session) -> _Owned:
+    """Hold the stated material against the names of experiment and files; where none is stated, names against names.
+
+    A table in a list that states a material of its own has files of its own.
+    """
+    known = set(library_names())
+
+    def words(name: str) -> set[str]:
+        return set(re.split(r"[^a-z]+", name.lower())) & known
+
+    for e in session.experiments.values():
+        settings = [(s, v) for s, v, _ in every_setting(e.settings) if s.rpartition(".")[2] == "material"]
+        stated = [(s, v) for s, v in settings if v in known]
+        tables = sorted({s.rpartition(".")[0] for s, v in settings if "[" in s and isinstance(v, str)})
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for place, name in (("", e.name), *_files(e.settings)):
+            table = next((t for t in tables if place.startswith(f"{t}.")), "")
+            groups.setdefault(table, []).append((place, name))
+        for table, named in groups.items():
+            own = [(s, v) for s, v in stated if (s.startswith(f"{table}.") if table else "[" not in s)]
+            names = [(place, name) for place, name in named if words(name)]
+            wrong = [(s, f'the material is "{v}"', names[0][1]) for s, v in own
+                     if names and not any(v in words(name) for _, name in names)]  # fmt: skip
+            if not own and (first := next((n for _, n in names if len(words(n)) == 1), "")):
+                head = f"{first} is named after {next(iter(words(first)))}"
+                wrong = [(place, head, name) for place, name in names if words(name).isdisjoint(words(first))][:1]
+            for setting, head, name in wrong:
+                other = " and ".join(sorted(words(name)))
+                cause = f"one of them is of another material, {other} probably, or the name is misleading"
+                text = f"{head}, but {name} is named after {other}"
+                yield e.name, _finding("name of the material", text, cause, setting=setting)
+
+
+def _uncertainties(session: Session) -> _Owned:
+    """Find positive quantities whose stated uncertainty says that nothing is known of them."""
+    for e, setting, value, kind in _quantities(session):
+        is_positive = any(mark(marks, Range) == POSITIVE for _, marks in options_of(kind))
+        if is_positive and value.u > _UNKNOWN * value.value:
+            name = setting.rpartition(".")[2].replace("_", " ")
+            text = f"the {name} is {_written(value)} with a standard uncertainty of {_written(value, value.u)}"
+            cause = "the unit or the decimal point of the uncertainty is wrong"
+            yield e.name, _finding("stated uncertainty", text, cause, setting=setting)
+
+
+def _temperatures(session: Session) -> _Owned:
+    """Find temperatures of a laboratory that are in kelvin under degrees, or the reverse."""
+    for e, setting, value, _ in _quantities(session):
+        # a reference is held against the temperatures that were measured, by its kind
+        if value.si != "degC" or setting.rpartition(".")[2] == "T_ref":
+            continue
+        T = value.value
+        if 250.0 <= T <= 400.0:
+            meant = f"{T:g} K = {T - _KELVIN:.4g} °C"
+        elif T < -150.0:
+            meant = f"{T + _KELVIN:.4g} °C"
+        else:
+            continue
+        text, cause = f"{setting} is {T:.4g} °C", f"{meant} is meant: its unit is wrong"
+        yield e.name, _finding("unit of the temperature", text, cause, setting=setting)
+
+
+def _quantities(session: Session) -> Iterator[tuple[Experiment, str, Quantity, Any]]:
+    for e in session.experiments.values():
+        for setting, value, kind in every_setting(e.settings):
+            if isinstance(value, Quantity):
+                yield e, setting, value, kind
+
+
+_CHECKS = (_twice, _records, _bodies, _plates, _material_names, _uncertainties, _temperatures)
+SESSION_CHECKS = len(_CHECKS) + 1
+"""Number of checks of a session as a whole, that of unused files included."""

@@ -1,4 +1,4 @@
-"""Pages that lay experiments beside each other: two of them, and all of one material."""
+"""Pages of several experiments: two side by side, and all of one material."""
 
 from __future__ import annotations
 
@@ -23,9 +23,8 @@ from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import session_document, synthetic_notice
 from pipelines.session._compare_page import parts, what
 from pipelines.session._comparison import Comparison, compared
-from pipelines.session._opening import STAGES
 from pipelines.session._overview import AND, BESIDE, MATERIAL, PAGE, write_overview
-from pipelines.session._results import opened
+from pipelines.session._results import STAGES, opened
 from pipelines.session._verdict_notices import each
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
@@ -158,55 +157,49 @@ def _difference(first: Sequence[Row], second: Sequence[Row], a: str, b: str) -> 
 
 
 def _chart(results: Results, names: Sequence[str]) -> Iterator[Block]:
-    """Lay the curve that stands for each experiment over the other's, where both are of one kind."""
+    """Lay the main curve of each experiment over the other's, where both are of one kind."""
     import numpy as np
 
     from labpipe.report import LineChart, Series
 
-    session = results.plan.session
-    kinds = {session.experiments[name].kind for name in names}
+    kinds = {results.experiments[name].kind for name in names}
     source = KINDS[next(iter(kinds))].picture if len(kinds) == 1 else None
     found = [] if source is None else [results.first(name, source.stage) for name in names]
     if source is None or any(one is None or not {source.x, source.y} <= set(one.variables) for one in found):
         return
-    curves = [(np.asarray(one[source.x], float), np.asarray(one[source.y], float)) for one in found if one is not None]
-    if any(x.ndim != 1 or np.isfinite(x + y).sum() < 2 for x, y in curves):
+    curves = [one for one in found if one is not None]
+    sides = [tuple(np.asarray(one[v], float) for v in (source.x, source.y)) for one in curves]
+    if any(x.ndim != 1 or np.isfinite(x + y).sum() < 2 for x, y in sides):
         return
-    units = []
-    for i, variable in enumerate((source.x, source.y)):
-        values = np.concatenate([curve[i] for curve in curves])
-        si = next(str(one[variable].attrs.get("units", "1")) for one in found if one is not None)
-        units.append(display_unit(values[np.isfinite(values)].tolist(), si))
+    labels, factors = [], []
+    for variable, values in zip((source.x, source.y), zip(*sides, strict=True), strict=True):
+        every = np.concatenate(values)
+        unit = display_unit(every[np.isfinite(every)].tolist(), str(curves[0][variable].attrs.get("units", "1")))
+        labels.append(f"{variable.replace('_', ' ')} / {unit.text}")
+        factors.append(unit.factor)
     roles: tuple[Literal["measured", "reference"], ...] = ("measured", "reference")
     series = []
-    for name, (x, y), role in zip(names, curves, roles, strict=True):
-        order = np.flatnonzero(np.isfinite(x))
-        order = order[np.argsort(x[order], kind="stable")]
-        series.append(Series(name, x[order] / units[0].factor, y[order] / units[1].factor, role=role))
-    x_label, y_label = (
-        f"{v.replace('_', ' ')} / {unit.text}" for v, unit in zip((source.x, source.y), units, strict=True)
-    )
+    for name, (x, y), role in zip(names, sides, roles, strict=True):
+        order = np.argsort(x, kind="stable")[: np.isfinite(x).sum()]  # NaN is last
+        series.append(Series(name, x[order] / factors[0], y[order] / factors[1], role=role))
     scale: Literal["linear", "log"] = "log" if source.scale == "log" else "linear"
-    title = y_label.partition(" / ")[0].capitalize()
-    yield LineChart(title, x_label, y_label, series, x_scale=scale, y_scale=scale)
+    title = labels[1].partition(" / ")[0].capitalize()
+    yield LineChart(title, labels[0], labels[1], series, x_scale=scale, y_scale=scale)
 
 
 def _by_material(session: Session, rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the rows of every material of several experiments, in the order of the session."""
-    same = _same(session)
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(same.get(row.material, row.material) or row.experiment, []).append(row)
-    return {material: own for material, own in found.items() if len({row.experiment for row in own}) > 1}
+    """Return the rows of every material of several experiments, in the order of the session.
 
-
-def _same(session: Session) -> dict[str, str]:
-    """Return the DMA that a material's name stands for, where an experiment states both."""
-    found: dict[str, str] = {}
+    Where an experiment states a name and the DMA that it is taken from, the name stands for the DMA.
+    """
+    same: dict[str, str] = {}
     for experiment in session.experiments.values():
         settings = nodes(msgspec.to_builtins(experiment.settings, enc_hook=str))
         for table in (node for node in settings if isinstance(node, dict)):
             name, source = table.get("material"), table.get("material_from")
             if isinstance(name, str) and isinstance(source, str):
-                found[name] = source.removeprefix(REFERENCE)
-    return found
+                same[name] = source.removeprefix(REFERENCE)
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(same.get(row.material, row.material) or row.experiment, []).append(row)
+    return {material: own for material, own in found.items() if len({row.experiment for row in own}) > 1}

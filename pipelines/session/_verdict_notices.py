@@ -1,4 +1,4 @@
-"""What the pages of several experiments say first: how many experiments can be believed, and where the model agrees."""
+"""First sentences of the pages of several experiments: how many can be believed, and where the model agrees."""
 
 from __future__ import annotations
 

@@ -1,12 +1,13 @@
-"""Verdicts on a session: which experiments can be believed, and where the model agrees.
+"""Verdicts on a session: the experiments that can be believed, and those in which the model agrees.
 
 The stage ``judgement`` of a kind holds its verdict. Where it was not stored, because something
-before it failed or was not asked for, it is made again from what is there.
+before it failed or was not asked for, it is made again from the results that there are.
 """
 
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
@@ -19,33 +20,34 @@ from labpipe.errors import LabpipeError, StorageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.code import behind
 from labpipe.workflow.context import Context, Failed, Warned
-from labpipe.workflow.plan import READY, Plan, Row
+from labpipe.workflow.document import parse
+from labpipe.workflow.plan import READY, Row
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store, key_of
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._gaps import library_names
-from pipelines.session._opening import STAGES, reopen_session
-from pipelines.session._results import opened
-from pipelines.session._session_checks import named_at, named_files, of_record, session_findings
-from pipelines.session._stated_alike import TWO_VALUES
-from pipelines.session._unused import unused_files
-from pipelines.session._waiting import WAITING, that_wait
+from pipelines.session._results import STAGES, opened, reopen_session
+from pipelines.session._session_checks import (
+    TWO_VALUES,
+    named_at,
+    named_files,
+    of_record,
+    session_findings,
+    unused_files,
+)
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from labpipe.judging import Finding, Judgement
     from labpipe.workflow.run_result import RunResult
 
-VERDICTS = f"{__name__}:stored_verdicts"
-"""Whose code the kept ones are of."""
+WAITING = "waiting"
+"""State of an experiment whose settings are incomplete."""
+VERDICTS = "verdicts.json"
+"""Among the results: verdicts by experiment, each with the digest of all that it comes from."""
+_DOCUMENTED = ("check", "level", "message", "cause", "file", "line", "value")
 _LONGEST_LINE = 100  # characters of a line that is shown
-_KEPT = "verdicts.json"
-"""Among the results: the verdicts as they were last told."""
-FAILED_VERDICTS = "verdicts-of-failures.json"
-"""Beside it: those on experiments of which a step failed, whose judgements are no results to be read again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +65,13 @@ class Verdict:
     findings : tuple of Finding
         With file and line.
     checks : int
-        How many were made of this experiment, as its page says; those of the session are not counted.
+        Number of checks of this experiment, as on its page; those of the session are not counted.
     causes : tuple of str
-        What would explain the findings, the likeliest first.
+        Explanations of the findings, the likeliest first.
     suspects : tuple of str
-        What would explain a model that differs, or why it cannot be held against the record.
+        Explanations of a model that differs, or why it cannot be held against the record.
     n_of_session : int
-        How many of the findings, the last ones, the session as a whole tells.
+        Number of findings, the last ones, that follow from the session as a whole.
     """
 
     experiment: str
@@ -84,40 +86,30 @@ class Verdict:
     n_of_session: int = 0
 
     @property
+    def own(self) -> tuple[Finding, ...]:
+        """The findings of the experiment by itself."""
+        return self.findings[: len(self.findings) - self.n_of_session]
+
+    @property
     def of_session(self) -> tuple[Finding, ...]:
-        """The findings that the session as a whole tells."""
+        """The findings that follow from the session as a whole."""
         return self.findings[len(self.findings) - self.n_of_session :]
 
     @property
     def cause(self) -> str:
-        """What most likely is wrong with the record; empty where it is believable, or nothing is known."""
+        """The most likely mistake in the record; empty where it is believable, or nothing is known."""
         grave = [finding for finding in self.findings if finding.level == self.believable]
         return grave[0].cause or next(iter(self.causes), "") if grave else ""
 
-    @property
-    def is_by_session(self) -> bool:
-        """Whether only what the session as a whole tells speaks against the record."""
-        own = self.findings[: len(self.findings) - self.n_of_session]
-        return self.believable != "yes" and not any(f.level == self.believable for f in own)
-
-    @classmethod
-    def of(cls, kept: Mapping[str, Any]) -> Verdict:
-        """Make a verdict again of its fields as JSON."""
-        from labpipe.judging import Finding
-
-        findings = tuple(Finding(**finding) for finding in kept["findings"])
-        texts = {name: tuple(kept[name]) for name in ("causes", "suspects")}
-        return cls(**{**kept, "findings": findings, **texts})
-
     def document(self) -> dict[str, Any]:
         """Return the verdict for JSON."""
-        texts = {"causes": list(self.causes), "suspects": list(self.suspects)}
-        made = asdict(self) | {"findings": _documents(self.findings)} | texts
-        # what the session as a whole tells is a finding like the others
-        return {name: value for name, value in made.items() if name != "n_of_session"}
+        made = asdict(self) | {"causes": list(self.causes), "suspects": list(self.suspects)}
+        made["findings"] = _documents(self.findings)
+        del made["n_of_session"]
+        return made
 
     def __getitem__(self, name: str) -> Any:
-        """Return a field as it stands in the JSON of ``process``, so that one code reads both."""
+        """Return a field as in the JSON of ``process``, so that one code reads both."""
         return self.document()[name]
 
 
@@ -125,12 +117,7 @@ class Verdict:
 class Verdicts(ShownAsTable):
     """Verdicts on the experiments of a session, in its order, those that wait last.
 
-    Attributes
-    ----------
-    folder : Path
-    experiments : tuple of Verdict
-    notes : tuple of Finding
-        What concerns no experiment: files that none uses.
+    ``notes`` are findings that concern no experiment: files that none uses.
     """
 
     folder: Path
@@ -139,15 +126,19 @@ class Verdicts(ShownAsTable):
 
     @property
     def is_impossible(self) -> bool:
-        """Whether any record contradicts itself, physics, or what the session states."""
+        """Whether any record contradicts itself, physics, or the session's statements."""
         return any(v.believable == "impossible" for v in self.experiments)
 
     def document(self) -> list[dict[str, Any]]:
         """Return all verdicts for JSON."""
         return [verdict.document() for verdict in self.experiments]
 
+    def notes_document(self) -> list[dict[str, Any]]:
+        """Return the notes for JSON."""
+        return _documents(self.notes)
+
     def __getitem__(self, name: str) -> list[dict[str, Any]]:
-        """Return ``verdicts["experiments"]`` or ``["findings"]`` as it stands in the JSON of ``process``."""
+        """Return ``verdicts["experiments"]`` or ``["findings"]`` as in the JSON of ``process``."""
         return {"experiments": self.document, "findings": self.notes_document}[name]()
 
     def _shown(self) -> Shown:
@@ -156,215 +147,193 @@ class Verdicts(ShownAsTable):
         ]
         return Shown(f"{len(rows)} verdicts", ("experiment", "believable", "model", "findings"), rows)
 
-    def notes_document(self) -> list[dict[str, Any]]:
-        """Return what concerns no experiment, for JSON."""
-        return _documents(self.notes)
-
 
 def _documents(findings: Iterable[Finding]) -> list[dict[str, Any]]:
-    names = ("check", "level", "message", "cause", "file", "line", "value")
-    return [{name: getattr(finding, name) for name in names} for finding in findings]
+    return [{name: getattr(finding, name) for name in _DOCUMENTED} for finding in findings]
 
 
 def verdicts_of(run: RunResult) -> Verdicts:
     """Return the verdicts on the experiments that a run has processed."""
     session = run.session
     failures: dict[str, list[Failed]] = {outcome.experiment: [] for outcome in run.outcomes}
-    for outcome in run.failures:
-        why = outcome.message, outcome.is_of_run, outcome.reason
-        failures[outcome.experiment].append(Failed(outcome.stage, outcome.recording, *why))
+    for o in run.failures:
+        failures[o.experiment].append(Failed(o.stage, o.recording, o.message, o.is_of_run, o.reason))
     results = opened(session.root) if run.plan is None else Results(run.plan)
     known = stored_verdicts(results)
-    made = [
-        _one(session, results, session.experiments[name], failed)
-        for name, failed in failures.items()
-        if name not in known
-    ]
-    new = {v.experiment: v for v in _with_session(session, made)} if made else {}
-    _keep(results.plan, {n: v for n, v in new.items() if failures[n] and not any(f.is_of_run for f in failures[n])})
+    made = [_one(results, session.experiments[name], some) for name, some in failures.items() if name not in known]
+    new = {v.experiment: v for v in _with_session(session, made)}
+    _keep(results, {n: v for n, v in new.items() if failures[n] and not any(f.is_of_run for f in failures[n])})
     known |= new
     found = (replace(known[name], state="failed" if failed else "done") for name, failed in failures.items())
     return Verdicts(session.root, (*found, *waiting_verdicts(session).values()), tuple(unused_files(session)))
 
 
 def waiting_verdicts(session: Session) -> dict[str, Verdict]:
-    """Return a verdict on each experiment that waits: nothing is known of it but the lines to correct."""
-    return {
-        name: Verdict(name, kind, WAITING, "unknown", "none", findings) for name, kind, findings in that_wait(session)
-    }
+    """Return a verdict on each experiment that waits: its findings are the lines to fill in or correct."""
+    from labpipe.judging import Finding
+
+    tables = parse(session.root / FILE_NAME).tree.get("experiments", {}) if session.waiting else {}
+    found = {}
+    for name, problems in session.waiting.items():
+        findings = []
+        for problem in problems:
+            place = re.fullmatch(r"([^:]+):(\d+): (.*)", problem, re.DOTALL)
+            file, line, text = (place[1], int(place[2]), place[3]) if place else (FILE_NAME, None, problem)
+            verb = "fill in" if "to be filled in" in text else "correct"
+            remedy = f"{verb} line {line} of {file}, then process again" if line else f"correct {file}"
+            if text.endswith("which waits"):
+                remedy = "it runs as soon as that one does: see there"
+            findings.append(Finding("settings", "note", text, remedy, file, line))
+        kind = str(tables.get(name, {}).get("kind", ""))
+        found[name] = Verdict(name, kind, WAITING, "unknown", "none", tuple(findings))
+    return found
 
 
 def stored_verdicts(results: Results) -> dict[str, Verdict]:
     """Return the verdicts of a session that are there and up to date; no experiment is judged anew.
 
-    They are kept beside the results, under a digest of all that they come from, so that to say
-    them again takes neither NumPy nor the files of the results.
+    They are kept with the results, each under a digest of all that it comes from, so that reading
+    them again takes neither NumPy nor the files of the results. Of an experiment of which a step
+    failed, and would fail again, only the kept verdict is known.
     """
-    return _of_failures(results.plan) | _of_judgements(results)
-
-
-def _of_judgements(results: Results) -> dict[str, Verdict]:
     session = results.plan.session
-    store = Store(session.folder)
-    rows = [row for row in results.plan.rows if row.stage == JUDGEMENT and row.state in READY]
-    if not rows:
+    judged = {row.experiment: row for row in results.plan.rows if row.stage == JUDGEMENT and row.state in READY}
+    if not judged and not _path(results).is_file():
         return {}
-    path, mark = store.root / _KEPT, _mark(results.plan, rows, store)
-    try:
-        kept = files.unseal(path.read_bytes())
-        if kept["mark"] == mark:
-            return {one["experiment"]: Verdict.of(one) for one in kept["verdicts"]}
-    except (OSError, KeyError, TypeError):  # absent, damaged, or another record of ours
-        pass
-    judged = [(row.experiment, result) for row in rows if (result := results.up_to_date(row)) is not None]
-    found = [_of_result(session, session.experiments[name], "done", result) for name, result in judged]
-    verdicts = _with_session(session, found)
-    if len(found) == len(rows) and session.experiments.keys() == {row.experiment for row in results.plan.rows}:
-        with contextlib.suppress(StorageError):  # it only saves time
-            files.write_bytes(path, files.seal({"mark": mark, "verdicts": [asdict(v) for v in verdicts]}))
-    return {v.experiment: v for v in verdicts}
+    marks, kept = _marks(results), _kept(results)
+    known = {n: one for n, (mark, one) in kept.items() if marks.get(n) == mark}
+    made = [
+        _of_result(session, session.experiments[name], "done", result)
+        for name, row in judged.items()
+        if name not in known and (result := results.up_to_date(row)) is not None
+    ]
+    new = {v.experiment: v for v in _with_session(session, made)}
+    _keep(results, new)
+    return {name: one for name in session.experiments if (one := new.get(name) or known.get(name)) is not None}
 
 
-def _of_failures(plan: Plan) -> dict[str, Verdict]:
-    """Return the verdicts on experiments that failed and would fail again, nothing of theirs having changed."""
-    store = Store(plan.session.folder)
+def _path(results: Results) -> Path:
+    return Store(results.plan.session.folder).root / VERDICTS
+
+
+def _kept(results: Results) -> dict[str, tuple[str, Verdict]]:
+    """Return the kept verdicts by experiment, each with its mark; none where the file is absent or damaged."""
+    from labpipe.judging import Finding
+
+    def verdict(fields: dict[str, Any]) -> Verdict:
+        lists = {"findings": tuple(Finding(**f) for f in fields["findings"])}
+        return Verdict(**fields | lists | {name: tuple(fields[name]) for name in ("causes", "suspects")})
+
     try:
-        kept = files.unseal((store.root / FAILED_VERDICTS).read_bytes()) or {}
-    except OSError:
+        kept = files.unseal(_path(results).read_bytes()) or {}
+        return {name: (one["mark"], verdict(one["verdict"])) for name, one in kept.items()}
+    except (OSError, KeyError, TypeError):
         return {}
-    there = [name for name in kept if name in plan.session.experiments]
-    return {
-        name: Verdict.of(kept[name]["verdict"])
-        for name in there
-        if kept[name]["mark"] == _mark(plan, _rows_behind(plan, name), store)
-    }
 
 
-def _keep(plan: Plan, verdicts: Mapping[str, Verdict]) -> None:
+def _keep(results: Results, verdicts: Mapping[str, Verdict]) -> None:
+    """Keep verdicts in addition to those that are still true."""
     if not verdicts:
         return
-    store = Store(plan.session.folder)
-    known = {
-        name: {"mark": _mark(plan, _rows_behind(plan, name), store), "verdict": asdict(one)}
-        for name, one in {**_of_failures(plan), **verdicts}.items()
-    }
-    with contextlib.suppress(StorageError):  # the next run says it again
-        files.write_bytes(store.root / FAILED_VERDICTS, files.seal(known))
+    marks = _marks(results)
+    kept = {name: {"mark": mark, "verdict": asdict(one)} for name, (mark, one) in _kept(results).items()}
+    kept = {name: one for name, one in kept.items() if marks.get(name) == one["mark"]}
+    kept |= {name: {"mark": marks[name], "verdict": asdict(one)} for name, one in verdicts.items()}
+    with contextlib.suppress(StorageError):  # it only saves time
+        files.write_bytes(_path(results), files.seal({name: kept[name] for name in sorted(kept)}))
 
 
-def _rows_behind(plan: Plan, name: str) -> list[Row]:
-    """Return the rows of an experiment and of all that it refers to."""
-    names, new = set[str](), {name}
-    while new:
-        names |= new
-        new = {other for one in new for other in plan.session.experiments[one].refers_to} - names
-        new &= plan.session.experiments.keys()
-    return [row for row in plan.rows if row.experiment in names]
-
-
-def _mark(plan: Plan, rows: Iterable[Row], store: Store) -> str:
-    """Digest of all that verdicts come from: results, settings with their lines, files named, and code."""
-    session = plan.session
+def _marks(results: Results) -> dict[str, str]:
+    """Digest, by experiment, all that a verdict comes from: results, settings and their lines, files, and code."""
+    session, plan = results.plan.session, results.plan
+    index = Store(session.folder).index
     named = [
-        [n.experiment, n.setting, n.path.resolve().as_posix(), store.index.digest(n.path) if n.path.exists() else None]
+        [n.experiment, n.setting, n.path.resolve().as_posix(), index.digest(n.path) if n.path.exists() else None]
         for n in named_files(session)
     ]
-    judgements = [[row.experiment, plan.keys[row.task].value, plan.keys[row.task].problem] for row in rows]
-    code = behind(VERDICTS, "pipelines.experiments")
-    settings = files.digest(session.root / FILE_NAME)
-    return key_of({"verdicts": [code, settings, library_names(), named, judgements]})
+    code = behind(f"{__name__}:{stored_verdicts.__name__}", "pipelines.experiments")
+    common = key_of({"verdicts": [code, files.digest(session.root / FILE_NAME), library_names(), named]})
+    rows: dict[str, list[Row]] = {}
+    for row in plan.rows:
+        rows.setdefault(row.experiment, []).append(row)
+    keys = {name: [[plan.keys[r.task].value, plan.keys[r.task].problem] for r in own] for name, own in rows.items()}
+    is_judged = {name: any(r.stage == JUDGEMENT and r.state in READY for r in own) for name, own in rows.items()}
+    return {name: key_of({"verdict": [common, is_judged[name], own]}) for name, own in keys.items()}
 
 
 def told_verdicts(folder: str | Path) -> dict[str, Verdict]:
-    """Return the verdicts on all experiments of a session that are up to date, as every outlet tells them."""
+    """Return the verdicts on all experiments of a session that are up to date."""
     return stored_verdicts(opened(folder))
 
 
 def verdict_on(folder: str | Path, experiment: str, *, is_running: bool = False) -> Verdict:
-    """Return the verdict on one experiment by what is stored; nothing is processed.
+    """Return the verdict on one experiment by its stored results; nothing is processed.
 
-    While the others are being processed, what is found by comparing with them comes later.
+    While the others are being processed, findings that compare it with them come later.
     """
     known = {} if is_running else told_verdicts(folder)
     if experiment in known:
         return known[experiment]
     session = reopen_session(folder)
-    one = _one(session, opened(session.root, [experiment]), session.experiments[experiment], ())
+    one = _one(opened(session.root, [experiment]), session.experiments[experiment], ())
     return _with_session(session, [one])[0]
 
 
-def _one(session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
-    failed = tuple(failures)
-    state = "failed" if failed else "done"
-    kind = experiment.kind
+def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
+    """Judge an experiment by the results that there are; None stands for those that are not."""
+    from labpipe.judging import Finding
+
+    session, failed = results.plan.session, tuple(failures)
+    name, kind, state = experiment.name, experiment.kind, "failed" if failed else "done"
     stage = next((s for s in KINDS[kind].stages if s.name == JUDGEMENT), None)
     if stage is None:
-        return Verdict(experiment.name, kind, state, "unknown", "none")
-    result = results.first(experiment.name, JUDGEMENT)
-    if result is None:
-        given = [_tolerant(results, a) for a in arguments(session, STAGES, experiment, stage.inputs)]
-        stated = (session.title, session.operator, session.notes, session.synthetic)
-        warned = _warned(results, experiment)
-        context = Context(experiment.name, kind, *stated, warnings=warned, failures=failed)
-        try:
-            result = function(stage.function)(*given, settings=experiment.settings, context=context)
-        except Exception as error:
-            # checks of a kind are foreign code to a session: they end this verdict alone
-            return _not_judged(experiment, error)
+        return Verdict(name, kind, state, "unknown", "none")
+    if (result := results.first(name, JUDGEMENT)) is not None:
+        return _of_result(session, experiment, state, result)
+
+    def tolerant(argument: Any) -> Any:
+        found: list[Any] = [results.folder / file for file in argument.files]
+        for task in argument.tasks:
+            try:
+                found.append(results.result(*task))
+            except LabpipeError:
+                found.append(None)
+        return argument.arranged(found)
+
+    given = [tolerant(a) for a in arguments(session, STAGES, experiment, stage.inputs)]
+    stated = (session.title, session.operator, session.notes, session.synthetic)
+    context = Context(name, kind, *stated, warnings=_warned(results, name), failures=failed)
+    try:
+        result = function(stage.function)(*given, settings=experiment.settings, context=context)
+    except Exception as error:
+        # checks of a kind are foreign code to a session: they end this verdict alone
+        text = f"the checks broke: {type(error).__name__}: {error}"
+        cause = "this tells nothing about the record: report it, with the session"
+        finding = Finding(f"step {JUDGEMENT}", "note", text, cause)
+        return Verdict(name, kind, "failed", "unknown", "undecided", (finding,), causes=(cause,))
     return _of_result(session, experiment, state, result)
 
 
-def _warned(results: Results, experiment: Experiment) -> tuple[Warned, ...]:
-    """Return what the steps of an experiment that gave a result warned of."""
+def _warned(results: Results, experiment: str) -> tuple[Warned, ...]:
+    """Return the warnings of the steps of an experiment that gave a result."""
     store, keys = Store(results.plan.session.folder), results.plan.keys
-    tasks = [row.task for row in results.plan.rows if row.experiment == experiment.name]
-    records = [(task, store.record(value)) for task in tasks if (value := keys[task].value) is not None]
-    return tuple(
-        Warned(task.stage, task.recording, w.category, w.text, w.count)
-        for task, record in records
-        if record is not None
-        for w in record.warnings
-    )
+    found: list[Warned] = []
+    for row in results.plan.rows:
+        value = keys[row.task].value if row.experiment == experiment else None
+        record = None if value is None else store.record(value)
+        warnings = () if record is None else record.warnings
+        found += [Warned(row.stage, row.recording, w.category, w.text, w.count) for w in warnings]
+    return tuple(found)
 
 
-def _not_judged(experiment: Experiment, error: Exception) -> Verdict:
-    """Say that the checks themselves broke, which tells nothing about the record."""
-    from labpipe.judging import Finding
-
-    text = f"the checks broke: {type(error).__name__}: {error}"
-    cause = "this tells nothing about the record: report it, with the session"
-    finding = Finding(f"step {JUDGEMENT}", "note", text, cause)
-    return Verdict(experiment.name, experiment.kind, "failed", "unknown", "undecided", (finding,), causes=(cause,))
-
-
-def _of_result(session: Session, experiment: Experiment, state: str, result: xr.Dataset) -> Verdict:
+def _of_result(session: Session, experiment: Experiment, state: str, result: Any) -> Verdict:
     from labpipe.judging import from_json
     from pipelines.experiments.shared.judgements import suspected
 
     judged: Judgement = from_json(result.attrs["judgement"])
     findings = tuple(_placed(session, experiment, f) for f in judged.findings)
-    return Verdict(
-        experiment.name,
-        experiment.kind,
-        state,
-        judged.believable,
-        str(result.attrs["model"]),
-        findings,
-        judged.n_made,
-        judged.causes,
-        tuple(suspected(result)),
-    )
-
-
-def _tolerant(results: Results, argument: Any) -> Any:
-    """Return an input as a stage gets it, with None for what is not there."""
-    found: list[Any] = [results.folder / name for name in argument.files]
-    for task in argument.tasks:
-        try:
-            found.append(results.result(*task))
-        except LabpipeError:
-            found.append(None)
-    return argument.arranged(found)
+    head = (experiment.name, experiment.kind, state, judged.believable, str(result.attrs["model"]))
+    return Verdict(*head, findings, judged.n_made, judged.causes, tuple(suspected(result)))
 
 
 def _placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:
@@ -377,47 +346,31 @@ def _placed(session: Session, experiment: Experiment, finding: Finding) -> Findi
             name = name.rpartition(".")[0]
         finding, line = replace(finding, file=FILE_NAME), lines.get(name, lines.get(""))
     elif line is None and finding.setting:
-        line = _line_in(session.root / finding.file, finding.setting)
+        with contextlib.suppress(LabpipeError, KeyError):
+            line = parse(session.root / finding.file).line(tuple(finding.setting.split(".")))
     if line is None:
         named = named_at(session).get(finding.file)
         return finding if named is None else replace(finding, value=f"named in {FILE_NAME}:{named}")
-    return replace(finding, line=line, value=_text_of(session.root / finding.file, line))
-
-
-def _text_of(path: Path, line: int) -> str:
-    """Return a line of a text file, shortened; empty where there is none."""
-    try:
-        with path.open(encoding="utf-8", errors="replace") as lines:
-            text = next(islice(lines, line - 1, None), "")
-    except OSError:
-        return ""
-    return shorten(text.strip(), _LONGEST_LINE, placeholder=" …")
-
-
-def _line_in(path: Path, setting: str) -> int | None:
-    """Return the line of a TOML file on which a setting stands."""
-    from labpipe.workflow.document import parse
-
-    try:
-        return parse(path).line(tuple(setting.split(".")))
-    except (LabpipeError, KeyError):
-        return None
+    text = ""
+    with contextlib.suppress(OSError), (session.root / finding.file).open(encoding="utf-8", errors="replace") as lines_:
+        text = next(islice(lines_, line - 1, None), "")
+    return replace(finding, line=line, value=shorten(text.strip(), _LONGEST_LINE, placeholder=" …"))
 
 
 def _with_session(session: Session, verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
-    """Add what the session as a whole tells of its experiments."""
+    """Add the findings of the session as a whole to the verdicts on its experiments."""
     found = tuple(verdicts)
-    more = session_findings(session)
-    placed = {n: [_placed(session, session.experiments[n], f) for f in own] for n, own in more.items()}
-    return tuple(_added(v, placed.get(v.experiment, ())) for v in found)
+    more = session_findings(session) if found else {}
+    return tuple(
+        _added(v, [_placed(session, session.experiments[v.experiment], f) for f in more.get(v.experiment, ())])
+        for v in found
+    )
 
 
 def _added(verdict: Verdict, more: Iterable[Finding]) -> Verdict:
-    told = {(f.file, f.line, f.level) for f in verdict.findings if f.line is not None}
+    known = {(f.file, f.line, f.level) for f in verdict.findings if f.line is not None}
     # another experiment's value says by how much the one of this line is wrong, which no record says so well
-    extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in told)
-    worse: Mapping[str, str] = {"yes": "doubtful", "unknown": "doubtful"}
-    believable = verdict.believable
-    if any(f.level == "doubtful" for f in extra):
-        believable = worse.get(believable, believable)
+    extra = tuple(f for f in more if f.check == TWO_VALUES or (f.file, f.line, f.level) not in known)
+    is_worse = verdict.believable in ("yes", "unknown") and any(f.level == "doubtful" for f in extra)
+    believable = "doubtful" if is_worse else verdict.believable
     return replace(verdict, believable=believable, findings=(*verdict.findings, *extra), n_of_session=len(extra))

@@ -1,31 +1,50 @@
-"""Wrong inputs, one per function; each raises when it is called with an empty folder.
+"""Wrong inputs by name; each raises when it is called with an empty folder.
 
-The exact messages stand in ``messages.toml``; ``python -m tests.errors.wrong_inputs`` prints the
+The exact messages are in ``messages.toml``; ``python -m tests.errors.wrong_inputs`` prints the
 present ones in that form, to be read before they are kept.
 """
 
 import json
 import shutil
 import struct
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
+import calibration
+import instruments
+from instruments import keyence
+from labpipe import contact, files, imaging, materials, signals, units
 from labpipe.errors import LabpipeError
+from pipelines import process
+from pipelines.session import init
 
+Edits = Mapping[str, tuple[str, str]]
 CASES: dict[str, Callable[[Path], object]] = {}
 
 
-def case(function: Callable[[Path], object]) -> Callable[[Path], object]:
-    CASES[function.__name__] = function
-    return function
+def edited(text: str, edits: Edits, call: Callable[[Path, str], object]) -> None:
+    """Add cases in which a text of a correct file is replaced by another one."""
+    for name, (old, new) in edits.items():
+        assert old in text, name
+        wrong = text.replace(old, new, 1)
+        CASES[name] = lambda folder, wrong=wrong: call(folder, wrong)  # type: ignore[misc]
 
 
-def named(name: str, call: Callable[[Path], object]) -> None:
-    CASES[name] = call
+def read(name: str, data: bytes, **options: Any) -> Callable[[Path], object]:
+    """Return a case in which a file of some bytes is read as that of an instrument."""
+
+    def call(folder: Path) -> object:
+        (folder / name).write_bytes(data)
+        return instruments.read(folder / name, **options)
+
+    return call
 
 
 # --- session.toml ---------------------------------------------------------------------------------
@@ -45,14 +64,11 @@ material = "acrylic"
 """
 
 
-def session(folder: Path, old: str = "", new: str = "", text: str = DROP) -> object:
-    from pipelines.process import open_session
-
+def session(folder: Path, text: str = DROP) -> object:
     (folder / "a.csv").write_text("x")
     (folder / "laser.toml").write_text("x")
-    assert old in text
-    (folder / "session.toml").write_text(text.replace(old, new, 1), "utf-8")
-    return open_session(folder)
+    (folder / "session.toml").write_text(text, "utf-8")
+    return process.open_session(folder)
 
 
 SESSION = {
@@ -92,35 +108,21 @@ SESSION = {
     "name_reserved": ("experiments.drop", "experiments.nul"),
     "name_hidden": ("experiments.drop]", 'experiments.".drop"]'),
 }
-for _name, (_old, _new) in SESSION.items():
-    named(_name, lambda folder, old=_old, new=_new: session(folder, old, new))
+edited(DROP, SESSION, session)
 
 
-@case
-def session_absent(folder: Path) -> object:
-    from pipelines.process import open_session
-
-    return open_session(folder)
-
-
-@case
 def session_not_utf8(folder: Path) -> object:
-    from pipelines.process import open_session
-
     (folder / "session.toml").write_bytes(b'labpipe = 1\n[session]\ntitle = "\xe9"\n')
-    return open_session(folder)
+    return process.open_session(folder)
 
 
-@case
-def session_empty(folder: Path) -> object:
-    return session(folder, text="labpipe = 1\n")
-
-
-@case
-def names_differ_in_case(folder: Path) -> object:
-    twin = DROP[DROP.index("[experiments.drop]") :].replace("experiments.drop", "experiments.Drop")
-    return session(folder, text=DROP + twin)
-
+_TWIN = DROP[DROP.index("[experiments.drop]") :].replace("experiments.drop", "experiments.Drop")
+CASES |= {
+    "session_absent": process.open_session,
+    "session_not_utf8": session_not_utf8,
+    "session_empty": lambda f: session(f, "labpipe = 1\n"),
+    "names_differ_in_case": lambda f: session(f, DROP + _TWIN),
+}
 
 # --- calibration records --------------------------------------------------------------------------
 
@@ -153,42 +155,32 @@ RECORDS = {
 }
 
 
-def record(folder: Path, old: str, new: str) -> object:
-    import calibration
-
-    assert old in RECORD
-    (folder / "laser.toml").write_text(RECORD.replace(old, new, 1), "utf-8")
+def record(folder: Path, text: str = RECORD) -> Any:
+    (folder / "laser.toml").write_text(text, "utf-8")
     return calibration.load_record(folder / "laser.toml")
 
 
-for _name, (_old, _new) in RECORDS.items():
-    named(_name, lambda folder, old=_old, new=_new: record(folder, old, new))
+edited(RECORD, RECORDS, record)
 
 
-def required(folder: Path, attrs: dict[str, str], kind: str = "laser", **options: object) -> object:
-    import calibration
-
-    (folder / "laser.toml").write_text(RECORD, "utf-8")
-    found = calibration.load_record(folder / "laser.toml")
-    return calibration.require(found, kind, attrs, **options)  # type: ignore[arg-type]
+def required(folder: Path, attrs: dict[str, str], kind: str = "laser", **options: Any) -> object:
+    return calibration.require(record(folder), kind, attrs, **options)
 
 
-named("record_expired", lambda f: required(f, {"start": "2026-01-01"}))
-named("record_not_yet_valid", lambda f: required(f, {"start": "2024-04-01"}))
-named("record_of_another_kind", lambda f: required(f, {}, "camera"))
-named("record_of_another_sensor", lambda f: required(f, {"model": "IL-100"}))
-named("record_of_another_view", lambda f: required(f, {"start": "2024-06-01"}, view="front"))
+CASES |= {
+    "record_expired": lambda f: required(f, {"start": "2026-01-01"}),
+    "record_not_yet_valid": lambda f: required(f, {"start": "2024-04-01"}),
+    "record_of_another_kind": lambda f: required(f, {}, "camera"),
+    "record_of_another_sensor": lambda f: required(f, {"model": "IL-100"}),
+    "record_of_another_view": lambda f: required(f, {"start": "2024-06-01"}, view="front"),
+}
 
 # --- Keyence --------------------------------------------------------------------------------------
 
 
-def keyence_text() -> str:
-    from instruments import keyence
-
-    made = keyence.make_recording({1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14))
-    return keyence.encode(made).decode("utf-8-sig")
-
-
+LASER = keyence.encode(
+    keyence.make_recording({1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14))
+).decode("utf-8-sig")
 KEYENCE = {
     "keyence_letter_in_number": ("+00.2000", "+0x.2000"),
     "keyence_cut_row": ("+00.4000", "+00.4"),
@@ -206,55 +198,35 @@ KEYENCE = {
 }
 
 
-def keyence(folder: Path, old: str = "", new: str = "", **options: object) -> object:
-    import instruments
-
-    text = keyence_text()
-    assert old in text, text
-    (folder / "a.csv").write_bytes(text.replace(old, new, 1).encode())
-    return instruments.read(folder / "a.csv", instrument="keyence", **options)
+edited(LASER, KEYENCE, lambda f, text: read("a.csv", text.encode(), instrument="keyence")(f))
 
 
-for _name, (_old, _new) in KEYENCE.items():
-    named(_name, lambda folder, old=_old, new=_new: keyence(folder, old, new))
-
-
-@case
 def keyence_no_cycle_in_a_session(folder: Path) -> object:
     from pipelines.experiments.shared.laser_readings import read_laser
     from pipelines.experiments.shared.settings import Keyence
 
-    text = keyence_text().replace("Sampling cycle,50us\r\n", "")
-    (folder / "a.csv").write_bytes(text.encode())
+    (folder / "a.csv").write_bytes(LASER.replace("Sampling cycle,50us\r\n", "").encode())
     return read_laser(folder / "a.csv", Keyence())
 
 
-named("keyence_cycle_contradicts", lambda f: keyence(f, cycle="100 us"))
-named("keyence_option_cycle", lambda f: keyence(f, cycle="fast"))
-
-
-@case
-def keyence_last_line_cut(folder: Path) -> object:
-    import instruments
-
-    (folder / "a.csv").write_bytes(keyence_text().replace("Data count,6\r\n", "").encode()[:-5])
-    return instruments.read(folder / "a.csv")
-
+CASES |= {
+    "keyence_no_cycle_in_a_session": keyence_no_cycle_in_a_session,
+    "keyence_cycle_contradicts": read("a.csv", LASER.encode(), instrument="keyence", cycle="100 us"),
+    "keyence_option_cycle": read("a.csv", LASER.encode(), instrument="keyence", cycle="fast"),
+    "keyence_last_line_cut": read("a.csv", LASER.replace("Data count,6\r\n", "").encode()[:-5]),
+}
 
 # --- Mach-1, rheometer, films ---------------------------------------------------------------------
 
 
-def mach1_text() -> str:
-    rows = "".join(f"{i * 0.01:.6f}\t0.1{i}0000\t-0.25{i}000\r\n" for i in range(10))
-    return (
-        "<Mach-1 File>\r\n<INFO>\r\nDate:\tWed, Jul 19, 2023\r\nTime:\t12:14:21.065\r\n"
-        "Mach-1 Motion Software Version:\t4.4.0.19\r\nLoad Cell Type:\tMultiple-axis\r\n"
-        "<END INFO>\r\n<Sinusoid>\r\nStage Axis:\tPosition (z)\r\nAmplitude, mm:\t0.1\r\n"
-        "Frequency, Hz:\t1.00000\r\nNumber of Cycles:\t20\r\n<DATA>\r\n"
-        f"Time, s\tPosition (z), mm\tFz, N\r\n{rows}<END DATA>\r\n"
-    )
-
-
+ROWS = "".join(f"{i * 0.01:.6f}\t0.1{i}0000\t-0.25{i}000\r\n" for i in range(10))
+SINUSOID = (
+    "<Mach-1 File>\r\n<INFO>\r\nDate:\tWed, Jul 19, 2023\r\nTime:\t12:14:21.065\r\n"
+    "Mach-1 Motion Software Version:\t4.4.0.19\r\nLoad Cell Type:\tMultiple-axis\r\n"
+    "<END INFO>\r\n<Sinusoid>\r\nStage Axis:\tPosition (z)\r\nAmplitude, mm:\t0.1\r\n"
+    "Frequency, Hz:\t1.00000\r\nNumber of Cycles:\t20\r\n<DATA>\r\n"
+    f"Time, s\tPosition (z), mm\tFz, N\r\n{ROWS}<END DATA>\r\n"
+)
 MACH1 = {
     "mach1_letter_in_number": ("0.150000", "0.15x000"),
     "mach1_cell_missing": ("0.150000\t", ""),
@@ -265,17 +237,7 @@ MACH1 = {
 }
 
 
-def mach1(folder: Path, old: str, new: str) -> object:
-    import instruments
-
-    text = mach1_text()
-    assert old in text
-    (folder / "m.txt").write_bytes(text.replace(old, new, 1).encode())
-    return instruments.read(folder / "m.txt")
-
-
-for _name, (_old, _new) in MACH1.items():
-    named(_name, lambda folder, old=_old, new=_new: mach1(folder, old, new))
+edited(SINUSOID, MACH1, lambda f, text: read("m.txt", text.encode())(f))
 
 RHEOMETER = (
     "Project:\tP\r\n\r\nTest:\tT\r\n\r\nResult:\tFrequency sweep 1\r\n\r\n"
@@ -290,218 +252,110 @@ SWEEPS = {
 }
 
 
-def rheometer(folder: Path, old: str, new: str) -> object:
-    import instruments
-
-    assert old in RHEOMETER
-    (folder / "r.csv").write_bytes(RHEOMETER.replace(old, new, 1).encode("utf-16"))
-    return instruments.read(folder / "r.csv")
+edited(RHEOMETER, SWEEPS, lambda f, text: read("r.csv", text.encode("utf-16"))(f))
 
 
-for _name, (_old, _new) in SWEEPS.items():
-    named(_name, lambda folder, old=_old, new=_new: rheometer(folder, old, new))
+def cine(*changes: tuple[int, str, int], cut: int | None = None) -> Callable[[Path], object]:
+    def call(folder: Path) -> object:
+        source = Path(__file__).parents[2] / "sample_data/films/film/ptfe_front.cine"
+        data = bytearray(source.read_bytes()[:200_000])
+        for offset, code, value in changes:
+            struct.pack_into(code, data, offset, value)
+        return read("f.cine", bytes(data[:cut]))(folder)
+
+    return call
 
 
-def cine(folder: Path, change: Callable[[bytearray], object], cut: int | None = None) -> object:
-    import instruments
-
-    source = Path(__file__).parents[2] / "sample_data/films/film/ptfe_front.cine"
-    data = bytearray(source.read_bytes()[:200_000])
-    change(data)
-    (folder / "f.cine").write_bytes(bytes(data[:cut]))
-    return instruments.read(folder / "f.cine")
-
-
-def put(offset: int, code: str, value: int) -> Callable[[bytearray], object]:
-    return lambda data: struct.pack_into(code, data, offset, value)
-
-
-named("film_header_cut", lambda f: cine(f, lambda d: None, 60))
-named("film_offsets_beyond_the_end", lambda f: cine(f, put(32, "<I", 4_000_000_000)))
-named("film_colour", lambda f: cine(f, put(44 + 14, "<H", 24)))
-named("film_count_impossible", lambda f: cine(f, put(20, "<I", 2**31)))
-
-
-@case
-def file_of_nobody(folder: Path) -> object:
-    import instruments
-
-    (folder / "a.bin").write_bytes(bytes(range(256)))
-    return instruments.read(folder / "a.bin")
-
-
-@case
-def file_not_there(folder: Path) -> object:
-    import instruments
-
-    return instruments.read(folder / "a.csv")
-
-
-@case
-def file_empty(folder: Path) -> object:
-    import instruments
-
-    (folder / "a.csv").write_bytes(b"")
-    return instruments.read(folder / "a.csv", instrument="keyence")
-
-
-@case
-def instrument_of_no_name(folder: Path) -> object:
-    import instruments
-
-    (folder / "a.csv").write_bytes(b"x")
-    return instruments.read(folder / "a.csv", instrument="keyance")
-
-
-@case
 def dice_without_images(folder: Path) -> object:
-    import instruments
-
-    (folder / "DICe_solution_00.txt").write_text(
-        "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA\n0,1,2,x,0,0\n"
-    )
+    head = "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA\n"
+    (folder / "DICe_solution_00.txt").write_text(f"{head}0,1,2,x,0,0\n")
     return instruments.read(folder)
 
+
+CASES |= {
+    "film_header_cut": cine(cut=60),
+    "film_offsets_beyond_the_end": cine((32, "<I", 4_000_000_000)),
+    "film_colour": cine((44 + 14, "<H", 24)),
+    "film_count_impossible": cine((20, "<I", 2**31)),
+    "file_of_nobody": read("a.bin", bytes(range(256))),
+    "file_not_there": lambda f: instruments.read(f / "a.csv"),
+    "file_empty": read("a.csv", b"", instrument="keyence"),
+    "instrument_of_no_name": read("a.csv", b"x", instrument="keyance"),
+    "dice_without_images": dice_without_images,
+}
 
 # --- values handed to functions -------------------------------------------------------------------
 
 
-@case
-def material_of_no_name(folder: Path) -> object:
-    from labpipe import materials
-
-    return materials.load("acryl")
+def prony(**changes: Any) -> object:
+    given: dict[str, Any] = {"E_relaxed": 1e6, "E": [1e6], "rho": [1.0], "nu": 0.4}
+    return materials.Prony(**(given | changes))
 
 
-def prony(**changes: object) -> object:
-    from labpipe.materials import Prony
-
-    given: dict[str, object] = {"E_relaxed": 1e6, "E": [1e6], "rho": [1.0], "nu": 0.4}
-    return Prony(**(given | changes))  # type: ignore[arg-type]
+def drop(**changes: Any) -> object:
+    given: dict[str, Any] = {"radius": 9.5e-3, "mass": 0.5, "height": 1e-3, "duration": 0.01}
+    return contact.drop(materials.load("acrylic"), **(given | changes))
 
 
-named("prony_lengths", lambda f: prony(rho=[1.0, 2.0]))
-named("prony_negative", lambda f: prony(E=[-1e6]))
-named("prony_nu", lambda f: prony(nu=0.7))
-named("prony_time_zero", lambda f: prony(rho=[0.0]))
-
-
-def drop(**changes: object) -> object:
-    from labpipe import contact, materials
-
-    given: dict[str, object] = {"radius": 9.5e-3, "mass": 0.5, "height": 1e-3, "duration": 0.01}
-    return contact.drop(materials.load("acrylic"), **(given | changes))  # type: ignore[arg-type]
-
-
-named("drop_height", lambda f: drop(height=-1e-3))
-named("drop_solver", lambda f: drop(solver="fem"))
-named("drop_profile", lambda f: drop(profile="cone"))
-named("drop_rtol", lambda f: drop(rtol=0.5))
-named("drop_mass_nan", lambda f: drop(mass=float("nan")))
-
-
-@case
-def unit_of_no_name(folder: Path) -> object:
-    from labpipe.units import unit
-
-    return unit("furlong")
-
-
-@case
-def quantity_without_number(folder: Path) -> object:
-    from labpipe.units import quantity
-
-    return quantity("mm 3")
-
-
-@case
-def track_points_of_wrong_shape(folder: Path) -> object:
-    from labpipe.imaging import track
-
-    return track(np.zeros((2, 40, 40)), np.zeros((3, 3)))
-
-
-@case
-def track_subset_even(folder: Path) -> object:
-    from labpipe.imaging import track
-
-    return track(np.zeros((2, 40, 40)), np.array([[20.0, 20.0]]), subset=30)
-
-
-@case
 def velocity_of_one_point(folder: Path) -> object:
-    import xarray as xr
-
-    from labpipe.signals import velocity
-
     attrs = {"units": "m", "long_name": "displacement"}
-    made = xr.DataArray([1.0], dims="time", coords={"time": [0.0]}, attrs=attrs)
-    return velocity(made)
+    return signals.velocity(xr.DataArray([1.0], dims="time", coords={"time": [0.0]}, attrs=attrs))
 
+
+BLACK = np.zeros((2, 40, 40))
+CASES |= {
+    "material_of_no_name": lambda f: materials.load("acryl"),
+    "prony_lengths": lambda f: prony(rho=[1.0, 2.0]),
+    "prony_negative": lambda f: prony(E=[-1e6]),
+    "prony_nu": lambda f: prony(nu=0.7),
+    "prony_time_zero": lambda f: prony(rho=[0.0]),
+    "drop_height": lambda f: drop(height=-1e-3),
+    "drop_solver": lambda f: drop(solver="fem"),
+    "drop_profile": lambda f: drop(profile="cone"),
+    "drop_rtol": lambda f: drop(rtol=0.5),
+    "drop_mass_nan": lambda f: drop(mass=float("nan")),
+    "unit_of_no_name": lambda f: units.unit("furlong"),
+    "quantity_without_number": lambda f: units.quantity("mm 3"),
+    "track_points_of_wrong_shape": lambda f: imaging.track(BLACK, np.zeros((3, 3))),
+    "track_subset_even": lambda f: imaging.track(BLACK, np.array([[20.0, 20.0]]), subset=30),
+    "velocity_of_one_point": velocity_of_one_point,
+}
 
 # --- the session as a whole, and the command line -------------------------------------------------
 
 
-def planned(folder: Path, **options: object) -> object:
-    from pipelines.process import plan
+def unprocessed(verb: Callable[..., object], *arguments: Any, **options: Any) -> Callable[[Path], object]:
+    def call(folder: Path) -> object:
+        session(folder)
+        return verb(folder, *arguments, **options)
 
-    session(folder)
-    return plan(folder, **options)  # type: ignore[arg-type]
-
-
-named("target_of_no_name", lambda f: planned(f, targets=["velocty"]))
-named("experiment_of_no_name", lambda f: planned(f, only=["dorp"]))
+    return call
 
 
-@case
-def result_of_no_run(folder: Path) -> object:
-    from pipelines.process import result
-
-    session(folder)
-    return result(folder, "drop", "repeats")
-
-
-@case
-def export_before_processing(folder: Path) -> object:
-    from pipelines.process import export
-
-    session(folder)
-    return export(folder)
-
-
-@case
-def report_before_processing(folder: Path) -> object:
-    from pipelines.process import report
-
-    session(folder)
-    return report(folder, "drop")
-
-
-@case
-def scan_of_nothing(folder: Path) -> object:
-    from pipelines.session import init
-
-    return init(folder)
-
-
-@case
 def store_record_damaged(folder: Path) -> object:
-    from labpipe import files
-
     (folder / "a.nc").write_bytes(b"not netCDF")
     return files.read_dataset(folder / "a.nc")
 
 
-@case
 def folder_cannot_be_made(folder: Path) -> object:
-    from labpipe import files
-
     (folder / "a").write_text("a file")
     return files.write_text(folder / "a/b.txt", "x")
 
 
+CASES |= {
+    "target_of_no_name": unprocessed(process.plan, targets=["velocty"]),
+    "experiment_of_no_name": unprocessed(process.plan, only=["dorp"]),
+    "result_of_no_run": unprocessed(process.result, "drop", "repeats"),
+    "export_before_processing": unprocessed(process.export),
+    "report_before_processing": unprocessed(process.report, "drop"),
+    "scan_of_nothing": init,
+    "store_record_damaged": store_record_damaged,
+    "folder_cannot_be_made": folder_cannot_be_made,
+}
+
+
 def present() -> dict[str, tuple[str, str]]:
-    """Return class and text of every error; the folder stands as ``FOLDER``."""
+    """Return class and text of every error; the folder is called ``FOLDER``."""
     found = {}
     for name, call in CASES.items():
         folder = Path(tempfile.mkdtemp())
@@ -518,8 +372,6 @@ def present() -> dict[str, tuple[str, str]]:
 
 
 if __name__ == "__main__":
-    import sys
-
     for _name, (_kind, _text) in present().items():
         sys.stdout.write(f"[{_name}]\nerror = {json.dumps(_kind)}\n")
         sys.stdout.write(f"message = {json.dumps(_text, ensure_ascii=False)}\n\n")

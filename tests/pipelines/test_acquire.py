@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import instruments
-from pipelines.commands.acquire import acquire
+from pipelines.commands.system import acquire
 from tests.instruments.keyence_emulator import emulator
 
 

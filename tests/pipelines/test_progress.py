@@ -1,4 +1,4 @@
-"""Progress on stderr: how fast, how long still, and only where somebody looks."""
+"""Progress on stderr: time gone, time left, and only where somebody looks."""
 
 import io
 import sys
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.commands.progress import counted, rate, waiting, watching
+from pipelines.commands.progress import counted, waiting, watching
 from pipelines.process import process
 
 
@@ -22,11 +22,6 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "160")
     return found
-
-
-@pytest.mark.parametrize(("speed", "text"), [(12.34, "12.3/s"), (0.5, "30.0/min"), (None, ""), (0.0, "")])
-def test_a_rate_is_written_in_a_unit_that_can_be_read(speed: float | None, text: str) -> None:
-    assert rate(speed) == text
 
 
 def test_a_run_shows_steps_time_gone_and_time_left_and_leaves_stdout_alone(

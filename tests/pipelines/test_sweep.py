@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from labpipe import contact, files, materials
 from labpipe.errors import InputError, LabpipeError, UsageError
 from labpipe.workflow.engines import Dask, Processes, side_by_side
-from pipelines.commands.sweep import sweep as command
+from pipelines.commands.simulate import sweep as command
 from pipelines.sweeps import axis, design, run as run_module, run_design
 from pipelines.sweeps.page import _text, render
 from pipelines.sweeps.run import Block, Outcome

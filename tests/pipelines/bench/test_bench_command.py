@@ -44,7 +44,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    from pipelines.commands.bench import bench
+    from pipelines.commands.system import bench
 
     try:
         bench.main(list(arguments), standalone_mode=True)

@@ -1,7 +1,6 @@
 """The check table against numbers worked out by hand."""
 
 import json
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -23,12 +22,6 @@ def test_there_are_forty_rows_and_each_difference_has_a_reason(table: Rows) -> N
     assert len(table) >= 40
     for row in table.values():
         assert bool(row.reason) != (row.verdict == "agrees"), row
-
-
-def test_every_stated_reason_and_only_those(table: Rows) -> None:
-    verdicts = Counter(row.verdict for row in table.values())
-    assert verdicts["misprint"] == sum(bool(row.misprint) for row in table.values())
-    assert verdicts["inconsistent"] == sum(bool(row.inconsistent) for row in table.values())
 
 
 def test_rows_that_agree_because_ours_was_chosen_say_so(table: Rows) -> None:
@@ -93,13 +86,6 @@ def test_a_solid_of_one_term_is_found_again(rho: float) -> None:
 )
 def test_ours_is_the_hand_computed_number(table: Rows, place: str, quantity: str, expected: float) -> None:
     assert table[place, quantity].ours == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.parametrize(("depth", "force"), [("0.1", 12.40), ("0.2", 30.90), ("0.3", 54.81)])
-def test_plateaus_follow_from_one_modulus(table: Rows, depth: str, force: float) -> None:
-    row = table["2.3.2", f"plateau force at {depth} mm"]
-    assert row.ours == pytest.approx(force, abs=0.03)
-    assert row.verdict == "agrees, set to it"
 
 
 def test_the_command_prints_the_table_as_json(table: Rows, capsys: pytest.CaptureFixture[str]) -> None:

@@ -101,21 +101,6 @@ def test_a_second_run_draws_nothing_and_a_changed_file_only_itself(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_a_damaged_record_costs_a_drawing_and_nothing_else(tmp_path: Path) -> None:
-    drawn(tmp_path, CHEAP)
-    (tmp_path / make.RECORD).write_text('{"figures": [')
-    assert drawn(tmp_path, CHEAP) == {CHEAP: make.DRAWN}
-
-
-def test_captions_say_what_is_measured_synthetic_and_computed(tmp_path: Path) -> None:
-    drawn(tmp_path, CHEAP, "table-D.1")
-    for name in (CHEAP, "table-D.1"):
-        text = (tmp_path / f"{name}.txt").read_text(encoding="utf-8")
-        for word in ("Measured:", "Synthetic:", "Computed:", "Against the printed text:"):
-            assert word in text
-
-
-@pytest.mark.slow
 def test_figures_of_a_session_read_its_results_and_follow_its_keys(processed_session: Path, tmp_path: Path) -> None:
     shelf = make.Shelf.of(tmp_path, processed_session)
     outcomes = make.make(shelf, make.chosen(["2.8", "3.10", "3.11"]))

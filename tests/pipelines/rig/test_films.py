@@ -42,12 +42,6 @@ def test_the_gap_of_an_elastic_contact_is_that_of_hertz(time: float) -> None:
     assert np.abs(gap - known).max() < 3e-9  # 1/200 of a wavelength
 
 
-def test_a_moment_in_flight_has_no_contact_and_the_height_of_the_flight() -> None:
-    springs = drop(0.012, np.array([0.01])).springs
-    assert springs.contact_radius[0] == 0.0
-    assert -springs.approach[0] == pytest.approx(1.5e-3 - 0.5 * 9.81 * 0.01**2, rel=1e-9)
-
-
 def test_the_front_film_shows_the_motion_that_its_truth_tells(tmp_path: Path) -> None:
     camera = FrontCamera(rows=96, columns=64, frame_rate=1000, duration=0.024, release=0.004, pixel_size=1e-4)
     truth = write_front_film(tmp_path / "f.cine", drop(0.03), 1.5e-3, camera, 5)

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from labpipe.errors import SourceError, UsageError
-from pipelines.commands.catalogue import catalogue as command
+from pipelines.commands.results import catalogue as command
 from pipelines.process import process, result
 from pipelines.session import catalogue, query
 from pipelines.session._catalogue import CATALOGUE
@@ -125,11 +125,6 @@ def test_a_wrong_condition_is_refused_and_changes_nothing(sessions: Path, where:
     with pytest.raises(UsageError, match="the columns are session, experiment, kind"):
         query(sessions / CATALOGUE, where)
     assert (sessions / CATALOGUE).read_bytes() == before
-
-
-def test_a_misspelt_column_gets_a_suggestion(sessions: Path) -> None:
-    with pytest.raises(UsageError, match='did you mean "height"'):
-        query(sessions / CATALOGUE, columns=["hieght"])
 
 
 @pytest.mark.parametrize("content", [b"", b"some notes\n" * 100])

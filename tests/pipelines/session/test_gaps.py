@@ -11,7 +11,7 @@ from labpipe.errors import InputError
 from pipelines.commands.session import init as command
 from pipelines.process import open_session, process
 from pipelines.session import Gap, checked, init
-from pipelines.session._gaps import filled, gaps, library_names
+from pipelines.session._gaps import filled, gaps
 
 TEXT = """[experiments.drop.sphere]
 radius = "FILL mm"  # of the sphere
@@ -37,13 +37,8 @@ def test_answers_go_into_their_lines_and_open_ones_stay() -> None:
     ("key", "unit", "answer", "written"),
     [
         ("radius", "mm", "9.525", "9.525 mm"),
-        ("radius", "mm", " 9.525 ± 0.005 ", "9.525 ± 0.005 mm"),
         ("radius", "mm", "0.9525 cm", "0.9525 cm"),
-        ("pixel_length", "px", "386 ± 1.5", "386 ± 1.5 px"),
-        ("inclination", "deg", "12.0 ± 0.2", "12.0 ± 0.2 deg"),
         ("nu", "", "0.35 ± 0.02", "0.35 ± 0.02"),
-        ("material", "", "acrylic", "acrylic"),
-        ("mode", "", "tension", "tension"),
         ("mode", "", "Tension", "tension"),
         ("material", "", "PMMA", "acrylic"),
         ("radius", "mm", "9,525 ± 0,005", "9,525 ± 0,005 mm"),
@@ -61,12 +56,10 @@ def test_a_fitting_answer(key: str, unit: str, answer: str, written: str) -> Non
     ("key", "unit", "answer", "words"),
     [
         ("radius", "mm", "9.525 g", 'expected for example "12.3 ± 0.1 mm", found "9.525 g"'),
-        ("radius", "mm", "large", "12.3 ± 0.1 mm"),
         ("radius", "mm", "1,500", "may stand before decimals or group thousands"),
         ("material", "", "steel", "acrylic, nbr, nylon, peek, ptfe"),
         ("mode", "", "tensile", "tension, bending, shear, torsion"),
         ("who", "", 'A "Person"', "without quotes"),
-        ("nu", "", "a third", "expected for example"),
         ("when", "", "14.05.2024", 'expected a day such as 2024-05-14, found "14.05.2024"'),
     ],
 )
@@ -74,17 +67,6 @@ def test_an_answer_that_does_not_fit_says_what_would(key: str, unit: str, answer
     with pytest.raises(InputError) as caught:
         checked(Gap(1, "t", key, unit, ""), answer)
     assert words in str(caught.value)
-
-
-def test_a_day_is_written_as_a_day() -> None:
-    text = filled('valid_from = "FILL"\nwho = "FILL"\n', lambda gap: "2024-05-14")
-    assert text == 'valid_from = 2024-05-14\nwho = "2024-05-14"\n'
-
-
-def test_a_table_in_a_list_is_named_in_its_questions() -> None:
-    text = '[[experiments.stack.loads]]  # on from the beginning\nmass = "FILL kg"\n'
-    (gap,) = gaps(text)
-    assert gap.question == "stack.loads: mass"
 
 
 def test_a_value_that_there_is_not_leaves_its_line_out() -> None:
@@ -95,16 +77,6 @@ def test_a_value_that_there_is_not_leaves_its_line_out() -> None:
         checked(second, "none")
     left = filled(text, lambda gap: "none" if gap.may_be_left_out else "7 mm")
     assert left == '# wavelength: there is none\nheight = "7 mm"\n'
-
-
-def test_an_answer_is_offered_again_only_to_a_question_of_its_sort() -> None:
-    sphere, other = (Gap(1, t, "mass", "g", "of all that moves") for t in ("a.sphere", "b.sphere"))
-    assert sphere.sort == other.sort
-    assert sphere.sort != Gap(1, "a.loads", "mass", "kg", "all that rests").sort
-
-
-def test_library_names_are_those_of_the_library() -> None:
-    assert library_names() == ("acrylic", "nbr", "nylon", "peek", "ptfe")
 
 
 @pytest.fixture

@@ -11,9 +11,7 @@ from instruments import keyence
 from instruments.keyence._markers import Status
 from labpipe.errors import SourceError, UsageError
 from labpipe.frames import ArrayFrames
-from pipelines.commands.options import as_typed
 from pipelines.session import _inspection, describe, inspect, write_sheet
-from pipelines.session._contact_sheet import strip
 from pipelines.session._inspection import film
 
 SAMPLES = Path(__file__).parents[3] / "../shared/samples"
@@ -108,17 +106,6 @@ def test_a_folder_tells_what_is_wrong_with_large_films_and_lists_what_is_alike_o
     assert other.startswith("stack/f3.png: 9 × 8 px")
 
 
-def test_what_a_file_begins_with_is_shown_as_it_is_and_options_as_they_are_typed() -> None:
-    said = 'begins with <?xml version="1.0"?>: give fps=10000, cycle="50 us"'
-    assert as_typed(said) == 'begins with <?xml version="1.0"?>: give --option fps=10000, --cycle "50 us"'
-
-
-def test_a_damaged_picture_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing")
-    with pytest.raises(SourceError, match="is no whole picture"):
-        describe(tmp_path / "a.png")
-
-
 @needs_films
 def test_images_without_a_frame_rate_are_told_but_for_their_times(tmp_path: Path) -> None:
     for number in range(3):
@@ -146,27 +133,9 @@ def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(tmp_
     assert gap["problems"] == ["frames are missing: the longest step is 6 s"]
 
 
-def test_the_strip_shows_levels_and_leaves_damaged_frames_grey() -> None:
-    class Damaged(ArrayFrames):
-        @property
-        def valid(self) -> np.ndarray:
-            return np.array([True, False, True])
-
-    images = np.stack([np.full((4, 8), v, np.uint8) for v in (10, 99, 110)])
-    sheet = strip(Damaged(images, levels=(10.0, 110.0)))
-    assert sheet.shape == (120, 3 * 246 - 6)
-    assert [int(sheet[60, x]) for x in (100, 346, 592, 243)] == [0, 128, 255, 255]
-
-
 def test_a_table_is_drawn_and_a_wrong_target_is_refused(small_session: Path, tmp_path: Path) -> None:
     source = small_session / "laser/drop_1.csv"
     write_sheet(source, tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(UsageError, match=r"written as \.png"):
         write_sheet(source, tmp_path / "a.jpg")
-
-
-@pytest.mark.skipif(not SAMPLES.is_dir(), reason="the public sample files are not here")
-def test_uneven_sampling_of_a_rheometer_is_no_problem() -> None:
-    found = describe(SAMPLES / "rheocompass/multiple_relaxation.csv")
-    assert (found["interval"], found["problems"]) == ("uneven", [])

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import xarray as xr
 
 from pipelines.cli import main
 from pipelines.experiments import KINDS, Picture
-from pipelines.process import STAGES, open_session, process
+from pipelines.process import STAGES, open_session
 from pipelines.session import PAGE, write_overview
 from pipelines.session._overview import _chart
 
@@ -41,15 +40,6 @@ def test_the_page_is_written_again_only_after_a_change(session_copy: Path) -> No
     assert re.search(r"\d+ of \d+ steps to do(?! or failed)", page(session_copy))  # nothing has failed
 
 
-def test_a_failed_experiment_is_marked_and_the_other_kept(session_copy: Path) -> None:
-    path = session_copy / "laser/drop_2.csv"
-    path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
-    assert process(session_copy, jobs=0).exit_code == 1
-    text = page(session_copy)
-    assert "steps to do or failed" in text
-    assert '<a href="reports/drop.html">drop</a>' in text
-
-
 def test_it_leads_to_the_comparison_once_there_is_one(session_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "compare.html" not in page(session_copy)
     with pytest.raises(SystemExit):
@@ -58,23 +48,6 @@ def test_it_leads_to_the_comparison_once_there_is_one(session_copy: Path, capsys
     assert '<a href="compare.html">Measurement against model</a>' in page(session_copy)
     compared = (session_copy / "labpipe/compare.html").read_text("utf-8")
     assert '<a href="index.html">All experiments of this session</a>' in compared
-
-
-def test_a_page_older_than_its_results_is_not_called_failed(session_copy: Path) -> None:
-    kind = {
-        name: tuple(replace(s, parameters=()) if s.name == "report" else s for s in stages)
-        for name, stages in STAGES.items()
-    }
-    write_overview(open_session(session_copy), kind)
-    text = page(session_copy)
-    assert "page out of date" in text
-    assert "failed" not in text
-
-
-def test_every_kind_has_a_key_number_and_a_picture() -> None:
-    for kind in KINDS.values():
-        assert kind.picture is not None, kind.name
-        assert kind.key_numbers, kind.name
 
 
 @pytest.mark.parametrize(
@@ -113,14 +86,6 @@ def test_a_gap_in_a_curve_stays_a_gap_in_its_picture() -> None:
     assert np.isnan(drawn.series[0].y).tolist() == [False, False, True, False, False]
     empty = xr.Dataset({"a": ("x", [1.0, np.nan])}, coords={"x": [0.0, 1.0]})
     assert _chart(empty, Picture("", "x", "a")) is None
-
-
-def test_a_picture_of_the_first_stretch_begins_behind_flicker_and_ends_at_the_gap() -> None:
-    y = [np.nan, 9.0, np.nan, 1.0, 2.0, 3.0, np.nan, 4.0, 5.0, 6.0, 7.0]
-    dataset = xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(11.0)})
-    drawn = _chart(dataset, Picture("", "x", "a", is_first=True))
-    assert drawn is not None
-    assert drawn.series[0].y.tolist() == [1.0, 2.0, 3.0]
 
 
 def test_a_damaged_result_leaves_its_cell_empty(session_copy: Path) -> None:

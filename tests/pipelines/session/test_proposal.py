@@ -12,21 +12,16 @@ import pytest
 
 from instruments import phantom
 from instruments.phantom._writer import Recording
-from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
 from labpipe.materials import modulus_factor
-from pipelines.experiments import KINDS, Found
-from pipelines.experiments.dma.proposal import _published, mode_line
+from pipelines.experiments import KINDS
+from pipelines.experiments.dma.proposal import mode_line
 from pipelines.experiments.shared.proposals import height_line, material_word, without_repeat
 from pipelines.process import open_session
 from pipelines.rig.dma import Protocol, write_dma
-from pipelines.rig.indentations import Specimen
-from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
-from pipelines.rig.session_text import laser_record
 from pipelines.rig.solids import SOLIDS
-from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.session import Gap, describe, init, survey
-from pipelines.session._proposal import UNKNOWN, recognise, recognised_below, why_unknown
+from pipelines.session import describe, init, survey
+from pipelines.session._recognition import UNKNOWN, recognise, recognised_below, why_unknown
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -89,16 +84,6 @@ def test_a_template_waits_for_its_values_and_makes_no_mistake(kind: str, tmp_pat
     assert len(found.gaps) == len(caught.value.problems)
 
 
-def test_a_template_of_no_kind_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match='no kind of experiment "drop"'):
-        init(tmp_path, template=["drop"])
-
-
-def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no such folder"):
-        init(tmp_path / "tomorow")
-
-
 def test_a_session_file_is_not_overwritten_unasked(pile: Path) -> None:
     init(pile)
     with pytest.raises(UsageError, match="--force"):
@@ -143,18 +128,6 @@ def test_exported_films_are_proposed_by_their_names_and_ask_for_the_frame_rate(t
     assert scan.experiments == ["holder", "under_the_disc"]
     assert text.count('frame_rate = "FILL Hz"') == 2
     assert [line.partition(" (")[0] for line in scan.unused] == ["microscope/"]
-
-
-def test_a_laser_on_the_plate_is_told_by_its_name(small_session: Path, tmp_path: Path) -> None:
-    shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "plate acrylic 7mm 1.csv")
-    shutil.copy(small_session / "laser/drop_2.csv", tmp_path / "plate acrylic 7mm 2.csv")
-    shutil.copy(small_session / "calibration/laser.toml", tmp_path / "laser_plate.toml")
-    text = init(tmp_path).path.read_text("utf-8")
-    filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
-    (tmp_path / "session.toml").write_text(filled, "utf-8")
-    (experiment,) = open_session(tmp_path).experiments.values()
-    assert experiment.kind == "plate_vibration"
-    assert len(experiment.settings.drops[0].laser) == 2
 
 
 def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Path) -> None:
@@ -203,26 +176,6 @@ def test_a_session_within_a_folder_keeps_its_files_and_what_was_written_for_it(p
     assert [name for name in recognise(pile).owners if name.startswith("copy/")] == ["copy/other.csv"]
 
 
-def test_pictures_beside_records_are_no_film(pile: Path) -> None:
-    (pile / "camera").mkdir()
-    (pile / "camera/ruler.png").write_bytes(b"\x89PNG\r\n\x1a\n a picture")
-    (pile / "camera/notes.txt").write_text("mounted on Monday\n")
-    unused = init(pile).unused
-    assert any(line.startswith("camera/ruler.png: a picture") for line in unused)
-    assert any(line.startswith("camera/notes.txt") for line in unused)
-
-
-def test_of_equal_files_the_one_that_lies_among_its_repeats_counts(pile: Path) -> None:
-    (pile / "A").mkdir()
-    shutil.copy(pile / "acrylic 7mm rep1.csv", pile / "A/z.csv")
-    (pile / "day").mkdir()
-    for name in ("acrylic 7mm rep1.csv", "acrylic 7mm rep2.csv"):
-        shutil.move(pile / name, pile / "day" / name)
-    found = init(pile)
-    assert '"day/acrylic 7mm rep1.csv",\n  "day/acrylic 7mm rep2.csv"' in found.path.read_text("utf-8")
-    assert any(line.startswith("A/z.csv") and "a copy of" in line for line in found.unused)
-
-
 @pytest.mark.skipif(os.name == "nt", reason="Windows makes no such names")
 @pytest.mark.parametrize("name", [b"two\nlines.csv", b"\xff\xfe.csv", b"CON.csv", "\u202ecsv.a".encode()])
 def test_a_name_that_no_session_may_hold_is_told_and_left_alone(pile: Path, name: bytes) -> None:
@@ -235,20 +188,6 @@ def test_a_name_that_no_session_may_hold_is_told_and_left_alone(pile: Path, name
     json.dumps([entry.document() for entry in survey(pile)], ensure_ascii=False).encode("utf-8")
 
 
-@pytest.mark.parametrize(("table", "sweep", "is_proposed"), [
-    ("nbr shifts.csv", "nbr tension.csv", True),
-    ("nbr shifts.csv", "peek tension.csv", False),
-    ("shifts.csv", "peek tension.csv", False),
-    ("shifts.csv", "tension.csv", True),
-])  # fmt: skip
-def test_a_table_is_laid_beside_a_sweep_of_its_material_only(
-    table: str, sweep: str, is_proposed: bool, tmp_path: Path
-) -> None:
-    (tmp_path / table).write_text("temperature,log_aT\ndegC,1\n20,0\n30,-1\n40,-2\n")
-    found = Found(tmp_path, {"plain_table": [table]})
-    assert (f'"{table}"' in _published(found, [sweep])) == is_proposed
-
-
 def test_a_table_that_cannot_be_read_says_what_it_lacks(tmp_path: Path) -> None:
     bare = "Angular Frequency,Storage Modulus,Loss Modulus\n" + "".join(f"{k},{2e6 + k},3e5\n" for k in range(1, 9))
     (tmp_path / "bare.csv").write_text(bare)
@@ -256,40 +195,6 @@ def test_a_table_that_cannot_be_read_says_what_it_lacks(tmp_path: Path) -> None:
         init(tmp_path)
     (tmp_path / "whole.csv").write_text(bare.replace(" Modulus", " Modulus (Pa)"))
     assert any("line 1: Storage Modulus has no unit" in line for line in init(tmp_path).unused)
-
-
-@pytest.mark.parametrize(("sweep", "is_proposed"), [("backsheet sweeps.csv", True), ("freqsweep.csv", False)])
-def test_of_several_sweeps_a_table_belongs_to_its_namesake(sweep: str, is_proposed: bool, tmp_path: Path) -> None:
-    (tmp_path / "backsheet shifts.csv").write_text("temperature,log_aT\ndegC,1\n20,0\n30,-1\n40,-2\n")
-    held = ["backsheet shifts.csv", "backsheet sweeps.csv", "freqsweep.csv"]
-    found = Found(tmp_path, {"plain_table": held[:1], "sweep": held})
-    assert bool(_published(found, [sweep])) == is_proposed
-
-
-def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> None:
-    specimen = Specimen(materials.load("nbr"))
-    protocol = Relaxation(depths=(0.1e-3, 0.2e-3), hold=2.0)
-    write_relaxation(tmp_path, "rubber", specimen, protocol, TESTER, 1, START)
-    init(tmp_path)
-    (experiment,) = open_session(tmp_path).experiments.values()
-    assert experiment.name == "rubber"
-    assert experiment.kind == "relaxation"
-    assert experiment.settings.mach1 == ["mach1/rubber_100um.txt", "mach1/rubber_200um.txt"]
-
-
-def test_slow_readings_of_a_laser_are_a_static_loading(tmp_path: Path) -> None:
-    write_static(tmp_path, "ptfe_static", StaticRig(), materials.load("ptfe"), 1, START)
-    files.write_text(tmp_path / "laser.toml", laser_record())
-    found = init(tmp_path)
-    text = found.path.read_text("utf-8")
-    assert 'material = "ptfe"' in text
-    filled = text.replace('"FILL mm"', '"9.525 mm"')
-    for mass in ("0.5 kg", "2.5 kg"):
-        filled = filled.replace('"FILL kg"', f'"{mass}"', 1)
-    found.path.write_text(filled, "utf-8")
-    (experiment,) = open_session(tmp_path).experiments.values()
-    assert experiment.kind == "static_loading"
-    assert len(experiment.settings.loads) == 2
 
 
 def test_a_material_comes_from_its_dma_export_where_one_lies_in_the_folder(pile: Path) -> None:
@@ -331,27 +236,6 @@ def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questi
     assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == ["who", "how", "reference length", "pixel length"]
 
 
-def test_every_view_and_day_has_a_camera_record_of_its_own(filmed: Path) -> None:
-    frames = np.full((3, 8, 16), 90, dtype=np.uint8)
-    for name, days in (("acrylic_front_later", 30), ("acrylic_under", 0)):
-        day = int(START.replace(tzinfo=UTC).timestamp()) + days * 86400
-        recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
-        phantom.write(filmed / f"{name}.cine", frames + days + 1, frames.shape, np.arange(3) / 4000, recording)
-    offered: dict[str, set[tuple[str, str, str]]] = {}
-
-    def ask(gap: Gap) -> None:
-        if gap.key in ("reference_length", "pixel_length"):
-            offered.setdefault(gap.table, set()).add(gap.sort)
-
-    text = init(filmed, ask=ask).path.read_text("utf-8")
-    names = ["camera_front_2024-05-14", "camera_front_2024-06-13", "camera_under"]
-    assert sorted(p.stem for p in (filmed / "calibration").glob("camera*")) == names
-    assert all(f'camera = "calibration/{name}.toml"' in text for name in names)
-    assert len(offered) == 3
-    assert sum(map(len, offered.values())) == len(set().union(*offered.values()))
-    assert [p.name for p in init(filmed, replace=True).records] == []
-
-
 @pytest.mark.parametrize(
     ("name", "told", "line"),
     [
@@ -388,10 +272,7 @@ def test_repeats_are_told_by_their_last_number(name: str, stem: str) -> None:
     [
         ("laser/acrylic_1p5mm_2.csv", "1.5 mm"),
         ("Versuche Mai/2024-05-14 Acryl 1,5 mm #1.csv", "1.5 mm"),
-        ("ptfe h=7_r2.csv", "7 mm"),
-        ("ptfe_d19mm_h10mm.csv", "10 mm"),
         ("drops 5mm/ptfe_1.csv", "5 mm"),
-        ("nylon_1.2cm.csv", "1.2 cm"),
         ("ptfe 19.05mm sphere 7mm.csv", "FILL mm"),  # which of both is the height nobody can tell
         ("ptfe.csv", "FILL mm"),
     ],
@@ -402,17 +283,7 @@ def test_the_height_is_proposed_where_a_name_tells_one_length(name: str, height:
 
 @pytest.mark.parametrize(
     ("name", "known"),
-    [
-        ("Acryl 1,5 mm", "acrylic"),
-        ("Plexiglas_7mm", "acrylic"),
-        ("acrylate rubber", None),
-        ("PA6_10mm", "nylon"),
-        ("spa 66", None),
-        ("pa 612", None),
-        ("Teflon-kugel", "ptfe"),
-        ("nitrile_hold", "nbr"),
-        ("acrylonitrile", "nbr"),
-    ],
+    [("Acryl 1,5 mm", "acrylic"), ("acrylate rubber", None), ("PA6_10mm", "nylon"), ("acrylonitrile", "nbr")],
 )
 def test_the_polymer_is_known_by_what_laboratories_call_it(name: str, known: str | None) -> None:
     assert material_word(name) == known

@@ -33,12 +33,6 @@ def test_belief_counts_and_names_what_cannot_be_believed(words: dict[str, str], 
     assert (said.level, said.text) == (level, sentence)
 
 
-def test_an_experiment_that_waits_is_not_believed() -> None:
-    said = belief(verdicts(a="yes"), ["a", "b"])
-    sentence = "1 of 2 experiments is believable. Without a verdict that is up to date: b."
-    assert (said.level, said.text) == ("info", sentence)
-
-
 def test_more_names_than_can_be_read_are_counted() -> None:
     names = {f"e{i}": "doubtful" for i in range(8)}
     said = belief(verdicts(**names), names)
@@ -67,10 +61,6 @@ def test_agreement_counts_and_names_where_the_model_does_not_agree(
     said = agreement(models)
     assert said is not None
     assert (said.level, said.text) == (level, sentence)
-
-
-def test_nothing_compared_says_nothing() -> None:
-    assert agreement({"a": "none"}) is None
 
 
 def test_each_names_the_cause_of_a_finding_or_what_explains_a_difference() -> None:

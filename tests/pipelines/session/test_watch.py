@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.errors import InputError
 from labpipe.workflow.watch import ARRIVING, BROKEN, FAILED, PROCESSED, REFUSED, WAITING, Settling, Watcher
 from pipelines.process import SETTINGS, STAGES, plan, process, watch
 from tests.by_day import by_day
@@ -62,16 +61,6 @@ def test_a_session_copied_in_pieces_gives_the_bytes_that_process_gives(
     assert plan(folder).to_run == ()
     assert process(folder, jobs=0).exit_code == 0
     assert results(folder) == results(pristine_session)
-
-
-def test_a_watch_started_again_computes_nothing_twice(session_copy: Path) -> None:
-    before = {p: p.stat().st_mtime_ns for p in (session_copy / "labpipe/store").glob("??/*.nc")}
-    watcher = watch(session_copy, looks=2, jobs=0)
-    for _ in range(4):
-        list(watcher.look())
-    assert watcher.is_done
-    after = {p: p.stat().st_mtime_ns for p in (session_copy / "labpipe/store").glob("??/*.nc")}
-    assert after == before
 
 
 def test_a_file_that_rests_half_copied_is_refused_and_said_once(small_session: Path, tmp_path: Path) -> None:
@@ -154,18 +143,3 @@ def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(pristine_session: 
     assert "drop" in line
     assert "Traceback" not in err
     assert not list(folder.rglob("*.part"))
-
-
-def test_an_unknown_kind_of_content_is_refused_by_name(small_session: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(small_session, folder)
-    (folder / "laser/drop_1.csv").write_bytes(b"\0" * 100)
-    watcher = watch(folder, looks=2, jobs=0)
-    said = [n for _ in range(3) for n in watcher.look() if n.experiment == "drop"]
-    assert said[-1].state == REFUSED
-    assert "drop_1.csv" in said[-1].text
-
-
-def test_settling_needs_at_least_one_look() -> None:
-    with pytest.raises(InputError, match="at least 1 look"):
-        Settling(0)

@@ -7,8 +7,7 @@ import pytest
 from labpipe import files
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from pipelines.session import open_session
-from pipelines.session._session_checks import session_findings
-from pipelines.session._stated_alike import stated_as_exact
+from pipelines.session._session_checks import session_findings, stated_as_exact
 
 
 def findings(folder: Path, *frequencies: str, height: str = "1.5 ± 0.005 mm") -> list[tuple[str, str, str]]:

@@ -1,0 +1,278 @@
+"""Commands on files and results: inspect, export, compare, catalogue, sensitivity, identify."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pipelines.cli import is_quiet
+from pipelines.commands.options import (
+    FOLDER,
+    as_typed,
+    emit,
+    jobs_option,
+    json_option,
+    keep_option,
+    names_option,
+    reading_options,
+    session_argument,
+)
+from pipelines.session import FORMATS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@click.command()
+@click.argument("source", metavar="FILE", type=click.Path(exists=True, path_type=Path))
+@reading_options
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write a picture (.png): frames of a film, columns of a table.",
+)
+@json_option
+def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bool) -> None:
+    r"""Say what FILE is: instrument, columns, units, ranges, sampling, problems.
+
+    Works on any single file: readings, films, calibration records, session.toml, results,
+    pictures; of a folder it lists each file in a line. Nothing is written unless --out
+    names a picture.
+
+    \b
+    Example:
+      labpipe inspect my-session/laser/drop_1.csv
+      labpipe inspect my-session/film/front.cine --out front.png
+      labpipe inspect old/bare.csv --instrument keyence --cycle "50 us" --unit mm
+      labpipe inspect run.csv --columns 'time = "Time (s)", displacement = "Position (m)"'
+    """
+    from pipelines.session import inspect as look
+
+    found = look(source, out=out, **reading)
+    lines = found.lines()
+    emit(as_json, found, (as_typed(line) if line.startswith("problem: ") else line for line in lines))
+
+
+@click.command()
+@click.argument("source", type=click.Path(exists=True, path_type=Path))
+@click.option("--format", "-f", "kind", type=click.Choice(FORMATS), default="csv", help="Format of the files.")
+@names_option("--only", "--experiment", help="Only these experiments of a session.")
+@names_option("--stage", "stages", help="Only these stages, such as bounces.")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder; default SESSION/labpipe/export, or here for a file.",
+)
+@click.option(
+    "--bulk",
+    type=click.Choice(["constant", "relaxing", "incompressible"]),
+    help="Bulk modulus of a material for a simulation code; default: Poisson's ratio is constant.",
+)
+@click.option("--force", is_flag=True, help="Replace files of the same name.")
+@reading_options
+@json_option
+def export(source: Path, kind: str, stages: list[str] | None, force: bool, as_json: bool, **options: Any) -> None:
+    r"""Write results of a session, or a raw instrument file, for other programs.
+
+    SOURCE is a session folder or a file of any known instrument. Values are in SI; a csv table
+    has a row of units below its names, and remarks that begin with #. Of a session, xlsx and tex
+    are one table with a row for each quantity: value, u, model, deviation, verdict; xlsx has the
+    curves on further sheets. abaqus, ansys, comsol and lsdyna are the materials of a session as
+    input of a simulation code.
+
+    \b
+    Example:
+      labpipe export my-session --stage bounces --format csv
+      labpipe export my-session --format xlsx
+      labpipe export my-session --experiment nbr_dma --format abaqus --bulk constant
+      labpipe export my-session/laser/drop_1.csv --format mat
+    """
+    from pipelines import process as verbs
+
+    done = verbs.export(source, kind, stages=stages or (), replace=force, **options)
+    emit(as_json, {"files": [str(p) for p in done.paths], "left_out": list(done.left_out)}, map(str, done.paths))
+    for line in done.left_out if not as_json else ():
+        click.echo(f"left out: {line}", err=True)
+
+
+@click.command()
+@session_argument
+@jobs_option
+@keep_option
+@click.option("--beside", nargs=2, metavar="A B", help="Two experiments side by side, by what is processed.")
+@json_option
+def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None, as_json: bool) -> None:
+    r"""Compare measurement and model of every experiment in SESSION, on one page.
+
+    Missing results are processed first; results of earlier code that `process --keep` took are
+    taken again, and marked. The page is SESSION/labpipe/compare.html; next to it is one for every
+    material of several experiments. With --beside nothing is processed, and one page is written
+    of two experiments.
+
+    \b
+    Example:
+      labpipe compare my-session
+      labpipe compare my-session --beside acrylic_7mm acrylic_10mm
+    """
+    from pipelines.commands.progress import watching
+    from pipelines.experiments.shared.judgements import chance
+    from pipelines.experiments.shared.pages import counted
+    from pipelines.session import beside as side_by_side, compare as verb, comparison_text
+
+    if beside:
+        page = side_by_side(session, *beside)
+        emit(as_json, {"page": str(page)}, [f"page: {page}"])
+        return
+    with watching(enabled=not as_json) as progress:
+        found = verb(session, jobs=jobs, keep=keep or None, progress=progress)
+    lines = []
+    for whole in found.experiments:
+        head = f"{whole['experiment']:24} {whole['model']}"
+        if whole["p"] is not None:
+            freedom = counted(whole["degrees_of_freedom"], "degree of freedom", "degrees of freedom")
+            lines.append(f"{head}: chi square {whole['chi2']:.1f} with {freedom}, {chance(whole['p'])}")
+        elif whole["suspects"]:
+            lines.append(f"{head}: {'; '.join(whole['suspects'])}")
+    lines += [f"{name}: {why}" for name, why in (found.failed | found.absent).items()]
+    # As on the page: the largest deviation is read first, then the curves.
+    for row in sorted(found.rows, key=lambda row: (row.is_curve, -abs(row.deviation or 0.0), -(row.nrmse or 0.0))):
+        kept = f"  (earlier code: {', '.join(row.kept)})" if row.kept else ""
+        where = f"{row.experiment:24} {row.condition:14} {row.quantity:32} n={row.n:<4}"
+        lines.append(f"{where} {comparison_text(row)}{kept}")
+    document: dict[str, Any] = {"page": str(found.page), "rows": [row.document() for row in found.rows]}
+    document |= {"experiments": list(found.experiments), "failed": found.failed, "absent": found.absent}
+    emit(as_json, document, [*lines, f"page: {found.page}"])
+    click.get_current_context().exit(1 if found.failed else 0)
+
+
+@click.command()
+@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=FOLDER)
+@click.option(
+    "--database",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="SQLite file; by default labpipe/catalogue.sqlite in the first FOLDER.",
+)
+@click.option(
+    "--where", default="", show_default=False, help="Only rows for which this SQL expression is true; SI units."
+)
+@names_option("--columns", help="Only these columns.")
+@click.option("--table", default="experiments", type=click.Choice(["experiments", "results", "sessions", "columns"]))
+@json_option
+def catalogue(
+    folders: tuple[Path, ...], database: Path | None, columns: list[str] | None, as_json: bool, **options: str
+) -> None:
+    r"""List the experiments of all sessions below FOLDER: parameters and key numbers.
+
+    `believable`, `model`, `checks`, `findings` and `cause` hold the verdict of what is processed.
+    The table is brought up to date first; only sessions that changed are read again, and none is
+    processed. Columns with the same value in all rows are hidden unless named with --columns. The
+    table `results` has every short result, `columns` every column with its unit.
+
+    \b
+    Example:
+      labpipe catalogue sessions
+      labpipe catalogue sessions --where "material = 'acrylic' and height > 0.005"
+      labpipe catalogue sessions --where "believable <> 'yes'" --columns session,experiment,findings,cause
+      labpipe catalogue sessions --table results --where "variable = 'restitution' and item = 0"
+    """
+    from pipelines.session import catalogue as verb
+
+    done = verb(folders, database, columns=columns or (), **options)
+    frame, units, n = done.table, done.table.attrs["units"], len(done.renewed)
+    records = frame.astype(object).where(frame.notna(), None).to_dict("records")
+    rows = [{str(name): value for name, value in row.items() if value is not None} for row in records]
+    names = ("renewed", "unchanged", "removed", "problems")
+    document = {"database": str(done.path), **{name: getattr(done, name) for name in names}}
+    shown = frame if columns else _varied(frame)
+    shown = shown.rename(columns={name: f"{name} [{unit}]" for name, unit in units.items()})
+    text = shown.to_string(index=False, na_rep="", float_format="{:.5g}".format) if len(frame) else ""
+    counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged, {len(done.removed)} gone"
+    lines = [*map(str.rstrip, text.splitlines()), f"{len(frame)} rows; {counts}; {done.path}"]
+    emit(as_json, document | {"units": units, "rows": rows}, lines)
+    for name, problem in done.problems.items() if not as_json else ():
+        click.echo(f"{name}: {problem}", err=True)
+    click.get_current_context().exit(1 if done.problems else 0)
+
+
+def _varied(frame: "pd.DataFrame") -> "pd.DataFrame":
+    """Leave out uncertainties, lists of files, and columns with the same value in all rows."""
+    always = ("session", "experiment", "kind", "state", "believable", "model", "material", "height")
+    kept = []
+    for name in map(str, frame.columns):
+        values = frame[name].dropna()
+        is_list = values.map(lambda v: isinstance(v, str) and v[:1] in "[{").any()
+        is_varied = values.nunique() > 1 and not is_list and not name.startswith("u_")
+        if len(values) and (name in always or is_varied):
+            kept.append(name)
+    return frame[kept].map(lambda value: "" if value is None else value)
+
+
+@click.command()
+@session_argument
+@click.argument("which", required=False, metavar="[KIND|EXPERIMENT]")
+@json_option
+def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
+    r"""Show which inputs limit the uncertainty of the main quantities in SESSION.
+
+    Linear budget, Monte Carlo, Sobol indices, expanded uncertainty, and what to measure better to
+    halve it. One page per kind: SESSION/labpipe/sensitivity_KIND.html.
+
+    \b
+    Example:
+      labpipe sensitivity my-session
+      labpipe sensitivity my-session ball_drop
+    """
+    from labpipe.report import value_with_uncertainty
+    from pipelines.session import sensitivity as verb
+
+    found = verb(session, which)
+    rows, lines = found.documents(), []
+    for row in rows:
+        value = value_with_uncertainty(row["value"], row["u"], row["unit"])
+        lines.append(f"{row['experiment']}, {row['quantity']}: {value}; to halve the uncertainty: {row['to_halve']}")
+    lines += [f"page: {page}" for page in found.pages]
+    emit(as_json, {"pages": [str(page) for page in found.pages], "quantities": rows}, lines)
+
+
+@click.command()
+@session_argument
+@names_option(
+    "--experiments", "--only", "-e", help="Only these experiments; by default all that can identify a material."
+)
+@click.option("--prior", metavar="dma|NAME", help="Use the moduli of the session's rheometer experiment as prior.")
+@click.option(
+    "--spectrum", type=click.Choice(["smooth", "fractional"]), default="smooth", help="Family of relaxation spectra."
+)
+@click.option(
+    "--impacts", default=6, type=click.IntRange(min=1, max=100), help="Number of bounces of a drop that are evaluated."
+)
+@click.option(
+    "--sampler",
+    type=click.Choice(["laplace", "rto"]),
+    default="laplace",
+    help="Normal approximation alone, or with independent draws of the posterior.",
+)
+@jobs_option
+@json_option
+def identify(session: Path, experiments: list[str] | None, as_json: bool, **options: Any) -> None:
+    r"""Identify the viscoelastic materials of the experiments in SESSION, with credible intervals.
+
+    Drops, contact films, relaxations and harmonic indentations of one material are fitted
+    together. Missing results are processed first. One page and one netCDF file per material:
+    SESSION/labpipe/identify_MATERIAL.html and .nc.
+
+    \b
+    Example:
+      labpipe identify my-session
+      labpipe identify my-session -e acrylic_5mm -e acrylic_10mm
+      labpipe identify my-session -e nbr_relaxation --prior dma
+    """
+    from pipelines.identify import identify as verb
+
+    def say(text: str) -> None:
+        if sys.stderr.isatty() and not is_quiet():  # a file or a pipe gets nothing
+            click.echo(text, err=True)
+
+    found = verb(session, experiments or (), say=say, **options)
+    emit(as_json, found.documents(), found.lines())

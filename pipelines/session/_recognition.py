@@ -1,0 +1,337 @@
+"""The files of a folder: the instrument that wrote each, by its content, the copies, and why others are of no use."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Set
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import instruments
+from instruments import photron
+from labpipe import files
+from labpipe.errors import InputError, LabpipeError, SourceError
+from labpipe.files import name_problem, printable, safe_join
+from labpipe.workflow.document import nodes, parse
+from labpipe.workflow.session import FILE_NAME
+from pipelines.experiments import KINDS, Found
+
+UNKNOWN = "no instrument recognises the content"
+PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
+LOOSE = (
+    "images of a film directly in the session folder: move them into a folder of their own, such as film, then run "
+    "labpipe init again"
+)
+_ZEROS = "it begins with zeros only, as a copy that broke off leaves it; copy it again from the instrument"
+_UNUSED: dict[instruments.Content, str] = {
+    "displacement": "the kind of experiment does not follow from it alone; add it by hand",
+    "force": "it holds neither an oscillation nor a relaxation; add it by hand",
+    "film": "neither its content nor its name tells the kind of experiment; add it by hand, exported images with "
+    "frame_rate: labpipe init --template KIND writes its lines",
+    "sweep": "it holds no moduli over frequency; add it by hand",
+    "displacement_field": "no kind of experiment uses it",
+}
+_FRAMES = {".png", ".tif", ".tiff", ".bmp"}
+_PICTURES = {".jpg", ".jpeg", ".png", ".bmp"}
+_COPY = re.compile(r"kopie|cop(?:y|ie)|backup|sicherung|\bold\b|\balt\b|\(\d+\)", re.IGNORECASE)
+_BEGIN = 1 << 20  # bytes in which most films differ
+_MOST = 5000  # entries of a survey; more would be nobody's list
+
+
+def recognise(folder: Path) -> Found:
+    """Return the instrument and content of the files of a folder, and its calibration records.
+
+    A folder that is one recording, such as a film in images, counts as that, and not the files in it.
+    """
+    whole = wholes(folder)
+    found: dict[str, list[str]] = {}
+    owners: dict[str, tuple[str, str]] = {}
+    unknown: list[str] = []
+    for path in _candidates(folder):
+        name = path.relative_to(folder).as_posix()
+        if path.parent in whole:
+            continue
+        if _leads_out(path, folder) or name_problem(name) or _is_loose_frame(folder, name):
+            unknown.append(name)
+        elif path.suffix == ".toml" and (kind := _record_kind(path)) is not None:
+            found.setdefault(kind, []).append(name)
+            owners[name] = (kind.replace("_", " "), "no experiment names it")
+        elif path.suffix != ".toml" and (instrument := instrument_of(path)) is not None:
+            if instrument == "photron" and path.suffix.lower() != ".mraw" and photron.frames_of(path) is not None:
+                continue  # its frames stand for the film
+            found.setdefault(instrument, []).append(name)
+        else:
+            unknown.append(name)
+    copies: dict[str, str] = {}
+    for each in instruments.known():
+        own = copies_among(folder, found.get(each.name, []))
+        kept = [name for name in found.get(each.name, []) if name not in own]
+        kept += [p.relative_to(folder).as_posix() for p, instrument in whole.items() if instrument.name == each.name]
+        if kept:
+            found[each.name] = kept
+        if kept and not each.unproposed:
+            found[each.content] = [*found.get(each.content, []), *kept]
+        owners |= {name: (each.title, f'a copy of "{first}"') for name, first in own.items()}
+        owners |= {name: (each.title, _why_not(each)) for name in kept}
+        copies |= own
+    return Found(folder, found, owners, unknown=tuple(unknown), copies=copies)
+
+
+def wholes(folder: Path) -> dict[Path, instruments.Instrument]:
+    """Return folders that are one recording, such as a film in images."""
+    below = (p for p in folder.rglob("*") if p.is_dir() and not _is_ours(p, folder) and not _leads_out(p, folder))
+    names = {place: instrument_of(place) for place in sorted(below)}
+    return {place: instruments.by_name(name) for place, name in names.items() if name is not None}
+
+
+def recognised_below(folder: Path, used: Set[Path]) -> Iterator[tuple[str, str]]:
+    """Yield name and title of each record and file of a known instrument that is not among some paths, nor below.
+
+    Those of a session within the folder, as of a copy, are its own.
+    """
+    titles = {each.name: each.title for each in instruments.known()}
+    is_session: dict[Path, bool] = {}
+    for path in _candidates(folder):
+        name, whole = path.relative_to(folder).as_posix(), path.resolve()
+        between = path.parents[: name.count("/")]
+        for place in between:
+            is_session.setdefault(place, (place / FILE_NAME).is_file())
+        is_used = not used.isdisjoint((whole, *whole.parents))
+        if is_used or any(is_session[p] for p in between) or _leads_out(path, folder) or name_problem(name):
+            continue
+        kind = _record_kind(path) if path.suffix == ".toml" else instrument_of(path)
+        if kind is not None:
+            yield name, titles.get(kind, kind.replace("_", " "))
+
+
+def copies_among(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Find files of a folder with equal content: every copy to the file that counts as the first.
+
+    That is the one whose name does not speak of a copy, then the one in the folder with most different recordings,
+    where its repeats are, then the one with the shorter path.
+    """
+
+    def begin(name: str) -> str:
+        with (folder / name).open("rb") as stream:
+            return hashlib.sha256(stream.read(_BEGIN)).hexdigest()
+
+    traits: tuple[Callable[[str], object], ...] = (
+        lambda name: (folder / name).stat().st_size,
+        begin,
+        lambda name: files.digest(folder / name),
+    )
+    groups = [list(names)]
+    different = Counter(Path(name).parent for name in groups[0])
+    for trait in traits:  # each is asked only of files that are alike so far
+        split: list[list[str]] = []
+        for group in groups:
+            by_trait: dict[object, list[str]] = {}
+            for name in group if len(group) > 1 else ():
+                by_trait.setdefault(trait(name), []).append(name)
+            split += [alike for alike in by_trait.values() if len(alike) > 1]
+        groups = split
+    for equal in groups:
+        here = Counter(Path(name).parent for name in equal)
+        different -= here - Counter(here.keys())
+    copies: dict[str, str] = {}
+    for equal in groups:
+        first, *others = sorted(
+            equal, key=lambda n: (bool(_COPY.search(n)), -different[Path(n).parent], n.count("/"), len(n), n)
+        )
+        copies |= dict.fromkeys(others, first)
+    return copies
+
+
+def why_unknown(folder: Path, name: str) -> str:
+    """Say why nothing is known of a file: its name, a link, a loose frame, a picture, no content, or no instrument."""
+    path, suffix = folder / name, Path(name).suffix.lower()
+    if (problem := name_problem(name)) is not None:
+        return f"{problem}; rename it"
+    if _leads_out(path, folder):
+        return "a link that leads out of the folder"
+    if _is_loose_frame(folder, name):
+        return LOOSE
+    if suffix in _PICTURES:
+        return PICTURE
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(instruments.HEAD_BYTES) if path.is_file() else b"?"
+    except OSError:
+        return UNKNOWN
+    if not head.strip(b"\0"):
+        return _ZEROS if head else "the file is empty"
+    # of a text the advice would be to name its columns, which most texts have not
+    return f"{UNKNOWN}. {remedy(path)}" if b"\0" in head else UNKNOWN
+
+
+def unreadable(path: Path) -> str:
+    """Say why a table cannot be read as it is; "" of others, whose films may take long."""
+    name = instrument_of(path)
+    if name is None or instruments.by_name(name).content not in {"sweep", "displacement", "force"}:
+        return ""
+    try:
+        instruments.read(path)
+    except SourceError as error:
+        line = f"line {error.line}: " if error.line else ""
+        return f"{line}{error.message}. {error.hint or ''}".strip()
+    except LabpipeError:
+        return ""
+    return ""
+
+
+def remedy(path: Path) -> str:
+    """Say how a file that no instrument recognises may be used all the same."""
+    try:
+        instruments.identify(path)
+    except SourceError as error:
+        return error.hint or ""
+    return ""
+
+
+def instrument_of(path: Path) -> str | None:
+    """Name the instrument that wrote a file or folder; None where no one is recognised."""
+    try:
+        return instruments.identify(path)
+    except (LabpipeError, OSError):
+        return None
+
+
+def _why_not(instrument: instruments.Instrument) -> str:
+    """Say why a file of an instrument is in no proposed experiment, and which kinds may begin from it."""
+    able = [
+        f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and instrument.content in k.proposal.contents
+    ]
+    names_kinds = able and (instrument.unproposed or instrument.content == "film")
+    kinds = f"; kinds that begin from it: {', '.join(able)}" * bool(names_kinds)
+    return f"{instrument.unproposed or _UNUSED[instrument.content]}{kinds}"
+
+
+def _record_kind(path: Path) -> str | None:
+    """Name the kind that a record claims; an incomplete one is a record that has gaps."""
+    from calibration import KINDS as RECORDS
+
+    try:
+        kind = parse(path).tree.get("kind")
+    except LabpipeError:
+        return None
+    return f"record:{kind}" if isinstance(kind, str) and kind in RECORDS else None
+
+
+def _candidates(folder: Path) -> Iterator[Path]:
+    return (path for path in files.files_below(folder) if not _is_ours(path, folder))
+
+
+def _is_ours(path: Path, folder: Path) -> bool:
+    """Whether a path is of labpipe itself, of the system, or a spreadsheet's mark of an open workbook (~$)."""
+    parts = path.relative_to(folder).parts
+    written = (at for at, part in enumerate(parts[:-1], 1) if part in {"labpipe", "truth"})
+    is_written = any(folder.joinpath(*parts[: at - 1], FILE_NAME).is_file() for at in written)
+    of_system = any(p.startswith((".", "~$")) or p.lower() in {"thumbs.db", "desktop.ini"} for p in parts)
+    return of_system or parts[0] in {"labpipe", "truth", FILE_NAME} or is_written
+
+
+def _leads_out(path: Path, folder: Path) -> bool:
+    try:
+        return not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links in a circle
+        return True
+
+
+def _is_loose_frame(folder: Path, name: str) -> bool:
+    """Whether a file is one of several numbered images that are in the session folder itself."""
+    suffix, numbered = Path(name).suffix.lower(), re.compile(r".*\d.*")
+    if "/" in name or suffix not in _FRAMES or not numbered.match(Path(name).stem):
+        return False
+    alike = (p for p in folder.iterdir() if p.suffix.lower() == suffix and numbered.match(p.stem))
+    return next(alike, None) is not None and next(alike, None) is not None
+
+
+# --- the list of a folder ---
+
+
+@dataclass(frozen=True, slots=True)
+class Surveyed:
+    """One file, or a folder that is one recording.
+
+    Attributes
+    ----------
+    name : str
+        Relative to the folder; characters that are not seen by their codes.
+    kind : str
+        The program or instrument that wrote it; empty when nothing is known.
+    content : str
+        One of :data:`instruments.CONTENTS`, ``"record"``, ``"picture"``, or empty.
+    reason : str
+        Why it is recognised, or of no use.
+    copy_of : str
+        The file with the same bytes that counts as the first; empty where there is none.
+    used_by : tuple of str
+        Experiments of session.toml that name it.
+    size : int [byte]
+    modified : str
+        Day and time, UTC.
+    """
+
+    name: str
+    kind: str
+    content: str
+    reason: str
+    copy_of: str
+    used_by: tuple[str, ...]
+    size: int
+    modified: str
+
+    def document(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        return asdict(self) | {"used_by": list(self.used_by)}
+
+
+def survey(folder: Path) -> list[Surveyed]:
+    """List every file of a folder, in the order of their names, the first 5000.
+
+    Hidden files, session.toml and the results of labpipe are left out.
+    """
+    found, used = recognise(folder), _users(folder)
+    has_session = (folder / FILE_NAME).is_file()
+    by_name = {each.name: each for each in instruments.known()}
+    instrument = {name: by_name[key] for key, names in found.names.items() if key in by_name for name in names}
+    entries = []
+    for name, (title, why) in found.owners.items():
+        copy_of = found.copies.get(name, "")
+        each = instrument.get(copy_of or name)
+        content: str = each.content if each else "record" if name.endswith(".toml") else ""
+        reason = why
+        if name in used or (not has_session and not copy_of and not (each and each.unproposed)):
+            reason = "recognised by its content" + ("" if has_session else "; no session is proposed yet")
+        kind = f"calibration record of a {title.partition(':')[2]}" if title.startswith("record:") else title
+        entries.append((name, kind, content, reason, copy_of))
+    for name in found.unknown:
+        reason = why_unknown(folder, name)
+        word = "picture" if reason == PICTURE else ""
+        entries.append((name, word, word, reason, ""))
+    listed = []
+    for name, kind, content, reason, copy_of in sorted(entries)[:_MOST]:
+        status = (folder / name).lstat()
+        when = datetime.fromtimestamp(status.st_mtime, UTC).strftime("%Y-%m-%d %H:%M")
+        users = tuple(used.get(name, ()))
+        listed.append(Surveyed(printable(name), kind, content, reason, copy_of, users, status.st_size, when))
+    return listed
+
+
+def _users(folder: Path) -> dict[str, list[str]]:
+    """Return every text of an experiment that names a file, with the experiments that do."""
+    try:
+        tree = tomllib.loads(safe_join(folder, FILE_NAME).read_text("utf-8-sig"))
+    except (OSError, ValueError, RecursionError, InputError):
+        return {}
+    experiments = tree.get("experiments", {})
+    users: dict[str, list[str]] = {}
+    for experiment, table in experiments.items() if isinstance(experiments, dict) else ():
+        for text in {node for node in nodes(table) if isinstance(node, str)}:
+            users.setdefault(text, []).append(experiment)
+    return users
