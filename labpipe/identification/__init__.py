@@ -7,9 +7,13 @@ whether the data show a plateau.
 """
 
 from labpipe.identification._drops import Bounces as Bounces, DropModel as DropModel, drop_evidence as drop_evidence
-from labpipe.identification._evidence import Evidence as Evidence, Group as Group, LinearModel as LinearModel
+from labpipe.identification._evidence import (
+    Evidence as Evidence,
+    Group as Group,
+    JoinedModel as JoinedModel,
+    LinearModel as LinearModel,
+)
 from labpipe.identification._fit import Fit as Fit, fit as fit
-from labpipe.identification._joined import JoinedModel as JoinedModel
 from labpipe.identification._linear import (
     force_evidence as force_evidence,
     lee_radok_basis as lee_radok_basis,
@@ -17,6 +21,7 @@ from labpipe.identification._linear import (
     stiffness_evidence as stiffness_evidence,
 )
 from labpipe.identification._long_time import LongTimeModulus as LongTimeModulus, long_time_modulus as long_time_modulus
+from labpipe.identification._model_averaging import infer as infer
 from labpipe.identification._parameters import Parameter as Parameter
 from labpipe.identification._posterior import (
     DETERMINED as DETERMINED,
@@ -36,4 +41,3 @@ from labpipe.identification._spectra import (
     SmoothSpectrum as SmoothSpectrum,
     relaxation_times as relaxation_times,
 )
-from labpipe.identification._structure import infer as infer

@@ -12,6 +12,7 @@ derivatives are those of a common factor of all moduli. A plate moves by the rat
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import ceil, log10, sqrt
 from typing import NamedTuple
 
@@ -95,7 +96,10 @@ class DropModel:
 
     def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return differences; see :meth:`Model.derivatives`."""
-        nodes = self._own_nodes(material.rho)
+        # Of the times of the material, those whose derivatives are worth a run.
+        first = max(int(np.searchsorted(material.rho, _VISCOUS * self.expected_duration, "right")) - 1, 0)
+        nodes = material.rho[first:][material.rho[first:] <= _FROZEN * self.last]
+        nodes = nodes[_nodes(nodes / self.expected_duration)]
         moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
         moved = [self.names[role] for role in moved if role in self.names]
         trials = [_Trial(material, given), *self._term_trials(material, nodes, given)]
@@ -106,12 +110,15 @@ class DropModel:
         made = iter(self._runs(trials))
         at = next(made)
         by_term = self._by_term(material, material.rho, nodes, at, made)
-        others = self._of_body(_central(made) if scaled else np.zeros(self._size), at, given)
+        others = self._of_body(_central(made) if scaled else np.zeros(at.size), at, given)
         for name in moved:
             others[name] = _central(made) / given[name]
         factor = self._film(given)
         finished = {name: factor * column for name, column in others.items()}
-        return factor[:, None] * by_term, finished | self._of_recording(at, given)
+        is_touch, is_radius, by_pulse = self._kinds
+        recording = {"trigger": -is_touch, "pulse": by_pulse, "pixel": is_radius * at}
+        finished |= {self.names[role]: column for role, column in recording.items() if role in self.names}
+        return factor[:, None] * by_term, finished
 
     def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
         """Return the derivatives by terms of any times; see :meth:`Model.by_times`."""
@@ -123,13 +130,6 @@ class DropModel:
         at = next(made)
         return np.asarray(self._film(given)[:, None] * self._by_term(material, rho, chosen, at, made))
 
-    def _own_nodes(self, rho: Floats) -> Floats:
-        """Choose from the times of a material those whose derivatives are worth a run."""
-        quickest = _VISCOUS * self.expected_duration
-        first = max(int(np.searchsorted(rho, quickest, "right")) - 1, 0)
-        moving = rho[first:][rho[first:] <= _FROZEN * self.last]
-        return np.asarray(moving[_nodes(moving / self.expected_duration)])
-
     def _by_term(self, material: Prony, rho: Floats, nodes: Floats, at: Floats, made: Iterator[Floats]) -> Floats:
         """Return derivatives (n, 1 + term) by the long-time modulus and terms of times [1/Pa].
 
@@ -137,7 +137,7 @@ class DropModel:
         viscosity: neither costs a run. Between the nodes the derivative is a smooth curve.
         """
         step = self._term_step(material)
-        found = np.empty((self._size, rho.size + 1))
+        found = np.empty((at.size, rho.size + 1))
         found[:, 0] = (next(made) - at) / step
         found[:, 1:] = found[:, :1]
         if not nodes.size:
@@ -176,61 +176,30 @@ class DropModel:
 
     def _of_body(self, by_factor: Floats, at: Floats, given: Given) -> dict[str, Floats]:
         """Return derivatives by mass, radius and modulus of the contact, from those of a factor of all moduli."""
-        found = {}
-        if "modulus" in self.names:
-            found[self.names["modulus"]] = by_factor / given[self.names["modulus"]]
-        if "mass" in self.names:
-            found[self.names["mass"]] = -by_factor / given[self.names["mass"]]
-        if "radius" in self.names:
-            by_radius = 0.5 * (by_factor + self._is_radius() * at)
-            found[self.names["radius"]] = by_radius / given[self.names["radius"]]
-        return found
-
-    def _of_recording(self, at: Floats, given: Given) -> dict[str, Floats]:
-        found = {}
-        if "trigger" in self.names:
-            found[self.names["trigger"]] = -self._is_touch()
-        if "pulse" in self.names:
-            found[self.names["pulse"]] = self._by_pulse()
-        if "pixel" in self.names:
-            found[self.names["pixel"]] = self._is_radius() * at
-        return found
+        columns = {"modulus": by_factor, "mass": -by_factor, "radius": 0.5 * (by_factor + self._kinds[1] * at)}
+        named = {self.names[role]: column for role, column in columns.items() if role in self.names}
+        return {name: column / given[name] for name, column in named.items()}
 
     def _finished(self, numbers: Floats, given: Given) -> Floats:
-        trigger, pulse = (self._value(role, 0.0, given) for role in ("trigger", "pulse"))
-        read = pulse * self._by_pulse() - trigger * self._is_touch()
+        is_touch, _, by_pulse = self._kinds
+        read = self._value("pulse", 0.0, given) * by_pulse - self._value("trigger", 0.0, given) * is_touch
         return np.asarray(self._film(given) * numbers + read)
 
     def _film(self, given: Given) -> Floats:
-        return np.asarray(self._value("pixel", 1.0, given) ** self._is_radius())
+        return np.asarray(self._value("pixel", 1.0, given) ** self._kinds[1])
 
-    def _is_touch(self) -> Floats:
-        return np.asarray(np.arange(self._size) < self.touches.size, dtype=float)
-
-    def _by_pulse(self) -> Floats:
-        """Return what one deviation of the pulse's shape adds to the numbers (n,)."""
-        added, first = np.zeros(self._size), self.touches.size
+    @cached_property
+    def _kinds(self) -> tuple[Floats, Floats, Floats]:
+        """One for touches (n,), one for radii, and the change of the numbers by one deviation of the pulse."""
+        ends = np.cumsum([self.touches.size, self.durations.size, self.radii.size])
+        place = np.arange(ends[2])
+        by_pulse = np.zeros(ends[2])
         if self.shared is not None:
-            added[first : first + self.durations.size] = self.shared
-        return added
-
-    def _is_radius(self) -> Floats:
-        first = self.touches.size + self.durations.size
-        return np.asarray(np.arange(self._size) >= first, dtype=float)
-
-    @property
-    def _size(self) -> int:
-        return self.touches.size + self.durations.size + self.radii.size
+            by_pulse[ends[0] : ends[1]] = self.shared
+        return (place < ends[0]).astype(float), (place >= ends[1]).astype(float), by_pulse
 
     def _value(self, role: str, best: float, given: Given) -> float:
         return given[self.names[role]] if role in self.names else best
-
-    def _plate(self, given: Given) -> contact.Plate | None:
-        """Return the plate beside the best mass of the sphere: as heavy in proportion."""
-        if self.plate is None:
-            return None
-        ratio = self.mass / self._value("mass", self.mass, given)
-        return replace(self.plate, mass=self._value("plate", self.plate.mass, given) * ratio)
 
     def _runs(self, trials: "Sequence[_Trial]", *, is_full: bool = False) -> list[Floats]:
         """Simulate with the best mass and radius and materials that make up for them."""
@@ -242,7 +211,15 @@ class DropModel:
             stiffer = self._value("modulus", 1.0, given)
             solids.append(material.scaled(stiffer * self.mass / mass * wider[-1]))
             heights.append(self._value("height", self.height, given))
-        plates = [self._plate(given) for _, given in trials]
+        # The plate is as heavy in proportion to the best mass of the sphere.
+        plates = [
+            self.plate
+            and replace(
+                self.plate,
+                mass=self._value("plate", self.plate.mass, given) * self.mass / self._value("mass", self.mass, given),
+            )
+            for _, given in trials
+        ]
         after = _MORE_TIME * self.last + 2.0 * self.expected_duration
         found = np.full((len(trials), 3, needed), np.nan)
         missing = list(range(len(trials)))

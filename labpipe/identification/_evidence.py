@@ -6,7 +6,7 @@ not put into their uncertainties: it is an unknown of the problem, with a prior.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -17,6 +17,8 @@ from labpipe.errors import InputError
 from labpipe.materials import Prony
 
 Given = Mapping[str, float]
+Fuller = Callable[[Prony, Given], Floats]
+"""A fuller model of linear numbers (n,), without factors and offsets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +139,7 @@ class LinearModel:
     shifts: Mapping[str, Floats] = field(default_factory=dict)
     factors: tuple[str, ...] = ()
     offsets: Mapping[str, Floats] = field(default_factory=dict)
-    fuller: "Fuller | None" = None
+    fuller: Fuller | None = None
 
     @property
     def unknowns(self) -> tuple[str, ...]:
@@ -146,13 +148,13 @@ class LinearModel:
 
     def predict(self, material: Prony, given: Given) -> Floats:
         """Return the numbers (n,)."""
-        linear = self._factor(given) * (self._basis(given) @ _terms(material))
-        return np.asarray(linear + self._offset(given))
+        factor, basis, offset = self._parts(given)
+        return np.asarray(factor * (basis @ np.append(material.E_relaxed, material.E)) + offset)
 
     def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return exact derivatives; see :meth:`Model.derivatives`."""
-        terms, factor = _terms(material), self._factor(given)
-        basis = self._basis(given)
+        terms = np.append(material.E_relaxed, material.E)
+        factor, basis, _ = self._parts(given)
         others = {name: factor * (shift @ terms) for name, shift in self.shifts.items()}
         linear = factor * (basis @ terms)
         others |= {name: linear / given[name] for name in self.factors}
@@ -173,37 +175,61 @@ class LinearModel:
                 f"a basis of {self.basis.shape[1] - 1} relaxation times does not fit {rho.size} "
                 f"of the material; rebuild the evidence"
             )
-        return np.asarray(self._factor(given) * self._basis(given))
+        factor, basis, _ = self._parts(given)
+        return np.asarray(factor * basis)
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the fuller model's numbers, if there is one."""
         if self.fuller is None:
             return None
-        return np.asarray(self._factor(given) * self.fuller(material, given) + self._offset(given))
+        factor, _, offset = self._parts(given)
+        return np.asarray(factor * self.fuller(material, given) + offset)
 
-    def _basis(self, given: Given) -> Floats:
-        made = self.basis
+    def _parts(self, given: Given) -> tuple[float, Floats, Floats]:
+        """Return factor, basis (n, 1 + term) and offset (n,) at values of the unknowns."""
+        basis, offset = self.basis, np.zeros(len(self.basis))
         for name, shift in self.shifts.items():
-            made = made + given[name] * shift
-        return made
-
-    def _factor(self, given: Given) -> float:
-        return math.prod(given[name] for name in self.factors)
-
-    def _offset(self, given: Given) -> Floats:
-        made = np.zeros(len(self.basis))
-        for name, offset in self.offsets.items():
-            made = made + given[name] * offset
-        return made
+            basis = basis + given[name] * shift
+        for name, added in self.offsets.items():
+            offset = offset + given[name] * added
+        return math.prod(given[name] for name in self.factors), basis, offset
 
 
-class Fuller(Protocol):
-    """A fuller model of the linear numbers, without factors and offsets."""
+@dataclass(frozen=True, eq=False)
+class JoinedModel:
+    """Numbers of several models without corrections, one behind the other."""
 
-    def __call__(self, material: Prony, given: Given) -> Floats:
-        """Return the numbers (n,)."""
-        ...
+    parts: tuple[Model, ...]
 
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Unknowns of all parts, each once."""
+        return tuple(dict.fromkeys(n for part in self.parts for n in part.unknowns))
 
-def _terms(material: Prony) -> Floats:
-    return np.concatenate([[material.E_relaxed], material.E])
+    @property
+    def window(self) -> tuple[float, float]:
+        """Shortest and longest time of all parts [s]."""
+        windows = [part.window for part in self.parts]
+        return min(w[0] for w in windows), max(w[1] for w in windows)
+
+    def predict(self, material: Prony, given: Given) -> Floats:
+        """Return the numbers (n,) of all parts."""
+        return np.concatenate([part.predict(material, given) for part in self.parts])
+
+    def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
+        """Return the derivatives of all parts; see :meth:`Model.derivatives`."""
+        made = [part.derivatives(material, given) for part in self.parts]
+        sizes = [len(by_term) for by_term, _ in made]
+        others = {
+            name: np.concatenate([own.get(name, np.zeros(n)) for (_, own), n in zip(made, sizes, strict=True)])
+            for name in self.unknowns
+        }
+        return np.vstack([by_term for by_term, _ in made]), others
+
+    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
+        """Return the derivatives of all parts; see :meth:`Model.by_times`."""
+        return np.vstack([part.by_times(material, given, rho) for part in self.parts])
+
+    def refined(self, material: Prony, given: Given) -> None:
+        """No part has a fuller model."""
+        del material, given

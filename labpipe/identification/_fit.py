@@ -87,13 +87,17 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
     # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
     loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}
     objective = Objective(problem, problem.no_corrections(), loose)
-    say = progress or _silent
-    xi, costs = _begun(objective, start, say)
+    say = progress or (lambda text: None)
+    starts, ends = [start] if start is not None else _starts(objective), []
+    for number, begin in enumerate(starts):
+        say(f"fit from start {number + 1} of {len(starts)}")
+        ends.append(objective.minimised(begin, _ROUGH))
+    xi, costs = min(ends, key=objective.cost), tuple(sorted(objective.cost(end) for end in ends))
     misfits: Misfits = {}
     is_converged, looks, decrease = False, 0, _ROUGH
     for round_ in range(_ROUNDS):
         say(f"fit with corrections, round {round_ + 1}")
-        objective.renew(problem.corrections(xi), misfits)
+        objective.corrections, objective.misfits = problem.corrections(xi), misfits
         before, xi = xi, objective.minimised(xi, decrease, is_near=round_ > 0)
         moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))))
         is_converged = decrease == _EXACT and moved < _SETTLED
@@ -102,7 +106,10 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
             continue  # what corrections still explain is no discrepancy
         found = objective.new_misfits(xi) if looks < _LOOKS else misfits
         looks += 1
-        if is_converged and _is_alike(found, misfits):
+        is_same = found.keys() == misfits.keys() and all(
+            abs(m.relative - misfits[key].relative) <= _ALIKE * m.relative for key, m in found.items()
+        )
+        if is_converged and is_same:
             break
         misfits = found
     return Fit(
@@ -115,24 +122,6 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
         objective.evaluations,
         objective.differentiated,
         is_converged,
-    )
-
-
-def _begun(
-    objective: "Objective", start: Floats | None, say: Callable[[str], None]
-) -> tuple[Floats, tuple[float, ...]]:
-    """Return the lowest of the minima that the starts lead to, and the costs of all."""
-    starts = [start] if start is not None else _starts(objective)
-    ends = []
-    for number, begin in enumerate(starts):
-        say(f"fit from start {number + 1} of {len(starts)}")
-        ends.append(objective.minimised(begin, _ROUGH))
-    return min(ends, key=objective.cost), tuple(sorted(objective.cost(end) for end in ends))
-
-
-def _is_alike(new: Misfits, old: Misfits) -> bool:
-    return new.keys() == old.keys() and all(
-        abs(m.relative - old[key].relative) <= _ALIKE * m.relative for key, m in new.items()
     )
 
 
@@ -152,10 +141,6 @@ class Objective:
     def of(cls, found: "Fit") -> "Objective":
         """Return the objective of a fit."""
         return cls(found.problem, found.corrections, found.misfits, found.tangent)
-
-    def renew(self, corrections: Corrections, misfits: Misfits) -> None:
-        """Take other corrections and misfits."""
-        self.corrections, self.misfits = corrections, misfits
 
     def residuals(self, xi: Floats) -> Floats:
         """Return the rows (n + parameter,)."""
@@ -236,22 +221,15 @@ class Objective:
                 continue
             is_kept = new - promised < max(decrease, _KEPT * (height - promised))
             learned = 0 if is_kept else learned + 1
-            if not is_kept:
-                self._learn(surrogate, trial, found)
+            if not is_kept and self.tangent is not None and np.any(trial != xi):
+                missed = (surrogate.rows(trial)[0] - found) * self.deviations / np.concatenate(self.corrections)
+                self.tangent = self.tangent.learned(surrogate, trial, missed)
             xi, rest, height, is_fresh = trial, found, new, False
             damping = max(damping * _BETTER, _LEAST_DAMPING)
             if learned > _MOST_LEARNED:
                 self._differentiate(xi)
                 is_fresh, learned = True, 0
         return xi
-
-    def _learn(self, surrogate: Surrogate, to: Floats, found: Floats) -> None:
-        """Mend the tangent by what a step really did."""
-        if self.tangent is None or not np.any(to != surrogate.at):
-            return
-        promised, _ = surrogate.rows(to)
-        missed = (promised - found) * self.deviations / np.concatenate(self.corrections)
-        self.tangent = self.tangent.learned(surrogate, to, missed)
 
     def _height(self, xi: Floats) -> tuple[float, Floats]:
         """Return the cost and the residuals (n,) of the data."""
@@ -333,10 +311,17 @@ def neighbours(normalised: Floats) -> float:
 
 def _starts(objective: Objective) -> list[Floats]:
     """Scan moduli and losses, and return the best that lie apart."""
-    tried = [_tried(objective, modulus, _LOSSES[0]) for modulus in _MODULI]
+    problem = objective.problem
+
+    def tried_at(modulus: float, loss: float) -> tuple[float, Floats]:
+        xi = np.zeros(len(problem.parameters))
+        xi[: problem.n_material] = problem.spectrum.start(modulus, loss)
+        return objective.cost(xi), xi
+
+    tried = [tried_at(modulus, _LOSSES[0]) for modulus in _MODULI]
     best = _MODULI[int(np.argmin([cost for cost, _ in tried]))]
     tried += [
-        _tried(objective, modulus, loss)
+        tried_at(modulus, loss)
         for modulus in (best / _BETWEEN, best, best * _BETWEEN)
         for loss in _LOSSES
         if (modulus, loss) != (best, _LOSSES[0])
@@ -354,14 +339,3 @@ def _starts(objective: Objective) -> list[Floats]:
         if len(kept) == _STARTS:
             break
     return kept
-
-
-def _tried(objective: Objective, modulus: float, loss: float) -> tuple[float, Floats]:
-    problem = objective.problem
-    xi = np.zeros(len(problem.parameters))
-    xi[: problem.n_material] = problem.spectrum.start(modulus, loss)
-    return objective.cost(xi), xi
-
-
-def _silent(text: str) -> None:
-    del text

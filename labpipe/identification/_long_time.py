@@ -13,16 +13,15 @@ a spectrum may have (:mod:`.structure`).
 """
 
 from dataclasses import dataclass
-from math import exp, log, log10, sqrt
+from math import exp, log, log10
 from typing import Literal
 
 import numpy as np
 from scipy.special import ndtri
 
 from labpipe.arrays import Floats
-from labpipe.identification._posterior import Posterior, Structure
-from labpipe.identification._spectra import HORIZON
-from labpipe.uncertainty import propagated_u
+from labpipe.identification._posterior import Posterior
+from labpipe.identification._spectra import HORIZON, Spectrum
 
 Verdict = Literal["identified", "bounded from above", "not identifiable"]
 
@@ -60,10 +59,22 @@ class LongTimeModulus:
 
 
 def long_time_modulus(known: Posterior) -> LongTimeModulus:
-    """Tell what is known of the long-time modulus, with an interval of 95 %."""
+    """Return the limits of the long-time modulus, with an interval of 95 %."""
     end = max(each.model.window[1] for each in known.fit.problem.evidence)
+
+    def at_the_end(spectrum: Spectrum, xi: Floats) -> tuple[Floats, Floats]:
+        """Return the logarithms of modulus and fall, with their derivatives."""
+        n = len(spectrum.parameters)
+        terms = np.exp(spectrum.log_terms(xi[:n]))
+        left = np.append(1.0, np.exp(-end / spectrum.rho))
+        bases = np.array([left, np.append(1.0, np.exp(-0.1 * end / spectrum.rho)) - left])
+        values, by_xi = bases @ terms, np.zeros((2, xi.size))
+        by_xi[:, :n] = bases @ (terms[:, None] * spectrum.slopes(xi[:n])) / values[:, None]
+        return np.log(values), by_xi
+
+    logarithms, deviations = known.averaged(at_the_end)
+    (modulus, fall), (u, u_fall) = np.exp(logarithms).tolist(), deviations.tolist()
     reach = float(ndtri(0.5 + 0.5 * _LEVEL))
-    (modulus, u), (fall, u_fall) = _at_the_end(known, end)
     high, taken = modulus * exp(reach * u), fall * exp(reach * u_fall) / modulus
     fell, most = fall / (modulus + fall), taken / (1.0 + taken)
     decades = max(log10(HORIZON / end), 0.0)
@@ -73,31 +84,3 @@ def long_time_modulus(known: Posterior) -> LongTimeModulus:
     is_flat = decades * taken <= PLATEAU
     verdict: Verdict = "identified" if is_flat else "bounded from above"
     return LongTimeModulus(end, modulus, u, fell, most, left if is_flat else 0.0, high, left, verdict)
-
-
-def _at_the_end(known: Posterior, end: float) -> list[tuple[float, float]]:
-    """Return modulus and its fall [Pa], each with the deviation of its logarithm, over all structures."""
-    fit = known.fit
-    own = Structure("", fit.problem.spectrum, fit.xi, known.covariance, 1.0)
-    structures = known.structures or (own,)
-    weights = np.array([one.weight for one in structures])
-    told = np.array([_told(one, end) for one in structures])
-    made = []
-    for values, each in zip(told[:, 0].T, told[:, 1].T, strict=True):
-        mean = float(weights @ values)
-        made.append((exp(mean), sqrt(float(weights @ (each**2 + (values - mean) ** 2)))))
-    return made
-
-
-def _told(one: Structure, end: float) -> tuple[Floats, Floats]:
-    """Return the logarithms of modulus and fall by one structure, and their deviations."""
-    n = len(one.spectrum.parameters)
-    terms = np.exp(one.spectrum.log_terms(one.xi[:n]))
-    slopes = terms[:, None] * one.spectrum.slopes(one.xi[:n])
-    left = np.append(1.0, np.exp(-end / one.spectrum.rho))
-    before = np.append(1.0, np.exp(-0.1 * end / one.spectrum.rho))
-    bases = np.array([left, before - left])
-    values = bases @ terms
-    by_xi = np.zeros((2, one.xi.size))
-    by_xi[:, :n] = bases @ slopes / values[:, None]
-    return np.log(values), propagated_u(by_xi, one.covariance)

@@ -5,7 +5,7 @@ carried linearly in its logarithm, consistent with the linear data: along a comb
 data leave free, single unknowns may wander by factors while a sum of them stays what it is.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +72,23 @@ class Posterior:
         """Return the covariance of quantities from their derivatives (quantity, parameter)."""
         return propagated_covariance(by_xi, self.covariance)
 
+    def averaged(self, stated: "Stated") -> tuple[Floats, Floats]:
+        """Return mean and standard deviation (n,) of quantities over all structures of the spectrum.
+
+        ``stated``: Takes a spectrum and standard coordinates, returns quantities (n,) and derivatives (n, parameter).
+        """
+        own = Structure("", self.fit.problem.spectrum, self.fit.xi, self.covariance, 1.0)
+        structures = self.structures or (own,)
+        weights = np.array([one.weight for one in structures])
+        made = [(stated(one.spectrum, one.xi), one.covariance) for one in structures]
+        values = np.array([value for (value, _), _ in made])
+        u = np.array([propagated_u(by_xi, covariance) for (_, by_xi), covariance in made])
+        mean = weights @ values
+        return mean, np.sqrt(weights @ (u**2 + (values - mean) ** 2))
+
+
+Stated = Callable[[Spectrum, Floats], tuple[Floats, Floats]]
+
 
 def posterior(found: Fit) -> Posterior:
     """Approximate what is known after a fit."""
@@ -124,15 +141,15 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
     """
     problem, xi = known.fit.problem, known.fit.xi
     omega = 2.0 * np.pi * frequency
-    logarithms, by_xi = ln_moduli(problem.spectrum, xi, omega)
-    u = own = np.sqrt(np.diag(known.covariance_of(by_xi)))
-    if known.structures:
-        weights = np.array([one.weight for one in known.structures])
-        told = [_told(one, omega) for one in known.structures]
-        values, each = (np.array(part) for part in zip(*told, strict=True))
-        logarithms = weights @ values
-        u = np.sqrt(weights @ (each**2 + (values - logarithms) ** 2))
-    prior = _prior_spread(spectrum_draws(known), modulus_basis(omega, problem.spectrum.rho))
+    by_xi = ln_moduli(problem.spectrum, xi, omega)[1]
+    own = propagated_u(by_xi, known.covariance)
+    logarithms, u = known.averaged(lambda spectrum, at: ln_moduli(spectrum, at, omega))
+    # Of the prior, half the width of the central 68 %, from draws that are the same every time.
+    draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, problem.n_material))
+    terms = np.exp([problem.spectrum.log_terms(one) for one in draws])
+    storage, loss = (terms @ basis.T for basis in modulus_basis(omega, problem.spectrum.rho))
+    ends = (np.quantile(np.log(values), ndtr([-1.0, 1.0]), axis=0) for values in (storage, loss / storage))
+    prior = [0.5 * (high - low) for low, high in ends]
     half, added = frequency.size, np.sqrt(np.maximum(u**2 - own**2, 0.0))
     return Moduli(
         frequency,
@@ -162,35 +179,11 @@ def ln_moduli(spectrum: Spectrum, xi: Floats, omega: Floats) -> tuple[Floats, Fl
     return np.log(np.concatenate([storage, loss / storage])), by_xi
 
 
-def _told(one: Structure, omega: Floats) -> tuple[Floats, Floats]:
-    """Return logarithms (2 n,) of storage modulus and loss factor with standard deviations."""
-    values, by_xi = ln_moduli(one.spectrum, one.xi, omega)
-    return values, propagated_u(by_xi, one.covariance)
-
-
 def informative_range(known: Posterior) -> tuple[float, float]:
     """Return the lowest and highest frequency in Hz of which the observations tell."""
     windows = [each.model.window for each in known.fit.problem.evidence]
     longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
     return 0.5 / np.pi / longest, 0.5 / np.pi / shortest
-
-
-def spectrum_draws(known: Posterior) -> Floats:
-    """Return terms (draw, 1 + term) [Pa] drawn from the prior, the same ones every time."""
-    spectrum = known.fit.problem.spectrum
-    draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, len(spectrum.parameters)))
-    return np.exp([spectrum.log_terms(xi) for xi in draws])
-
-
-def _prior_spread(draws: Floats, bases: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Return half the width (n,) of the central 68 % of the logarithms."""
-    storage, loss = (draws @ basis.T for basis in bases)
-    ends = ndtr([-1.0, 1.0])
-    spreads = []
-    for values in (storage, loss / storage):
-        low, high = np.quantile(np.log(values), ends, axis=0)
-        spreads.append(0.5 * (high - low))
-    return spreads[0], spreads[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,12 @@ logarithms would end after a factor of two.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
 from labpipe.identification._problem import Problem
+
+_MOST_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,40 +93,22 @@ class Surrogate:
         return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
 
     def lowest(self, damping: float, bound: float) -> tuple[Floats, float]:
-        """Return where the surrogate's cost is least, and that cost.
+        """Return the place of the least cost of the surrogate, and that cost.
 
         ``damping``: Weight of half the squared way from the point. ``bound``: Within which standard coordinates stay.
         """
-        xi = self.at
-        rest, rows = self.rows(xi)
-        height, brake = self._height(xi, rest, damping), _BRAKE
-        for _ in range(_MOST_STEPS):
-            pull = xi + damping * (xi - self.at)
-            gradient = rows.T @ rest + pull
-            # what leans against its bound stays there, or the others could not move past it
-            stays = (np.abs(xi) >= bound) & (np.sign(xi) == -np.sign(gradient))
-            free = np.flatnonzero(~stays)
-            while brake < _MOST_BRAKE:
-                step = np.zeros(xi.size)
-                stiff = np.full(free.size, np.sqrt(1.0 + damping + brake))
-                step[free] = -_least(rows[:, free], rest, stiff, pull[free])
-                trial = np.clip(xi + step, -bound, bound)
-                found, slopes = self.rows(trial)
-                new = self._height(trial, found, damping)
-                if new < height:
-                    break
-                brake *= _WORSE
-            else:
-                break
-            gained = height - new
-            xi, rest, rows, height, brake = trial, found, slopes, new, max(brake * _BETTER, 1e-12)
-            if gained < _ENOUGH and brake < _FREE:
-                break
-        return xi, self._height(xi, rest, 0.0)
+        unit, root = np.eye(self.at.size), np.sqrt(damping)
 
-    def _height(self, xi: Floats, rest: Floats, damping: float) -> float:
-        way = xi - self.at
-        return 0.5 * float(rest @ rest + xi @ xi + damping * way @ way)
+        def residual(xi: Floats) -> Floats:
+            return np.concatenate([self.rows(xi)[0], xi, root * (xi - self.at)])
+
+        def slopes(xi: Floats) -> Floats:
+            return np.vstack([-self.jacobian(xi), unit, root * unit])
+
+        # By the rows themselves: their product would lose combinations that are known a million times less.
+        found = least_squares(residual, self.at, slopes, bounds=(-bound, bound), method="dogbox", max_nfev=_MOST_STEPS)
+        way = found.x - self.at
+        return found.x, float(found.cost - 0.5 * damping * way @ way)
 
     def terms(self, xi: Floats) -> Floats:
         """Return (E_relaxed, E) in Pa (1 + term,) at a point."""
@@ -133,19 +117,3 @@ class Surrogate:
     def values(self, xi: Floats) -> Floats:
         """Return the nuisances (nuisance,) in their units at a point."""
         return np.array(list(self.problem.nuisance_values(xi).values()))
-
-
-def _least(rows: Floats, rest: Floats, stiff: Floats, pull: Floats) -> Floats:
-    """Return the s that minimises |rest - rows s|² + |stiff s|² - 2 pull s.
-
-    By the rows themselves: their product would lose what is known a million times less.
-    """
-    q, r = np.linalg.qr(np.vstack([rows, np.diag(stiff)]))
-    made = solve_triangular(r, q.T @ np.concatenate([rest, pull / stiff]))
-    return np.asarray(made)
-
-
-_MOST_STEPS = 60
-_BRAKE, _WORSE, _BETTER, _MOST_BRAKE = 1e-3, 10.0, 0.1, 1e9
-_FREE = 1e-2  # of the brake: above it a small gain means a short step
-_ENOUGH = 1e-4  # of the cost: less is not worth another step

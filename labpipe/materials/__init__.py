@@ -25,7 +25,11 @@ if TYPE_CHECKING:
         shift_at as shift_at,
         wlf as wlf,
     )
-    from labpipe.materials._time_domain import with_responses as with_responses
+    from labpipe.materials._step_tests import (
+        prony_of_creep as prony_of_creep,
+        prony_of_relaxation as prony_of_relaxation,
+        with_responses as with_responses,
+    )
     from labpipe.materials.library import (
         Material as Material,
         Solid as Solid,
@@ -53,8 +57,6 @@ if TYPE_CHECKING:
         kramers_kronig as kramers_kronig,
         make_grid as make_grid,
         maxwell_shapes as maxwell_shapes,
-        prony_of_creep as prony_of_creep,
-        prony_of_relaxation as prony_of_relaxation,
         solve_by_cross_validation as solve_by_cross_validation,
     )
     from labpipe.materials.superposition import (

@@ -5,23 +5,24 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.signals._align import (
+    from labpipe.signals._alignment import (
         Lag as Lag,
         interpolated_at as interpolated_at,
         lag as lag,
         timed_from_event as timed_from_event,
     )
     from labpipe.signals._as_fitted import as_fitted as as_fitted
-    from labpipe.signals._cycles import (
+    from labpipe.signals._bounces import PHASES as PHASES, bounces as bounces
+    from labpipe.signals._damped_oscillation import Damped as Damped, damped_oscillation as damped_oscillation
+    from labpipe.signals._derivative import velocity as velocity
+    from labpipe.signals._first_touch import FirstTouch as FirstTouch, first_touch as first_touch
+    from labpipe.signals._floor import Floor as Floor
+    from labpipe.signals._hum import MAINS as MAINS, Hum as Hum, hum_at_rest as hum_at_rest
+    from labpipe.signals._hysteresis import (
         Window as Window,
         active_window as active_window,
         hysteresis_loops as hysteresis_loops,
     )
-    from labpipe.signals._derivative import velocity as velocity
-    from labpipe.signals._events import PHASES as PHASES, bounces as bounces
-    from labpipe.signals._first_touch import FirstTouch as FirstTouch, first_touch as first_touch
-    from labpipe.signals._floor import Floor as Floor
-    from labpipe.signals._mains import MAINS as MAINS, Hum as Hum, hum_at_rest as hum_at_rest
     from labpipe.signals._metrics import (
         Agreement as Agreement,
         agreement as agreement,
@@ -39,6 +40,5 @@ if TYPE_CHECKING:
     from labpipe.signals._outliers import Outliers as Outliers, outliers as outliers
     from labpipe.signals._repeats import combine_repeats as combine_repeats
     from labpipe.signals._ringing import Ringing as Ringing, ringing as ringing
-    from labpipe.signals._vibration import Damped as Damped, damped_oscillation as damped_oscillation
 else:
     __getattr__ = lazily(__name__)

@@ -5,7 +5,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._events import LABELS, LONGEST_ARC, TOGETHER, combined
+from labpipe.signals._bounces import LABELS, LONGEST_ARC, TOGETHER, combined
 from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._impact_fit import fit_impact
 from labpipe.signals._shape_prior import PRIORS

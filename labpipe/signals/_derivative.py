@@ -1,6 +1,6 @@
 """Velocity from displacement, with its uncertainty; the noise is estimated from the record.
 
-Three estimators: ``"spline"`` (default, see :mod:`._smoothing`), ``"thesis"``
+Three estimators: ``"spline"`` (default, see :mod:`._smoothing_spline`), ``"thesis"``
 (central differences and a moving average, thesis eq. 3.11-3.14) and ``"difference"`` (3.11-3.13
 alone).
 """
@@ -18,12 +18,12 @@ from scipy import sparse
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import Colour, estimate_corner, velocity_factor
-from labpipe.signals._mains import Hum
+from labpipe.signals._hum import Hum
 from labpipe.signals._noise import Noise, estimate_noise
+from labpipe.signals._noise_spectrum import Colour, estimate_corner, velocity_factor
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
-from labpipe.signals._smoothing import evaluate, smooth
+from labpipe.signals._smoothing_spline import evaluate, smooth
 from labpipe.units import Measure, si
 from labpipe.variables import described
 
@@ -149,14 +149,24 @@ def velocity(
         cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
         v, u, attributes = _spline(t, y, known, noise is None, cuts, colour)
     elif used in ("thesis", "difference"):
-        span = _odd(window, len(t)) if used == "thesis" else 1
+        if used == "thesis" and not 1 <= window <= len(t):
+            raise InputError(f"window must be from 1 to the {len(t)} readings; found {window}")
+        span = window - 1 + window % 2 if used == "thesis" else 1
         v, u = _differences(t, y, known.sigma, span)
         half_rate = 0.5 / float(np.median(np.diff(t)))
-        attributes = _attributes(known, [half_rate / max(span, 2)] * 2, 0, {"samples": len(t)})
-        attributes["window"] = span
+        attributes = _attributes(known, [half_rate / max(span, 2)] * 2, 0, {"samples": len(t)}) | {"window": span}
     else:
         raise InputError(f'method must be "spline", "thesis" or "difference"; found "{method}"')
-    return _labelled(record, is_read, v, u, {"method": used, **attributes})
+    full = np.full((2, len(time)), np.nan)
+    full[:, is_read] = v, u
+    u_velocity = ("time", full[1], described("m/s", "standard uncertainty of velocity"))
+    return xr.DataArray(
+        full[0],
+        dims="time",
+        coords={"time": record["time"].copy(), "u_velocity": u_velocity},
+        name="velocity",
+        attrs={**described("m/s", "velocity"), "method": used, **attributes},
+    )
 
 
 def _displacement_of(given: object) -> xr.DataArray:
@@ -194,12 +204,6 @@ def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
     return time, values
 
 
-def _odd(window: int, n: int) -> int:
-    if not 1 <= window <= n:
-        raise InputError(f"window must be from 1 to the {n} readings; found {window}")
-    return window - 1 + window % 2
-
-
 def _times(times: ArrayLike | None, name: str) -> list[float]:
     found = np.asarray([] if times is None else times, float).ravel()
     if not np.isfinite(found).all():
@@ -216,7 +220,8 @@ def _spline(
         # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
         return np.zeros(len(t)), np.zeros(len(t)), _attributes(known, [0.0, 0.0], 0, counts)
     wild = outliers(y, t, noise=known.sigma)
-    kept, n_spikes = ~wild.flags, int(wild.flags.sum())
+    n_spikes = int(wild.flags.sum())
+    kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
     for text in (wild.message(t) if n_spikes else "", wild.interruption(t, y)):
         if text:
             warnings.warn(text, UserWarning, stacklevel=3)
@@ -228,7 +233,7 @@ def _spline(
         found = _residual_sigma((y - level)[kept], freedom, known)
         if not 1 / _WHITE_RESIDUAL < found / known.sigma < _WHITE_RESIDUAL:
             known = known._replace(sigma=found)
-            fit = smooth(t[kept], y[kept], known.sigma, *cuts)
+            fit = smooth(t[kept], y[kept], known.sigma, *cuts, known=fit)
             n_updates += fit.n_updates
             level, u_level = evaluate(fit, t, 0)
     _warn_of_fast_motion((y - level)[kept], float(np.ptp(y)), known)
@@ -298,19 +303,3 @@ def _attributes(known: Noise, band: list[float], n_spikes: int, counts: dict[str
         "n_spikes": n_spikes,
         "work": json.dumps(counts),
     }
-
-
-def _labelled(
-    displacement: xr.DataArray, is_read: Flags, v: Floats, u: Floats, attributes: dict[str, object]
-) -> xr.DataArray:
-    """Put values back among the unread samples and name everything."""
-    full_v, full_u = np.full(len(is_read), np.nan), np.full(len(is_read), np.nan)
-    full_v[is_read], full_u[is_read] = v, u
-    u_attributes = described("m/s", "standard uncertainty of velocity")
-    return xr.DataArray(
-        full_v,
-        dims="time",
-        coords={"time": displacement["time"].copy(), "u_velocity": ("time", full_u, u_attributes)},
-        name="velocity",
-        attrs={"units": "m/s", "long_name": "velocity", **attributes},
-    )

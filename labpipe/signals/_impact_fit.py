@@ -28,8 +28,8 @@ from scipy.linalg import block_diag
 from scipy.optimize import leastsq
 
 from labpipe.arrays import Floats
-from labpipe.signals._colour import WHITE, Colour, coloured_covariance, coloured_power
 from labpipe.signals._floor import Beneath
+from labpipe.signals._noise_spectrum import WHITE, Colour, coloured_covariance, coloured_power
 from labpipe.signals._shape_prior import PRIORS, SHAPE, Character, ShapePrior, expected_shape
 from labpipe.uncertainty import propagated_covariance
 

@@ -10,7 +10,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from labpipe.arrays import Flags, Floats
 from labpipe.signals._noise import estimate_noise
@@ -145,14 +144,12 @@ def _round(
     n = y.size
     if n < 2 * neighbours:
         return [], []
-    slope = np.diff(y) / np.diff(t)
-    ahead, behind = np.zeros(n), np.zeros(n)
-    ahead[2:] = np.abs(y[2:] - y[1:-1] - slope[:-1] * np.diff(t)[1:])
-    behind[:-2] = np.abs(y[:-2] - y[1:-1] + slope[1:] * np.diff(t)[:-1])
+    interval = np.diff(t)
+    bend = np.abs(np.diff(np.diff(y) / interval))
+    ahead, behind = np.zeros(n), np.zeros(n)  # from the line through the two readings before, or behind
+    ahead[2:], behind[:-2] = bend * interval[1:], bend * interval[:-1]
     ahead[1], behind[-2] = abs(y[1] - y[0]), abs(y[-2] - y[-1])
-    width = 4 * neighbours + 1
-    enters = ahead > threshold * np.maximum(sigma, median_filter(ahead, width, mode="mirror"))
-    leaves = behind > threshold * np.maximum(sigma, median_filter(behind, width, mode="mirror"))
+    enters, leaves = (_exceeding(steps, threshold, sigma, 2 * neighbours) for steps in (ahead, behind))
     taken: list[int] = []
     used = np.zeros(n, bool)
     for length in range(1, longest + 1):
@@ -178,6 +175,17 @@ def _round(
         if steps[i - 1] > threshold * max(sigma, float(nearby.max(initial=0.0))):
             jumps.append(i)
     return [], jumps
+
+
+def _exceeding(steps: Floats, threshold: float, sigma: float, half: int) -> Flags:
+    """Return which steps exceed noise and the median of the steps around; the few above the noise are looked at."""
+    found = steps > threshold * sigma
+    places, last = np.flatnonzero(found), steps.size - 1
+    for some in np.array_split(places, places.size // 4096 + 1):
+        around = np.abs(some[:, None] + np.arange(-half, half + 1))
+        around = last - np.abs(last - around)  # mirrored at both ends
+        found[some] = steps[some] > threshold * np.median(steps[around], axis=1)
+    return found
 
 
 def _deviating(t: Floats, y: Floats, first: int, length: int, sigma: float, threshold: float) -> Flags:

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
 from labpipe.errors import IN_MOTION, InputError
+from labpipe.signals._damped_oscillation import Damped, damped_oscillation
 from labpipe.signals._noise import difference_sigma
 from labpipe.signals._oscillation import readings_of, strongest_line
 from labpipe.signals._readings import LEAST
-from labpipe.signals._vibration import Damped, damped_oscillation
 
 _QUIET = 0.05  # of the record's beginning that is at rest before anything happens
 _WANDERING = 3.0  # times the noise, a spread of the beginning that is motion
@@ -121,54 +121,8 @@ def ringing(
         ).because(IN_MOTION)
     sigma = noise if noise is not None else max(white, spread)
     y = y - float(np.mean(quiet))
-    onset = _onset(t, y, sigma)
-    inside = _seed(t, y, onset, longest_impact, shortest_pause)
-    fit = _grown(t, y, sigma, inside)
-    stretch = slice(*fit)
-    free = damped_oscillation(t[stretch], y[stretch])
-    blow = _blow_time(free, float(t[onset]), longest_impact, direction)
-    stated = _with_choice(t, y, stretch, free.frequency, blow)
-    if stated.amplitude < _LARGE * sigma:
-        raise InputError(
-            f"the ringing ({stated.amplitude:.2g} m) is not larger than the noise ({sigma:.2g} m): "
-            "it cannot be evaluated; drop from higher, or bring the sensor nearer"
-        )
-    return Ringing(
-        onset_time=float(t[onset]),
-        blow_time=blow,
-        u_blow_time=stated.u_phase / (2 * np.pi * stated.frequency),
-        free_from=float(t[stretch.start]),
-        free_to=float(t[stretch.stop - 1]),
-        fit=stated,
-        chi_square=(stated.residual_rms / sigma) ** 2,
-        noise=sigma,
-        direction=direction,
-    )
-
-
-def _with_choice(t: Floats, y: Floats, stretch: slice, frequency: float, blow: float) -> Damped:
-    """Fit the stretch; the uncertainties hold what other ends of it would have changed."""
-    half = _BLOCK_READINGS // 2
-    others = (slice(stretch.start + half, stretch.stop), slice(stretch.start, stretch.stop - _BLOCK_READINGS))
-    fits = [damped_oscillation(t[s], y[s], frequency, blow) for s in (stretch, *others)]
-    fit = fits[0]
-
-    def widened(name: str) -> float:
-        changes = [getattr(other, name) - getattr(fit, name) for other in fits[1:]]
-        return float(np.hypot(getattr(fit, f"u_{name}"), np.linalg.norm(changes)))
-
-    return replace(
-        fit,
-        u_frequency=widened("frequency"),
-        u_damping_ratio=widened("damping_ratio"),
-        u_amplitude=widened("amplitude"),
-    )
-
-
-def _onset(t: Floats, y: Floats, sigma: float) -> int:
-    """First reading of the first two blocks in a row that have moved."""
-    count = len(y) // _ONSET_READINGS
-    means = y[: count * _ONSET_READINGS].reshape(count, -1).mean(axis=1)
+    # The first reading of the first two blocks in a row that have moved.
+    means = y[: y.size // _ONSET_READINGS * _ONSET_READINGS].reshape(-1, _ONSET_READINGS).mean(axis=1)
     has_moved = np.abs(means) > _ONSET * sigma / np.sqrt(_ONSET_READINGS)
     found = np.flatnonzero(has_moved[:-1] & has_moved[1:])
     if not len(found):
@@ -176,30 +130,59 @@ def _onset(t: Floats, y: Floats, sigma: float) -> int:
             f"nothing moves in this record of {t[-1] - t[0]:.3g} s: no reading leaves the rest "
             f"position by more than the noise of {sigma:.2g} m"
         )
-    return int(found[0]) * _ONSET_READINGS
+    onset = float(t[int(found[0]) * _ONSET_READINGS])
+    stretch = slice(*_grown(t, y, sigma, _seed(t, y, onset, longest_impact, shortest_pause)))
+    free = damped_oscillation(t[stretch], y[stretch])
+    # Nearest to the middle of the impact, the fit leaves rest in its direction.
+    at = free.start_time + ((0.0 if direction > 0 else np.pi) - free.phase) / (2 * np.pi * free.frequency)
+    blow = float(at + np.round((onset + 0.25 * longest_impact - at) * free.frequency) / free.frequency)
+    # The uncertainties hold the changes by other ends of the stretch.
+    half = _BLOCK_READINGS // 2
+    ends = (stretch, slice(stretch.start + half, stretch.stop), slice(stretch.start, stretch.stop - _BLOCK_READINGS))
+    fit, *others = (damped_oscillation(t[s], y[s], free.frequency, blow) for s in ends)
+    if fit.amplitude < _LARGE * sigma:
+        raise InputError(
+            f"the ringing ({fit.amplitude:.2g} m) is not larger than the noise ({sigma:.2g} m): "
+            "it cannot be evaluated; drop from higher, or bring the sensor nearer"
+        )
+    widened = {}
+    for name in ("frequency", "damping_ratio", "amplitude"):
+        changes = [getattr(other, name) - getattr(fit, name) for other in others]
+        widened[f"u_{name}"] = float(np.hypot(getattr(fit, f"u_{name}"), np.linalg.norm(changes)))
+    return Ringing(
+        onset_time=onset,
+        blow_time=blow,
+        u_blow_time=fit.u_phase / (2 * np.pi * fit.frequency),
+        free_from=float(t[stretch.start]),
+        free_to=float(t[stretch.stop - 1]),
+        fit=replace(fit, **widened),
+        chi_square=(fit.residual_rms / sigma) ** 2,
+        noise=sigma,
+        direction=direction,
+    )
 
 
-def _seed(t: Floats, y: Floats, onset: int, longest_impact: float, shortest_pause: float) -> tuple[int, int]:
+def _seed(t: Floats, y: Floats, onset: float, longest_impact: float, shortest_pause: float) -> tuple[int, int]:
     """Stretch that is certainly free: after the longest impact, before the shortest pause."""
-    low, high = np.searchsorted(t, t[onset] + np.array([longest_impact, shortest_pause]))
+    low, high = (int(place) for place in np.searchsorted(t, onset + np.array([longest_impact, shortest_pause])))
     if high >= len(t):
         raise InputError(
-            f"the record ends {t[-1] - t[onset]:.3g} s after the impact; it must last for the "
+            f"the record ends {t[-1] - onset:.3g} s after the impact; it must last for the "
             f"shortest pause, {shortest_pause:.3g} s"
         )
     if high - low < _ONSET_READINGS:
         raise InputError(
             f"{high - low} readings lie between the longest impact and the shortest pause after "
-            f"{t[onset]:.6g} s; at least {_ONSET_READINGS} are needed"
+            f"{onset:.6g} s; at least {_ONSET_READINGS} are needed"
         )
-    s = t[low:high] - t[low]
-    frequency = strongest_line(s, y[low:high], taper=False)
-    if frequency * s[-1] < _SEED_CYCLES:
+    frequency = strongest_line(t[low:high] - t[low], y[low:high], taper=False)
+    cycles = frequency * (t[high - 1] - t[low])
+    if cycles < _SEED_CYCLES:
         raise InputError(
-            f"between the longest impact and the shortest pause lie {frequency * s[-1]:.2g} cycles of {frequency:.4g} "
+            f"between the longest impact and the shortest pause lie {cycles:.2g} cycles of {frequency:.4g} "
             f"Hz; at least {_SEED_CYCLES} are needed: lengthen shortest_pause if the bounces allow it"
         )
-    return int(low), int(high)
+    return low, high
 
 
 def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[int, int]:
@@ -209,46 +192,26 @@ def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[i
     half blocks are given back.
     """
     low, high = seed
-    is_predicted = _Prediction(t, y, sigma)
+    fit, fitted = damped_oscillation(t[low:high], y[low:high]), high - low
+
+    def is_predicted(block: slice) -> bool:
+        """Fit again only when the stretch has grown much."""
+        nonlocal fit, fitted
+        if high - low > _REFIT_GROWTH * fitted:
+            fit, fitted = damped_oscillation(t[low:high], y[low:high]), high - low
+        left = y[block] - fit.at(t[block])
+        limit = 1.0 + _SURE * np.sqrt(2.0 / left.size)
+        return float(np.mean(left**2)) < limit * max(sigma, fit.residual_rms) ** 2
+
     while high + _BLOCK_READINGS <= len(t):
-        if not is_predicted((low, high), slice(high, high + _BLOCK_READINGS)):
+        if not is_predicted(slice(high, high + _BLOCK_READINGS)):
             high = max(seed[1], high - _BLOCK_READINGS)
             break
         high += _BLOCK_READINGS
     half = _BLOCK_READINGS // 2
     while low - half >= 0:
-        if not is_predicted((low, high), slice(low - half, low)):
+        if not is_predicted(slice(low - half, low)):
             low = min(seed[0], low + 2 * half)
             break
         low -= half
     return low, high
-
-
-class _Prediction:
-    """Foretell a block from a stretch; fit again only when the stretch has grown much."""
-
-    def __init__(self, t: Floats, y: Floats, sigma: float) -> None:
-        self.t, self.y, self.sigma = t, y, sigma
-        self.fit: Damped | None = None
-        self.size = 0
-
-    def __call__(self, known: tuple[int, int], block: slice) -> bool:
-        """Say whether the block is what the stretch ``known`` leads to expect."""
-        size = known[1] - known[0]
-        if self.fit is None or size > _REFIT_GROWTH * self.size:
-            stretch = slice(*known)
-            self.fit = damped_oscillation(self.t[stretch], self.y[stretch])
-            self.size = size
-        left = self.y[block] - self.fit.at(self.t[block])
-        limit = 1.0 + _SURE * np.sqrt(2.0 / left.size)
-        scale = max(self.sigma, self.fit.residual_rms)
-        return float(np.mean(left**2)) < limit * scale**2
-
-
-def _blow_time(fit: Damped, onset: float, longest_impact: float, direction: int) -> float:
-    """Instant nearest to the middle of the impact at which the fit leaves rest in its direction."""
-    wanted = 0.0 if direction > 0 else np.pi
-    period = 1.0 / fit.frequency
-    at = fit.start_time + (wanted - fit.phase) / (2 * np.pi) * period
-    middle = onset + 0.25 * longest_impact
-    return float(at + np.round((middle - at) / period) * period)

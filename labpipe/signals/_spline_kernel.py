@@ -1,8 +1,11 @@
-"""The compiled loops of the smoothing spline: bases, the penalised fit, variances.
+"""The compiled loops of the smoothing spline: bases, moments of the samples, the penalised fit.
 
 In each interval between knots the B-splines are polynomials of the distance from its middle, so
 that a sample costs Horner's rule and no recursion; samples are met once for each choice of knots.
-All else works on one band of the normal matrix, in time linear in the coefficients. Plain loops
+All else works on one band of the normal matrix, in time linear in the coefficients: the variance of a
+spline needs only those entries of the inverse that lie inside the band, which follow from the factor from the
+last row to the first (Takahashi, Fagan & Chin, Proc. 8th PICA Conf. (1973) 63; see Erisman & Tinney, Comm. ACM 18
+(1975) 177, doi:10.1145/360680.360704). The band is as wide as a quintic spline's, a constant. Plain loops
 over arrays that the caller made compile in a third of the time that numpy's functions take.
 Importing this imports numba.
 """
@@ -15,9 +18,8 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.signals._banded import WIDTH, factored, inverse_of_factor, solve
 
-DEGREE = WIDTH
+DEGREE = 5
 PENALTY_ORDER = 4
 """Penalising the fourth derivative suits impacts: their acceleration is smooth, only large."""
 
@@ -46,7 +48,7 @@ class Intervals(NamedTuple):
 
 
 class Update(NamedTuple):
-    """How penalties follow the record, see :mod:`._smoothing`; bounds relative to ``power``."""
+    """How penalties follow the record, see :mod:`._smoothing_spline`; bounds relative to ``power``."""
 
     most: int
     settled: float
@@ -67,6 +69,63 @@ class Space(NamedTuple):
     octave_used: Floats
     octave_energy: Floats
     system: Floats
+
+
+@lean()
+def factored(band: Floats, n: int) -> bool:
+    """Replace the lower band of a matrix by its factors ``L D L'``; False if that fails.
+
+    ``band[j, d] = A[j + d, j]``, of shape (n + DEGREE, DEGREE + 1); what stands beyond the end of a
+    diagonal, in its last rows too, is set to 0. ``D`` is kept as its inverse.
+    """
+    for j in range(n + DEGREE):
+        for d in range(max(n - j, 0), DEGREE + 1):
+            if j + d >= n:
+                band[j, d] = 0.0
+    for j in range(n):
+        if not band[j, 0] > 0.0:
+            return False
+        inverse = 1.0 / band[j, 0]
+        band[j, 0] = inverse
+        for d in range(1, DEGREE + 1):
+            share = band[j, d] * inverse
+            for e in range(d, DEGREE + 1):
+                band[j + d, e - d] -= share * band[j, e]
+        for d in range(1, DEGREE + 1):
+            band[j, d] *= inverse
+    return True
+
+
+@lean()
+def solve(factor: Floats, x: Floats, n: int) -> None:
+    """Replace the right-hand side ``x`` (n + DEGREE,) by the solution, with :func:`factored`."""
+    for j in range(n, n + DEGREE):
+        x[j] = 0.0
+    for j in range(n):
+        for d in range(1, DEGREE + 1):
+            x[j + d] -= factor[j, d] * x[j]
+    for j in range(n - 1, -1, -1):
+        total = x[j] * factor[j, 0]
+        for d in range(1, DEGREE + 1):
+            total -= factor[j, d] * x[j + d]
+        x[j] = total
+
+
+@lean()
+def inverse_of_factor(factor: Floats, inverse: Floats, n: int) -> None:
+    """Fill in the entries (n + DEGREE, DEGREE + 1) of ``A^-1`` inside the band; the others 0."""
+    for j in range(n, n + DEGREE):
+        for d in range(DEGREE + 1):
+            inverse[j, d] = 0.0
+    for j in range(n - 1, -1, -1):
+        on = factor[j, 0]
+        for i in range(1, DEGREE + 1):
+            total = 0.0
+            for k in range(1, DEGREE + 1):
+                total -= factor[j, k] * inverse[j + min(i, k), abs(i - k)]
+            inverse[j, i] = total
+            on -= factor[j, i] * total
+        inverse[j, 0] = on
 
 
 @lean(fastmath=_FAST)
@@ -143,13 +202,12 @@ def penalised(
 ) -> int:
     """Fit a spline whose roughness costs as much as the samples say.
 
-    ``normal`` (m + 5, 6) and ``right`` (m + 5,) are from :func:`gather`, ``space`` is work space; ``coefficients`` (m +
-    5,) and ``inverse`` (m + 5, 6), the band of their covariance, are filled. Returns the solves of the band system, 0
-    when a penalised matrix was not positive definite.
+    ``normal`` (m + 5, 6) and ``right`` (m + 5,) sum over all samples, ``space`` is work space, its ``penalty`` that
+    of the first solve; ``coefficients`` (m + 5,) and ``inverse`` (m + 5, 6), the band of their covariance, are filled.
+    Returns the solves of the band system, 0 when a penalised matrix was not positive definite.
     """
     m, count = right.size - DEGREE, intervals.low.size
     for s in range(count):
-        space.penalty[s] = 10.0 * intervals.power[s]
         # the fourth derivative is linear: 24 and 120 times the highest powers, and u^2 is 1/12 in the mean
         for i in range(_WIDTH):
             for j in range(_WIDTH - i):

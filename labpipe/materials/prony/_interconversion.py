@@ -1,41 +1,40 @@
 r"""Exact conversion between the relaxation and the retardation terms of one material.
 
 The two families of a linear viscoelastic solid are tied by :math:`E^*(s)\,J^*(s) = 1`. The poles
-of one are the zeros of the other, and zeros and poles alternate along the time axis. With the
-rates :math:`z = 1/\tau` and :math:`p_j = 1/\rho_j` the zeros of the modulus solve
+of one are the zeros of the other, and zeros and poles alternate along the time axis. The retardation
+times :math:`y` of a relaxation family solve, with :math:`p_j = \rho_j`,
 
-.. math:: c_0 - c_1 z + \sum_j w_j \frac{z}{z - p_j} = 0
+.. math:: c_0 - \frac{c_1}{y} + \sum_j w_j \frac{p_j}{p_j - y} = 0
 
-(:math:`c_0` the relaxed modulus, :math:`c_1` the viscosity of a parallel dashpot). The zeros of
-the compliance solve *the same* equation in times instead of rates, with the unrelaxed compliance
-for :math:`c_0` and the fluidity for :math:`c_1`, so one solver serves both directions.
+(:math:`c_0` the relaxed modulus, :math:`c_1` the viscosity of a parallel dashpot). The rates
+:math:`y = 1/\rho` of a retardation family solve *the same* equation with :math:`p_j = 1/\tau_j`, with the
+unrelaxed compliance for :math:`c_0` and the fluidity for :math:`c_1`, so one solver serves both directions:
+LAPACK's of the secular equation.
 
-Why offsets. A weak term moves its zero by as little as :math:`10^{-13}` of the pole, and the
+A weak term moves its zero by as little as :math:`10^{-13}` of the pole, and the
 weight of the converted term is proportional to that distance. Storing a root as a number loses
-the distance; here each root is kept as (nearest pole, offset), the offset is what is solved for,
+the distance; here each root is kept as (nearest pole, offset), the offset is refined by Newton's method,
 and the weights are sums of positive numbers in it, so that nothing cancels.
 
 References
 ----------
 Park & Schapery, Int. J. Solids Struct. 36 (1999) 1653, doi:10.1016/S0020-7683(98)00060-2.
-Li, LAPACK Working Note 89 (1993), for the secular equation and its rational steps.
+Li, LAPACK Working Note 89 (1993), for the secular equation.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg.lapack import dlasd4
+from scipy.optimize import brentq
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 
-# The rational steps converge quadratically (5 to 12 in practice); the bisection that guards them
-# halves a logarithm, so that this bound is never met by admissible terms.
-_MAX_STEPS = 200
-# While nothing is known below, the guard looks this much nearer to the pole.
-_INWARD = 1e-3
 # Relative distance below which two times are one; a modulus changes by half of that at most.
 _SAME_TIME = 1e-10
-_EPS = float(np.finfo(float).eps)
+# Newton's steps from LAPACK's roots, which are those of poles rounded to their square roots, and the distance from a
+# pole, of that to the next one, below which all others hardly change up to the root.
+_STEPS, _WEAK = 3, 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,20 +119,15 @@ def creep_from_relaxation(family: Relaxation) -> Retardation:
     >>> creep_from_relaxation(solid)
     Retardation(unrelaxed=0.5, weight=array([0.5]), time=array([4.]), fluidity=0.0)
     """
-    rate_order = slice(None, None, -1)
-    if family.time.size == 0:
-        return Retardation(*_spring_and_dashpot(family.relaxed, family.viscosity, rate=True))
-    weight, time = family.weight[rate_order], family.time[rate_order]
-    # Ratios of rates are ratios of times upside down, so no rate is ever rounded.
-    relative = time[None, :] / time[:, None]
-    offset_ratio = (time[None, :] - time[:, None]) / time[:, None]
-    root = _zeros(family.relaxed, family.viscosity, weight, 1.0 / time, relative, offset_ratio)
+    time = family.time
+    offset = (time[:, None] - time[None, :]) / time[None, :]
+    weight, scale, place = _zeros(family.relaxed, family.viscosity, family.weight, time, offset)
     stiffness = family.relaxed + float(np.sum(family.weight))
-    flow = family.viscosity + float(family.weight @ family.time)
+    flow = family.viscosity + float(family.weight @ time)
     return Retardation(
         unrelaxed=0.0 if family.viscosity > 0 else 1.0 / stiffness,
-        weight=root.weight[rate_order],
-        time=(time[root.origin] / root.place)[rate_order],
+        weight=weight,
+        time=scale * place,
         fluidity=0.0 if family.relaxed > 0 else 1.0 / flow,
     )
 
@@ -158,205 +152,73 @@ def relaxation_from_creep(family: Retardation) -> Relaxation:
     >>> relaxation_from_creep(solid)
     Relaxation(relaxed=1.0, weight=array([1.]), time=array([2.]), viscosity=0.0)
     """
-    time = family.time
-    if time.size == 0:
-        return Relaxation(*_spring_and_dashpot(family.unrelaxed, family.fluidity, rate=False))
-    relative = time[:, None] / time[None, :]
-    offset_ratio = (time[:, None] - time[None, :]) / time[None, :]
-    root = _zeros(family.unrelaxed, family.fluidity, family.weight, time, relative, offset_ratio)
+    time = family.time[::-1]
+    # Ratios of rates are ratios of times upside down, so that no rate is rounded.
+    offset = (time[None, :] - time[:, None]) / time[:, None]
+    weight, scale, place = _zeros(family.unrelaxed, family.fluidity, family.weight[::-1], 1.0 / time, offset)
     softness = family.unrelaxed + float(np.sum(family.weight))
-    spread = family.fluidity + float(np.sum(family.weight / time))
+    spread = family.fluidity + float(np.sum(family.weight / family.time))
     return Relaxation(
         relaxed=0.0 if family.fluidity > 0 else 1.0 / softness,
-        weight=root.weight,
-        time=time[root.origin] * root.place,
+        weight=weight[::-1],
+        time=(1.0 / scale / place)[::-1],
         viscosity=0.0 if family.unrelaxed > 0 else 1.0 / spread,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Roots:
-    """Zeros of the secular equation as ``place`` × the pole ``origin``, and converted weights."""
-
-    origin: NDArray[np.intp]
-    place: Floats
-    weight: Floats
-
-
-@dataclass(slots=True)
-class _Gaps:
-    """One row per root: where it lies, in units of its nearest pole.
-
-    The root is ``scale (base + sign distance)``; pole j lies at ``scale (base + pole[row, j])``;
-    ``scale`` is the pole number ``origin``.
-    """
-
-    origin: NDArray[np.intp]
-    scale: Floats
-    base: Floats
-    sign: Floats
-    pole: Floats
-    left: Flags  # (row, j): pole j lies below the root
-    upper: Floats  # the distance is at most this
-
-
 def _zeros(
-    constant: float, slope: float, weight: Floats, poles: Floats, relative: Floats, offset_ratio: Floats
-) -> _Roots:
-    """Solve constant − slope x + Σ w x/(x − p) = 0 for all x > 0 (poles ascending).
+    constant: float, slope: float, weight: Floats, poles: Floats, offset: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Solve constant - slope / y + sum of w p / (p - y) = 0 for all y > 0 (poles ascending).
 
-    ``relative[j, o]`` is p_j/p_o and ``offset_ratio[j, o]`` is p_j/p_o − 1, each rounded once.
+    ``offset[j, o]`` is p_j / p_o - 1, rounded once. Returns the converted weights, and every root as a pole times a
+    place.
     """
-    gaps = _gaps(constant, slope, weight, poles, relative, offset_ratio)
-    distance = _solve(constant, slope, weight, gaps)
-    place = gaps.base + gaps.sign * distance
-    # Distances from the poles straight from the offsets: this is where the digits are saved.
-    away = (gaps.sign * distance)[:, None] - gaps.pole
-    pole_place = gaps.base[:, None] + gaps.pole
-    total = np.sum(weight * place[:, None] * pole_place / away**2, axis=1)
-    return _Roots(gaps.origin, place, 1.0 / (total + slope * poles[gaps.origin] * place))
+    # A parallel dashpot is a pole at zero; every pole has a root above it.
+    first = int(slope > 0)
+    every = kept = np.append(np.zeros(first), poles)
+    strength = np.append(np.full(first, slope), weight * poles)
+    if constant > 0:
+        strength = strength / constant
+    else:
+        # One root is at infinity; the equation over its last term has the others.
+        kept, share = every[:-1], strength[:-1] / strength[-1]
+        strength = share * (every[-1] - kept) / (1.0 + float(np.sum(share)))
+    count, total = kept.size, float(np.sum(strength))
+    away = np.empty((count, count))  # p_j - y of every root
+    for i in range(count - 1):
+        below, _, above, _ = dlasd4(i, np.sqrt(kept), np.sqrt(strength / total), total)
+        away[i] = below * above
+    if count:
+        # The last root lies beyond all poles, by any number of decades.
+        ends = float(strength[-1]), total
+        from_last = kept[-1] - kept
 
+        def missing(u: float) -> float:
+            return 1.0 - float(np.sum(strength / (from_last + u)))
 
-def _spring_and_dashpot(constant: float, slope: float, *, rate: bool) -> tuple[float, Floats, Floats, float]:
-    """Convert a family without terms: a spring, a dashpot, or both side by side."""
-    if constant > 0 and slope > 0:
-        time = slope / constant if rate else constant / slope
-        return 0.0, np.array([1.0 / constant]), np.array([time]), 0.0
-    nothing = np.empty(0)
-    return ((1.0 / constant if constant > 0 else 0.0), nothing, nothing, (1.0 / slope if slope > 0 else 0.0))
-
-
-def _gaps(
-    constant: float, slope: float, weight: Floats, poles: Floats, relative: Floats, offset_ratio: Floats
-) -> _Gaps:
-    """Choose for every root the nearer end of its gap as origin."""
-    n = poles.size
-    # A relaxed modulus of zero puts the first root at x = 0: it is the flow, not a term.
-    first = 0 if constant > 0 else 1
-    upper_pole = np.arange(first, n)
-    is_first = upper_pole == 0
-    below = np.maximum(upper_pole - 1, 0)
-    base = np.where(is_first, 0.0, 1.0)
-    # Sign of the function in the middle of each gap, seen from the left end.
-    left_origin = np.where(is_first, 0, below)
-    pole = np.where(is_first[:, None], relative[:, left_origin].T, offset_ratio[:, left_origin].T)
-    scale = poles[left_origin]
-    rows = np.arange(upper_pole.size)
-    half = 0.5 * pole[rows, upper_pole]
-    place = base + half
-    middle = np.sum(weight * place[:, None] / (half[:, None] - pole), axis=1)
-    middle += constant - slope * scale * place
-    is_right = middle > 0
-    index = np.arange(n)
-    origin = np.where(is_right, upper_pole, left_origin)
-    gaps = _Gaps(
-        origin=origin,
-        scale=poles[origin],
-        base=np.where(is_right, 1.0, base),
-        sign=np.where(is_right, -1.0, 1.0),
-        pole=np.where(is_right[:, None], offset_ratio[:, upper_pole].T, pole),
-        left=index[None, :] < upper_pole[:, None],
-        upper=np.where(is_right, -0.5 * offset_ratio[below, upper_pole], half),
-    )
-    # The first gap begins at zero, where there is no pole.
-    gaps.upper = np.where(is_right & is_first, 0.5, gaps.upper)
-    return _with_last_gap(gaps, constant, slope, weight, poles, offset_ratio) if slope > 0 else gaps
-
-
-def _with_last_gap(
-    gaps: _Gaps, constant: float, slope: float, weight: Floats, poles: Floats, offset_ratio: Floats
-) -> _Gaps:
-    """Append the root beyond the last pole, which a parallel dashpot (or a flow) brings."""
-    last = poles[-1]
-    reach = max(1.0, 2.0 * (constant + 2.0 * float(np.sum(weight))) / (slope * last))
-    return _Gaps(
-        origin=np.append(gaps.origin, poles.size - 1),
-        scale=np.append(gaps.scale, last),
-        base=np.append(gaps.base, 1.0),
-        sign=np.append(gaps.sign, 1.0),
-        pole=np.vstack([gaps.pole, offset_ratio[:, -1][None, :]]),
-        left=np.vstack([gaps.left, np.ones((1, poles.size), dtype=bool)]),
-        upper=np.append(gaps.upper, reach),
-    )
-
-
-def _solve(constant: float, slope: float, weight: Floats, gaps: _Gaps) -> Floats:
-    """Find the distance of every root from its origin to full relative accuracy."""
-    low = np.zeros(gaps.scale.size)
-    high = gaps.upper.copy()
-    distance = _first_guess(constant, slope, weight, gaps)
-    for _ in range(_MAX_STEPS):
-        value, step = _rational_step(constant, slope, weight, gaps, distance)
-        # The function falls with x: positive means that the root lies further up.
-        outward = (value > 0) == (gaps.sign > 0)
-        low = np.where(outward, distance, low)
-        high = np.where(outward, high, distance)
-        inside = (step > low) & (step < high)
-        middle = np.where(low > 0, np.sqrt(low) * np.sqrt(high), _INWARD * high)
-        proposal = np.where(inside, step, middle)
-        settled = (np.abs(step - distance) <= 2 * _EPS * distance) | (value == 0)
-        settled |= high - low <= 2 * _EPS * high
-        distance = np.where(settled, distance, proposal)
-        if settled.all():
-            break
-    return distance
-
-
-def _first_guess(constant: float, slope: float, weight: Floats, gaps: _Gaps) -> Floats:
-    """Balance the pole at the origin against everything else, taken at the origin.
-
-    Exact in the limit of a weak pole, however weak, where a step from afar would cancel.
-    """
-    rows = np.arange(gaps.scale.size)
-    at_zero = gaps.base == 0
-    line = slope * gaps.scale
-    others = gaps.pole.copy()
-    others[rows[~at_zero], gaps.origin[~at_zero]] = np.inf
-    # From a pole: w/distance against the rest. From zero: the constant against the rest's slope.
-    rest = np.abs(constant - np.sum(weight * gaps.base[:, None] / others, axis=1) - line)
-    rise = np.sum(weight / others, axis=1) + line
-    top = np.where(at_zero, constant, weight[gaps.origin])
-    bottom = np.where(at_zero, rise, rest)
-    guess = top / np.where(bottom > 0, bottom, 1.0)
-    return np.where((guess > 0) & (guess < gaps.upper), guess, 0.5 * gaps.upper)
-
-
-def _rational_step(
-    constant: float, slope: float, weight: Floats, gaps: _Gaps, distance: Floats
-) -> tuple[Floats, Floats]:
-    """Evaluate the function, and the root of its two-pole model that matches value and slope.
-
-    The poles below are lumped into r + s/(x − pole), those above likewise. The model's root
-    solves a quadratic, written for the *correction*: its coefficients then do not cancel.
-    """
-    offset = gaps.sign * distance
-    place = gaps.base + offset
-    away = offset[:, None] - gaps.pole
-    term = weight * place[:, None] / away
-    fall = weight * (gaps.base[:, None] + gaps.pole) / away**2
-    line = slope * gaps.scale
-    value = constant + np.sum(term, axis=1) - line * place
-    fall_below = np.sum(np.where(gaps.left, fall, 0.0), axis=1)
-    fall_above = np.sum(np.where(gaps.left, 0.0, fall), axis=1) + line
-    # Distances to the poles that enclose the gap; the first gap begins at zero.
-    to_lower = offset - np.max(np.where(gaps.left, gaps.pole, -gaps.base[:, None]), axis=1)
-    upper = np.min(np.where(gaps.left, np.inf, gaps.pole), axis=1)
-    has_upper = np.isfinite(upper)
-    to_upper = np.where(has_upper, upper - offset, 1.0)
-    below, above = fall_below * to_lower, fall_above * to_upper
-    a = np.where(has_upper, below - above - value, -line)
-    b = np.where(
-        has_upper, value * (to_upper - to_lower) - below * to_upper - above * to_lower, value - below - line * to_lower
-    )
-    reach = np.where(has_upper, to_upper, np.inf)
-    correction = _root_between(a, b, value * to_lower * to_upper, -to_lower, reach)
-    return value, distance + gaps.sign * correction
-
-
-def _root_between(a: Floats, b: Floats, c: Floats, lower: Floats, upper: Floats) -> Floats:
-    """Return the smaller root of a x² + b x + c inside (lower, upper), NaN if there is none."""
-    with np.errstate(all="ignore"):
-        q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4 * a * c, 0.0)), b))
-        small, large = c / q, q / a
-    found = np.where((large > lower) & (large < upper), large, np.nan)
-    return np.where((small > lower) & (small < upper), small, found)
+        is_alone = missing(ends[0]) >= 0.0 or missing(total) <= 0.0
+        away[-1] = -from_last - (ends[0] if is_alone else brentq(missing, *ends, xtol=1e-300, rtol=1e-12, maxiter=2000))
+    if count and not constant > 0:
+        away = np.column_stack([away, every[-1] - kept[-1] + away[:, -1]])
+    rows, nearest = np.arange(count), np.argmin(np.abs(away), axis=1) if count else np.zeros(0, dtype=int)
+    # Places count from the nearest pole, in its own units; from zero in those of the first pole.
+    base, origin = (nearest >= first).astype(float), np.maximum(nearest - first, 0)
+    scale = poles[origin] if poles.size else np.ones(count)
+    far = offset[:, origin].T if poles.size else np.zeros((count, 0))
+    relative, s = poles / scale[:, None], -away[rows, nearest] / scale
+    if poles.size:
+        # A weak pole balances all others, taken at its place.
+        others = far.copy()
+        others[rows, origin] = np.inf
+        weak = weight[origin] / (constant - slope / scale + np.sum(weight * relative / others, axis=1))
+        s = np.where((base > 0) & (np.abs(s) < _WEAK * np.min(np.abs(others), axis=1, initial=1.0)), weak, s)
+    for _ in range(_STEPS):
+        gap = np.where(base[:, None] > 0, far, relative) - s[:, None]
+        value = constant - slope / (scale * (base + s)) + np.sum(weight * relative / gap, axis=1)
+        rise = slope / (scale * (base + s) ** 2) + np.sum(weight * relative / gap**2, axis=1)
+        s = s - s * value / (value + s * rise)
+    gap = np.where(base[:, None] > 0, far, relative) - s[:, None]
+    place = base + s
+    squares = np.sum(weight * place[:, None] * relative / gap**2, axis=1) + slope / (scale * place)
+    return 1.0 / squares, scale, place

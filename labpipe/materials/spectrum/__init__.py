@@ -2,11 +2,6 @@
 
 from labpipe.materials.spectrum._kramers_kronig import KramersKronig as KramersKronig, kramers_kronig as kramers_kronig
 from labpipe.materials.spectrum._reduction import fewest_terms as fewest_terms
-from labpipe.materials.spectrum._responses import (
-    frequencies_of as frequencies_of,
-    prony_of_creep as prony_of_creep,
-    prony_of_relaxation as prony_of_relaxation,
-)
 from labpipe.materials.spectrum._spectrum import (
     MARGIN_DECADES as MARGIN_DECADES,
     MOST_TERMS_PER_DECADE as MOST_TERMS_PER_DECADE,
@@ -16,6 +11,7 @@ from labpipe.materials.spectrum._spectrum import (
     compress as compress,
     make_grid as make_grid,
     maxwell_shapes as maxwell_shapes,
+    second_differences as second_differences,
     solve as solve,
     solve_by_cross_validation as solve_by_cross_validation,
     solve_nearby as solve_nearby,

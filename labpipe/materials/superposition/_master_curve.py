@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials._shift_law import LawName
-from labpipe.materials._time_domain import with_responses
+from labpipe.materials._step_tests import with_responses
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._model_selection import Options, superpose
 from labpipe.materials.superposition._parameters import (

@@ -12,8 +12,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.materials._shift_law import fit_law
-from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
-from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
+from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE, Grid
 from labpipe.materials.superposition._joint_fit import (
     Fit,
     Points,
@@ -33,6 +32,7 @@ from labpipe.materials.superposition._noise import (
     next_noise,
     scatter_of_sweeps,
 )
+from labpipe.materials.superposition._pairwise_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._parameters import (
     SLOPE_SPREAD,
     VERTICAL_SIZE,
@@ -505,11 +505,12 @@ def _widened(
 
 
 def _with_model_uncertainty(points: Points, found: Superposition, options: Options) -> Superposition:
-    """Widen a covariance by the changes of the shifts with the smoothing of the spectrum and with the vertical law.
+    """Widen a covariance by the changes of the shifts with smoothing and grid of the spectrum and the vertical law.
 
-    Both are known from the data only, and shifts depend on them. The covariance is the mean over strengths of the
-    smoothing, the change of the parameters with them included, each weighed with exp(-C_p / 2); other vertical
-    laws, where several were possible, add the squares of the changes of free shifts, weighed with Schwarz's criterion.
+    Shifts depend on choices that are known from the data only. The covariance is the mean over strengths of the
+    smoothing, the change of the parameters with them included, each weighed with exp(-C_p / 2). The change by a grid
+    of half the spacing is the error of discretisation, as of any quadrature. Other vertical laws, where several were
+    possible, add the squares of the changes of free shifts, weighed with Schwarz's criterion.
 
     References
     ----------
@@ -520,26 +521,31 @@ def _with_model_uncertainty(points: Points, found: Superposition, options: Optio
         return found
     weight = _robust_weights(points, found, options) / np.sqrt(found.lack_of_fit)
     chosen = fit.solution.strength / found.lack_of_fit
-    price, second = [], []
-    for factor in _STRENGTHS:
-        loose = evaluate(points, weight, fit.grid, fit.state, chosen * factor)
-        other = minimise(points, weight, loose, model, *_SCREENING)
+
+    def refitted(factor: float, grid: Grid) -> Fit:
+        return minimise(points, weight, evaluate(points, weight, grid, fit.state, chosen * factor), model, *_SCREENING)
+
+    fits = {factor: refitted(factor, fit.grid) for factor in _STRENGTHS}
+    price = np.array([predictive_cost(other, model) for other in fits.values()])
+    share = np.exp(-0.5 * (price - min(price)))
+    covariance = np.zeros((model.size, model.size))
+    for weight_of, other in zip((share / share.sum()).tolist(), fits.values(), strict=True):
         change = other.state.parameters - fit.state.parameters
         spread = np.linalg.pinv(outer_problem(points, other, model)[0], hermitian=True)
-        price.append(predictive_cost(other, model))
-        second.append(spread + np.outer(change, change))
-    share = np.exp(-0.5 * (np.array(price) - min(price)))
-    covariance = np.tensordot(share / share.sum(), np.array(second), axes=1)
+        covariance += weight_of * (spread + np.outer(change, change))
+    halved = refitted(1.0, grid_for(points, fit.state, 2.0 * fit.grid.terms_per_decade))
+    change = halved.state.parameters - fits[1.0].state.parameters
+    covariance += np.outer(change, change)
     if model.horizontal == "free":
+        head, total, changes = slice(model.horizontal_size), 1.0, np.zeros((model.horizontal_size,) * 2)
         present = evaluate(points, weight, fit.grid, fit.state, chosen)
-        least, total, changes = _criterion(points, present, model), 1.0, np.zeros((model.horizontal_size,) * 2)
         for law in [one for one in _moves(model, options) if one.vertical != model.vertical]:
             other = _screened(points, weight, replace(found, fit=present), law, fit.state)
-            head = slice(model.horizontal_size)
             change = other.state.parameters[head] - fit.state.parameters[head]
-            odds = float(np.exp(np.clip(0.5 * (least - _criterion(points, other, law)), -50.0, 50.0)))
+            gain = _criterion(points, present, model) - _criterion(points, other, law)
+            odds = float(np.exp(np.clip(0.5 * gain, -50.0, 50.0)))
             total, changes = total + odds, changes + odds * np.outer(change, change)
-        covariance[: model.horizontal_size, : model.horizontal_size] += changes / total
+        covariance[head, head] += changes / total
     return replace(found, covariance=covariance)
 
 

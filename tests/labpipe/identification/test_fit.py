@@ -122,11 +122,6 @@ def test_fractional_solid_explains_a_broad_dispersion_too() -> None:
     assert known.sd.max() < 1.0
 
 
-def test_same_answer_every_time() -> None:
-    first, second = fit(hold_problem(5)), fit(hold_problem(5))
-    assert (first.xi == second.xi).all()
-
-
 def test_no_experiment_is_refused() -> None:
     problem = Problem(SmoothSpectrum(np.array([1.0, 10.0]), 0.5), ())
     with pytest.raises(InputError, match="there are no observations"):

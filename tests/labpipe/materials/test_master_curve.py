@@ -60,13 +60,6 @@ def test_terms_outside_the_covered_window_are_marked(curve):
     assert not curve.terms["extrapolated"].all()
 
 
-def test_order_of_temperatures_and_frequencies_does_not_matter(curve, maxwell_truth):
-    order = np.random.default_rng(0).permutation(12)
-    sweeps = maxwell_truth.sweeps(5).isel(temperature=order, frequency=slice(None, None, -1))
-    shuffled = master_curve(sweeps.transpose("frequency", "temperature"), T_ref=60.0)
-    np.testing.assert_allclose(shuffled.log10_aT.values, curve.log10_aT.values[order], atol=2e-4)
-
-
 def test_material_of_few_single_times_gets_a_finer_grid(maxwell_truth):
     """Times between those of the grid would look like levels and a vertical law."""
     rho, weight = np.logspace(-8, 1, 8), 3e8
@@ -130,16 +123,6 @@ def test_delay_of_the_instrument_is_found_and_taken_out(maxwell_truth):
     without = quiet(late.sweeps(4), T_ref=60.0, delay=False, vertical="none", levels=False)
     assert without.delay == 0
     assert error(without, late) > error(found, late)
-
-
-def test_entropic_factor_is_found(maxwell_truth):
-    rubber = replace(maxwell_truth, is_entropic=True)
-    found = master_curve(rubber.sweeps(4), T_ref=60.0)
-    assert found.vertical in ("rho_T", "linear")
-    np.testing.assert_allclose(found.b_T.values, rubber.b_T, atol=0.02)
-    assert error(found, rubber) < 0.06
-    without = quiet(rubber.sweeps(4), T_ref=60.0, vertical="none", levels=False)
-    assert error(without, rubber) > 0.2
 
 
 @pytest.mark.parametrize("factor", [10.0, 100.0, 0.1])
@@ -364,16 +347,3 @@ def test_stiff_sweeps_are_not_torn_apart(maxwell_truth, seed):
     z = (found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values
     assert error(found, known) < 0.3
     assert np.max(np.abs(z)) < 4
-
-
-def test_violated_superposition_is_said_and_widens_the_uncertainties(maxwell_truth):
-    """The loss of every sweep has a part that does not shift, as from a clamp that rubs."""
-    honest = quiet(maxwell_truth.sweeps(5, 0.003, 0.01), T_ref=60.0, vertical="none")
-    sweeps = maxwell_truth.sweeps(5, 0.003, 0.01)
-    rub = 0.02 * sweeps["storage"] * (sweeps["frequency"] / 0.1) ** 0.3
-    sweeps["loss"] = (sweeps["loss"] + rub).assign_attrs(units="Pa")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        found = master_curve(sweeps, T_ref=60.0, vertical="none")
-    assert any("superposition does not hold" in str(w.message) for w in caught)
-    assert float(found.u_log10_aT.max()) > 3 * float(honest.u_log10_aT.max())

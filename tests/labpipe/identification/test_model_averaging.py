@@ -17,8 +17,8 @@ from labpipe.identification import (
     moduli,
     relaxation_times,
 )
+from labpipe.identification._model_averaging import SMOOTH, STRUCTURE_PRIORS, UNEVEN
 from labpipe.identification._spectra import material
-from labpipe.identification._structure import SMOOTH, STRUCTURE_PRIORS, UNEVEN
 from labpipe.materials import Prony
 from tests.labpipe.identification.holds import RUBBER, exact_force, history
 
@@ -93,12 +93,6 @@ def test_smooth_spectrum_is_recognised() -> None:
 def test_wave_that_no_relaxation_makes_stays_a_discrepancy() -> None:
     known = infer(*held(RUBBER, 6, hidden=0.01))
     assert known.fit.misfits["hold", "force"].relative > 2e-3
-
-
-def test_chances_sum_to_one_and_begin_as_stated(peaked) -> None:
-    assert sum(STRUCTURE_PRIORS.values()) == pytest.approx(1.0)
-    assert sum(s.weight for s in peaked.structures) == pytest.approx(1.0)
-    assert peaked.structures[0].weight == max(s.weight for s in peaked.structures)
 
 
 def test_moduli_are_mean_and_spread_over_the_structures() -> None:

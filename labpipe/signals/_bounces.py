@@ -13,17 +13,21 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import Colour, coloured_covariance, corner_in_flight, estimate_corner, velocity_factor
 from labpipe.signals._derivative import checked_record
 from labpipe.signals._floor import Beneath, Floor
+from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
-from labpipe.signals._mains import Hum, Stretch, hum_of
 from labpipe.signals._noise import estimate_noise
+from labpipe.signals._noise_spectrum import (
+    Colour,
+    coloured_covariance,
+    corner_in_flight,
+    estimate_corner,
+    velocity_factor,
+)
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
-from labpipe.signals._shape_prior import PRIORS, SHAPE, ShapePrior
-from labpipe.signals._smoothing import Smooth, evaluate, smooth
-from labpipe.signals._turns import (
+from labpipe.signals._reversals import (
     FEWEST_IN_FLIGHT,
     SURE,
     Turn,
@@ -33,6 +37,8 @@ from labpipe.signals._turns import (
     first_fall,
     flights_after,
 )
+from labpipe.signals._shape_prior import PRIORS, SHAPE, ShapePrior
+from labpipe.signals._smoothing_spline import Smooth, evaluate, smooth
 from labpipe.uncertainty import propagated_covariance, propagated_u
 from labpipe.variables import variable, with_u
 

@@ -12,7 +12,7 @@ from labpipe.errors import InputError
 from labpipe.signals._noise import estimate_noise
 from labpipe.signals._readings import checked_times, is_constant, refuse_endless, refuse_infinite
 from labpipe.signals._residuals import parameter_covariance
-from labpipe.signals._smoothing import evaluate, smooth
+from labpipe.signals._smoothing_spline import evaluate, smooth
 from labpipe.variables import described
 
 _STEPS = 30  # of Gauss-Newton at most; four are usual

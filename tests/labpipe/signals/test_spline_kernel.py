@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._banded import WIDTH, factored, inverse_of_factor, solve
+from labpipe.signals._spline_kernel import DEGREE as WIDTH, factored, inverse_of_factor, solve
 from tests.rounding import rounding
 
 

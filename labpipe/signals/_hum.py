@@ -9,7 +9,7 @@ the frequency.
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -80,23 +80,12 @@ class Hum:
 
     def scaled(self, factor: float) -> "Hum":
         """Return the same hum in another unit."""
-        by = np.full(len(self.parameters) + 1, factor)
-        by[-1] = 1.0
-        return Hum(
-            self.frequency, self.epoch, self.orders, factor * self.parameters, self.covariance * np.outer(by, by)
-        )
+        by = np.append(np.full(len(self.parameters), factor), 1.0)
+        return replace(self, parameters=factor * self.parameters, covariance=self.covariance * np.outer(by, by))
 
     def to_text(self) -> str:
         """Write as JSON."""
-        return json.dumps(
-            {
-                "frequency": self.frequency,
-                "epoch": self.epoch,
-                "orders": list(self.orders),
-                "parameters": self.parameters.tolist(),
-                "covariance": self.covariance.tolist(),
-            }
-        )
+        return json.dumps({one.name: np.asarray(getattr(self, one.name)).tolist() for one in fields(self)})
 
     @classmethod
     def of_text(cls, text: str | None) -> "Hum | None":
@@ -104,8 +93,8 @@ class Hum:
         if text is None:
             return None
         kept = json.loads(text)
-        parameters, covariance = np.array(kept["parameters"]), np.array(kept["covariance"])
-        return cls(kept["frequency"], kept["epoch"], tuple(kept["orders"]), parameters, covariance)
+        arrays = {name: np.array(kept[name]) for name in ("parameters", "covariance")}
+        return cls(**kept | arrays | {"orders": tuple(kept["orders"])})
 
 
 class Stretch(NamedTuple):
@@ -137,7 +126,7 @@ def hum_at_rest(time: Floats, values: Floats, noise: float) -> tuple[Hum, bool] 
     for line in MAINS:
         if span * line < _PERIODS or line * span * _PER_PERIOD > time.size:
             continue
-        gain = stretches.gain(line)
+        gain = stretches.gain(line, stretches.values)
         left = stretches.sum_of_squares - gain
         # The probability that white noise looks like this is (left/all)^((n - 4)/2).
         is_sure = left < stretches.sum_of_squares * _SURE ** (2 / (time.size - 4))
@@ -157,118 +146,95 @@ def hum_of(
     """Find the hum that runs through all stretches of a record in which nothing can swing.
 
     ``noise`` is the standard deviation of the white part; stretches shorter than a tenth of a period are left out.
-    ``otherwise`` is returned where they span too few periods to tell a line from what is beside it, None where no line
-    of the mains exceeds that.
+    ``otherwise`` is returned where they span too few periods to resolve a line from its neighbours, None where no line
+    of the mains exceeds those.
 
     Notes
     -----
-    The noise of a line is that of the frequencies beside it, in the same stretches, so that flicker or
-    flights that are no parabolas do not pass for a hum.
+    The noise of a line is that of the neighbouring frequencies in the same stretches, so that flicker or
+    flights that are no parabolas do not pass for a hum. Of white noise, the power of a line over the mean of
+    the others is F(2, 2 m).
     """
     known = _Stretches(time, values, stretches)
-    if not known.count or _nearest(known, MAINS[0]) > _FAR:
+    if not known.count or max(_NEAREST, 1.0 / (known.span * MAINS[0])) > _FAR:
         return otherwise
+
+    def beside(line: float, order: int, left: Floats) -> float:
+        """Return the variance of white noise with the mean power of the lines about a multiple of the mains."""
+        steps = np.linspace(max(_NEAREST, 1.0 / (known.span * line)), _BESIDE, _CONTROLS // 2)
+        return float(np.mean([known.gain((order + step) * line, left) / 2 for step in [*steps, *-steps]]))
+
+    def is_sure(gain: float, variance: float) -> bool:
+        return (1.0 + gain / (2 * variance) / _CONTROLS) ** -_CONTROLS < _SURE
+
     best: tuple[float, float, tuple[int, ...]] | None = None
     for line in MAINS:
         gains, left = {}, known.values
         for order in _ORDERS:
             gain = known.gain(order * line, left)
-            if _is_sure(gain, noise**2):
-                gains[order], left = gain, known.without(order * line, left)
-        told = {
-            order: gain
-            for order, gain in gains.items()
-            if _is_sure(gain, max(noise**2, _power_beside(known, line, order, left)))
-        }
-        if told and (best is None or sum(told.values()) > best[0]):
-            best = (sum(told.values()), line, tuple(told))
+            if is_sure(gain, noise**2):
+                design = known.reduced(order * line, (1,))
+                gains[order], left = gain, left - design @ np.linalg.lstsq(design, left, rcond=None)[0]
+        gains = {o: gain for o, gain in gains.items() if is_sure(gain, max(noise**2, beside(line, o, left)))}
+        if gains and (best is None or sum(gains.values()) > best[0]):
+            best = (sum(gains.values()), line, tuple(gains))
     if best is None:
         return None
-    _, line, orders_of = best
-    hum = known.fitted(line, orders_of, noise**2)
-    # What is beside the line is known once the line is out at its own frequency.
-    left = known.without_hum(hum)
-    beside = max(_power_beside(known, hum.frequency, order, left) for order in orders_of)
-    hum = known.fitted(line, orders_of, max(noise**2, beside))
+    _, line, orders = best
+    hum = known.fitted(line, orders, noise**2)
+    # The neighbouring power is known once the line is out at its own frequency.
+    left = known.values - known.reduced(hum.frequency, hum.orders) @ hum.parameters
+    hum = known.fitted(line, orders, max(noise**2, *(beside(hum.frequency, order, left) for order in orders)))
     return hum if abs(hum.frequency - line) < _FURTHEST else None
 
 
-def _power_beside(known: "_Stretches", line: float, order: int, values: Floats) -> float:
-    """Return the mean power of lines beside a multiple of the mains, over what white noise of 1 has."""
-    steps = np.linspace(_nearest(known, line), _BESIDE, _CONTROLS // 2)
-    return float(np.mean([known.gain((order + step) * line, values) / 2 for step in [*steps, *-steps]]))
-
-
-def _nearest(known: "_Stretches", line: float) -> float:
-    """Return from where on, of the frequency of the mains, another line is told from it."""
-    return max(_NEAREST, 1.0 / (known.span * line))
-
-
-def _is_sure(gain: float, variance: float) -> bool:
-    """Whether a line exceeds the noise of others: its power over their mean is F(2, 2 m), (1 + F/m)^-m by chance."""
-    return (1.0 + gain / (2 * variance) / _CONTROLS) ** -_CONTROLS < _SURE
-
-
 class _Stretches:
-    """Readings of all stretches without what a polynomial in each of them takes."""
+    """Readings of all stretches less the polynomial of each."""
 
     def __init__(self, time: Floats, values: Floats, stretches: Sequence[Stretch]) -> None:
-        self._time, self._bases = [], []
+        self._parts: list[tuple[Floats, Floats]] = []
+        readings = [np.zeros(0)]
         for part, degree in stretches:
             t = time[part]
             if len(t) > 4 * (degree + 1) and t[-1] - t[0] > _SHORTEST / MAINS[0]:
                 s = (t - t[0]) / (t[-1] - t[0])
-                self._time.append(t)
-                self._bases.append((part, np.linalg.qr(np.polynomial.polynomial.polyvander(s, degree))[0]))
-        self.count = sum(len(t) for t in self._time)
-        self._middle = float(np.mean(np.concatenate(self._time))) if self._time else 0.0
-        self.span = float(self._time[-1][-1] - self._time[0][0]) if self._time else 0.0
-        self.values = np.concatenate([_beside(values[part], q) for part, q in self._bases] or [np.zeros(0)])
+                basis = np.linalg.qr(np.polynomial.polynomial.polyvander(s, degree))[0]
+                self._parts.append((t, basis))
+                readings.append(values[part] - basis @ (basis.T @ values[part]))
+        self.values = np.concatenate(readings)
+        self.count = self.values.size
+        self._middle = float(np.mean(np.concatenate([t for t, _ in self._parts]))) if self._parts else 0.0
+        self.span = float(self._parts[-1][0][-1] - self._parts[0][0][0]) if self._parts else 0.0
         self.sum_of_squares = float(self.values @ self.values)
 
-    def _reduced(self, frequency: float, orders: tuple[int, ...], parameters: Floats | None = None) -> Floats:
+    def reduced(self, frequency: float, orders: tuple[int, ...], parameters: Floats | None = None) -> Floats:
+        """Return the waves, or all derivatives at parameters, less their part in the polynomials."""
         columns = []
-        for t, (_, q) in zip(self._time, self._bases, strict=True):
+        for t, basis in self._parts:
             s = t - self._middle
             waves = _waves(s, frequency, orders) if parameters is None else _design(s, frequency, orders, parameters)
-            columns.append(_beside(waves, q))
+            columns.append(waves - basis @ (basis.T @ waves))
         return np.concatenate(columns)
 
-    def gain(self, frequency: float, values: Floats | None = None) -> float:
-        """By how much a line lowers the sum of squares."""
-        design = self._reduced(frequency, (1,))
-        right = design.T @ (self.values if values is None else values)
+    def gain(self, frequency: float, values: Floats) -> float:
+        """Return the decrease of the sum of squares by one line."""
+        design = self.reduced(frequency, (1,))
+        right = design.T @ values
         return float(right @ np.linalg.lstsq(design.T @ design, right, rcond=None)[0])
-
-    def without(self, frequency: float, values: Floats) -> Floats:
-        """Return the readings without a line."""
-        design = self._reduced(frequency, (1,))
-        return np.asarray(values - design @ np.linalg.lstsq(design, values, rcond=None)[0])
-
-    def without_hum(self, hum: Hum) -> Floats:
-        """Return the readings without a hum at its own frequency."""
-        return np.asarray(self.values - self._reduced(hum.frequency, hum.orders) @ hum.parameters)
 
     def fitted(self, line: float, orders: tuple[int, ...], variance: float) -> Hum:
         """Fit the line; its frequency is known beforehand as a grid keeps it."""
         frequency = line
-        design = self._reduced(frequency, orders)
-        parameters = np.linalg.lstsq(design, self.values, rcond=None)[0]
+        parameters: Floats = np.asarray(np.linalg.lstsq(self.reduced(frequency, orders), self.values)[0], float)
         for _ in range(_UPDATES):
-            design = self._reduced(frequency, orders, parameters)
+            design = self.reduced(frequency, orders, parameters)
             normal = design.T @ design / variance
-            left = self.values - design[:, :-1] @ parameters
-            right = design.T @ left / variance
+            right = design.T @ (self.values - design[:, :-1] @ parameters) / variance
             normal[-1, -1] += 1.0 / _U_MAINS**2
             right[-1] += (line - frequency) / _U_MAINS**2
             step = np.linalg.solve(normal, right)
-            parameters, frequency = parameters + step[:-1], frequency + float(step[-1])
+            parameters, frequency = np.asarray(parameters + step[:-1], float), frequency + float(step[-1])
         return Hum(frequency, self._middle, orders, parameters, np.asarray(np.linalg.inv(normal), float))
-
-
-def _beside(columns: Floats, basis: Floats) -> Floats:
-    """Return columns without their part in an orthonormal basis."""
-    return np.asarray(columns - basis @ (basis.T @ columns))
 
 
 def _waves(s: Floats, frequency: float, orders: tuple[int, ...]) -> Floats:
@@ -279,8 +245,5 @@ def _waves(s: Floats, frequency: float, orders: tuple[int, ...]) -> Floats:
 def _design(s: Floats, frequency: float, orders: tuple[int, ...], parameters: Floats) -> Floats:
     """Return derivatives by all parameters and the frequency."""
     waves = _waves(s, frequency, orders)
-    turned = np.zeros(len(s))
-    for i, order in enumerate(orders):
-        a, b = parameters[2 * i : 2 * i + 2]
-        turned += 2 * np.pi * order * s * (b * waves[:, 2 * i] - a * waves[:, 2 * i + 1])
-    return np.column_stack([waves, turned])
+    weights = 2 * np.pi * np.repeat(orders, 2) * parameters
+    return np.column_stack([waves, s * (waves[:, ::2] @ weights[1::2] - waves[:, 1::2] @ weights[::2])])

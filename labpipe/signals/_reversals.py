@@ -6,7 +6,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._colour import WHITE, Colour, coloured_covariance
+from labpipe.signals._noise_spectrum import WHITE, Colour, coloured_covariance
 
 SURE = 4.0  # standard uncertainties by which a speed must differ from zero to have a direction
 FEWEST_IN_FLIGHT = 6

@@ -5,7 +5,7 @@ import pytest
 
 from labpipe.arrays import Floats
 from labpipe.signals import Hum, hum_at_rest
-from labpipe.signals._mains import Stretch, hum_of
+from labpipe.signals._hum import Stretch, hum_of
 
 _INTERVAL = 5e-5
 _TIME = np.arange(7000) * _INTERVAL

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from labpipe.arrays import Floats
-from labpipe.signals._mains import Hum, Stretch
+from labpipe.signals._hum import Hum, Stretch
 
 _SIZES = (1024, 512, 256, 128)
 """Samples of a stretch, the longest that fit first."""

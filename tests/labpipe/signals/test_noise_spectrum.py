@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._colour import _normal, corner_in_flight, estimate_corner, velocity_factor
-from labpipe.signals._mains import Stretch
+from labpipe.signals._hum import Stretch
+from labpipe.signals._noise_spectrum import _normal, corner_in_flight, estimate_corner, velocity_factor
 from tests.rounding import rounding
 
 _INTERVAL = 5e-5
