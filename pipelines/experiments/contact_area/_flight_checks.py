@@ -52,10 +52,9 @@ def none_missed(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) 
     place of the flight before the first impact, so that two impacts are enough.
     """
     name = "impacts in turn"
-    law = "a flight lasts 2 v/g, and the largest radius of the contact after it goes with v^(2/5)"
     time, a = impacts["peak_time"].values, impacts["peak_radius"].values
     if time.size < 2 or not np.all(np.isfinite(a)):
-        return not_made(name, law, "two impacts")
+        return not_made(name, "two impacts")
     fall = 2 * sqrt(2 * settings.height.value / settings.model.gravity.value)
     lasts = np.diff(time)
     longer = lasts / fall * (a[0] / a[1:]) ** _POWER
@@ -65,14 +64,14 @@ def none_missed(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) 
         f"{longer[worst]:.2g} times what the radii of the two and the stated height say"
     )
     if longer[worst] < _MISSED:
-        return stated(name, law, text, None, file=settings.film)
+        return stated(name, text, None, file=settings.film)
     begin, end = (int(np.argmin(np.abs(radius["time"].values - time[k]))) for k in (worst, worst + 1))
     frames = radius["frame"].values
     cause = (
         f"an impact between frames {frames[begin]} and {frames[end]} was not recorded, so that those after it are held "
         "against the wrong ones of the model; or the stated height is far too small"
     )
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film, setting="film")
+    return stated(name, text, "doubtful", cause=cause, file=settings.film, setting="film")
 
 
 def flights_alike(
@@ -85,10 +84,9 @@ def flights_alike(
     but for weight and relaxation, which the model shows.
     """
     name = "durations of the flights"
-    law = "a flight lasts 2 v/g, and the largest radius of the contact after it goes with v^(2/5)"
     peak, a, u_a = (impacts[n].values for n in ("peak_time", "peak_radius", "u_peak_radius"))
     if model is None or min(peak.size, model.sizes["impact"]) < 3:
-        return not_made(name, law, "three impacts, and a model of them")
+        return not_made(name, "three impacts, and a model of them")
     count = min(peak.size, model.sizes["impact"])
     peak, a, u_a, touches = peak[:count], a[:count], u_a[:count], model["contact_duration"].values[:count]
     lasts = np.diff(peak) - 0.5 * (touches[1:] + touches[:-1])
@@ -97,7 +95,7 @@ def flights_alike(
     known = (lasts[long] > 0) & (theirs[long] > 0) & np.isfinite(a[long + 1]) & np.isfinite(u_a[long + 1])
     long = long[known]
     if long.size < 2:
-        return not_made(name, law, "two flights that last longer than contacts")
+        return not_made(name, "two flights that last longer than contacts")
     of_model = np.log(theirs[long]) - _POWER * np.log(model["peak_contact_radius"].values[long + 1])
     told = np.log(lasts[long]) - _POWER * np.log(a[long + 1]) - of_model
     own = _own(impacts, float(radius.attrs["u_systematic_relative"]))[long + 1]
@@ -116,7 +114,7 @@ def flights_alike(
         "flights say"
     )
     if beyond[worst] <= 0:
-        return stated(name, law, text, None, file=settings.film)
+        return stated(name, text, None, file=settings.film)
     begin, end = (int(np.argmin(np.abs(radius["time"].values - peak[k]))) for k in (flight, flight + 1))
     frames = radius["frame"].values
     between = f"between frames {frames[begin]} and {frames[end]}"
@@ -124,4 +122,4 @@ def flights_alike(
         f"frames {'are repeated' if apart > 0 else 'were lost'} {between}, or those of another flight "
         f"{'were lost' if apart > 0 else 'are repeated'}; or films were joined or the lens changed there"
     )
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)

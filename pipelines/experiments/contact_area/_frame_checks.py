@@ -31,7 +31,7 @@ def frame_checks(radius: xr.Dataset, whole: Check, settings: ContactArea) -> lis
 
 def summits_seen(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
     """Look for contacts in which frames are missing beside the largest radius that was seen."""
-    name, law = "frames of the contacts", "the largest radius lies between frames that follow each other"
+    name = "frames of the contacts"
     time, a = radius["time"].values, np.nan_to_num(radius["radius"].values)
     steps = np.diff(time)
     seen = [
@@ -43,17 +43,17 @@ def summits_seen(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea)
     tops = [int(at[np.argmax(a[at])]) for at in seen]
     lost = [k for top in tops for k in (top - 1, top) if 0 <= k < steps.size and steps[k] > _LATE * usual]
     if not lost:
-        return stated(name, law, f"{settings.film}: frames are there about every largest radius", None)
+        return stated(name, f"{settings.film}: frames are there about every largest radius", None)
     at, frames = lost[0], radius["frame"].values
     text = f"{settings.film}: {quantity(float(steps[at]), 's')} pass between frames {frames[at]} and {frames[at + 1]}, "
     text += f"usual are {quantity(usual, 's')}; one of them shows the largest radius of a contact"
     cause = "the camera recorded in bursts or dropped frames: the contact may have been larger between them"
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
 def none_lost(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
     """Look for frames that are missing within a contact whose others were numbered anew."""
-    name, law = "course of the contacts", "the area of a contact goes with its depth, which inertia keeps smooth"
+    name = "course of the contacts"
     time, frame = radius["time"].values, radius["frame"].values
     area, u = radius["radius"].values ** 2, 2 * radius["radius"].values * radius["u_radius"].values
     known, method = np.isfinite(area) & np.isfinite(u), radius["method"].values
@@ -71,13 +71,13 @@ def none_lost(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) ->
                 f"after frame {before}"
             )
             cause = f"frames after frame {before} were lost, and the others numbered anew: no time of theirs tells it"
-            return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
-    return stated(name, law, f"{settings.film}: the areas of all contacts are smooth", None, file=settings.film)
+            return stated(name, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, f"{settings.film}: the areas of all contacts are smooth", None, file=settings.film)
 
 
 def contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
     """Look for frames without a contact between frames that show it."""
-    name, law = "contacts without gaps", "a contact does not open and close between two frames of an impact"
+    name = "contacts without gaps"
     time, frame = radius["time"].values, radius["frame"].values
     shows = radius["in_contact"].values.astype(bool) | ~radius["valid"].values.astype(bool)
     inside = np.zeros(time.size, bool)
@@ -90,15 +90,15 @@ def contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactAre
     )
     halved = _halved(radius, impacts)
     if not lost.size and halved is None:
-        return stated(name, law, f"{settings.film}: every frame of an impact shows its contact", None)
+        return stated(name, f"{settings.film}: every frame of an impact shows its contact", None)
     if halved is not None:
         number, at, beside = halved
         text = f"{settings.film}: impact {number} is largest in frame {frame[at]}, and frame {frame[beside]} beside it "
-        return stated(name, law, f"{text}shows no contact", "doubtful", cause=cause, file=settings.film)
+        return stated(name, f"{text}shows no contact", "doubtful", cause=cause, file=settings.film)
     which = ", ".join(str(int(k)) for k in lost[:_NAMED]) + (", …" if lost.size > _NAMED else "")
     named, show = ("frame", "shows") if lost.size == 1 else ("frames", "show")
     text = f"{settings.film}: {named} {which} within an impact {show} no contact"
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _halved(radius: xr.Dataset, impacts: xr.Dataset) -> tuple[int, int, int] | None:
@@ -117,29 +117,29 @@ def _halved(radius: xr.Dataset, impacts: xr.Dataset) -> tuple[int, int, int] | N
 
 
 def _times(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "times of the frames", "every frame is later than the one before"
+    name = "times of the frames"
     steps = np.diff(radius["time"].values)
     wrong = np.flatnonzero(~(steps > 0))
     if wrong.size:
         at = int(radius["frame"].values[wrong[0] + 1])
         text = f"{settings.film}: frame {at} is not later than the one before ({wrong.size} such frames)"
         cause = f"frames are exchanged or repeated at frame {at}"
-        return stated(name, law, text, "impossible", cause=cause, file=settings.film)
-    return stated(name, law, f"{settings.film}: {steps.size + 1} frames in order", None, file=settings.film)
+        return stated(name, text, "impossible", cause=cause, file=settings.film)
+    return stated(name, f"{settings.film}: {steps.size + 1} frames in order", None, file=settings.film)
 
 
 def _blanked(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = ("whole frames", "a sensor has noise: no row of pixels holds one value that was not there before")
+    name = "whole frames"
     if "blanked" not in radius.attrs:
-        return not_made(name, law, "the frames")
+        return not_made(name, "the frames")
     found = {int(i): int(size) for i, size in json.loads(radius.attrs["blanked"]).items()}
     if not found:
-        return stated(name, law, f"{settings.film}: no pixels are missing in frames about a contact", None)
+        return stated(name, f"{settings.film}: no pixels are missing in frames about a contact", None)
     first, size = next(iter(found.items()))
     more = f"; {len(found)} such frames" if len(found) > 1 else ""
     text = f"{settings.film}: {size} pixels in a row of frame {first} are blank, those before them are not{more}"
     cause = f"pixels of frame {first} were lost: the film was not copied whole, was damaged, or the light failed"
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:

@@ -36,21 +36,18 @@ def image_checks(radius: xr.Dataset, settings: ContactArea) -> Iterator[Check]:
 
 def in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Look for contacts of which the images, or the region that is stated, show a part of the rim alone."""
-    name, law = (
-        "middle of the contacts",
-        "images show a contact with its middle: a part of its rim tells its size poorly",
-    )
+    name = "middle of the contacts"
     view = json.loads(radius.attrs.get(LIGHT, "{}")).get("view")
     known = np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
     if view is None or not known.any():
-        return not_made(name, law, "contacts, and the size of the images")
+        return not_made(name, "contacts, and the size of the images")
     first = (0.0, 0.0) if settings.region is None else np.min(settings.region, axis=0)
     place = np.column_stack([radius[axis].values[known] for axis in ("centre_x", "centre_y")]) - first
     beside = int(np.any((place < -0.5) | (place > np.array(view[::-1]) - 0.5), axis=1).sum())
     what = "the images" if settings.region is None else "region"
     text = f"{settings.film}: the middle lies beside {what} in {beside} of {place.shape[0]} frames with a contact"
     if beside <= 0.5 * place.shape[0]:
-        return stated(name, law, text, None, file=settings.film)
+        return stated(name, text, None, file=settings.film)
     cause = (
         "the images were cropped beside the contact, or the camera looks past it"
         if settings.region is None
@@ -58,12 +55,12 @@ def in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
     )
     level: Level = "doubtful" if np.greater(*edges_only(radius)) else "note"
     setting = "" if settings.region is None else "region"
-    return stated(name, law, text, level, cause=cause, file="" if setting else settings.film, setting=setting)
+    return stated(name, text, level, cause=cause, file="" if setting else settings.film, setting=setting)
 
 
 def _shutter(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Hold the stated exposure against how far fringes are smeared, which a lens out of focus does as well."""
-    name, law = "exposure by the fringes", "fringes are smeared by as far as the contact moves in the exposure"
+    name = "exposure by the fringes"
     read = np.isin(radius["method"].values, (FRINGE_FIT, OPEN_GAP))
     # Hertz: the area goes with the depth, so that its slope tells the speed of the radius
     beside = np.flatnonzero(read[1:-1] & (read[2:] & read[:-2])) + 1
@@ -72,7 +69,7 @@ def _shutter(radius: xr.Dataset, settings: ContactArea) -> Check:
     moved = speed * (0.0 if settings.exposure is None else settings.exposure.value)
     told = moved > float(radius["pixel_size"])
     if "travel" not in radius or np.count_nonzero(told) < _SMEARED:
-        return not_made(name, law, "a stated exposure in which contacts move by a pixel, in four frames")
+        return not_made(name, "a stated exposure in which contacts move by a pixel, in four frames")
     seen, moved = radius["travel"].values[beside[told]], moved[told]
     at = int(np.argsort(seen / moved)[moved.size // 2])
     text = (
@@ -82,18 +79,18 @@ def _shutter(radius: xr.Dataset, settings: ContactArea) -> Check:
     )
     level: Level | None = "doubtful" if seen[at] < _TOO_SHARP * moved[at] else None
     cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is wrong"
-    return stated(name, law, text, level, cause=cause, setting="exposure")
+    return stated(name, text, level, cause=cause, setting="exposure")
 
 
 def _round(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Look for rings that are ellipses, as a camera sees them that looks aslant."""
-    name, law = "shape of the rings", "the contact of a sphere is round, and a camera that looks straight sees it round"
+    name = "shape of the rings"
     found = axes_ratio(radius)
     if found is None:
-        return not_made(name, law, "fringes that the film resolves")
+        return not_made(name, "fringes that the film resolves")
     ratio, angle = found
     if ratio == 1.0:
-        return stated(name, law, f"{settings.film}: the rings are circles", None, file=settings.film)
+        return stated(name, f"{settings.film}: the rings are circles", None, file=settings.film)
     half = 1.0 - sqrt(ratio)
     own = float(radius["u_pixel_size"] / radius["pixel_size"])
     level: Level | None = "doubtful" if half > _DECIDES * own else "note" if half > _MATTERS * own else None
@@ -104,16 +101,16 @@ def _round(radius: xr.Dataset, settings: ContactArea) -> Check:
     )
     cause = "the camera looks aslant at the disc, or its pixels are not square: measure the scale both ways"
     cause = cause if level else ""
-    return stated(name, law, text, level, cause=cause, file=settings.film, setting="camera")
+    return stated(name, text, level, cause=cause, file=settings.film, setting="camera")
 
 
 def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Look for contacts that jump in the image, or stand at several places."""
-    name, law = "place of the contacts", "a contact sticks, and a guided sphere meets the plate at one place"
+    name = "place of the contacts"
     known = np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
     at = np.flatnonzero(known)
     if at.size < _FEWEST or "centre_x" not in radius:
-        return not_made(name, law, "contacts in eight frames, and their centres")
+        return not_made(name, "contacts in eight frames, and their centres")
     x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))
     time, frame = radius["time"].values[at], radius["frame"].values[at]
     # what moves the radius of a poor fit moves its centre as well
@@ -127,7 +124,7 @@ def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
         k = int(np.argmax(np.where(jumps, step, 0.0)))
         times = f", and {jumps.sum() - 1} times more" if jumps.sum() > 1 else ""
         text = f"{settings.film}: the contact jumps by {step[k]:.3g} px to frame {frame[k + 1]}{times}"
-        return stated(name, law, text, "doubtful", cause=f"{cause} at that frame, or it shakes", file=settings.film)
+        return stated(name, text, "doubtful", cause=f"{cause} at that frame, or it shakes", file=settings.film)
     runs = [run for run in np.split(np.arange(at.size), np.flatnonzero(~is_one) + 1) if run.size > 2]
     places = np.array([[np.median(x[run]), np.median(y[run])] for run in runs]).reshape(-1, 2)
     creeps = _creep(time, np.column_stack([x, y]), own, runs)
@@ -139,12 +136,12 @@ def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
         text = f"{settings.film}: every contact drifts in the image, evenly, by {in_words(moved, 2)} px during the film"
         cause += ": it creeps; radii do not suffer"
         level: Level = "doubtful" if moved > _WANDERS * play else "note"
-        return stated(name, law, text, level, cause=cause, file=settings.film)
+        return stated(name, text, level, cause=cause, file=settings.film)
     if far <= play:
-        return stated(name, law, text, None, file=settings.film)
+        return stated(name, text, None, file=settings.film)
     text = f"{settings.film}: the contact from frame {frame[runs[k + 1][0]]} on stands {far:.3g} px from the last"
     cause += " in the flight before, the sphere's guide has play, or two films were joined"
-    return stated(name, law, text, "doubtful" if far > _WANDERS * play else "note", cause=cause, file=settings.film)
+    return stated(name, text, "doubtful" if far > _WANDERS * play else "note", cause=cause, file=settings.film)
 
 
 def _creep(time: Floats, place: Floats, own: Floats, runs: list[NDArray[np.int64]]) -> float | None:
@@ -174,11 +171,11 @@ def _creep(time: Floats, place: Floats, own: Floats, runs: list[NDArray[np.int64
 
 def _positive(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Look for contacts that are brighter than the gap around them."""
-    name, law = "dark contacts", "both sides of a gap reflect with opposite signs: where it closes is dark"
+    name = "dark contacts"
     phase = float(radius.attrs.get("phase", np.nan))
     if settings.wavelength is None or not isfinite(phase) or not edges_only(radius)[1]:
-        return not_made(name, law, "a wavelength, and fringes that the film resolves")
+        return not_made(name, "a wavelength, and fringes that the film resolves")
     if cos(phase) < 0.0:
-        return stated(name, law, f"{settings.film}: contacts are dark", None, file=settings.film)
+        return stated(name, f"{settings.film}: contacts are dark", None, file=settings.film)
     cause = "the images are negative (inverted grey levels), or plate or sphere is coated or wet; radii do not suffer"
-    return stated(name, law, f"{settings.film}: contacts are bright", "note", cause=cause, file=settings.film)
+    return stated(name, f"{settings.film}: contacts are bright", "note", cause=cause, file=settings.film)

@@ -136,7 +136,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     whole = whole_film(context, settings.film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
     body = settings.sphere.radius.value, settings.sphere.mass.value
-    checks += [fall_checks.gravity_stated(settings.model.gravity), fall_checks.body_stated(*body)]
+    checks.append(fall_checks.body_stated(*body))
     checks += [judgements.day_known(radius, settings.camera, settings.film), _sticks(settings)]
     checks.append(not_smoothed(context, settings.film))
     if radius is not None:
@@ -211,11 +211,10 @@ def _inputs(
 
 
 def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
-    law = "fringes lie where radius of the sphere, wavelength and scale of the image put them"
     light, body = settings.wavelength, settings.sphere.radius
     ratio = float(radius.attrs.get("phase_scale_ratio", nan))
     if light is None or not isfinite(ratio) or not edges_only(radius)[1]:
-        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves")
+        return not_made(FRINGE, "a wavelength, and fringes that the film resolves")
     scale = 2 * float(radius.attrs["u_systematic_relative"])
     u = hypot(scale, light.u / light.value, body.u / body.value)
     message = (
@@ -224,32 +223,32 @@ def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | No
         f"{in_words(1e3 * body.value, 4)} mm), or else a pixel {in_words(sqrt(ratio), 4)} times as long"
     )
     u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
-    return compared(FRINGE, law, message, ratio, u_ratio, 1.0, u, file=settings.film)
+    return compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=settings.film)
 
 
 def _sticks(settings: ContactArea) -> Check:
     """Hold the stated work of adhesion against those of smooth polymers."""
-    name, law = "work of adhesion", "clean smooth surfaces of polymers stick with less than 1 J/m²"
+    name = "work of adhesion"
     given = settings.work_of_adhesion
     if given is None:
-        return not_made(name, law, "a work of adhesion")
+        return not_made(name, "a work of adhesion")
     cause = "work_of_adhesion is in another unit than was typed (mJ/m²), or that of tearing soft adhesives apart"
     level: Level | None = "doubtful" if given.value > _STICKS else None
     text = f"{quantity(given.value, 'J/m2')} are stated"
-    return stated(name, law, text, level, cause=cause, setting="work_of_adhesion")
+    return stated(name, text, level, cause=cause, setting="work_of_adhesion")
 
 
 def _visible(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Hold the fitted visibility against that of dark fringes without any light."""
-    name, law = "visibility of the fringes", "fringes cannot be darker than dark: visibility is at most 1"
+    name = "visibility of the fringes"
     values = radius["visibility"].values if "visibility" in radius else np.empty(0)
     values = values[np.isfinite(values)]
     if settings.wavelength is None or values.size < 3:
-        return not_made(name, law, "a wavelength, and three frames with fringes")
+        return not_made(name, "a wavelength, and three frames with fringes")
     seen, u = float(np.median(values)), max(float(np.std(values)) / sqrt(values.size), 0.02)
     phase = float(radius.attrs.get("phase", np.nan))
     message = f"{settings.film}: visibility {seen:.2f}, phase in the contact {phase:.2f} rad"
-    found = bounded(name, law, message, seen, u, at_most=1.0, setting="wavelength")
+    found = bounded(name, message, seen, u, at_most=1.0, setting="wavelength")
     light = quantity(settings.wavelength.value, "m")
     cause = (
         f"the wavelength of {light} is not that of the film's light, or the sphere's radius or the scale of the "
@@ -259,10 +258,10 @@ def _visible(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 
 def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "fringes are resolved", "monochromatic light gives fringes beside a contact"
+    name = "fringes are resolved"
     edges, fringes = edges_only(radius)
     if settings.wavelength is None:
-        return not_made(name, law, "the wavelength of monochromatic light")
+        return not_made(name, "the wavelength of monochromatic light")
     frames = "1 frame" if edges == 1 else f"{edges} frames"
     message = f"{settings.film}: {frames} measured by the edge of the spot, {fringes} by fringes"
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
@@ -272,7 +271,7 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
         cause = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
         better = [check.cause for check in (exposed(radius, settings.film), in_view(radius, settings)) if check.level]
         cause = better[0] if better else cause
-    return stated(name, law, message, level, cause=cause, file=settings.film)
+    return stated(name, message, level, cause=cause, file=settings.film)
 
 
 def _largest(impacts: xr.Dataset) -> tuple[float, float]:
@@ -280,37 +279,36 @@ def _largest(impacts: xr.Dataset) -> tuple[float, float]:
 
 
 def _size(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "contact radius over the sphere's", "the contact of a solid is smaller than half its sphere"
+    name = "contact radius over the sphere's"
     seen, own = _largest(impacts)
     body = settings.sphere.radius
     ratio = seen / body.value
     u = ratio * hypot(own / seen, body.u / body.value)
     message = f"{settings.film}: {quantity(seen, 'm')} in a sphere of {quantity(body.value, 'm')}: {ratio:.3g}"
     cause = f"the scale in {settings.camera} is wrong or of another view, or sphere.radius is"
-    return bounded(name, law, message, ratio, u, at_most=_LARGEST, file=settings.camera, cause=cause)
+    return bounded(name, message, ratio, u, at_most=_LARGEST, file=settings.camera, cause=cause)
 
 
-def _like(name: str, law: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
+def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
     """Hold a ratio against one within a factor, so that causes may be told from it."""
-    found = bounded(name, law, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
+    found = bounded(name, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
     return replace(found, log_ratio=log(ratio), u_log_ratio=u)
 
 
 def _like_model(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
-    law = "Hertz: a goes with R^0.4 (m h)^0.2 E^-0.2, so that no polymer is far from another"
     if model is None or not model.sizes["impact"]:
-        return not_made(RADIUS, law, "a model of the drop")
+        return not_made(RADIUS, "a model of the drop")
     seen, expected = _largest(impacts)[0], float(model["peak_contact_radius"][0])
     message = f"{settings.film}: {quantity(seen, 'm')} seen, {quantity(expected, 'm')} expected"
     allowed, u = _LIKE_MODEL
-    return _like(RADIUS, law, message, seen / expected, allowed, u, settings.film)
+    return _like(RADIUS, message, seen / expected, allowed, u, settings.film)
 
 
 def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = ORDER, "no impact is harder than the one before it"
+    name = ORDER
     a, u = impacts["peak_radius"].values, impacts["u_peak_radius"].values
     if a.size < 2:
-        return not_made(name, law, "two impacts")
+        return not_made(name, "two impacts")
     rise, own = np.diff(a), np.hypot(u[1:], u[:-1])
     at = int(np.argmax(rise / own))
     ends, begins = (quantity(float(impacts[n][i]), "s") for n, i in (("last_seen", at), ("first_seen", at + 1)))
@@ -319,7 +317,7 @@ def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
     cause = f"the frames stand in reverse order, or {joined}"
     if a.size > 2:
         cause = "the frames stand in reverse order" if np.all(rise > DOUBTFUL * own) else joined
-    found = bounded(name, law, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
+    found = bounded(name, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
     later = [one for one in json.loads(impacts.attrs.get(LATER, "[]")) if one[1] > max(_ANEW * a[0], a[-1])]
     if found.level or not later:
         return found
@@ -328,44 +326,43 @@ def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
         f"{settings.film}: {quantity(a[-1], 'm')} at impact {a.size}, {quantity(size, 'm')} in a later one, at {begins}"
     )
     cause = f"another drop begins before {begins}: the first was measured; cut the film there for the other"
-    return stated(name, law, text, "note", cause=cause, file=settings.film)
+    return stated(name, text, "note", cause=cause, file=settings.film)
 
 
 def _flies(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Look for flight: before the first impact, and after it."""
-    name, law = "contact and flight", "a sphere that falls and bounces is in the air before and between impacts"
+    name = "contact and flight"
     touches = radius["in_contact"].values.astype(bool)
     share = float(touches.mean()) if touches.size else 0.0
     message = f"{settings.film}: contact in {share * 100:.0f} % of the frames"
     if share > _ALWAYS:
         cause = "the film is of a sphere at rest, of another view, or a mark in the image is taken for a contact"
-        return stated(name, law, message, "impossible", cause=cause, file=settings.film)
+        return stated(name, message, "impossible", cause=cause, file=settings.film)
     if touches.size and touches[0]:
         cause = "the film begins too late: its first impact is not the first one, or is cut"
         text = f"{message}, from the first frame on"
-        return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
-    return stated(name, law, message, None, file=settings.film)
+        return stated(name, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, message, None, file=settings.film)
 
 
 def _ends(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
     """Look for a film whose last frame shows the only impact that it holds."""
-    name, law = "end of the film", "a contact has its largest radius in its middle: a film must see it open again"
+    name = "end of the film"
     time = radius["time"].values
     lasts = float(impacts["last_seen"][-1] - impacts["first_seen"][-1])
     ends_in_it = impacts.sizes["impact"] == 1 and float(impacts["last_seen"][-1]) >= float(time[-1])
     if not ends_in_it or isfinite(float(impacts["static_radius"])):
-        return stated(name, law, f"{settings.film}: goes on after the first contact", None, file=settings.film)
+        return stated(name, f"{settings.film}: goes on after the first contact", None, file=settings.film)
     text = f"{settings.film}: the film ends {quantity(lasts, 's')} after the first contact began, still in contact"
     cause = "the film was stopped or cut too soon: its largest contact may not be the impact's"
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     """Hold the first flight against the stated height and the restitution by the second flight."""
-    law = "a flight lasts 2 e v/g, the next one e times as long, and e goes with the radii of the two impacts"
     peak = impacts["peak_time"].values
     if peak.size < 2 or (peak.size < 3 and (model is None or model.sizes["impact"] < 2)):
-        return not_made(FLIGHT, law, "three impacts, or two and a model")
+        return not_made(FLIGHT, "three impacts, or two and a model")
     gravity = settings.model.gravity.value
     count = min(peak.size, 3) - 1
     seen = [_seen_lasting(radius, impacts, i) for i in range(count)]
@@ -379,7 +376,7 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
         alike, allowed, rough = float(bounced[0] / bounced[1]), *_LOSSES_KNOWN
     flights = np.diff(peak[:3]) - touches
     if not np.all(flights > 0):
-        return not_made(FLIGHT, law, "flights that last longer than contacts")
+        return not_made(FLIGHT, "flights that last longer than contacts")
     first, by = float(flights[0]), "the second flight"
     if flights.size > 1 or model is None:
         e = alike * float(flights[-1]) / first
@@ -392,8 +389,8 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
         f"for e = {e:.3f} by {by}"
     )
     shown = 0.5 * settings.height.u / settings.height.value
-    found = _like(FLIGHT, law, message, first / expected, allowed, hypot(rough, shown), settings.film)
-    loose = _like(FLIGHT, law, message, first / (expected / alike), 1.1, hypot(_LOSSES, shown), settings.film)
+    found = _like(FLIGHT, message, first / expected, allowed, hypot(rough, shown), settings.film)
+    loose = _like(FLIGHT, message, first / (expected / alike), 1.1, hypot(_LOSSES, shown), settings.film)
     if flights.size < 2:
         return replace(found, level="doubtful") if found.level else found
     # by how a model's restitution changes nothing is impossible: the material may be another
@@ -410,14 +407,13 @@ def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[floa
 
 def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     """Hold the first contact's duration against its radius: both go with mass and modulus by the same law."""
-    law = "Hertz: a contact lasts 2.94 a²/(R v) for its largest radius a, whatever the sphere's mass and modulus"
     if model is None or not model.sizes["impact"]:
-        return not_made(DURATION, law, "a model of the drop")
+        return not_made(DURATION, "a model of the drop")
     if in_view(radius, settings).level:
-        return not_made(DURATION, law, "contacts whose middle the images show")
+        return not_made(DURATION, "contacts whose middle the images show")
     shortest, longest = _seen_lasting(radius, impacts, 0)
     if not isfinite(longest):
-        return not_made(DURATION, law, "a frame before and one after the first contact")
+        return not_made(DURATION, "a frame before and one after the first contact")
     seen, own = 0.5 * (shortest + longest), (longest - shortest) / sqrt(24.0)
     a, u_a = _largest(impacts)
     expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2
@@ -427,22 +423,22 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
         f"{settings.film}: contact for {quantity(seen, 's')}; one of {quantity(a, 'm')} in radius lasts "
         f"{quantity(expected, 's')} at the speed of the stated height"
     )
-    return compared(DURATION, law, message, seen, own, expected, u * expected, file=settings.film, setting="height")
+    return compared(DURATION, message, seen, own, expected, u * expected, file=settings.film, setting="height")
 
 
 def _rest(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "radius at rest", "weight alone presses less than an impact"
+    name = "radius at rest"
     rest, u = float(impacts["static_radius"]), float(impacts["u_static_radius"])
     if not (isfinite(rest) and isfinite(u)):
-        return not_made(name, law, "a film that lasts until rest")
+        return not_made(name, "a film that lasts until rest")
     seen, own = _largest(impacts)
     message = f"{settings.film}: {quantity(rest, 'm')} at rest, {quantity(seen, 'm')} in the first impact"
-    return bounded(name, law, message, rest - seen, hypot(u, own), at_most=0.0, file=settings.film)
+    return bounded(name, message, rest - seen, hypot(u, own), at_most=0.0, file=settings.film)
 
 
 def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
     """Look for a frame that interrupts the growth or the fall of a contact."""
-    name, law = "growth of the contact", "the contact of an impact grows, then shrinks"
+    name = "growth of the contact"
     time, a, u = (radius[n].values for n in ("time", "radius", "u_radius"))
     worst, at = 0.0, -1
     for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True):
@@ -460,8 +456,8 @@ def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> C
     if worst > _ZIGZAG:
         text = f"{settings.film}: about frame {at} the contact shrinks by {worst * 100:.0f} % and grows on"
         cause = f"frames near {at} are exchanged, repeated or lost"
-        return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
-    return stated(name, law, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
+        return stated(name, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
 
 
 def _stiffer(k: float) -> str:

@@ -33,7 +33,7 @@ from pipelines.experiments.dic_validation.comparison import rows
 from pipelines.experiments.dic_validation.measured import PART, SWAPPED, statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
-from pipelines.experiments.shared.fall_checks import Fall
+from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
 from pipelines.experiments.shared.film_frames import (
     CAUSES,
     explained,
@@ -78,9 +78,8 @@ _FAILED |= {
     "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder "
     "(as in a film that was turned or mirrored)",
 }
-G, HEIGHT, SPEED = "free-fall acceleration", "height of the fall", "speed of the first impact"
 GAIN, SAME = "scale against the laser", "restitution against the laser's"
-_BY_JUMPS = ("heights of the rebounds", "coefficients of restitution", HEIGHT, SAME)
+_BY_JUMPS = ("coefficients of restitution", HEIGHT, SAME)
 _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 
 
@@ -99,11 +98,11 @@ TITLES = {
     ),
     "free fall": Title(
         "Every flight is a parabola with the acceleration of gravity.",
-        ("direction of the fall", G, SPEED, "durations of the flights"),
+        ("direction of the fall", G, "durations of the flights"),
     ),
     "order of the bounces": Title(
         "0 < e < 1: every rebound is lower than the one before.",
-        ("coefficients of restitution", "heights of the rebounds"),
+        ("coefficients of restitution",),
     ),
     "comparison with the laser": Title(
         "Film and laser show one height, one scale of length and one restitution.", (HEIGHT, SAME, GAIN)
@@ -155,16 +154,14 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
             fall_checks.direction(fall, _UPSIDE_DOWN, file=settings.film, setting=""),
             fall_checks.acceleration(fall, _GRAVITY),
             *judgements.because([height], begins.cause if begins.level == "doubtful" else "", HEIGHT, log_ratio=nan),
-            fall_checks.speed(fall, _GRAVITY),
             fall_checks.restitution(fall),
-            fall_checks.apexes(fall),
-            fall_checks.flights_alike(fall, _GRAVITY),
+            fall_checks.flight_durations(fall, _GRAVITY),
             _same_body(fall, laser, settings),
         ]
     if any(check.cause == fall_checks.BACKWARDS for check in checks):
         checks = judgements.because(checks, fall_checks.BACKWARDS, HEIGHT, SAME, BEGINNING, log_ratio=nan, setting="")
     if motion is not None and steady.level:  # a level that jumps makes rebounds of another height
-        by_jumps = (*_BY_JUMPS, G, SPEED) if steady.cause == _NUMBERED_ON else _BY_JUMPS
+        by_jumps = (*_BY_JUMPS, G) if steady.cause == _NUMBERED_ON else _BY_JUMPS
         checks = judgements.because(checks, steady.cause, *by_jumps, log_ratio=nan, file=settings.film, setting="")
     if comparison is not None and "gain" in comparison:
         gain, wrong = _gain(comparison, settings), {c.name for c in checks if c.level}
@@ -180,7 +177,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
 
 
 def _found(track: xr.Dataset, settings: DicValidation) -> Check:
-    name, law = "holder is found", "what is tracked stays in the image and looks alike"
+    name = "holder is found"
     share = float(track["valid"].isel(point=0).mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     message = f"{settings.film}: the holder was found in {100 * share:.1f} % of the frames"
@@ -191,21 +188,21 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     if (turned := str(track.attrs.get("moves_instead", ""))) == SWAPPED:
         (x, y), cause = settings.tracking.body or (nan, nan), f"{SWAPPED} are exchanged: x is to the right, y down"
         text = f"{message} or stands still at [{x:g}, {y:g}]; at [{y:g}, {x:g}] it falls"
-        return stated(name, law, text, "doubtful", cause=cause, setting="tracking.body")
+        return stated(name, text, "doubtful", cause=cause, setting="tracking.body")
     if turned:
         cause = (
             f"the film is {turned} or runs backwards, or the camera was turned: what would then lie at tracking.body "
             "moves up in the images first, as a holder that falls: turn the film, or export it anew"
         )
-        return stated(name, law, message, level, cause=cause, file=settings.film)
+        return stated(name, message, level, cause=cause, file=settings.film)
     lost = np.flatnonzero(np.diff(~track["valid"].isel(point=0).values.astype(bool), prepend=False, append=False))
     runs = [(int(a), int(b - a)) for a, b in zip(lost[::2], lost[1::2], strict=True) if b < track.sizes["frame"]]
     first, longest = max(runs, key=lambda run: run[1], default=(0, 0))
     if level is None and longest >= _GONE:
         text = f"{message}; it is gone for {longest} of them, the first is number {first + 1} of those read"
         cause = "frames are black, damaged or of something else there: the light failed, or something came between"
-        return stated(name, law, text, "note", cause=cause, file=settings.film)
-    return stated(name, law, message, level, cause=cause, setting="tracking.body")
+        return stated(name, text, "note", cause=cause, file=settings.film)
+    return stated(name, message, level, cause=cause, setting="tracking.body")
 
 
 def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:
@@ -217,7 +214,7 @@ def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:
 
 
 def _times(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
-    name, law = "times of the frames", "frames follow each other at one interval, none lost or twice"
+    name = "times of the frames"
     time = motion["time"].values
     steps = np.diff(time)
     usual = float(np.median(steps))
@@ -225,7 +222,7 @@ def _times(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidati
     if back.size:
         text = f"{settings.film}: frame {back[0] + 1} is not later than the one before ({back.size} such frames)"
         cause = f"frames are exchanged or repeated at frame {back[0] + 1}"
-        return stated(name, law, text, "impossible", cause=cause, file=settings.film)
+        return stated(name, text, "impossible", cause=cause, file=settings.film)
     # after rest only every eighth frame is read
     whole = np.abs(steps / usual - np.round(steps / usual)) < STEP * np.maximum(np.round(steps / usual), 1)
     last = int(np.flatnonzero(np.abs(steps / usual - 1) < STEP)[-1]) if usual > 0 else 0
@@ -236,9 +233,9 @@ def _times(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidati
         text = f"{settings.film}: {count} {frames} missing, the first at {quantity(float(time[lost[0]]), 's')}"
         cause = "the camera dropped frames or recorded in bursts"
         how: Level = "doubtful" if _moves(bounces, time[lost], time[lost + 1]) else "note"
-        return stated(name, law, text, how, cause=cause, file=settings.film)
+        return stated(name, text, how, cause=cause, file=settings.film)
     text = f"{settings.film}: a frame each {quantity(usual, 's')}"
-    return stated(name, law, text, None if whole.all() else "note", file=settings.film)
+    return stated(name, text, None if whole.all() else "note", file=settings.film)
 
 
 def _moves(bounces: xr.Dataset | None, begin: Floats, end: Floats) -> bool:
@@ -259,10 +256,10 @@ def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
 
 def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
     """Look for a place, an angle or a size of the holder's image that jumps between two frames."""
-    name, law = "level between frames", "a body has inertia and a camera stands still: no displacement jumps"
+    name = "level between frames"
     time, y = motion["time"].values, motion["displacement"].values
     if np.isfinite(np.diff(y, 2)).sum() < FEWEST:
-        return not_made(name, law, "twenty frames in a row")
+        return not_made(name, "twenty frames in a row")
     knocked = "frames were lost, two films were joined, the camera or its mirror was knocked, or the track slipped"
     part = "" if bounces is None else str(bounces.attrs.get(PART, ""))
     apart = f"; bounces are found in its motion {part} alone" if part else ""
@@ -272,13 +269,13 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | 
             f"{settings.film}: between {quantity(float(time[at]), 's')} and the next frame the holder goes as far as "
         )
         text += f"in {count + 1}" + (f", and too far in {len(gaps) - 1} more places" if gaps[1:] else "") + apart
-        return stated(name, law, text, "doubtful", cause=_NUMBERED_ON, file=settings.film)
+        return stated(name, text, "doubtful", cause=_NUMBERED_ON, file=settings.film)
     # where bounces are not found, what is smaller is told too
     found = jump(time, y, 0.0 if bounces is None else KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
     if found is not None:
         text = f"{settings.film}: the holder jumps by {quantity(found[1], 'm')} between two frames at "
         text += f"{quantity(float(time[found[0] + 1]), 's')}{apart}"
-        return stated(name, law, text, "doubtful", cause=knocked, file=settings.film)
+        return stated(name, text, "doubtful", cause=knocked, file=settings.film)
     zoomed = (
         "zoom, focus or distance of the lens changed within the film, films of two views were joined, or tracking.body "
         "holds more than the holder, such as its rim: draw tracking.regions around what moves"
@@ -292,7 +289,7 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | 
             if one is not None:
                 jumped[what] = one
     if not jumped:
-        return stated(name, law, f"{settings.film}: no displacement jumps", None, file=settings.film)
+        return stated(name, f"{settings.film}: no displacement jumps", None, file=settings.film)
     # a change of size shifts and turns the image too
     what = next(of for of in reversed(_JUMPS) if of in jumped)
     at, size = jumped[what]
@@ -304,7 +301,7 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | 
     text = f"{settings.film}: the holder's image {seen} between two frames at "
     text += quantity(float(motion["time"][at + 1]), "s")
     cause = zoomed if what.startswith("stretch") else knocked
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _lit(track: xr.Dataset, settings: DicValidation) -> Check:
@@ -321,15 +318,14 @@ def _lit(track: xr.Dataset, settings: DicValidation) -> Check:
 
 
 def _height(fall: Fall, laser: xr.Dataset | None) -> Check:
-    law = "the film shows a drop from the height of the laser's drops"
     if laser is None or not laser.sizes.get("impact"):
-        return not_made(HEIGHT, law, "a laser experiment")
+        return not_made(HEIGHT, "a laser experiment")
     seen, own = fall.value("drop_height")
     expected = float(laser["incoming_speed"][0]) ** 2 / (2 * _GRAVITY.value)
     u = hypot(own, seen * fall.relative)
     message = f"{fall.name}: the holder fell {fall_checks.shown(seen, u, 'm')}, at the laser {quantity(expected, 'm')}"
     other = _BETWEEN_DAYS * expected
-    return compared(HEIGHT, law, message, seen, u, expected, other, allowance=3 * other, file=fall.name)
+    return compared(HEIGHT, message, seen, u, expected, other, allowance=3 * other, file=fall.name)
 
 
 def _laser(settings: DicValidation) -> str:
@@ -337,15 +333,15 @@ def _laser(settings: DicValidation) -> str:
 
 
 def _same_body(fall: Fall, laser: xr.Dataset | None, settings: DicValidation) -> Check:
-    name, law = SAME, "one sphere bounces alike on two days"
+    name = SAME
     if laser is None or not laser.sizes.get("impact"):
-        return not_made(name, law, "a laser experiment")
+        return not_made(name, "a laser experiment")
     seen, own = fall.value("restitution", 0)
     expected, u = float(laser["restitution"][0]), float(laser["u_restitution"][0])
     if not (isfinite(seen) and isfinite(expected)):
-        return not_made(name, law, "a first bounce in both")
+        return not_made(name, "a first bounce in both")
     message = f"{fall.name}: e = {seen:.4f}, at the laser {expected:.4f}"
-    check = compared(name, law, message, seen, own, expected, hypot(u, _DROPS / 2), allowance=2 * _DROPS, factor=False)
+    check = compared(name, message, seen, own, expected, hypot(u, _DROPS / 2), allowance=2 * _DROPS, factor=False)
     cause = (
         f"{_laser(settings)} is of another sphere or another height, or one of its recordings is: the film "
         "shows another drop than the laser"
@@ -354,21 +350,20 @@ def _same_body(fall: Fall, laser: xr.Dataset | None, settings: DicValidation) ->
 
 
 def _gain(comparison: xr.Dataset, settings: DicValidation) -> Check:
-    law = "film and laser see the same motion: one length for both"
     gain = float(comparison["gain"])
     expected, u = 1.0, float(comparison["expected_u_gain"])
     message = f"{settings.film}: lengths are {1 / gain:.4g} times those of the laser" if gain else settings.film
     other = hypot(u, _BETWEEN_DAYS)
     if gain < 0.0:
-        return not_made(GAIN, law, "a film that shows the laser's motion and not its opposite")
+        return not_made(GAIN, "a film that shows the laser's motion and not its opposite")
     return compared(
-        GAIN, law, message, gain, float(comparison["u_gain"]), expected, other, allowance=0.03, file=settings.camera
+        GAIN, message, gain, float(comparison["u_gain"]), expected, other, allowance=0.03, file=settings.camera
     )
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause]:
     yield Cause(
-        {G: 1.0, HEIGHT: 1.0, SPEED: 0.5, GAIN: -1.0},
+        {G: 1.0, HEIGHT: 1.0, GAIN: -1.0},
         lambda k: (
             f"lengths come out {too_large(k)}: the scale in {settings.camera} is wrong"
             + (", of another view" if abs(log(k)) > log(_ANOTHER_VIEW) else "")
@@ -378,7 +373,7 @@ def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause
         setting="values.pixel_length",
     )
     yield Cause(
-        {G: 2.0, SPEED: 1.0},
+        {G: 2.0},
         of_rate,
         SLIPS["interval"],
         file="" if is_rate_used(settings.frame_rate, track) else settings.film,

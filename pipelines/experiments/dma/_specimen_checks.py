@@ -43,12 +43,12 @@ def slipped_specimen(export: Export, isotherms: Sequence[Sweep]) -> Check:
     Over the modulus, the loss angle of all sweeps is one curve, wherever time and temperature put
     them (van Gurp & Palmen, Rheol. Bull. 67 (1998) 5): a factor shifts a part of it.
     """
-    name, law = "one specimen throughout", "the loss factor over the modulus goes on from sweep to sweep"
+    name = "one specimen throughout"
     # in the order in which they were measured: a slip stays
     sweeps = sorted(isotherms, key=lambda sweep: int(sweep.rows[0]))
     found = [(gap, a, b) for a, b in pairwise(sweeps) if (gap := _offset(a, b)) is not None]
     if len(found) < FEW_ROWS:
-        return not_made(name, law, f"{FEW_ROWS + 1} sweeps that overlap, on a slope of the loss factor")
+        return not_made(name, f"{FEW_ROWS + 1} sweeps that overlap, on a slope of the loss factor")
     steps, u = np.array([gap for gap, _, _ in found]).T
     # a little is common to all of them: moduli of a rubber go with temperature, densities against it
     others = [np.delete(steps, i) for i in range(steps.size)]
@@ -63,7 +63,7 @@ def slipped_specimen(export: Export, isotherms: Sequence[Sweep]) -> Check:
     )
     is_off = abs(step) > _SLIPPED and abs(step) > _SLIPS_APART * total[worst]
     cause = f"the specimen slipped in its clamp, cracked or was clamped anew before {b.place}"
-    return stated(name, law, text, "doubtful" if is_off else None, cause=cause, file=export.name)
+    return stated(name, text, "doubtful" if is_off else None, cause=cause, file=export.name)
 
 
 def _offset(a: Sweep, b: Sweep) -> tuple[float, float] | None:
@@ -112,10 +112,10 @@ def causality(export: Export, isotherms: Sequence[Sweep]) -> Check:
     E* ~ (i omega)^b has tan delta = tan(pi b / 2), the local form of Kramers and Kronig's relation
     (Booij & Thoone, Rheol. Acta 21 (1982) 15, doi:10.1007/BF01520701).
     """
-    name, law = "storage and loss belong together", "Kramers and Kronig: tan δ ≈ tan(π/2 · d ln E′/d ln ω)"
+    name = "storage and loss belong together"
     pairs = [p for p in map(_slopes, isotherms) if p is not None]
     if not pairs:
-        return not_made(name, law, "sweeps of four frequencies over a decade")
+        return not_made(name, "sweeps of four frequencies over a decade")
     loss, rise, swapped = np.array(pairs).T
     ours = float(np.median(np.abs(np.log(loss / rise))))
     theirs = float(np.median(np.abs(np.log(1 / loss / swapped))))
@@ -125,10 +125,10 @@ def causality(export: Export, isotherms: Sequence[Sweep]) -> Check:
     )
     if ours > log(3.0) and theirs < 0.5 * ours and middle > 1.0:
         cause = "the columns of storage and loss modulus are exchanged"
-        return stated(name, law, message, "impossible", cause=cause, file=export.name)
+        return stated(name, message, "impossible", cause=cause, file=export.name)
     level: Level | None = "doubtful" if ours > log(10.0) else "note" if ours > log(5.0) else None
     cause = "one of the moduli has another unit than the other, or the phase is wrong"
-    return stated(name, law, message, level, cause=cause, file=export.name)
+    return stated(name, message, level, cause=cause, file=export.name)
 
 
 def loss_of_each_sweep(export: Export, isotherms: Sequence[Sweep]) -> Check:
@@ -136,12 +136,12 @@ def loss_of_each_sweep(export: Export, isotherms: Sequence[Sweep]) -> Check:
 
     What the local form of Kramers and Kronig's relation leaves out goes steadily with temperature.
     """
-    name, law = "loss of each sweep", "storage and loss belong together in each sweep as in its neighbours"
+    name = "loss of each sweep"
     sweeps = sorted(isotherms, key=lambda sweep: sweep.temperature)
     found = [(sweep, *known) for sweep in sweeps if (known := _excess(sweep)) is not None]
     T, excess, u = np.array([(s.temperature, e, own) for s, e, own in found]).reshape(-1, 3).T
     if len(found) < FEW_ROWS or (np.diff(T) < SAME_PLACE).any():
-        return not_made(name, law, f"{FEW_ROWS} temperatures with sweeps of four frequencies over a decade")
+        return not_made(name, f"{FEW_ROWS} temperatures with sweeps of four frequencies over a decade")
     share = (T[1:-1] - T[:-2]) / (T[2:] - T[:-2])
     off = excess[1:-1] - (1.0 - share) * excess[:-2] - share * excess[2:]
     u_off = np.sqrt(u[1:-1] ** 2 + ((1.0 - share) * u[:-2]) ** 2 + (share * u[2:]) ** 2)
@@ -155,7 +155,7 @@ def loss_of_each_sweep(export: Export, isotherms: Sequence[Sweep]) -> Check:
     cause = (
         f"the loss modulus of {place} is wrong: another unit, a copy that was changed, or a specimen that slipped there"
     )
-    return stated(name, law, text, "doubtful" if is_off else None, cause=cause, file=export.name)
+    return stated(name, text, "doubtful" if is_off else None, cause=cause, file=export.name)
 
 
 def _excess(sweep: Sweep) -> tuple[float, float] | None:
@@ -173,9 +173,9 @@ def _excess(sweep: Sweep) -> tuple[float, float] | None:
 
 def pasted_readings(export: Export, isotherms: Sequence[Sweep]) -> Check:
     """Look for readings of one interval that are those of another, digit by digit."""
-    name, law = "readings of another interval", "noise makes no two sweeps alike"
+    name = "readings of another interval"
     if len(isotherms) < 2:
-        return not_made(name, law, "two sweeps")
+        return not_made(name, "two sweeps")
     for a, b in combinations(isotherms, 2):
         pairs = [np.column_stack([s.values("storage_modulus"), s.values("loss_modulus")]) for s in (a, b)]
         if pairs[0].shape != pairs[1].shape:
@@ -184,13 +184,13 @@ def pasted_readings(export: Export, isotherms: Sequence[Sweep]) -> Check:
         if same >= max(FEW_ROWS, MOST * len(pairs[0])):
             text = f"{b.place}: {same} of {len(pairs[0])} readings are those of {a.place}, digit by digit"
             cause = "moduli of one interval were copied into another, or an interval was exported twice"
-            return stated(name, law, text, "doubtful", cause=cause, file=export.name)
-    return stated(name, law, f"{export.name}: no sweep equals another", None, file=export.name)
+            return stated(name, text, "doubtful", cause=cause, file=export.name)
+    return stated(name, f"{export.name}: no sweep equals another", None, file=export.name)
 
 
 def rise_with_frequency(export: Export, isotherms: Sequence[Sweep]) -> Check:
     """Look for a sweep whose storage modulus falls as the frequency rises: its rows stand in another order."""
-    name, law = "rise with frequency", "a relaxation spectrum is positive: the storage modulus rises with frequency"
+    name = "rise with frequency"
     worst: tuple[float, float, Sweep] | None = None
     for sweep in isotherms:
         x, storage = np.log10(sweep.values("frequency")), sweep.values("storage_modulus")
@@ -204,13 +204,13 @@ def rise_with_frequency(export: Export, isotherms: Sequence[Sweep]) -> Check:
         if worst is None or slope / u < worst[0] / worst[1]:
             worst = float(slope), u, sweep
     if worst is None:
-        return not_made(name, law, "sweeps of four frequencies over half a decade")
+        return not_made(name, "sweeps of four frequencies over half a decade")
     slope, u, sweep = worst
     text = (
         f"{sweep.place}: at {sweep.temperature:.1f} °C the storage modulus changes by {slope:+.3f} decades per decade"
     )
     cause = f"frequencies and moduli of {sweep.place} stand in opposite order, or the instrument resonates"
-    return bounded(name, law, text, slope, u, at_least=0.0, is_law=False, file=export.name, cause=cause)
+    return bounded(name, text, slope, u, at_least=0.0, is_law=False, file=export.name, cause=cause)
 
 
 def _slopes(sweep: Sweep) -> tuple[float, float, float] | None:
@@ -228,7 +228,7 @@ def _slopes(sweep: Sweep) -> tuple[float, float, float] | None:
 
 def repeated_temperatures(isotherms: Sequence[Sweep]) -> Check:
     """Hold sweeps that repeat a temperature against each other."""
-    name, law = "repeated temperatures", "a repeated sweep gives the moduli of the first"
+    name = "repeated temperatures"
     slope = steepest_slope(isotherms)
     worst: tuple[float, float, Sweep, Sweep] | None = None
     for a, b in combinations(isotherms, 2):
@@ -241,7 +241,7 @@ def repeated_temperatures(isotherms: Sequence[Sweep]) -> Check:
                 u = hypot(u, sqrt(2.0) * OWN)
                 worst = max(worst or (beyond, u, a, b), (beyond, u, a, b), key=lambda w: w[0] / w[1])
     if worst is None:
-        return not_made(name, law, "a temperature that is repeated")
+        return not_made(name, "a temperature that is repeated")
     beyond, u, a, b = worst
     factor = 10.0 ** max(beyond, 0.0)
     text = (
@@ -251,18 +251,18 @@ def repeated_temperatures(isotherms: Sequence[Sweep]) -> Check:
     is_apart = beyond > DOUBTFUL * u
     level: Level | None = None if not is_apart else "doubtful" if beyond > _AGED else "note"
     cause = f"the temperature of {a.place} or {b.place} is wrong, or the specimen changed between them"
-    return stated(name, law, text, level, cause=cause, file=a.export.name)
+    return stated(name, text, level, cause=cause, file=a.export.name)
 
 
 def files_of_one_specimen(exports: Sequence[Export], found: Sequence[Sequence[Sweep]]) -> Iterator[Check]:
-    name, law = "files of one specimen", "one polymer has one modulus at one temperature and frequency"
+    name = "files of one specimen"
     if len(exports) < 2:
         return
     for (a, own), (b, other) in combinations(list(zip(exports, found, strict=True)), 2):
         if _is_copy(a, b):
             text = f"{b.name} holds the same values as {a.name}"
             cause = "a copy was taken for a repeat"
-            yield stated("same values twice", "repeats differ by noise", text, "doubtful", cause=cause, file=b.name)
+            yield stated("same values twice", text, "doubtful", cause=cause, file=b.name)
             continue
         gaps = [
             apart[0]
@@ -271,7 +271,7 @@ def files_of_one_specimen(exports: Sequence[Export], found: Sequence[Sequence[Sw
             if abs(s.temperature - t.temperature) <= 2 * SAME_PLACE and (apart := moduli_apart(s, t)) is not None
         ]
         if not gaps:
-            yield not_made(name, law, f"isotherms that {a.name} and {b.name} share")
+            yield not_made(name, f"isotherms that {a.name} and {b.name} share")
             continue
         gap = float(np.median(gaps))
         size = float(np.max(np.abs(gaps)))
@@ -280,7 +280,7 @@ def files_of_one_specimen(exports: Sequence[Export], found: Sequence[Sequence[Sw
         if abs(gap) > log10(_SPECIMENS) or size > 1.0:
             level = "impossible" if size > 1.0 else "doubtful"
         cause = f"{b.name} is of another material, or has another unit"
-        yield stated(name, law, text, level, cause=cause, file=b.name)
+        yield stated(name, text, level, cause=cause, file=b.name)
 
 
 def _is_copy(a: Export, b: Export) -> bool:
@@ -290,13 +290,13 @@ def _is_copy(a: Export, b: Export) -> bool:
 
 def temperatures_of_files(exports: Sequence[Export], found: Sequence[Sequence[Sweep]]) -> Iterator[Check]:
     """Look for the temperature by which the loss factors of two files lie apart; sizes of specimens cancel in them."""
-    name, law = "temperatures of the files", "at one temperature and frequency a polymer has one loss factor"
+    name = "temperatures of the files"
     for (a, own), (b, other) in combinations(list(zip(exports, found, strict=True)), 2):
         if _is_copy(a, b):
             continue
         gaps = [*_warmer(own, other), *((-gap, u) for gap, u in _warmer(other, own))]
         if len(gaps) < FEW_ROWS:
-            yield not_made(name, law, f"sweeps of {a.name} and {b.name} at three temperatures each that overlap")
+            yield not_made(name, f"sweeps of {a.name} and {b.name} at three temperatures each that overlap")
             continue
         gap, u = np.array(gaps).T
         weight = u**-2
@@ -318,7 +318,7 @@ def temperatures_of_files(exports: Sequence[Export], found: Sequence[Sequence[Sw
                 f"the frequencies of {b.name} are probably {too_large(factor)}, against those of {a.name}: Hz, rad/s "
                 "and turns per minute were mixed up, or a decimal was lost; one of the two files is wrong"
             )
-        yield stated(name, law, text, "doubtful" if is_off else None, cause=cause, file=b.name)
+        yield stated(name, text, "doubtful" if is_off else None, cause=cause, file=b.name)
 
 
 def _faster(own: Sequence[Sweep], other: Sequence[Sweep]) -> float:

@@ -36,7 +36,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context
     name = settings.mach1
     checks: list[Check] = []
     if readings is None:
-        checks.append(not_made("columns of the file", "a file holds position and force", "a file that can be read"))
+        checks.append(not_made("columns of the file", "a file that can be read"))
     else:
         checks += mach1_checks.of_file(name, readings)
         checks += [

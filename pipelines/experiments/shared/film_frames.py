@@ -82,21 +82,21 @@ def _is_exchanged(film: FrameSource) -> bool:
 
 def whole_film(context: Context, film: str) -> Check:
     """Tell what the reader of a film warned of: frames that its file lacks, or that are damaged."""
-    name, law = "whole film", "a file holds every frame that it declares"
+    name = "whole film"
     text = _warned(context, IncompleteFilmWarning, film)
     if not text:
-        return stated(name, law, f"{film}: no frame is missing in the file", None, file=film)
-    return stated(name, law, f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
+        return stated(name, f"{film}: no frame is missing in the file", None, file=film)
+    return stated(name, f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
 
 
 def not_smoothed(context: Context, film: str) -> Check:
     """Tell that compression took detail from a film, which its uncertainties do not hold."""
-    name, law = "detail of the frames", "a file holds the frames as the camera saw them"
+    name = "detail of the frames"
     text = _warned(context, SmoothedFilmWarning, film)
     if not text:
-        return stated(name, law, f"{film}: its reader told of no compression that smooths", None, file=film)
+        return stated(name, f"{film}: its reader told of no compression that smooths", None, file=film)
     cause = "the film was exported with lossy compression: export it as PNG or TIFF, or give the camera's own file"
-    return stated(name, law, f"{film}: {text}", "note", cause=cause, file=film)
+    return stated(name, f"{film}: {text}", "note", cause=cause, file=film)
 
 
 def _warned(context: Context, category: type[Warning], film: str) -> str:
@@ -106,7 +106,7 @@ def _warned(context: Context, category: type[Warning], film: str) -> str:
 
 def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
     """Count damaged frames of a film; ``whole`` tells of few of them better."""
-    name, law = "sound frames", "every frame of a film can be read"
+    name = "sound frames"
     bad = np.flatnonzero(~is_sound)
     share = bad.size / max(is_sound.size, 1)
     if whole.level and share < _MANY:
@@ -116,7 +116,7 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
     level: Level | None = "note" if bad.size else None
     if share >= _MANY:
         level = "impossible" if share > _MOST else "doubtful"
-    return stated(name, law, text, level, cause=_NOT_WHOLE, file=film)
+    return stated(name, text, level, cause=_NOT_WHOLE, file=film)
 
 
 def explained(failed: Check, whole: Check) -> Check:
@@ -244,11 +244,11 @@ def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[Any]:
 
 def no_copies(film: str, frame: NDArray[np.int64], alike: NDArray[np.bool_]) -> Check:
     """Judge frames by whether each (frame - 1,) is measured as the one before: noise forbids it."""
-    name, law = "frames differ", "noise makes no two frames alike"
+    name = "frames differ"
     at = np.flatnonzero(alike)
     if not at.size:
-        return stated(name, law, f"{film}: no frame equals the one before", None, file=film)
+        return stated(name, f"{film}: no frame equals the one before", None, file=film)
     first = int(frame[at[0] + 1])
     frames = "frame equals" if at.size == 1 else "frames equal"
     text = f"{film}: {at.size} {frames} the one before, the first is frame {first}"
-    return stated(name, law, text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
+    return stated(name, text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)

@@ -104,11 +104,11 @@ def in_order(
     missed: NDArray[np.bool_] | None = None,
 ) -> Check:
     """Look for two frames that were exchanged; frames without a value are left out."""
-    name, law = "order of the frames", "a body moves smoothly between impacts"
+    name = "order of the frames"
     known = np.flatnonzero(np.isfinite(y))
     found = exchanged(y[known], noise, None if time is None else time[known], None if missed is None else missed[known])
     if found is None:
-        return stated(name, law, f"{film}: no frames are exchanged", None, file=film)
+        return stated(name, f"{film}: no frames are exchanged", None, file=film)
     first, second = (int(frames[known[k]]) for k in found)
     text = f"{film}: frames {first} and {second} show what would follow smoothly at each other's place"
-    return stated(name, law, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)
+    return stated(name, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)

@@ -17,7 +17,7 @@ from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import quantisation_step
-from pipelines.experiments.shared.trace_checks import longest_by_chance
+from pipelines.experiments.shared.record_checks import longest_by_chance
 
 SPIKE, JUMP, QUIET = "outliers", "level of the force", "force before contact"
 FOUND, ZERO = "force at contact", "zero of the force"
@@ -102,10 +102,9 @@ def _step(values: Floats) -> float:
 
 def _held(trace: Trace) -> Iterator[Check]:
     """Look for a run of equal forces that is longer than noise and resolution let it be."""
-    law = "a cell that lives has noise: it does not stay on one reading"
     force = trace.force
     if force.size < 2 * _FEWEST or not np.isfinite(force).all() or np.ptp(force) == 0.0:
-        yield not_made(HELD, law, f"{2 * _FEWEST} readings that differ")
+        yield not_made(HELD, f"{2 * _FEWEST} readings that differ")
         return
     edges = np.flatnonzero(np.diff(force, prepend=np.nan, append=np.nan) != 0.0)
     run = int(np.argmax(np.diff(edges)))
@@ -116,7 +115,7 @@ def _held(trace: Trace) -> Iterator[Check]:
     noise = float(np.sqrt(max(np.mean(np.minimum(others**2, (4 * step) ** 2)) / 6.0 - step**2 / 12.0, 0.0)))
     longest = longest_by_chance(noise, step, force.size)
     if others.size < _FEWEST or after - first <= max(longest, _FEWEST):
-        yield stated(HELD, law, f"{trace.file}: the force is never held", None, file=trace.file)
+        yield stated(HELD, f"{trace.file}: the force is never held", None, file=trace.file)
         return
     until = "until the end of the block" if after == force.size else "and then goes on"
     text = (
@@ -126,18 +125,17 @@ def _held(trace: Trace) -> Iterator[Check]:
     )
     line = trace.line(first)
     cause = f"the program or the cell froze and its last value was written on (line {line})"
-    yield stated(HELD, law, text, "doubtful", cause=cause, file=trace.file, line=line)
+    yield stated(HELD, text, "doubtful", cause=cause, file=trace.file, line=line)
 
 
 def _outliers(trace: Trace) -> Iterator[Check]:
     """Name the readings that were left out."""
-    law = "a reading agrees with its neighbours but for noise: what is measured has inertia"
     if trace.force.size < _FEWEST:
-        yield not_made(SPIKE, law, f"{_FEWEST} readings in a block")
+        yield not_made(SPIKE, f"{_FEWEST} readings in a block")
         return
     runs = [run for run in trace.outliers if run["column"] in ("position_z", "force_z")]
     if not runs:
-        yield stated(SPIKE, law, f"{trace.file}: no outliers", None, file=trace.file)
+        yield stated(SPIKE, f"{trace.file}: no outliers", None, file=trace.file)
         return
     largest = max(runs, key=lambda run: float(run["by"]))
     column, first, last = str(largest["column"]).removesuffix("_z"), int(largest["first"]), int(largest["last"])
@@ -151,15 +149,14 @@ def _outliers(trace: Trace) -> Iterator[Check]:
     )
     level: Level = "doubtful" if count > _MANY * trace.force.size else "note"
     cause = f"a disturbance, or a value that was edited, in line {line}"
-    yield stated(SPIKE, law, text, level, cause=cause, file=trace.file, line=line)
+    yield stated(SPIKE, text, level, cause=cause, file=trace.file, line=line)
 
 
 def _leap(trace: Trace) -> Iterator[Check]:
     """Hold every step from reading to reading against the speed of the stage."""
-    law = "a stage goes no faster from reading to reading than it was told"
     x, interval = trace.position, np.diff(trace.time)
     if x.size < _FEWEST or not (np.isfinite(x).all() and np.isfinite(trace.fastest) and (interval > 0).all()):
-        yield not_made(LEAP, law, "a declared speed, and times that rise")
+        yield not_made(LEAP, "a declared speed, and times that rise")
         return
     moved = np.diff(x)
     rates = np.abs(moved / interval)
@@ -173,7 +170,7 @@ def _leap(trace: Trace) -> Iterator[Check]:
     beyond = lasts - _EASED * allowed[:-1] - spread
     at = int(np.argmax(beyond))
     if not beyond[at] > 0:
-        yield stated(LEAP, law, f"{trace.file}: the stage goes steadily", None, file=trace.file)
+        yield stated(LEAP, f"{trace.file}: the stage goes steadily", None, file=trace.file)
         return
     line = trace.line(at + 1)
     text = (
@@ -183,15 +180,14 @@ def _leap(trace: Trace) -> Iterator[Check]:
     )
     cause = f"rows were lost there and the rest numbered anew, or the stage slipped or was homed (line {line})"
     is_far = lasts[at] > _LEAPS * allowed[at] + spread and lasts[at] > _MATTERS * float(np.ptp(x))
-    yield stated(LEAP, law, text, "impossible" if is_far else "doubtful", cause=cause, file=trace.file, line=line)
+    yield stated(LEAP, text, "impossible" if is_far else "doubtful", cause=cause, file=trace.file, line=line)
 
 
 def _jump(trace: Trace) -> Iterator[Check]:
-    law = "a force under a motion that repeats itself, or none, does not jump to another level"
     rests = trace.time >= trace.rests
     force = trace.force[rests]
     if force.size < _FEWEST or not np.isfinite(force).all():
-        yield not_made(JUMP, law, "a hold or an oscillation")
+        yield not_made(JUMP, "a hold or an oscillation")
         return
     noise, step = _noise(force)[0], _step(force)
     moved = np.abs(np.diff(force))
@@ -209,14 +205,13 @@ def _jump(trace: Trace) -> Iterator[Check]:
                 f"the cell was tared or knocked, or rows were lost there and the rest numbered anew "
                 f"(line {trace.line(index)})"
             )
-            yield stated(JUMP, law, text, "impossible", cause=cause, file=trace.file, line=trace.line(index))
+            yield stated(JUMP, text, "impossible", cause=cause, file=trace.file, line=trace.line(index))
             return
-    yield stated(JUMP, law, f"{trace.file}: no jump of the force", None, file=trace.file)
+    yield stated(JUMP, f"{trace.file}: no jump of the force", None, file=trace.file)
 
 
 def _quiet(trace: Trace) -> Iterator[Check]:
     """Look at the approach before contact: the cell then shows noise and its weight."""
-    law = "before contact a force is noise around a level"
     half = trace.force.size // 2
     if not np.isfinite(trace.criterion) or half < _FEWEST or np.ptp(trace.force[:half]) == 0.0:
         return
@@ -228,7 +223,7 @@ def _quiet(trace: Trace) -> Iterator[Check]:
     peak = int(np.argmax(power[1:])) + 1
     share = float(power[peak - 1 : peak + 2].sum() / max(power[1:].sum(), 1e-300))
     interval = float(np.median(np.diff(t)))
-    clean = stated(QUIET, law, f"{trace.file}: still before contact", None, file=trace.file)
+    clean = stated(QUIET, f"{trace.file}: still before contact", None, file=trace.file)
     # chance that three neighbouring lines of white noise hold that share of its power
     is_line = share > 1 - (_SURE / power.size) ** (2 / max(half - 6, 1))
     amplitude = float(np.sqrt(2.0) * np.std(rest) * np.sqrt(share))
@@ -249,7 +244,6 @@ def _quiet(trace: Trace) -> Iterator[Check]:
 
 def _found(traces: list[Trace], trace: Trace) -> Iterator[Check]:
     """Hold the force at the end of an approach against that by which the stage found contact."""
-    law = "a stage that looks for contact stops when its force passes the criterion"
     half = trace.force.size // 2
     if not np.isfinite(trace.criterion) or half < _FEWEST or not np.isfinite(trace.force).all():
         return
@@ -265,21 +259,20 @@ def _found(traces: list[Trace], trace: Trace) -> Iterator[Check]:
         text = f"{trace.file}: the force goes in steps of {quantity(step, 'N')}; the stage was told to look for "
         text += f"{quantity(trace.criterion, 'N')}"
         cause = "the forces were rounded when the file was written or saved again: take the tester's own file"
-        yield stated(FOUND, law, text, "doubtful", cause=cause, file=trace.file, line=trace.first - 1)
+        yield stated(FOUND, text, "doubtful", cause=cause, file=trace.file, line=trace.first - 1)
         return
     if rise > _PASSED * trace.criterion:
-        yield stated(FOUND, law, text, None, file=trace.file)
+        yield stated(FOUND, text, None, file=trace.file)
         return
     cause = (
         "the column is not the force that the stage listened to (another axis or cell, or another unit), or contact "
         f"was not found (header of the columns, line {trace.first - 1})"
     )
-    yield stated(FOUND, law, text, "doubtful", cause=cause, file=trace.file, line=trace.first - 1)
+    yield stated(FOUND, text, "doubtful", cause=cause, file=trace.file, line=trace.first - 1)
 
 
 def _zeroed(traces: list[Trace]) -> Check:
     """Hold the force at the beginning of a block against that at the end of the one before."""
-    law = "where the stage stays from one block to the next, the force goes on but for relaxation"
     stays = [
         (a, b)
         for a, b in pairwise(traces)
@@ -288,7 +281,7 @@ def _zeroed(traces: list[Trace]) -> Check:
         and abs(b.position[0] - a.position[-1]) <= _SAME_PLACE
     ]
     if not stays:
-        return not_made(ZERO, law, "two blocks between which the stage stays")
+        return not_made(ZERO, "two blocks between which the stage stays")
     ends = [(float(np.median(a.force[-3:])), float(np.median(b.force[:3]))) for a, b in stays]
     spans = [max(float(np.ptp(a.force)), float(np.ptp(b.force))) for a, b in stays]
     beyond = [
@@ -303,12 +296,11 @@ def _zeroed(traces: list[Trace]) -> Check:
     )
     cause = "the cell was zeroed or knocked between the two blocks: their forces count from two zeros"
     is_off = beyond[worst] > 0.0
-    return stated(ZERO, law, text, "doubtful" if is_off else None, cause=cause, file=b.file, line=b.first)
+    return stated(ZERO, text, "doubtful" if is_off else None, cause=cause, file=b.file, line=b.first)
 
 
 def _moved(traces: list[Trace]) -> Check:
     """Hold the position at the beginning of a block against that at the end of the one before, in contact."""
-    law = "a force in contact that goes on from one block to the next is that of one place"
     force = np.concatenate([trace.force for trace in traces])
     free = float(np.median(traces[0].force[:_FEWEST]))
     size, travel = float(np.nanmax(np.abs(force - free))), max(float(np.ptp(trace.position)) for trace in traces)
@@ -318,7 +310,7 @@ def _moved(traces: list[Trace]) -> Check:
         if a.force[-1] - free > _IN_CONTACT * size and abs(b.force[0] - a.force[-1]) < _RELAXES * size
     ]
     if not known or not np.isfinite([size, travel]).all():
-        return not_made(MOVED, law, "two blocks between which a force goes on")
+        return not_made(MOVED, "two blocks between which a force goes on")
     before, after, by = max(known, key=lambda pair: abs(pair[2]))
     text = (
         f"{after.file}, block {after.number + 1}: the position begins {quantity(by, 'm')} from where the block before "
@@ -326,7 +318,7 @@ def _moved(traces: list[Trace]) -> Check:
     )
     is_far = abs(by) > travel
     cause = f"the position was zeroed between the two blocks, or the stage was homed (line {after.first})"
-    return stated(MOVED, law, text, "impossible" if is_far else None, cause=cause, file=after.file, line=after.first)
+    return stated(MOVED, text, "impossible" if is_far else None, cause=cause, file=after.file, line=after.first)
 
 
 def _off(before: Trace, change: float, span: float) -> float:

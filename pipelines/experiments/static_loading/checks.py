@@ -24,12 +24,12 @@ from labpipe.judging import (
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.shared import judgements, trace_checks
+from pipelines.experiments.shared import judgements, record_checks
 from pipelines.experiments.shared.fall_checks import shown
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, line_of
 from pipelines.experiments.shared.material_inputs import material_inputs
-from pipelines.experiments.shared.trace_checks import Trace
+from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, steps_anywhere, touch_apart, valid
 from pipelines.experiments.static_loading.lost_readings import common_shift, uneven
@@ -67,7 +67,7 @@ TITLES = {
         "Approach = (3 F J*/4)^(2/3) R^(-1/3) for the stated sphere, loads and material.",
         ("stiffness of the sphere", MATERIAL, RADIUS_GIVEN, "size of the contact"),
     ),
-    **judgements.OF_LASER,
+    **record_checks.OF_LASER,
 }
 
 
@@ -79,9 +79,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
     checks += given.ask(_of_readings)
     masses = [(f"loads[{i}].mass", load.mass) for i, load in enumerate(settings.loads)]
     checks += judgements.uncertainties_stated([("sphere.radius", settings.sphere.radius), *masses])
-    checks += trace_checks.of_record({settings.laser: displacement}, settings.calibration)
+    checks += record_checks.of_record({settings.laser: displacement}, settings.calibration)
     if displacement is None or given.get("steps") is None:
-        checks.append(not_made("steps of the record", "every load makes a step", "steps that were found"))
+        checks.append(not_made("steps of the record", "steps that were found"))
     else:
         checks += given.each((_unstated, _misfit, _forwards, _slows_down, _compliance, _times))
     checks += given.each((_smaller_than_the_sphere, _of_material, _given_radius))
@@ -114,7 +114,7 @@ def _explained(
     failed: Check, readings: xr.Dataset | None, displacement: xr.Dataset | None, settings: StaticLoading
 ) -> Check:
     """Give a step that failed its place, and the cause that the record itself shows."""
-    failed = trace_checks.placed(failed, settings.calibration, settings.laser)
+    failed = record_checks.placed(failed, settings.calibration, settings.laser)
     if not failed.is_made or failed.line is not None:
         return failed
     if failed.name == "step displacement":
@@ -209,13 +209,13 @@ def _of_readings(settings: StaticLoading, readings: xr.Dataset | None = None) ->
     """Look at the readings by themselves."""
     trace = None if readings is None else Trace.of(settings.laser, readings, settings.sensor.output)
     if trace is None or np.isfinite(trace.reading).sum() < SIDE * len(settings.loads):
-        return [not_made("readings", "a record has readings", "readings of a length")]
-    return [trace_checks.unread(trace), trace_checks.repeated_rows(trace), trace_checks.resolution(trace)]
+        return [not_made("readings", "readings of a length")]
+    return [record_checks.unread(trace), record_checks.repeated_rows(trace), record_checks.resolution(trace)]
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
     """Look for steps of the record where no load is stated."""
-    name, law = "steps of the record", "the readings step where a load is put on, and nowhere else"
+    name = "steps of the record"
     time, _ = valid(displacement)
     near = 2 * SIDE * float(np.median(np.diff(time)))
     at, sizes = steps_anywhere(displacement)
@@ -223,7 +223,7 @@ def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoadi
     least = float(np.nanmin(steps["jump"].values))
     if not others.any():
         text = f"{settings.laser}: {steps.sizes['load'] - 1} steps, one for each load that was added"
-        return stated(name, law, text, None, file=settings.laser)
+        return stated(name, text, None, file=settings.laser)
     worst = int(np.argmax(np.where(others, sizes, -np.inf)))
     text = (
         f"{settings.laser}: the readings step by {quantity(float(sizes[worst]), 'm')} at {at[worst]:.0f} s, where no "
@@ -236,13 +236,12 @@ def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoadi
         if is_load
         else "the stand or the sensor was knocked"
     )
-    return stated(name, law, text, "impossible" if is_load else "doubtful", cause=cause, setting="loads")
+    return stated(name, text, "impossible" if is_load else "doubtful", cause=cause, setting="loads")
 
 
 def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
     """Hold the record against its loads: one creep law and one zero for all of them."""
     name = "record against its loads"
-    law = "one creep compliance and one first touch serve all loads (Lee and Radok)"
     noise, scatter = float(steps["noise"]), float(steps["scatter"])
     time, _ = valid(displacement)
     count = int(settled(time, steps, settings).sum())
@@ -256,7 +255,7 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
     )
     # both are estimates from the same readings; that of the noise has half of their freedom
     u = noise * sqrt(1.5 / count)
-    check = compared(name, law, message, scatter, u, noise, 0.0, allowance=allowance, factor=False, file=settings.laser)
+    check = compared(name, message, scatter, u, noise, 0.0, allowance=allowance, factor=False, file=settings.laser)
     if check.level is None or scatter < noise:
         return replace(check, level=None)
     suspect = likeliest(displacement, steps, settings)
@@ -269,16 +268,16 @@ def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
 
 def _forwards(steps: xr.Dataset, settings: StaticLoading, approach: xr.Dataset | None = None) -> Check:
     """Hold the creep under each load against its direction."""
-    name, law = "direction of creep", "under a load that stays, a contact only grows"
+    name = "direction of creep"
     if approach is None:
-        return not_made(name, law, "an approach under every load")
+        return not_made(name, "an approach under every load")
     creep, u = approach["creep"].values, approach["u_creep"].values
     worst = int(np.argmin(creep / u))
     number = f"load {worst + 1} ({settings.loads[worst].mass.value:g} kg)"
     message = (
         f"{settings.laser}: under {number} the approach changes by {shown(float(creep[worst]), float(u[worst]), 'm')}"
     )
-    check = bounded(name, law, message, float(creep[worst]), float(u[worst]), at_least=0.0, file=settings.laser)
+    check = bounded(name, message, float(creep[worst]), float(u[worst]), at_least=0.0, file=settings.laser)
     begin, end = spans(steps)[worst]
     cause = (
         f"the stand or the sensor warmed or settled between {begin:.0f} and {end:.0f} s, a load was taken off, or the "
@@ -289,7 +288,7 @@ def _forwards(steps: xr.Dataset, settings: StaticLoading, approach: xr.Dataset |
 
 def _slows_down(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
     """Hold the rate of creep in the last third of each load against that in the middle third."""
-    name, law = "rate of creep", "creep under a load that stays slows down"
+    name = "rate of creep"
     time, moved = valid(displacement)
     noise = float(steps["noise"])
     wander = settings.steps.drift.value / float(time[-1])
@@ -301,14 +300,14 @@ def _slows_down(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoa
             (middle, u_middle), (last, u_last) = slopes
             found.append((last - middle, hypot(u_middle, u_last, wander), last, i))
     if not found:
-        return not_made(name, law, "loads that are held for 24 readings")
+        return not_made(name, "loads that are held for 24 readings")
     rise, u, last, worst = max(found, key=lambda each: each[0] / each[1])
     begin, end = spans(steps)[worst]
     message = (
         f"{settings.laser}: under load {worst + 1} ({settings.loads[worst].mass.value:g} kg) the approach grows by "
         f"{quantity(last, 'm/s')} in the last third of the hold, {quantity(last - rise, 'm/s')} in the middle"
     )
-    check = bounded(name, law, message, rise, u, at_most=0.0, is_law=False, file=settings.laser)
+    check = bounded(name, message, rise, u, at_most=0.0, is_law=False, file=settings.laser)
     cause = f"a drift, such as a change of temperature, while the load was held ({begin:.0f} to {end:.0f} s)"
     return replace(check, cause=cause)
 
@@ -325,12 +324,12 @@ def _slope(time: np.ndarray, moved: np.ndarray, noise: float, begin: float, end:
 
 def _compliance(steps: xr.Dataset, settings: StaticLoading) -> Check:
     """Hold the compliance that the record gives against what any solid has."""
-    name, law = "stiffness of the sphere", "the contact modulus of a polymer lies between 1 MPa and 50 GPa"
+    name = "stiffness of the sphere"
     modulus = 1 / float(steps["compliance"][0])
     message = f"{settings.laser}: the record and its loads give a contact modulus of {quantity(modulus, 'Pa')}"
     low, high = _PLAUSIBLE
     check = bounded(
-        name, law, message, log(modulus), 0.05, at_least=log(low), at_most=log(high), is_law=False, setting="loads"
+        name, message, log(modulus), 0.05, at_least=log(low), at_most=log(high), is_law=False, setting="loads"
     )
     cause = "the masses are probably in another unit, or the unit of the readings is wrong"
     return replace(check, cause=cause)
@@ -338,12 +337,12 @@ def _compliance(steps: xr.Dataset, settings: StaticLoading) -> Check:
 
 def _times(steps: xr.Dataset, settings: StaticLoading) -> Check:
     """Hold the steps' times against those that are stated."""
-    name, law = "times of the loads", "the readings step when a load was put on"
+    name = "times of the loads"
     given, begin = steps["given_time"].values, steps["begin"].values
     known = np.isfinite(given)
     known[0] = False  # on from the beginning
     if not known.any():
-        return not_made(name, law, "times of the loads in session.toml")
+        return not_made(name, "times of the loads in session.toml")
     late = np.where(known, np.abs(begin - given), 0.0)
     worst = int(np.argmax(late))
     text = f"load {worst + 1} came at {begin[worst]:.0f} s, stated are {given[worst]:.0f} s"
@@ -351,20 +350,19 @@ def _times(steps: xr.Dataset, settings: StaticLoading) -> Check:
         text = f"load {shift.first} came at {begin[shift.first - 1]:.0f} s, stated are {given[shift.first - 1]:.0f} s"
         text += "; all later ones are as far off"
         setting = f"loads[{shift.first - 1}]"
-        return stated(name, law, text, "doubtful", cause=shift.sentence, setting=setting)
+        return stated(name, text, "doubtful", cause=shift.sentence, setting=setting)
     level: Level | None = "note" if late[worst] > 0.5 * settings.steps.search.value else None
-    return stated(name, law, text, level, setting=f"loads[{worst}]")
+    return stated(name, text, level, setting=f"loads[{worst}]")
 
 
 def _of_material(settings: StaticLoading, approach: xr.Dataset | None = None, model: xr.Dataset | None = None) -> Check:
     """Hold the approach against Hertz and creep of the named material: (F J)^(2/3) R^(-1/3)."""
-    law = "approach = (3 F J*/4)^(2/3) R^(-1/3) for the stated sphere, loads and material"
     if approach is None or model is None:
-        return not_made(MATERIAL, law, "a material and a measured approach")
+        return not_made(MATERIAL, "a material and a measured approach")
     seen, u_seen = float(approach["level_approach"][-1]), float(approach["u_level_approach"][-1])
     expected, u_expected = float(model["approach"][-1]), float(model["u_approach"][-1])
     if not (seen > 0.0 and expected > 0.0):
-        return not_made(MATERIAL, law, "an approach above 0")
+        return not_made(MATERIAL, "an approach above 0")
     gap, u = log(seen / expected), hypot(u_seen / seen, u_expected / expected)
     message = (
         f"{settings.laser}: {shown(seen, u_seen, 'm')} under the last load, about {quantity(expected, 'm')} expected "
@@ -386,7 +384,7 @@ def _of_material(settings: StaticLoading, approach: xr.Dataset | None = None, mo
             f"sphere.radius is probably {quantity(right, 'm')}, not {quantity(radius, 'm')} (the {what} was typed); "
             f"or the material is {other} than the one that is named"
         )
-    return Check(MATERIAL, law, message, level, gap / u, gap, u, cause=cause, setting="sphere.radius" if cause else "")
+    return Check(MATERIAL, message, level, gap / u, gap, u, cause=cause, setting="sphere.radius" if cause else "")
 
 
 def _another_material(check: Check) -> Check:
@@ -402,30 +400,29 @@ def _another_material(check: Check) -> Check:
 
 
 def _smaller_than_the_sphere(settings: StaticLoading, approach: xr.Dataset | None = None) -> Check:
-    name, law = "size of the contact", "a contact is smaller than the sphere that makes it"
+    name = "size of the contact"
     if approach is None:
-        return not_made(name, law, "an approach under every load")
+        return not_made(name, "an approach under every load")
     a, radius = float(approach["contact_radius"].max()), settings.sphere.radius
     text = f"a contact radius of {quantity(a, 'm')} on a sphere of {quantity(radius.value, 'm')}"
     if a < radius.value:
-        return stated(name, law, text, None)
+        return stated(name, text, None)
     cause = "sphere.radius is in another unit than was typed, or the unit of the readings is wrong"
-    return stated(name, law, text, "impossible", cause=cause, setting="sphere.radius")
+    return stated(name, text, "impossible", cause=cause, setting="sphere.radius")
 
 
 def _given_radius(settings: StaticLoading, comparison: xr.Dataset | None = None) -> Check:
     """Hold the contact radius from the approach against one that was measured otherwise."""
-    law = "a² = R δ: the approach gives the contact radius"
     known = np.zeros(0, bool) if comparison is None else np.isfinite(comparison["given_difference"].values)
     if comparison is None or not known.any():
-        return not_made(RADIUS_GIVEN, law, "a contact radius under a load that was measured otherwise")
+        return not_made(RADIUS_GIVEN, "a contact radius under a load that was measured otherwise")
     difference, u = comparison["given_difference"].values, comparison["u_given_difference"].values
     worst = int(np.argmax(np.where(known, np.abs(difference) / u, -1.0)))
     given = float(comparison["given_radius"][worst])
     seen = given + float(difference[worst])
     message = f"load {worst + 1}: {quantity(seen, 'm')} from the approach, {quantity(given, 'm')} given"
     where = f"loads[{worst}].radius"
-    return compared(RADIUS_GIVEN, law, message, seen, float(u[worst]), given, 0.0, setting=where)
+    return compared(RADIUS_GIVEN, message, seen, float(u[worst]), given, 0.0, setting=where)
 
 
 def _causes(settings: StaticLoading) -> Sequence[Cause]:

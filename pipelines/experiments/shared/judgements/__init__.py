@@ -19,12 +19,7 @@ from pipelines.experiments.shared.judgements._stored import (
     compared as compared,
     suspected as suspected,
 )
-from pipelines.experiments.shared.judgements._titles import (
-    OF_FILM as OF_FILM,
-    OF_LASER as OF_LASER,
-    Title as Title,
-    Titles as Titles,
-)
+from pipelines.experiments.shared.judgements._titles import OF_FILM as OF_FILM, Title as Title, Titles as Titles
 from pipelines.experiments.shared.judgements._usual_checks import (
     because as because,
     day_known as day_known,

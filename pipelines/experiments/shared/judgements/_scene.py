@@ -53,8 +53,7 @@ class Basis(NamedTuple):
                     wrong.append(slight[field])
                 elif word == "impossible":
                     is_sound = False
-                law = "an expectation is as good as the measurement that it was computed from"
-                check = stated(f"basis, {name}", law, text, "note" if cause else None, cause=cause)
+                check = stated(f"basis, {name}", text, "note" if cause else None, cause=cause)
                 checks[check.name] = check
         return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)), tuple(wrong))
 

@@ -27,7 +27,6 @@ _CHANGES = 0.03  # of a stiffness, by which it may change from the first of them
 
 def knocked(name: str, blocks: Sequence[Part]) -> Check:
     """Look for what makes a force tremble for a while, as a hit on the table does."""
-    law = "a force that follows a steady motion is as smooth at any time as at any other"
     worst: tuple[float, float, float, Part] | None = None
     for part in blocks:
         time, force = _steady(part)
@@ -44,13 +43,13 @@ def knocked(name: str, blocks: Sequence[Part]) -> Check:
     if worst is None:
         known = any(_steady(part)[0].size >= _FEWEST * _WINDOW for part in blocks)
         text = f"{name}: the force is as smooth in all stretches"
-        return stated(KNOCK, law, text, None, file=name) if known else not_made(KNOCK, law, "a steady motion")
+        return stated(KNOCK, text, None, file=name) if known else not_made(KNOCK, "a steady motion")
     share, size, at, part = worst
     text = f"{name}, block {part.number + 1}: about {quantity(at, 's')} the force fluctuates for a while, by "
     text += f"{quantity(size, 'N')} from reading to reading"
     level: Level = "doubtful" if share > _LARGE else "note"
     cause = f"something struck the table or the tester about {quantity(at, 's')}; leave that cycle or hold out"
-    return stated(KNOCK, law, text, level, cause=cause, file=name, line=part.header_line)
+    return stated(KNOCK, text, level, cause=cause, file=name, line=part.header_line)
 
 
 def _steady(part: Part) -> tuple[Floats, Floats]:
@@ -65,7 +64,6 @@ def _steady(part: Part) -> tuple[Floats, Floats]:
 
 def mean_grows(name: str, blocks: Sequence[Part]) -> Check:
     """Hold the mean force of an oscillation against relaxation: about a held depth it falls, or stays."""
-    law = "about a held depth the mean force never grows"
     found = []
     for part in (p for p in blocks if p.function == OSCILLATION):
         used = np.isfinite(part.position) & np.isfinite(part.force)
@@ -77,19 +75,18 @@ def mean_grows(name: str, blocks: Sequence[Part]) -> Check:
         rise = float(np.linalg.lstsq(np.column_stack(columns), f, rcond=None)[0][1])
         found.append((rise / max(abs(float(f.mean())), float(np.ptp(f))), rise, part))
     if not found:
-        return not_made(DRIFT, law, "an oscillation")
+        return not_made(DRIFT, "an oscillation")
     share, rise, part = max(found, key=lambda each: each[0])
     text = (
         f"{name}, block {part.number + 1}: the mean force changes by {quantity(rise, 'N')} while the stage oscillates"
     )
     cause = "the cell or its cable drifts, or the stage creeps into the material: let it warm up, and tare it again"
     level: Level | None = "doubtful" if share > _GROWS else None
-    return stated(DRIFT, law, text, level, cause=cause, file=name, line=part.header_line)
+    return stated(DRIFT, text, level, cause=cause, file=name, line=part.header_line)
 
 
 def stiffness_kept(name: str, blocks: Sequence[Part]) -> Check:
     """Hold the cycles of an oscillation against each other: force over motion stays what it is once it has settled."""
-    law = "about a held depth a contact is as stiff in the last cycle as in the first that has settled"
     found = []
     for part in (p for p in blocks if p.function == OSCILLATION):
         stiffness, u = _of_cycles(part)
@@ -100,13 +97,13 @@ def stiffness_kept(name: str, blocks: Sequence[Part]) -> Check:
             change = float(np.dot(places, stiffness) / np.dot(places, places)) / usual
             found.append((change, float(u.max()) / usual / float(np.dot(places, places)) ** 0.5, part))
     if not found:
-        return not_made(STEADY, law, f"{_SETTLES + _CYCLES + _BRAKES} cycles of an oscillation")
+        return not_made(STEADY, f"{_SETTLES + _CYCLES + _BRAKES} cycles of an oscillation")
     change, u, part = max(found, key=lambda each: abs(each[0]))
     text = f"{name}, block {part.number + 1}: force over motion changes by {100 * change:+.1f} % from the first cycle "
     text += "that has settled to the last"
     cause = "the specimen slips, creeps away or tears under the punch, or warms up: no one stiffness is measured"
     level: Level | None = "doubtful" if abs(change) > max(_CHANGES, DOUBTFUL * u) else None
-    return stated(STEADY, law, text, level, cause=cause, file=name, line=part.header_line)
+    return stated(STEADY, text, level, cause=cause, file=name, line=part.header_line)
 
 
 def _of_cycles(part: Part) -> tuple[Floats, Floats]:

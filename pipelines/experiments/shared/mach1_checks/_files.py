@@ -10,7 +10,7 @@ import xarray as xr
 from labpipe.judging import Check, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.shared.mach1_checks._parts import Part, parts
-from pipelines.experiments.shared.trace_checks import Trace, shared_rows
+from pipelines.experiments.shared.record_checks import Trace, shared_rows
 
 _CLOCKED = 0.1  # s, as for the blocks of one file
 
@@ -28,17 +28,17 @@ def of_files(readings: Mapping[str, xr.Dataset]) -> list[Check]:
 
 
 def _one_at_a_time(blocks: Mapping[str, list[Part]]) -> Check:
-    name, law = "times of the tests", "a tester makes one test at a time"
+    name = "times of the tests"
     times = {file: span for file, found in blocks.items() if (span := _span(found)) is not None}
     if len(times) < 2:
-        return not_made(name, law, "two files with start times")
+        return not_made(name, "two files with start times")
     for (one, (_, end)), (other, (begin, _)) in combinations(sorted(times.items(), key=lambda item: item[1]), 2):
         if (end - begin).total_seconds() > _CLOCKED:
             common = quantity((end - begin).total_seconds(), "s")
             text = f"{other} begins {common} before {one} ends, by the clock of the tester"
             cause = "the start times of one file were edited, or its header was copied from another test"
-            return stated(name, law, text, "doubtful", cause=cause, file=other, line=blocks[other][0].line)
-    return stated(name, law, f"{len(times)} tests one after the other", None)
+            return stated(name, text, "doubtful", cause=cause, file=other, line=blocks[other][0].line)
+    return stated(name, f"{len(times)} tests one after the other", None)
 
 
 def _span(blocks: list[Part]) -> tuple[datetime, datetime] | None:

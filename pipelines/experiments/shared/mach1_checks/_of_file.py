@@ -31,7 +31,7 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     """Check one file by itself; where its columns are exchanged nothing else is asked."""
     blocks = parts(readings)
     if not blocks:
-        return [not_made(titles.SWAPPED, "a file holds position and force", "columns of position and force")]
+        return [not_made(titles.SWAPPED, "columns of position and force")]
     order = _motion.order_of_columns(name, blocks)
     if order.level is not None:
         return [order]

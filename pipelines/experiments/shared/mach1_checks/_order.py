@@ -37,15 +37,14 @@ class _Motion(NamedTuple):
 
 def force_follows(name: str, blocks: Sequence[Part]) -> Check:
     """Hold the beginning of each motion, and the end of each ramp, against the force that it makes."""
-    law = "a motion makes the force: none comes before the stage moves, none falls while it goes on inwards"
     motions = [motion for part in blocks if (motion := _motion_of(part)) is not None]
     if not motions:
-        return not_made(LEADS, law, "a motion in the material whose position and force are resolved")
+        return not_made(LEADS, "a motion in the material whose position and force are resolved")
     found = [(each, motion) for motion in motions for each in (_before(motion), _while(motion))]
     (size, word, began, ended), motion = max(found, key=lambda one: one[0][0] / _allowed(one[1]))
     time, number = motion.part.time, motion.part.number + 1
     if size <= _allowed(motion):
-        return stated(LEADS, law, f"{name}, block {number}: the force follows the stage", None, file=name)
+        return stated(LEADS, f"{name}, block {number}: the force follows the stage", None, file=name)
     text = f"{name}, block {number}: {word} the force changes by {quantity(size, 'N')} from "
     text += f"{quantity(float(time[began]), 's')} to {quantity(float(time[ended]), 's')}"
     cause = (
@@ -53,7 +52,7 @@ def force_follows(name: str, blocks: Sequence[Part]) -> Check:
         f"position was filtered (columns of line {motion.part.header_line})"
     )
     line = motion.part.header_line + 1 + began
-    return stated(LEADS, law, text, "impossible", cause=cause, file=name, line=line)
+    return stated(LEADS, text, "impossible", cause=cause, file=name, line=line)
 
 
 def _motion_of(part: Part) -> _Motion | None:

@@ -114,7 +114,7 @@ def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so():
     context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
     whole = whole_film(context, "film/f.avi")
     assert (whole.level, whole.message) == ("note", "film/f.avi: 9 frames are declared, 4 can be read")
-    failed = stated("step bounces", "", "no bounce found", "impossible", cause="the film shows no drop")
+    failed = stated("step bounces", "no bounce found", "impossible", cause="the film shows no drop")
     assert explained(failed, whole).cause.startswith("the film was not copied whole")
     assert explained(failed, whole_film(replace(context, warnings=()), "film/f.avi")).cause == "the film shows no drop"
 

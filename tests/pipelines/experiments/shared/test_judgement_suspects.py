@@ -137,7 +137,7 @@ RESTING = SimpleNamespace(sphere=SimpleNamespace(material_from="experiment:nylon
 
 
 def _dma(level):
-    return judgement(Scene([stated("moduli", "a polymer has them", "the moduli are those of a metal", level)]))
+    return judgement(Scene([stated("moduli", "the moduli are those of a metal", level)]))
 
 
 def test_what_rests_on_an_impossible_experiment_is_held_against_nothing_and_sends_there() -> None:
@@ -234,7 +234,7 @@ def test_each_experiment_that_a_kind_takes_results_from_is_part_of_its_judgement
     ],
 )
 def test_beside_a_record_that_is_not_believed_little_agrees(level: Level, p: float, said: str) -> None:
-    scale = stated("scale", "lengths are those of the laser", "lengths come out too large.", level)
+    scale = stated("scale", "lengths come out too large.", level)
     curve = row("displacement", "m", 100, difference=1e-4, nrmse=0.1, p_of_curve=p)
     rows = [*_rows(temperature=0.2), curve]
     told = sentence(judgement(Scene([scale], rows=_rows(temperature=0.2), inputs=INPUTS)), rows)[1]
@@ -243,12 +243,12 @@ def test_beside_a_record_that_is_not_believed_little_agrees(level: Level, p: flo
 
 
 def test_a_model_agrees_by_no_value_that_is_doubtful_itself() -> None:
-    height = stated("height", "a laboratory is no tower", "5 km", "doubtful", setting="height")
+    height = stated("height", "5 km", "doubtful", setting="height")
     found = judgement(Scene([height], rows=_rows(temperature=0.2), inputs=INPUTS))
     assert found.attrs["model"] == "undecided"
     assert "height, which the model takes, is doubtful itself" in json.loads(found.attrs["suspects"])
     # though nothing that was compared goes with it
-    mass = stated("mass", "a sphere is no truck", "505 kg", "doubtful", setting="sphere.mass")
+    mass = stated("mass", "505 kg", "doubtful", setting="sphere.mass")
     found = judgement(Scene([mass], rows=_rows(temperature=0.2), inputs=INPUTS | {"mass": Quantity(505.0, 0.5, "kg")}))
     assert found.attrs["model"] == "undecided"
 
