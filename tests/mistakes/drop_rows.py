@@ -151,16 +151,6 @@ def _of_first(kept: slice, *, own: bool = False) -> Edit:
     return edit
 
 
-def _converted(factor: float, decimals: int) -> Edit:
-    """Put the readings of the first record below the header of the third, as another program writes them."""
-
-    def edit(folder: Path) -> None:
-        _of_first(slice(25, None))(folder)
-        values(lambda x: np.round(x * factor, decimals), LAST)(folder)
-
-    return edit
-
-
 def _other_height(height: float, material: str = "acrylic") -> Edit:
     def edit(folder: Path) -> None:
         rig = DropRig(duration=0.12)
@@ -292,10 +282,6 @@ ROWS = (
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),
     Mistake(
         "same readings under another header", _of_first(slice(None)), "doubtful", ("digit by digit", "copy"), ALL[2]
-    ),
-    *(
-        Mistake(f"copy of a repeat {word}", _converted(*how), "doubtful", ("its noise is that of", "copy"), ALL[2])
-        for word, how in (("with fewer digits", (1.0, 3)), ("along another line of sight", (1.0013, 4)))
     ),
     Mistake("repeat of another height", _other_height(1.7e-3), "impossible", ("1.7", "another height"), ALL[2]),
     Mistake(
