@@ -131,43 +131,19 @@ def about_contacts(is_seen: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.flatnonzero(np.convolve(is_seen, np.ones(2 * _AROUND + 1))[_AROUND : len(is_seen) + _AROUND] > 0)
 
 
-def spoiled(film: FrameSource, is_seen: NDArray[np.bool_]) -> tuple[dict[int, int], list[int]]:
-    """Find frames about a contact in which pixels are missing, rows of one value without noise, or come twice.
+def repeated(film: FrameSource, is_seen: NDArray[np.bool_]) -> list[int]:
+    """Find the frames about a contact whose every pixel is that of the frame before.
 
-    ``is_seen`` (frame,) are those that show a contact and were measured. Returned is by frame the number of pixels
-    in a row that hold the lowest value, where they fill a row of the image or more and most of them held more in the
-    frame before; and the frames whose every pixel is that of the frame before.
+    ``is_seen`` (frame,) are those that show a contact and were measured.
     """
-    blank: dict[int, int] = {}
-    twice: list[int] = []
-    before: NDArray[Any] | None = None
-    last = -1
+    found, before, last = [], np.empty(0), -1
     for i in map(int, about_contacts(is_seen)):
-        if not film.valid[i]:
-            continue
-        image = film[i].ravel()
-        if before is not None and last == i - 1 and np.array_equal(image, before):
-            twice.append(i)
-        size = 0 if before is None else _missing(image, before, film.shape[2])
-        if size:
-            blank[i] = size
-        else:
+        if film.valid[i]:
+            image = film[i]
+            if last == i - 1 and np.array_equal(image, before):
+                found.append(i)
             before, last = image, i
-    return blank, twice
-
-
-def _missing(image: NDArray[Any], before: NDArray[Any], columns: int) -> int:
-    """Count the pixels in a row that hold the lowest value and held more before; 0 for less than a row of them."""
-    lowest = image == image.min()
-    # a lens cap, or a film that is dark throughout, has no frame that differs
-    if np.count_nonzero(lowest) < columns:
-        return 0
-    edges = np.flatnonzero(np.diff(lowest, prepend=False, append=False))
-    starts, ends = edges[::2], edges[1::2]
-    at = int(np.argmax(ends - starts))
-    part = slice(int(starts[at]), int(ends[at]))
-    size = part.stop - part.start
-    return size if size >= columns and np.count_nonzero(before[part] > image[part.start]) > size / 2 else 0
+    return found
 
 
 def recorded_on(film: object) -> str:

@@ -21,9 +21,6 @@ are heaped there: noise spreads any bright plane over more levels than one."""
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of pixels at that level that is told, and that spoils a film
 _FEW_LEVELS = 16.0  # between black and bright places, below which grey levels are coarser than noise
 _FLICKERS = 2.0  # ratio of bright to dim frames, each beyond a twentieth of them, that is told
-_ALIKE, _WRITTEN, _CONTRAST, _OTHERS = 8, 0.2, 0.5, 0.02
-"""Frames in which a pixel has one grey level where it is written over, the share of such pixels in a row, how far its
-levels lie apart over the film's brightness, and their share in all other rows at most."""
 DARK = 0.5
 """Share of the usual brightness below which a frame is dark: lamps flicker, but do not fall to half for a frame."""
 LIGHT = "light"
@@ -34,8 +31,7 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
 
     Frames that are wanted matter; others all over the film are added. There are ``brightness`` by frame over that of
     the film, ``clipped``, the share of pixels at the highest grey level ``level``, ``view``, rows and columns,
-    ``used``, the grey levels from black to bright places, and, if any are, ``written``, the share of the rows that are
-    written over.
+    and ``used``, the grey levels from black to bright places.
     """
     sound = np.asarray(film.valid, bool)
     spread = np.linspace(0, len(film) - 1, min(_MOST, len(film))).round().astype(int)
@@ -52,19 +48,7 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     share, level = _heap(seen)
     shown: dict[str, Any] = {"brightness": {str(i): b / usual for i, b in bright.items()} if usual > 0.0 else {}}
     shown |= {"clipped": share, "level": level, "view": list(film.shape[1:])}
-    written = _written(seen, usual)
-    shown |= {"written": written} if written else {}
     return json.dumps(shown | ({"used": usual / _apart(seen)} if seen.dtype.kind in "iu" else {}))
-
-
-def _written(images: NDArray[Any], usual: float) -> float:
-    """Return the share of the rows (frame, row, column), from one border on, in which much never changes."""
-    if len(images) < _ALIKE:
-        return 0.0
-    still = (images == images[0]).all(axis=0).mean(axis=1)
-    rows = (still > _WRITTEN) & (np.ptp(images[0].astype(float), axis=1) > _CONTRAST * usual)
-    is_caption = (rows[0] or rows[-1]) and not rows.all() and not (still[~rows] > _OTHERS).any()
-    return float(rows.mean()) if is_caption else 0.0
 
 
 def _apart(levels: NDArray[np.integer]) -> int:
@@ -105,19 +89,6 @@ def exposed(found: xr.Dataset, film: str) -> Check:
     text = f"{film}: {in_words(100 * share, 2)} % of the pixels lie at the highest grey level, {level:.0f}"
     cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
     return stated(name, text, "doubtful" if share > _MOSTLY else "note", cause=cause, file=film)
-
-
-def not_written(found: xr.Dataset, film: str) -> Check:
-    """Look for rows with a caption, the time or a scale, that a camera's program wrote over what was seen."""
-    name = "whole images"
-    if LIGHT not in found.attrs:
-        return not_made(name, "the frames")
-    share = float(json.loads(found.attrs[LIGHT]).get("written", 0.0))
-    if not share:
-        return stated(name, f"{film}: no rows are written over", None, file=film)
-    text = f"{film}: {in_words(100 * share, 2)} % of the rows, at the border, hold what is the same in all frames"
-    cause = "a caption or the time is written over the images, which hides small contacts: state a region without it"
-    return stated(name, text, "note", cause=cause, file=film, setting="region")
 
 
 def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time: NDArray[np.float64]) -> Check:

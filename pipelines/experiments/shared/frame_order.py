@@ -1,4 +1,4 @@
-"""Order of a film's frames: two that stand at each other's place, and those that were lost and numbered over."""
+"""Order of a film's frames: two that were exchanged."""
 
 from itertools import combinations
 
@@ -14,11 +14,6 @@ about two frames which were exchanged back."""
 _UNEVEN = 1.5  # times the shortest step about a frame, from which on steps are uneven
 _MOST = 40  # frames that stand out most; all their pairs are tried
 _NEAR = np.arange(-2, 3)
-_ROUGH, _SMOOTHER = 0.005, 3.0
-"""Of the largest value, what a smooth course may leave of measured ones, and by which factor frames that are put back
-must make it smoother: the areas of contacts without a loss leave 0.0023 and get 1.2 times smoother at most."""
-_DEGREE, _FEWEST, _LOST = 6, 10, 12  # of the course, and frames that tell it; those that may be lost together
-_WITHIN = 60  # frames of a course that are looked at: of more every so many, since those lost are as many more
 
 
 def exchanged(
@@ -50,34 +45,6 @@ def exchanged(
         if left < best:
             best, found = left, (i, j)
     return found
-
-
-def lost(y: Floats, noise: float = 0.0) -> int | None:
-    """Find after which frame others of a smooth course are missing, though no step in time tells it.
-
-    ``y`` (frame,): what is measured in each frame, one step of time after another; all numbers, the largest above 0;
-    ``noise``: standard uncertainty of y. Returns the last frame before the gap; None where putting frames back makes
-    the course no smoother.
-    """
-    every = -(-y.size // _WITHIN)
-    seen = y[::every]
-    if seen.size < _FEWEST:
-        return None
-    x = np.arange(seen.size, dtype=float)
-    rough, allowed = _roughness(x, seen), max(_ROUGH * float(seen.max()), _SMOOTHER * noise)
-    if rough < allowed:
-        return None
-    gaps = [(at, count) for at in range(2, seen.size - 1) for count in range(1, _LOST + 1)]
-    left = [_roughness(x + count * (x >= at), seen) for at, count in gaps]
-    best = int(np.argmin(left))
-    return every * gaps[best][0] - 1 if left[best] < min(allowed, rough / _SMOOTHER) else None
-
-
-def _roughness(x: Floats, y: Floats) -> float:
-    """Return what a polynomial leaves of values, as a standard deviation."""
-    places = np.polynomial.chebyshev.chebvander(2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0, _DEGREE)
-    rest = y - places @ np.linalg.lstsq(places, y)[0]
-    return float(np.sqrt(np.sum(rest**2) / (y.size - _DEGREE - 1)))
 
 
 def _evenly(time: Floats | int) -> NDArray[np.bool_]:

@@ -25,13 +25,13 @@ OF_FILM: Titles = {
     "frames": Title(
         "A film holds every frame once, whole, unaltered and in order.",
         (
-            "detail of the frames", "times of the frames", "whole frames", "whole film", "whole images",
-            "frames differ", "order of the frames", "sound frames", "frame rate stated", "one sensitivity",
+            "detail of the frames", "times of the frames", "whole film", "frames differ", "order of the frames",
+            "sound frames", "frame rate stated",
         ),
     ),
     "light and exposure": Title(
         "The light is steady, and no frame is over- or under-exposed.",
-        ("light of the frames", "exposure", "dark contacts"),
+        ("light of the frames", "exposure"),
     ),
 }  # fmt: skip
 """Checks of the frames of a film."""
