@@ -55,7 +55,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, conte
         # what is wrong with one file does not show in the others
         checks += judge(mach1_checks.weighed(found), causes).checks
         relative = relative if load is None else relative_gain(load)
-    checks += mach1_checks.of_files({n: d for n, d in zip(files, readings or (), strict=False) if d is not None})
+    checks.append(mach1_checks.of_files({n: d for n, d in zip(files, readings or (), strict=False) if d is not None}))
     known = next((d for d in loads or () if d is not None), None)
     if known is not None:
         checks += mach1_checks.of_cell(settings.load_cell, known)
@@ -153,9 +153,6 @@ def _of_file(
     checks = mach1_checks.of_file(name, readings)
     if mach1_checks.is_swapped(checks):
         return checks
-    checks += [of(name, p) for p in mach1_checks.hold_parts(readings) for of in (mach1_checks.falls, mach1_checks.late)]
-    if loads is not None:
-        checks += mach1_checks.touch_stated(name, loads, settings.contact)
     if ramps is None or loads is None or not bool(loads.attrs["is_tared"]) or not mach1_checks.knows_depth(checks):
         return checks
     depth, force = float(ramps["depth"][-1]), float(ramps["plateau_force"][-1])

@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import isfinite, log
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,7 +15,7 @@ from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.judgements import day_known
 from pipelines.experiments.shared.mach1_checks._motion import direction_of_motion
 from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, Part, line_of, response_of
-from pipelines.experiments.shared.mach1_checks._titles import CALIBRATED, CAPACITY, CELL, DELAY, FACTOR, SCALE, SIGN
+from pipelines.experiments.shared.mach1_checks._titles import CAPACITY, DELAY, SCALE, SIGN
 from pipelines.experiments.shared.punch_settings import LoadCell
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
@@ -27,8 +26,6 @@ _EXPLAINED = 0.2  # share of a force that its motion must explain, if the cell l
 _SOONER, _LATER = 0.25, 0.6
 """Of the delay that order and cutoff of a Butterworth say, by which another filter may have less or more: three equal
 poles have 0.76 times as much, Bessel's 0.88, Chebyshev's more."""
-_FACTOR = "Load Cell Calibration Factor"  # in the header of a block
-_PLAIN, _SAME = 1e-4, 0.02  # from 1, and of that distance, within which a factor tells nothing, and is another's
 _OWN_FACTOR, _WRONG_FACTOR = 1.25, 3.0  # of true over displayed force: worth a doubt, and wrong
 
 
@@ -118,78 +115,6 @@ def _capacity(name: str) -> float | None:
     return None if said is None else float(said[1]) * factor[said[2]]
 
 
-def _cell_of_record(loads: xr.Dataset, record: str) -> Check:
-    """Hold the cell that a calibration record names against that of the file, by capacity and serial number."""
-    text = str(loads.attrs.get("calibration", ""))
-    known = json.loads(text) if text.startswith("{") else {}
-    used = str((json.loads(loads.attrs["blocks"])[0].get("load_cell") or {}).get("name") or "")
-    theirs, ours = _capacity(str(known.get("instrument", ""))), _capacity(used)
-    number, told = str(known.get("serial", "")).strip(), re.search(r"SN:?\s*([\w-]*\d[\w-]*)", used)
-    is_alike = [abs(log(theirs / ours)) < log(_OWN_FACTOR)] if theirs and ours else []
-    is_alike += [number in used] if number and told else []
-    if not is_alike:
-        return not_made(CELL, "capacity or serial number of the cell, in its record and in the file")
-    message = f"{record} is of {' '.join(filter(None, (known['instrument'], number)))}, the file says {used}"
-    is_other = not all(is_alike)
-    cause = "the record is that of another load cell, or the tester was told another one"
-    return stated(CELL, message, "doubtful" if is_other else None, cause=cause, file=record, setting="instrument")
-
-
-def date_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    part = blocks[0]
-    lines = dict(text.partition(":")[::2] for text in part.header["info_lines"])
-    told, began = lines.get("Load Cell Calibration Date", "").strip(), str(part.header.get("start") or "")
-    if not (re.fullmatch(r"\d{4}-\d{2}-\d{2}", told) and began):
-        return not_made(CALIBRATED, "dates of the test and of the cell's calibration")
-    text = f"{name}: tested on {began[:10]} with a cell calibrated on {told}"
-    level: Level | None = "doubtful" if told > began[:10] else None
-    line = line_of(part, "Load Cell Calibration Date")
-    cause = f"the tester's clock, or the date of the calibration (line {line}), is wrong"
-    return stated(CALIBRATED, text, level, cause=cause, file=name, line=line)
-
-
-def factor_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    """Look at the factor that the tester multiplied its readings by: about 1, and one for a test."""
-    told = [(part, _factor(part.header)) for part in blocks]
-    known = [(part, factor) for part, factor in told if factor is not None]
-    if not known:
-        return not_made(FACTOR, "the factor in the header")
-    (part, first), (other, last) = known[0], max(known, key=lambda one: abs(one[1] - known[0][1]))
-    text = f"{name}: forces are {first:.7g} times what the cell showed, by the header"
-    if last != first:
-        text += f", and {last:.7g} times in block {other.number + 1}"
-        cause = "the cell was calibrated again in the middle of a test, or a header was edited"
-        line = line_of(other, _FACTOR)
-        return stated(FACTOR, text, "doubtful", cause=cause, file=name, line=line)
-    is_near = first > 0 and abs(log(first)) < log(_OWN_FACTOR)
-    cause = "the tester was calibrated with another mass than it was told, or was told another cell"
-    line = line_of(part, _FACTOR)
-    return stated(FACTOR, text, None if is_near else "doubtful", cause=cause, file=name, line=line)
-
-
-def _factor(header: dict[str, Any]) -> float | None:
-    """Return the factor that a header says the tester applied; None where it says none."""
-    try:
-        factor = float(str((header.get("load_cell") or {}).get("calibration_factor")).replace(",", "."))
-    except ValueError:
-        return None
-    return factor if isfinite(factor) else None
-
-
-def _applied_once(loads: xr.Dataset, gain: float, record: str) -> Check:
-    """Look for a record that repeats the factor of the tester, or takes it back."""
-    name = "factor of the record"
-    applied = _factor(json.loads(loads.attrs["blocks"])[0])
-    if applied is None or abs(applied - 1.0) < _PLAIN:
-        return not_made(name, "a factor of the tester that is not 1")
-    text = (
-        f"{record}: true force is {gain:.7g} times the displayed one, which is {applied:.7g} times what the cell showed"
-    )
-    twice = abs(gain - applied) < _SAME * abs(applied - 1.0)
-    cause = f"{record} repeats the factor of the tester, which has applied it already"
-    return stated(name, text, "doubtful" if twice else None, cause=cause, file=record, setting="values.scale")
-
-
 def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     """Check the record of the load cell: its scale, and the delay of its filter."""
     gain = float(loads["gain"])
@@ -198,7 +123,6 @@ def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     if not record:
         found.append(not_made(SCALE, "a calibration record of the load cell"))
     else:
-        found.append(_cell_of_record(loads, record))
         off = abs(log(abs(gain))) if gain else np.inf
         level: Level | None = (
             "impossible" if off > log(_WRONG_FACTOR) else "doubtful" if off > log(_OWN_FACTOR) else None
@@ -206,7 +130,6 @@ def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
         text = f"{record}: true force is {gain:.4g} times the displayed one"
         cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
         found.append(stated(SCALE, text, level, cause=cause, file=record, setting="values.scale"))
-        found.append(_applied_once(loads, gain, record))
     declared = mach1_readings.declared_filter(loads)
     measured = json.loads(loads.attrs.get("filter_delay", "null"))
     if declared is None or measured is None:

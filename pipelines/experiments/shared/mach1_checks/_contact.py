@@ -1,24 +1,18 @@
 """Checks of the stated punch, and of a force at its depth against what a polymer would give."""
 
 from dataclasses import replace
-from math import hypot, isfinite, log
+from math import isfinite, log
 
 import numpy as np
-import xarray as xr
 
 from labpipe.contact.line import westergaard
-from labpipe.errors import InputError
-from labpipe.judging import DOUBTFUL, Check, Level, bounded, not_made, stated
+from labpipe.judging import Check, Level, bounded, not_made, stated
 from labpipe.report import quantity
-from labpipe.units import Quantity
-from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.mach1_checks._titles import MODULUS, RATIO, TOUCHED
+from pipelines.experiments.shared.mach1_checks._titles import MODULUS, RATIO
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
 _LARGEST_PUNCH, _LARGE_PUNCH = 0.5, 0.15  # m, either way
 _POLYMER = (1e6, 1e10)  # Pa, reduced moduli of whatever is indented
-_WRITTEN, _OF_DEPTH = 5e-7, 0.1
-"""Standard uncertainty (m) of a position that is written to the micrometre; of a depth, beyond which it is doubtful."""
 _U_RANGE = 0.25  # of the logarithm of a modulus at the ends of that range
 _U_MATERIAL = 0.5  # of the logarithm of the force for a solid that is known by its name
 _U_LAYER = 2.3  # the same where a thin layer stiffens the contact
@@ -75,29 +69,6 @@ def _bottom(punch: Punch, substrate: Substrate | None, deepest: float) -> Check:
     text = f"{quantity(deepest, 'm')} deep; {what} is {quantity(limit, 'm')}"
     cause = f"{setting} in session.toml, or the position of first touch, is wrong"
     return stated(title, text, level, cause=cause, setting=setting)
-
-
-def touch_stated(name: str, loads: xr.Dataset, given: Quantity | None) -> list[Check]:
-    """Hold a stated position of first touch against the one that the approach in the same file shows."""
-    if given is None:
-        return []
-    try:
-        found = mach1_readings.contact_position(loads, None)[0]
-    except InputError:
-        return []  # nothing else says it
-    gap = given.value - found.value
-    depth = float(np.nanmax(loads["position_z"].values)) - found.value
-    beyond = DOUBTFUL * hypot(given.u, found.u, _WRITTEN)
-    text = (
-        f"{name}: its approach finds first touch at {1e3 * found.value:.4f} mm, session.toml says contact = "
-        f"{1e3 * given.value:.4f} mm, which is used: depths of up to {quantity(depth, 'm')} change by "
-        f"{quantity(abs(gap), 'm')}"
-    )
-    if abs(gap) <= beyond:
-        return [stated(TOUCHED, text, None, setting="contact")]
-    level: Level = "doubtful" if abs(gap) > _OF_DEPTH * depth else "note"
-    cause = "contact is mistyped, or that of another file or specimen: delete it, and the approach is used"
-    return [stated(TOUCHED, text, level, cause=cause, setting="contact")]
 
 
 def of_force(
