@@ -18,7 +18,7 @@ from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import PART, SWAPPED, statuses
+from pipelines.experiments.dic_validation.measured import SWAPPED, statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
@@ -272,17 +272,11 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | 
                 f"{100 * abs(size):.2f} %",
             }[what]
             if what.startswith("stretch"):
-                cause = (
-                    "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
-                )
-                cause += (
-                    "tracking.body holds more than the holder, such as its rim: draw tracking.regions around what moves"
-                )
+                cause = "zoom, focus or distance of the lens changed within the film, films of two views were joined, "
+                cause += "or tracking.body holds more than the holder: draw tracking.regions around what moves"
     if found is None:
         return stated(name, f"{settings.film}: no displacement jumps", None, file=settings.film)
-    part = "" if bounces is None else str(bounces.attrs.get(PART, ""))
     text = f"{settings.film}: {seen} between two frames at {quantity(float(motion['time'][found[0] + 1]), 's')}"
-    text += f"; bounces are found in its motion {part} alone" if part else ""
     return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 

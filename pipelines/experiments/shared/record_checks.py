@@ -386,47 +386,36 @@ def _hum(trace: Trace, line: Hum) -> Check:
     return trace.seen("mains hum", text, level, "mains hum: ground the sensor, or average over one period")
 
 
-def swing_at_rest(trace: Trace, rest: slice, fewest: int = _QUIET) -> tuple[float, float] | None:
-    """Return frequency [Hz] and amplitude [m] with which a body swings that should be at rest; None where it does not.
+def _swing(trace: Trace, rest: slice) -> Check:
+    """Look for one frequency in a body that should be at rest.
 
     Of white noise the best of n/2 lines leaves so little by chance with n/2 (left/all)^((n - 4)/2).
     """
     known = np.flatnonzero(np.isfinite(trace.reading[rest]))
-    if known.size < fewest or trace.travel == 0.0:
-        return None
+    if known.size < _QUIET or trace.travel == 0.0:
+        return not_made(SWING, f"{_QUIET} readings")
     t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
     span = float(t[-1])
     flat = np.vander(t / span, 3)  # a drift, or a fall
     drift = x - flat @ np.linalg.lstsq(flat, x, rcond=None)[0]
     power = np.abs(np.fft.rfft(drift, 4 * t.size))
     power[:8] = 0.0  # fewer than two turns are a drift
-    limit = float(drift @ drift) * (1e-6 / t.size) ** (2 / (t.size - 4))
+    limit, quiet = float(drift @ drift) * (1e-6 / t.size) ** (2 / (t.size - 4)), "no vibration before the release"
     # no sine near the strongest line of a spectrum explains twice as much as that line
     if float(drift @ drift) - 4.0 * float(power.max()) ** 2 / t.size > limit:
-        return None
+        return trace.seen(SWING, quiet)
     guess = int(np.argmax(power)) / (4 * span * t.size / (t.size - 1))
-    best, amplitude, left = 0.0, 0.0, np.inf
-    for f in np.linspace(guess - 0.5 / span, guess + 0.5 / span, 21):
+    fits = []
+    for f in np.linspace(guess - 0.5 / span, guess + 0.5 / span, 21).tolist():
         design = np.column_stack([flat, np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)])
         fitted = np.linalg.lstsq(design, x, rcond=None)[0]
-        if (sum_of_squares := float(np.sum((x - design @ fitted) ** 2))) < left:
-            best, amplitude, left = float(f), float(np.hypot(*fitted[3:])), sum_of_squares
-    is_seen = 2 * amplitude > _LIMITS[0] * trace.travel and amplitude > trace.resolution
-    return (best, amplitude) if left < limit and is_seen else None
-
-
-def _swing(trace: Trace, rest: slice) -> Check:
-    """Look for one frequency in a body that should be at rest."""
-    if trace.reading[rest].size < _QUIET:
-        return not_made(SWING, f"{_QUIET} readings")
-    if (found := swing_at_rest(trace, rest)) is None:
-        return trace.seen(SWING, "no vibration before the release")
-    f, amplitude = found
+        fits.append((float(np.sum((x - design @ fitted) ** 2)), f, float(np.hypot(*fitted[3:]))))
+    left, f, amplitude = min(fits)
+    if not (left < limit and amplitude > max(0.5 * _LIMITS[0] * trace.travel, trace.resolution)):
+        return trace.seen(SWING, quiet)
     text = f"before the release the readings swing at {f:.3g} Hz by ± {quantity(amplitude, 'm')}"
-    cause = (
-        f"the sensor, its clamp, the bench or its support vibrates at {f:.3g} Hz, or was struck; or a lamp or supply "
-    )
-    cause += "disturbs the sensor at that frequency"
+    cause = f"the sensor, its clamp, the bench or its support vibrates at {f:.3g} Hz, or was struck; or a lamp or a "
+    cause += "supply disturbs the sensor at that frequency"
     return trace.seen(SWING, text, "doubtful" if 2 * amplitude > _LIMITS[1] * trace.travel else "note", cause)
 
 

@@ -15,7 +15,7 @@ from labpipe.judging import Check, Level, not_made, stated, unfinished
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.shared.judgements._words import counted_from_one
+from pipelines.experiments.shared.judgements._page import counted_from_one
 
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""

@@ -194,27 +194,6 @@ def test_rows_on_which_an_impossible_plate_has_no_visible_effect_may_agree(
     assert judgement(unknown).attrs["model"] == "undecided"
 
 
-def test_what_multiplies_all_rows_is_named_whole() -> None:
-    """A free factor, such as a material's modulus, hides which of the stated ones is wrong."""
-    inputs = {"modulus": Quantity(1.0, 0.0, "1"), "tip radius": Quantity(2e-3, 2e-6, "m")}
-    rows = [
-        row(
-            "stiffness",
-            "N/m",
-            1,
-            slopes={"modulus": -size, "tip radius": -size / 2e-3},
-            measured=size / 2,
-            model=size,
-            difference=-size / 2,
-            u_difference=1e-3 * size,
-        )
-        for size in (10.0, 20.0, 30.0)
-    ]
-    (said,) = json.loads(judgement(Scene((), rows=rows, inputs=inputs)).attrs["suspects"])
-    assert "0.5 times those of the model" in said
-    assert "modulus, tip radius" in said
-
-
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_each_experiment_that_a_kind_takes_results_from_is_part_of_its_judgement(name: str) -> None:
     taken = {
