@@ -3,11 +3,10 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import log10, nan, pi
+from math import log10, pi
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
@@ -197,7 +196,7 @@ def stress_over_strain(export: Export) -> Check:
     message = f"{file}: moduli are {factor_in_words(ratio)} times stress over strain ({quantity(expected, 'Pa')})"
     found = compared(name, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=_STRESS, file=file)
     if found.level is None:
-        return _of_one_interval(export, np.flatnonzero(export.good)[known], apart - np.median(apart), found)
+        return found
     power = round(log10(ratio))
     thousands = {-3: "kPa stand as Pa, or GPa as MPa", 3: "Pa stand as kPa, or MPa as GPa"}
     unit = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", **thousands}.get(power)
@@ -205,22 +204,6 @@ def stress_over_strain(export: Export) -> Check:
         return replace(found, cause=f"the unit of the moduli is wrong by a factor {in_words(10.0**power)}: {unit}")
     cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {factor_in_words(ratio)}"
     return replace(found, cause=cause)
-
-
-def _of_one_interval(export: Export, rows: NDArray[np.intp], apart: Floats, found: Check) -> Check:
-    """Look for an interval whose moduli are not stress over strain as those of the others are."""
-    if "interval" not in export.data:
-        return found
-    interval = export.data["interval"].values[rows]
-    medians = {each: float(np.median(apart[interval == each])) for each in np.unique(interval)}
-    worst = max(medians, key=lambda each: abs(medians[each]))
-    factor = float(np.exp(medians[worst]))
-    if abs(factor - 1.0) <= _STRESS or abs(1.0 / factor - 1.0) <= _STRESS:
-        return found
-    place = export.place(int(rows[np.argmax(interval == worst)])).rpartition(", point")[0] or export.name
-    text = f"{place}: its moduli over stress over strain are {factor_in_words(factor)} times those of other intervals"
-    cause = "a modulus, the stress or the strain of this interval was edited, or has another unit than in the others"
-    return replace(found, message=text, level="doubtful", cause=cause, log_ratio=nan, u_log_ratio=nan)
 
 
 def size_of_modulus(export: Export, settings: Dma) -> Check:
@@ -267,23 +250,6 @@ def single_values(export: Export, isotherms: Sequence[Sweep]) -> Check:
     level: Level = "impossible" if abs(log10(factor)) > _MISTYPED else "doubtful"
     cause = f"{where} is wrong by a factor {factor_in_words(factor, _ABOUT)}"
     return stated(name, text, level, cause=cause, file=export.name)
-
-
-def times_in_order(export: Export) -> Check:
-    """Look for a reading whose time alone is out of order; a clock that begins anew goes on from there."""
-    name = "times of the readings"
-    if "time" not in export.data.variables:
-        return not_made(name, "a column of times")
-    t = np.asarray(export.data.variables["time"].values, float)
-    rows = np.flatnonzero(np.isfinite(t))
-    before, here, after = t[rows[:-2]], t[rows[1:-1]], t[rows[2:]]
-    strays = rows[1:-1][(before <= after) & ((here < before) | (here > after))]
-    if not strays.size:
-        return stated(name, f"{export.name}: readings follow each other", None, file=export.name)
-    where = export.place(int(strays[0]))
-    text = f"{where}: its time, {t[strays[0]]:.6g} s, does not lie between those of its neighbours"
-    cause = f"the time of {where} is mistyped, lost its decimal point, or rows were exchanged"
-    return stated(name, text, "note", cause=cause, file=export.name)
 
 
 def _alone(y: Floats) -> Floats:
