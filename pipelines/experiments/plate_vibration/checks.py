@@ -1,4 +1,4 @@
-"""Whether a plate vibration can be believed: one plate in all recordings, and blows as stated.
+"""Checks of a plate vibration: one plate in all recordings, and blows as stated.
 
 Frequency and damping belong to the plate, so all recordings give the same. The amplitude says how
 much momentum came, and the pause until the second blow how long the body flew: a height, a
@@ -25,7 +25,6 @@ from labpipe.judging import (
     explain,
     in_words,
     not_made,
-    stated,
     too_large,
 )
 from labpipe.report import quantity
@@ -46,9 +45,6 @@ _BLOCK = 16
 _STRUCK = 3.0  # times the scatter before the first blow, by which a second one leaves the free ringing
 _BEFORE, _MIDDLE = 2.5e-3, 1.1e-4  # s before a blow where the plate rests, and about its middle
 _OTHER_MODES = 0.15  # of the logarithm of a blow's duration, by the plate's other vibrations
-_NOT_FREE, _ANOTHER = 4.0, 0.05  # times the noise, and parts of the ringing, by which a plate leaves it that is struck
-_LONG, _GROWTH = 6, 2.5
-"""Blocks in which more is left than before, and by how much more power: once in a million by chance."""
 _MATERIAL = 0.1
 """Standard uncertainty of the logarithm of a flight's duration for a solid known by its name or its
 DMA: it goes with the restitution."""
@@ -75,7 +71,7 @@ _STEPS = ("readings", "displacement", "ringing", "table", "plate", "model", "com
 TITLES = {
     "one plate": Title(
         "All recordings show the free ringing of one plate: one frequency and one damping.",
-        ("frequency of the plate", "damping of the plate", "free ringing", "modal mass of the plate"),
+        ("frequency of the plate", "damping of the plate", "modal mass of the plate"),
     ),
     "direction and order of the blows": Title(
         "A falling body pushes the plate down, and harder from a larger height.",
@@ -108,17 +104,14 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
     checks += record_checks.of_record(moved, settings.calibration)
     checks += [_downwards(name, moved[name], ring) for name, ring in found.items() if name in moved]
-    free = [_rings_freely(name, moved[name], ring) for name, ring in found.items() if name in moved]
-    alike = _one_plate(found)
-    checks += [*free, *alike]
+    checks += _one_plate(found)
     for drops in settings.drops:
         # what repeats share is taken out: their scatter alone is asked
         falls = [Fall(name, found[name], 0.0) for name in drops.laser if name in found]
         checks += fall_checks.repeats_agree(falls, _ALIKE, "this recording is of another height or another body")
     checks += _of_plate(plate, settings)
     flights = list(_flights(found, model, moved, settings))
-    timed = _with_interval(flights, names, readings, settings)
-    checks += timed
+    checks += _with_interval(flights, names, readings, settings)
     checks += _blows(comparison, model, settings)
     checks += _momenta(table, plate, settings)
     checks.append(_grows_with_height(table, settings))
@@ -131,9 +124,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     # of a body that cannot be, no blow tells which height is wrong
     is_body = not any(c.setting == "sphere.mass" and c.level for c in statements)
     causes = list(_causes(table, plate, settings)) if is_body else []
-    swings = [c for c in of_traces if c.name == record_checks.SWING]
-    if timed is flights:  # in a wrong time the second blow seems to come too soon or too late
-        checks = _by_disturbance(checks, [*swings, *free, *alike])
     if not explain(checks, causes):
         checks = [
             replace(c, cause=_STATED) if c.name.startswith(_MOMENTUM_OF) and c.level and not c.cause else c
@@ -185,50 +175,6 @@ def _downwards(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
     check = bounded(title, text, swing, u, at_most=0.0, setting="sensor.direction")
     cause = "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign"
     return replace(check, cause=cause)
-
-
-def _rings_freely(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
-    """Look for what else moved the plate while it should ring by itself."""
-    title = "free ringing"
-    left = _left(ring, moved)
-    time = moved["time"].values
-    inside = np.flatnonzero((time >= float(ring["free_from"])) & (time <= float(ring["free_to"])) & np.isfinite(left))
-    if inside.size < 4 * _BLOCK:
-        return not_made(title, f"{4 * _BLOCK} readings of free ringing")
-    blocks = np.array_split(inside, inside.size // _BLOCK)
-    sizes = np.array([np.sqrt(np.mean(left[block] ** 2)) for block in blocks])
-    worst, noise, swing = int(np.argmax(sizes)), float(moved.attrs["noise"]), float(ring["amplitude"])
-    at = quantity(float(time[blocks[worst][0]]), "s")
-    text = f"{name}: about {at} the plate leaves its ringing of {quantity(swing, 'm')} by {quantity(sizes[worst], 'm')}"
-    is_struck = sizes[worst] > max(_NOT_FREE * noise, _ANOTHER * swing)
-    if not is_struck and (grows := _grows(sizes)) is not None:
-        at = quantity(float(time[blocks[grows][0]]), "s")
-        before, after = (float(np.sqrt(np.mean(part**2))) for part in (sizes[:grows], sizes[grows : grows + _LONG]))
-        text = f"{name}: from {at} on {quantity(after, 'm')} are left of what the plate does beside its ringing of "
-        text += f"{quantity(swing, 'm')}, before it {quantity(before, 'm')}"
-        cause = f"something struck the plate or its table lightly at {at}; what other modes leave decays"
-        return stated(title, text, "note", cause=cause, file=name)
-    cause = f"something else struck the plate or its table before {at}: a hit, a door, or the body itself"
-    return stated(title, text, "doubtful" if is_struck else None, cause=cause, file=name)
-
-
-def _grows(sizes: np.ndarray) -> int | None:
-    """Return the block from which on more is left of the ringing than before; None where it does not grow."""
-    splits = range(_LONG, sizes.size - _LONG + 1)
-    power = [float(np.mean(sizes[k : k + _LONG] ** 2) / np.mean(sizes[:k] ** 2)) for k in splits]
-    return _LONG + int(np.argmax(power)) if power and max(power) > _GROWTH else None
-
-
-def _by_disturbance(checks: Sequence[Check], disturbed: Sequence[Check]) -> list[Check]:
-    """Blame what struck a plate beside the body for what directions, pauses and momenta do not keep then."""
-    struck = next((c for c in disturbed if c.level in ("doubtful", "impossible")), None)
-    names = ("momentum of the blow", "pause before", "direction of the blow", "duration of the blow")
-    return [
-        replace(c, level="doubtful", cause=struck.cause, file=struck.file, setting="")
-        if struck is not None and c.level and c.name.startswith(names)
-        else c
-        for c in checks
-    ]
 
 
 def _one_plate(found: dict[str, xr.Dataset]) -> list[Check]:
