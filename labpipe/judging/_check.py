@@ -168,7 +168,7 @@ class CheckSummary:
 
         Examples
         --------
-        >>> found = [Check("g", "", "", margin=m, recording=str(m)) for m in (0.3, -1.2)]
+        >>> found = [Check("g", "", margin=m, recording=str(m)) for m in (0.3, -1.2)]
         >>> CheckSummary("free fall", "", tuple(found)).summary
         'passed in 2 of 2 recordings, worst margin 1.2 u'
         """
@@ -242,7 +242,7 @@ def compared(
 
     Examples
     --------
-    >>> compared("acceleration", "g", "39.2 for 9.81", 39.2, 0.1, 9.81, 0.01).level
+    >>> compared("acceleration", "39.2 for 9.81", 39.2, 0.1, 9.81, 0.01).level
     'impossible'
     """
     u = hypot(u_seen, u_expected)
@@ -295,7 +295,7 @@ def bounded(
 
     Examples
     --------
-    >>> bounded("restitution", "0 < e < 1", "1.195", 1.195, 2e-4, at_least=0.0, at_most=1.0).level
+    >>> bounded("restitution", "1.195", 1.195, 2e-4, at_least=0.0, at_most=1.0).level
     'impossible'
     """
     if not (isfinite(value) and isfinite(u)):

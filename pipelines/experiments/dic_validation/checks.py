@@ -261,8 +261,11 @@ def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | 
     seen = "" if found is None else f"the holder jumps by {quantity(found[1], 'm')}"
     cause = "frames were lost, two films were joined, the camera or its mirror was knocked, or the track slipped"
     of_body = None if track is None or seen else track.isel(point=0)
-    for what, least in _JUMPS.items() if of_body is not None and track is not None else ():
-        one = _jump(track["time"].values, np.mean([of_body[of].values for of in what.split()], axis=0), least)
+    for what, least in _JUMPS.items():
+        if of_body is None:
+            break
+        shown = np.mean([of_body[of].values for of in what.split()], axis=0)
+        one = _jump(of_body["time"].values, shown, least)
         if one is not None:  # a change of size comes last: it shifts and turns the image too
             found, size = one, one[1]
             seen = {

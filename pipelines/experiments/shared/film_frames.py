@@ -136,7 +136,8 @@ def repeated(film: FrameSource, is_seen: NDArray[np.bool_]) -> list[int]:
 
     ``is_seen`` (frame,) are those that show a contact and were measured.
     """
-    found, before, last = [], np.empty(0), -1
+    before: np.ndarray = np.empty(0)
+    found, last = [], -1
     for i in map(int, about_contacts(is_seen)):
         if film.valid[i]:
             image = film[i]

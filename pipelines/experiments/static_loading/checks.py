@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from math import hypot, log, nan, sqrt
 
 import numpy as np
@@ -221,21 +222,24 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
         found = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * (high - low)})
         return float(found.fun), float(found.x)
 
+    def with_load(i: int, decade: float) -> float:
+        return misfit(np.where(np.arange(force.size) == i, 10.0**decade, force), readings)
+
+    def drifted(share: Floats, by: float) -> float:
+        return misfit(force, readings - by * share)
+
     def freed() -> Iterator[tuple[float, str, str]]:
         extent, gravity = 0.3 * float(np.ptp(readings)), settings.model.gravity.value
         for i, load in enumerate(settings.loads):
             low = max(1.01 * force[i - 1] if i else 0.0, force[i] / _FREED)
             high = 0.99 * force[i + 1] if i + 1 < force.size else _FREED * force[i]
-            others = np.arange(force.size) != i
-            left, decade = least(
-                lambda d, o=others: misfit(np.where(o, force, 10.0**d), readings), *np.log10([low, high])
-            )
+            left, decade = least(partial(with_load, i), *np.log10([low, high]))
             said = (
                 f"load {i + 1} is probably {10.0**decade / gravity:.3g} kg, not {load.mass.value:g} kg: all others fit "
             )
             yield left, f"{said}the record then (loads in session.toml)", f"loads[{i}].mass"
             share = np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
-            left, way = least(lambda v, s=share: misfit(force, readings - v * s), -extent, extent)
+            left, way = least(partial(drifted, share), -extent, extent)
             said = f"the readings probably drifted by {quantity(way, 'm')} while load {i + 1} ({load.mass.value:g} kg) "
             yield left, f"{said}was held: the temperature changed, or the stand settled", ""
 

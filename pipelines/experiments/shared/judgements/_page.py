@@ -162,10 +162,6 @@ def _undecided(result: xr.Dataset) -> str:
     return f"no error of {100 * MATTERS:.0f}{TIED}% in any input would have shown"
 
 
-def _many(found: Sequence[object], noun: str) -> str:
-    return f"{len(found)} {noun}{'s' * (len(found) != 1)}"
-
-
 def _largest(count: int) -> str:
     return f"The largest of {count} deviations" if count > 1 else "The deviation"
 
