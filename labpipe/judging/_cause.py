@@ -17,8 +17,6 @@ _FLOOR = 2e-3
 _USUAL = 9.0
 """What a factor that people are known to get wrong (1000, 25.4, 2) gains over any other factor,
 in units of chi square."""
-_TAIL = 4.0
-"""Twice the power of its size by which an error beyond its stated uncertainty is less likely: slips scatter widely."""
 _SLACK = 0.02
 """How far from such a factor, relative, a fitted one may lie: other inputs may be off too."""
 _SMALL = 1.1  # factor below which per cent say more
@@ -78,7 +76,7 @@ class Explanation:
     checks : tuple of str
         Checks that it moves.
     score : float
-        Chi square that it leaves, less for a usual factor and more for a far one: the least is the likeliest.
+        Chi square that it leaves, less for a usual factor: the least is the likeliest.
     n_u : float
         Size of the error in stated standard uncertainties; 0 for a usual factor.
     """
@@ -141,12 +139,11 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         before = sum((r / u) ** 2 for _, r, u in widened)
         left = sum(((r - d * place) / u) ** 2 for d, r, u in widened)
         names = tuple(name for name, _, _ in rows if cause.effects.get(name))
-        n_u = 0.0 if is_usual else abs(place) / cause.u
-        score = left - (_USUAL if is_usual else 0.0) + _TAIL * log(max(n_u / IMPOSSIBLE, 1.0))
+        score = left - (_USUAL if is_usual else 0.0)
         # a check that it does not move, and that is right, speaks neither for it nor against it
         against = sum(z**2 for d, z in ((d, (r - d * place) / u) for d, r, u in widened) if d or abs(z) > _RIGHT)
         if against <= max(_EXPLAINED * before, _ALIKE):
-            found.append(Explanation(cause, exp(place), names, score, n_u))
+            found.append(Explanation(cause, exp(place), names, score, 0.0 if is_usual else abs(place) / cause.u))
     return tuple(sorted(found, key=lambda one: (one.is_last_resort, one.score)))
 
 
