@@ -84,8 +84,6 @@ class Check:
     ----------
     name : str
         The compared quantity, such as ``"free-fall acceleration"``; causes refer to it.
-    law : str
-        The physical law or redundancy that it uses, in one sentence.
     message : str
         The observed and the expected value.
     level : "impossible", "doubtful", "note" or None
@@ -108,7 +106,6 @@ class Check:
     """
 
     name: str
-    law: str
     message: str
     level: Level | None = None
     margin: float = nan
@@ -171,7 +168,7 @@ class CheckSummary:
 
         Examples
         --------
-        >>> found = [Check("g", "", "", margin=m, recording=str(m)) for m in (0.3, -1.2)]
+        >>> found = [Check("g", "", margin=m, recording=str(m)) for m in (0.3, -1.2)]
         >>> CheckSummary("free fall", "", tuple(found)).summary
         'passed in 2 of 2 recordings, worst margin 1.2 u'
         """
@@ -195,7 +192,7 @@ def grouped(evaluations: Iterable[Check], laws: Mapping[str, str]) -> tuple[Chec
     ----------
     evaluations : iterable of Check
     laws : mapping of str to str
-        Sentence by the title of a check; a check without one has that of its first evaluation.
+        Sentence by the title of a check; empty for a check without one.
 
     Returns
     -------
@@ -205,14 +202,11 @@ def grouped(evaluations: Iterable[Check], laws: Mapping[str, str]) -> tuple[Chec
     by_title: dict[str, list[Check]] = {title: [] for title in laws}
     for one in evaluations:
         by_title.setdefault(one.title or one.name, []).append(one)
-    return tuple(
-        CheckSummary(title, laws.get(title, found[0].law), tuple(found)) for title, found in by_title.items() if found
-    )
+    return tuple(CheckSummary(title, laws.get(title, ""), tuple(found)) for title, found in by_title.items() if found)
 
 
 def compared(
     name: str,
-    law: str,
     message: str,
     seen: float,
     u_seen: float,
@@ -227,7 +221,7 @@ def compared(
 
     Parameters
     ----------
-    name, law, message : str
+    name, message : str
         See :class:`Check`.
     seen, expected : float
         In the same unit.
@@ -248,12 +242,12 @@ def compared(
 
     Examples
     --------
-    >>> compared("acceleration", "g", "39.2 for 9.81", 39.2, 0.1, 9.81, 0.01).level
+    >>> compared("acceleration", "39.2 for 9.81", 39.2, 0.1, 9.81, 0.01).level
     'impossible'
     """
     u = hypot(u_seen, u_expected)
     if not (isfinite(seen) and isfinite(expected) and isfinite(u) and u > 0.0):
-        return not_made(name, law, "finite values with uncertainties")
+        return not_made(name, "finite values with uncertainties")
     difference = seen - expected
     margin = difference / u
     level: Level | None = None
@@ -264,7 +258,6 @@ def compared(
     is_ratio = factor and seen * expected > 0.0
     return Check(
         name,
-        law,
         message,
         level,
         margin,
@@ -276,7 +269,6 @@ def compared(
 
 def bounded(
     name: str,
-    law: str,
     message: str,
     value: float,
     u: float,
@@ -290,7 +282,7 @@ def bounded(
 
     Parameters
     ----------
-    name, law, message : str
+    name, message : str
         See :class:`Check`.
     value, u : float
         With standard uncertainty, at least that of the noise.
@@ -303,11 +295,11 @@ def bounded(
 
     Examples
     --------
-    >>> bounded("restitution", "0 < e < 1", "1.195", 1.195, 2e-4, at_least=0.0, at_most=1.0).level
+    >>> bounded("restitution", "1.195", 1.195, 2e-4, at_least=0.0, at_most=1.0).level
     'impossible'
     """
     if not (isfinite(value) and isfinite(u)):
-        return not_made(name, law, "a finite value with its uncertainty")
+        return not_made(name, "a finite value with its uncertainty")
     beyond = max(at_least - value, value - at_most)
     margin = nan if beyond <= 0.0 else beyond / u if u else inf
     level: Level | None = None
@@ -315,20 +307,20 @@ def bounded(
         level = "impossible" if is_law else "doubtful"
     elif margin > DOUBTFUL:
         level = "doubtful"
-    return Check(name, law, message, level, margin, **place)
+    return Check(name, message, level, margin, **place)
 
 
-def stated(name: str, law: str, message: str, level: Level | None, **place: Unpack[Place]) -> Check:
+def stated(name: str, message: str, level: Level | None, **place: Unpack[Place]) -> Check:
     """Return a check whose answer is plain, such as that two files hold the same bytes."""
-    return Check(name, law, message, level, **place)
+    return Check(name, message, level, **place)
 
 
-def not_made(name: str, law: str, needs: str) -> Check:
+def not_made(name: str, needs: str) -> Check:
     """Return a check that could not be made, with what it would need."""
-    return Check(name, law, "", needs=needs)
+    return Check(name, "", needs=needs)
 
 
-def unfinished(name: str, law: str, message: str, cause: str) -> Check:
+def unfinished(name: str, message: str, cause: str) -> Check:
     """Return a check that could not be made because the run did not get through a step; it is told as a note."""
     needs = "a run that gets through this step"
-    return Check(name, law, message, "note", needs=needs, cause=cause, is_generic=True)
+    return Check(name, message, "note", needs=needs, cause=cause, is_generic=True)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
+from labpipe.judging._agreement import directions
 
 _ALIKE = 0.995
 """Cosine between the effects of two inputs beyond which the comparison cannot tell them apart."""
-_NO_INFORMATION = 1e-9
 SLIPS = {
     of: tuple(k ** (1 - 2 * i) for k in factors for i in range(2))
     for of, factors in {
@@ -90,12 +90,8 @@ def suspects(differences: ArrayLike, sensitivities: ArrayLike, covariance: Array
     ((0,), 2.0, 1.0, (1,))
     """
     d, S = np.asarray(differences, float), np.asarray(sensitivities, float)
-    C = np.atleast_2d(np.asarray(covariance, float))
-    scale = np.sqrt(np.diagonal(C))
-    values, vectors = np.linalg.eigh(C / np.outer(scale, scale))
-    kept = values > _NO_INFORMATION * values.max()
-    root = vectors[:, kept].T / np.sqrt(values[kept])[:, None]
-    seen, effects = root @ (d / scale), root @ (S / scale[:, None])
+    root = directions(np.atleast_2d(np.asarray(covariance, float))).root
+    seen, effects = root @ d, root @ S
     chi2, strength = float(seen @ seen), np.linalg.norm(effects, axis=0)
     able = np.flatnonzero(strength > 0.0)
     if not chi2 or not able.size:

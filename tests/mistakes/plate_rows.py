@@ -60,14 +60,7 @@ def _ends_early(folder: Path) -> None:
     cells(lambda texts: texts[:1000], (PTFE,))(folder)
 
 
-def _struck(x: Floats) -> Floats:
-    """Let the table ring from 5 ms on, before the blow."""
-    since = np.clip(np.arange(x.size) - 100, 0, None) * 50e-6
-    return np.asarray(x + 4e-3 * np.exp(-since / 4e-3) * np.sin(2 * np.pi * 300 * since))
-
-
 ROWS = (
-    Mistake("table struck before the blow", _changed(_struck, (PTFE,)), "impossible", ("struck the bench",), PTFE),
     # what the session states
     Mistake("height 50 for 5 mm", _height("ptfe", "5", "50"), "impossible", ("height of ptfe", "drops no. 4"), _TOML),
     Mistake("acrylic is said to be rubber", setting('"acrylic_dma"', '"nbr_dma"'), "impossible", (), _TOML),

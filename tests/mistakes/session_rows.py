@@ -19,7 +19,7 @@ _PAIR = f'laser = [\n  "{_FIRST}",\n'
 
 
 @dataclass(frozen=True, slots=True)
-class SessionMistake:
+class Row:
     """One edit, and the row of the audit that must tell it.
 
     Attributes
@@ -113,107 +113,36 @@ def _in(experiment: str, old: str, new: str) -> Edit:
     return edit
 
 
-_TWICE, _RECORD = "same bytes twice", "calibration record"
-
-
-_BODY, _UNUSED = "one body, two values", "files that no experiment uses"
+_TWICE, _RECORD, _BODY, _UNUSED = (
+    "same bytes twice", "calibration record", "one body, two values", "files that no experiment uses",
+)  # fmt: skip
+_RADIUS, _OLD, _OTHER = "9.525 ± 0.005 mm", "calibration/old.toml", "calibration/laser_2.toml"
+_PTFE, _HEAVY = 'material = "ptfe"', _in("acrylic_high", "505.0 ± 0.5 g", "5.05 ± 0.005 kg")
+_KELVIN = _in("acrylic_top", f'{_RADIUS}"', f'{_RADIUS}"\ntemperature = "293.2 degC"')
+_COPIED = _in("ptfe_low", _PTFE, 'material = "acrylic"')
+_MISSPELT, _KNOWN = _in("ptfe_low", _PTFE, 'material = "pfte"'), ("pfte", "misspelt", "known are nbr, acrylic")
+_DIAMETER = _in("acrylic_top", _RADIUS, "19.05 ± 0.005 mm")
+_EXPIRED, _LATE = (setting(a, b, RECORD) for a, b in (("2025-04-30", "2024-05-10"), ("= 2024-05-02", "= 2025-05-02")))
+_INSTRUMENT = setting("LK-G5001", "LK-G3001", RECORD)
+_SAME_ID = _second_record('"12.00 ±', '"11.00 ±')
 
 ROWS = (
-    SessionMistake("copy under another name", _copied, "doubtful", _TWICE, ("same bytes", "copy"), _SECOND),
-    SessionMistake("hard link", _linked, "doubtful", _TWICE, ("one file", "two names"), _SECOND),
-    SessionMistake("name with ./", _named(f"./{_FIRST}"), "doubtful", _TWICE, ("one file",), f"./{_FIRST}"),
-    SessionMistake("name through the parent", _named(f"laser/../{_FIRST}"), "refused", "", ("..",), TOML),
-    SessionMistake("recording of another experiment", _named(_FIRST), "doubtful", _TWICE, ("acrylic_low",), _FIRST),
-    SessionMistake("listed twice", setting(_PAIR, f'{_PAIR}  "{_FIRST}",\n'), "refused", "", ("twice",), TOML),
-    SessionMistake("clock runs ahead", _dated("2099/05/14"), "note", "calibration", ("2099-05-14",), ""),
-    SessionMistake("recording forgotten", _another, "note", _UNUSED, ("forgotten_1.csv",), "laser/forgotten_1.csv"),
-    SessionMistake(
-        "record of the year before left",
-        _unused(RECORD, "calibration/old.toml"),
-        "note",
-        _UNUSED,
-        ("old.toml",),
-        "calibration/old.toml",
-    ),
-    SessionMistake(
-        "one mass 5.05 kg",
-        _in("acrylic_high", "505.0 ± 0.5 g", "5.05 ± 0.005 kg"),
-        "doubtful",
-        _BODY,
-        ("505.0 g", "a factor 10"),
-        TOML,
-        "5.05",
-    ),
-    SessionMistake(
-        "one radius is the diameter",
-        _in("acrylic_top", "9.525 ± 0.005 mm", "19.05 ± 0.005 mm"),
-        "doubtful",
-        _BODY,
-        ("9.525", "diameter"),
-        TOML,
-        "19.05",
-    ),
-    SessionMistake(
-        "kelvin for degrees",
-        _in("acrylic_top", '9.525 ± 0.005 mm"', '9.525 ± 0.005 mm"\ntemperature = "293.2 degC"'),
-        "doubtful",
-        "unit of the temperature",
-        ("293.2 K = 20", "unit"),
-        TOML,
-        "293.2",
-    ),
-    SessionMistake(
-        "material of the experiment copied",
-        _in("ptfe_low", 'material = "ptfe"', 'material = "acrylic"'),
-        "doubtful",
-        "name of the material",
-        ("ptfe",),
-        TOML,
-        'material = "acrylic"',
-    ),
-    SessionMistake(
-        "name of a material misspelt",
-        _in("ptfe_low", 'material = "ptfe"', 'material = "pfte"'),
-        "impossible",
-        STEPS,
-        ("pfte", "misspelt", "known are nbr, acrylic"),
-        TOML,
-        '"pfte"',
-    ),
-    SessionMistake(
-        "record expired",
-        setting("2025-04-30", "2024-05-10", RECORD),
-        "impossible",
-        STEPS,
-        ("expired",),
-        RECORD,
-        "valid_until",
-    ),
-    SessionMistake(
-        "record of another instrument",
-        setting("LK-G5001", "LK-G3001", RECORD),
-        "impossible",
-        STEPS,
-        ("LK-G3001",),
-        RECORD,
-        "instrument",
-    ),
-    SessionMistake(
-        "record calibrated after its end",
-        setting("when = 2024-05-02", "when = 2025-05-02", RECORD),
-        "doubtful",
-        _RECORD,
-        ("after the record ended",),
-        RECORD,
-        "when",
-    ),
-    SessionMistake(
-        "two records of one id",
-        _second_record('"12.00 ±', '"11.00 ±'),
-        "doubtful",
-        _RECORD,
-        ("same id",),
-        "calibration/laser_2.toml",
-        "id =",
-    ),
+    Row("copy under another name", _copied, "doubtful", _TWICE, ("same bytes", "copy"), _SECOND),
+    Row("hard link", _linked, "doubtful", _TWICE, ("one file", "two names"), _SECOND),
+    Row("name with ./", _named(f"./{_FIRST}"), "doubtful", _TWICE, ("one file",), f"./{_FIRST}"),
+    Row("name through the parent", _named(f"laser/../{_FIRST}"), "refused", "", ("..",), TOML),
+    Row("recording of another experiment", _named(_FIRST), "doubtful", _TWICE, ("acrylic_low",), _FIRST),
+    Row("listed twice", setting(_PAIR, f'{_PAIR}  "{_FIRST}",\n'), "refused", "", ("twice",), TOML),
+    Row("clock runs ahead", _dated("2099/05/14"), "note", "calibration", ("2099-05-14",), ""),
+    Row("recording forgotten", _another, "note", _UNUSED, ("forgotten_1.csv",), "laser/forgotten_1.csv"),
+    Row("record of the year before left", _unused(RECORD, _OLD), "note", _UNUSED, ("old.toml",), _OLD),
+    Row("one mass 5.05 kg", _HEAVY, "doubtful", _BODY, ("505.0 g", "a factor 10"), TOML, "5.05"),
+    Row("one radius is the diameter", _DIAMETER, "doubtful", _BODY, ("9.525", "diameter"), TOML, "19.05"),
+    Row("kelvin for degrees", _KELVIN, "doubtful", "unit of the temperature", ("293.2 K = 20", "unit"), TOML, "293.2"),
+    Row("material copied", _COPIED, "doubtful", "name of the material", ("ptfe",), TOML, 'material = "acrylic"'),
+    Row("name of a material misspelt", _MISSPELT, "impossible", STEPS, _KNOWN, TOML, '"pfte"'),
+    Row("record expired", _EXPIRED, "impossible", STEPS, ("expired",), RECORD, "valid_until"),
+    Row("record of another instrument", _INSTRUMENT, "impossible", STEPS, ("LK-G3001",), RECORD, "instrument"),
+    Row("record calibrated after its end", _LATE, "doubtful", _RECORD, ("after the record ended",), RECORD, "when"),
+    Row("two records of one id", _SAME_ID, "doubtful", _RECORD, ("same id",), _OTHER, "id ="),
 )

@@ -140,13 +140,6 @@ ROWS = (
     ),
     # drift
     Mistake("warming under the third load", values(_ramp(6e-3, 1200.0, 1900.0), FILES), "impossible", ("load 3",)),
-    Mistake(
-        "a minute of readings lost under the second load",
-        cells(lambda t: t[:140] + t[152:], FILES),
-        "doubtful",
-        ("lost 57 s", "between load 2 and load 3"),
-        _TOML,
-    ),
     Mistake("stand knocked by 20 um", values(_shifted, FILES), "impossible", ("1502", "knocked")),
     # sensor
     Mistake("constant channel", values(lambda x: np.full(x.size, x[0]), FILES), "impossible", ()),

@@ -1,4 +1,4 @@
-"""Clean sessions of tester, rheometer, plate and films are believed: no check cries at chance.
+"""Clean sessions of all kinds are believed: no check fails by chance.
 
 What a session states lies off the truth by its stated uncertainty; noise, speeds, depths, materials
 and temperatures differ from session to session. At most 2 % may be doubtful, none impossible.
@@ -42,6 +42,7 @@ from pipelines.rig.session_text import (
 )
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import verdict
+from tests.mistakes import static_rows
 from tests.mistakes.recordings import values
 
 START = datetime(2024, 5, 14, 9, 30)
@@ -185,12 +186,60 @@ def _front(folder: Path, number: int) -> tuple[str, ...]:
     return ("comparison",)
 
 
+def _drops(folder: Path, number: int) -> tuple[str, ...]:
+    """Three drops of a polymer, with hum and drift, whose angle, height, mass and gain are drawn."""
+    dice = np.random.default_rng(number)
+    angle = float(dice.uniform(8.0, 25.0))
+    material = str(dice.choice(["acrylic", "peek", "nylon", "ptfe"]))
+    height = float(dice.choice([1.5e-3, 3e-3, 5e-3, 10e-3]))
+    stated_height = round((height + dice.normal(0.0, 5e-6)) * 1e3, 4)
+    rig = DropRig(duration=0.2)
+    sensor = replace(rig.sensor, inclination=float(np.deg2rad(angle)), noise=float(dice.uniform(0.3e-6, 2e-6)))
+    rig = replace(rig, sensor=sensor, mass=0.505 + float(dice.normal(0.0, 5e-4)))
+    names = write_drops(folder, "drop", rig, materials.load(material), height, 3, 7000 + 10 * number, START)
+    hum, drift, phase = float(dice.uniform(0.0, 1e-3)), float(dice.normal(0.0, 1e-3)), float(dice.uniform(0.0, 6.0))
+    gain = float(dice.normal(1.0, 5e-4))
+
+    def disturbed(x: Floats) -> Floats:
+        t = np.arange(x.size) * sensor.cycle
+        return x * gain + hum * np.sin(2 * np.pi * 50 * t + phase) + drift * t
+
+    values(disturbed, tuple(names))(folder)
+    record = laser_record().replace('"12.00 ±', f'"{angle + dice.normal(0.0, 0.1):.2f} ±')
+    files.write_text(folder / "calibration/laser.toml", record)
+    section = drop_section("drop", names, height, material)
+    section = section.replace(f'"{height * 1e3:g} ±', f'"{stated_height:g} ±')
+    files.write_text(folder / "session.toml", session_head("Clean (synthetic)") + section)
+    return ("bounces",)
+
+
+def _steps(folder: Path, number: int) -> tuple[str, ...]:
+    """A sphere under five loads whose masses, radius and angle are drawn."""
+    static_rows.drawn(folder, number)
+    return ("comparison",)
+
+
 _BY_DAY = [pytest.param(write, 2) for write in (_oscillation, _holds, _sweeps)]
-_BY_NIGHT = [(_oscillation, 200), (_holds, 200), (_sweeps, 200), (_plate, 60), (_front, 60), (_under, 20)]
+_SLOW = [(_drops, 8), (_steps, 6)]
+_BY_NIGHT = [
+    (_drops, 200),
+    (_steps, 200),
+    (_oscillation, 200),
+    (_holds, 200),
+    (_sweeps, 200),
+    (_plate, 60),
+    (_front, 60),
+    (_under, 20),
+]
 
 
 @pytest.mark.parametrize(
-    ("write", "sessions"), [*_BY_DAY, *(pytest.param(*each, marks=pytest.mark.nightly) for each in _BY_NIGHT)]
+    ("write", "sessions"),
+    [
+        *_BY_DAY,
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in _SLOW),
+        *(pytest.param(*each, marks=pytest.mark.nightly) for each in _BY_NIGHT),
+    ],
 )
 def test_clean_sessions_are_believed(
     write: Callable[[Path, int], tuple[str, ...]], sessions: int, tmp_path: Path

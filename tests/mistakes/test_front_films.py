@@ -61,12 +61,6 @@ def _flickers(fallen: xr.Dataset) -> Film:
     return recorded(fallen, 7), track
 
 
-def _swinging(fallen: xr.Dataset) -> Film:
-    motion = recorded(fallen, 7)
-    motion["displacement"].values += 5e-5 * np.sin(2 * np.pi * 120 * motion["time"].values)
-    return motion, tracked()
-
-
 def _creeping(fallen: xr.Dataset) -> Film:
     motion = recorded(fallen, 7)
     motion["displacement"].values += 6 * float(motion["pixel_size"]) * np.linspace(0.0, 1.0, motion.sizes["time"])
@@ -91,25 +85,12 @@ ROWS = (
     FrontMistake("film of a drop from 10 mm", "impossible", ("a height 1.4", "film or laser_experiment"), _of(10e-3)),
     FrontMistake("camera creeps", "doubtful", ("creeps up", "470 µm if it goes on", "fasten it"), _creeping),
     FrontMistake("film of a drop from 6.5 mm", "doubtful", ("a height 0.93", "film or laser_experiment"), _of(6.5e-3)),
-    FrontMistake("camera swings", "yes", ("before its release", "swings at 12", "fasten it"), _swinging),
     FrontMistake("lamp flickers", "yes", ("of the usual light", "flickers"), _flickers),
     FrontMistake(
         "every fifth frame lost, times renewed",
         "impossible",
         ("the frame rate is",),
         _without(lambda numbers, _: numbers % 5 == 4),
-    ),
-    FrontMistake(
-        "frames of the fall lost, times renewed",
-        "doubtful",
-        ("as far as in 30", "frames were lost", "in its motion from 39.8 ms to"),
-        _without(lambda numbers, first: abs(numbers - first + 60) < 15),
-    ),
-    FrontMistake(
-        "frames of the second flight lost, times renewed",
-        "doubtful",
-        ("as far as in 26", "frames were lost", "in its motion from 0 s to"),
-        _without(lambda numbers, first: abs(numbers - first - 160) < 13),
     ),
     FrontMistake(
         "begins after the first impact",

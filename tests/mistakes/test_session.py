@@ -13,7 +13,7 @@ from pipelines.commands.system import doctor
 from pipelines.session import process
 from tests.mistakes.recordings import setting
 from tests.mistakes.rows import by_day
-from tests.mistakes.session_rows import ROWS, TOML, SessionMistake, write
+from tests.mistakes.session_rows import ROWS, TOML, Row, write
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_clean_session_has_no_row(clean: Path) -> None:
 
 
 @pytest.mark.parametrize("mistake", by_day(ROWS, 4))
-def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: SessionMistake) -> None:
+def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: Row) -> None:
     folder = tmp_path / "session"
     shutil.copytree(clean, folder)
     mistake.edit(folder)

@@ -1,4 +1,4 @@
-"""Whether a film of a contact can be believed: its size, fringes, flights, and order of frames."""
+"""Checks of a film of a contact: its frames and light, fringes, contacts, radius, duration, flights, and order."""
 
 import json
 from collections.abc import Iterator
@@ -26,24 +26,24 @@ from labpipe.judging import (
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.contact_area._flight_checks import (
-    begins_late,
-    flights_alike,
-    none_missed,
-    restitution_by_radii,
-)
-from pipelines.experiments.contact_area._frame_checks import contacts_whole, frame_checks, none_lost, summits_seen
-from pipelines.experiments.contact_area._image_checks import image_checks, in_view
 from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
-from pipelines.experiments.contact_area.measured import LATER, brightness, edges_only
+from pipelines.experiments.contact_area.measured import FRINGE_FIT, OPEN_GAP, READ, brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import of_drop
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.film_frames import CAUSES, explained, not_smoothed, whole_film
-from pipelines.experiments.shared.film_light import exposed, lit, not_written
+from pipelines.experiments.shared.film_frames import (
+    CAUSES,
+    explained,
+    no_copies,
+    not_smoothed,
+    sound_frames,
+    whole_film,
+)
+from pipelines.experiments.shared.film_light import LIGHT, exposed, lit
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
+from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, times_over
 from pipelines.experiments.shared.material_inputs import material_inputs
@@ -51,8 +51,7 @@ from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
 _LASTS = 0.03
 """Relative, by which gravity and losses (restitutions of 0.4 to 0.93) change a contact's duration over a²."""
-_LARGEST = 0.5
-"""Contact radius over the sphere's above which no drop of a solid gets."""
+_LARGEST = 0.5  # contact radius over the sphere's above which no drop of a solid gets
 _CLOCK = 1e-4
 """Relative uncertainty of the frame rate of a camera."""
 _LIKE_MODEL = (1.6, 0.1)
@@ -69,17 +68,19 @@ _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.
 _OF_LINES = 5e-3  # by which lamps and diodes differ from them: they lie so close that more would hit one by chance
 _ASLANT, _MOST_ASLANT = ", or the camera looks aslant at the disc", 0.94
 """What shortens lengths as well, and the factor of a camera at 20°."""
-_LATE = ", or the film begins too late, after an earlier impact"
 _SPOILED = ", or something alters the rings (a bubble or liquid in the gap, a gamma in the grey levels)"
 _SLIGHT = 0.05  # relative, up to which that changes the scale of fringes
 _NEAR, _OF_HEIGHT = 3.0, ", or the drop is of another height than stated"
 """Factor of the frame rate, below which a wrong height may be meant."""
 _UNSEEN = "frames of the flights were lost or left out, as by bursts, and those after them numbered on, or are repeated"
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
-_STICKS = 1.0  # J/m²
 _OF_FORM = 1.5e-3  # relative, by which a sphere differs from a paraboloid, and a cone of light from a ray
-_ANEW = 0.75  # of the first largest radius, from which a contact after the third impact is of another drop
-_ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
+_POWER, _LAW = 2.5, 0.012
+"""Power of the largest radius with which the speed of an impact goes (Hertz), and the relative error of a model's
+restitution by the radii."""
+_STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
+_SMEARED, _TOO_SHARP = 4, 0.4  # frames with a smear to compare, and the share of the stated one that says it is wrong
+_LONGER = 1.5  # of the usual interval between frames in contact, from which some are missing
 _MENDS = {"region": "region"}  # setting, by the reason of the error
 _FAILED = CAUSES | {
     "region": "region does not lie in the images",
@@ -88,33 +89,24 @@ _FAILED = CAUSES | {
 }
 ORDER = "order of the impacts"
 RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "first flight", "duration of the contact"
-
-
 _SOURCES = ("material_file", "fitted", "plate")
 TITLES = {
     **judgements.OF_FILM,
     "fringes": Title(
         "Sphere, wavelength and image scale determine the spacing of the fringes.",
-        (
-            "spacing of the fringes", "visibility of the fringes", "fringes are resolved", "shape of the rings",
-            "one scale of the fringes",
-        ),
+        ("spacing of the fringes", "fringes are resolved"),
     ),
     "contacts": Title(
-        "A contact stays in place, grows, then shrinks, without gaps.",
-        (
-            "contact and flight", "middle of the contacts", "place of the contacts", "growth of the contact",
-            "contacts without gaps", "course of the contacts", "frames of the contacts", "contacts in view",
-        ),
+        "A contact stays in place and shows in every frame of an impact; between impacts the sphere flies.",
+        ("contact and flight", "middle of the contacts", "place of the contacts", "contacts without gaps"),
     ),
     "contact radius": Title(
         "Hertz: a ∝ R^0.4 (m h)^0.2 E^-0.2; a contact is smaller than its sphere.",
-        ("largest radius", "contact radius over the sphere's", "radius at rest", "work of adhesion"),
+        ("largest radius", "contact radius over the sphere's", "radius at rest"),
     ),
     "contact duration": Title("The first contact lasts as long as its radius tells.", ("duration of the contact",)),
     "flights": Title(
-        "Each flight lasts 2 v/g, with v from the stated height and the radii of the contacts.",
-        ("first flight", "impacts in turn", "durations of the flights", "end of the film"),
+        "A flight lasts 2 v/g, with v from the stated height and the restitution.", ("first flight", "end of the film")
     ),
     "order of the impacts": Title("No impact is harder than the one before.", (ORDER,)),
 }  # fmt: skip
@@ -131,53 +123,36 @@ TITLES = {
     plate_from=OF_PLATE,
 )
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
-    """Judge one film; what gave no result is judged by that."""
-    radius, impacts = given.get("radius"), given.get("impacts")
-    whole = whole_film(context, settings.film)
+    """Judge one film; a step without a result is judged by its error."""
+    radius, impacts, film = given.get("radius"), given.get("impacts"), settings.film
+    whole = whole_film(context, film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
-    body = settings.sphere.radius.value, settings.sphere.mass.value
-    checks += [fall_checks.gravity_stated(settings.model.gravity), fall_checks.body_stated(*body)]
-    checks += [judgements.day_known(radius, settings.camera, settings.film), _sticks(settings)]
-    checks.append(not_smoothed(context, settings.film))
+    checks.append(fall_checks.body_stated(settings.sphere.radius.value, settings.sphere.mass.value))
+    checks += [judgements.day_known(radius, settings.camera, film), not_smoothed(context, film)]
     if radius is not None:
-        checks += stated_twice(radius, settings.film, settings.frame_rate, settings.exposure)
-        checks += given.each((_fringes, _visible, _method, _flies, image_checks))
-        checks += [
-            lit(settings.film, brightness(radius), radius["in_contact"].values.astype(bool), radius["time"].values),
-            exposed(radius, settings.film),
-        ]
-        written = not_written(radius, settings.film)
-        checks += [written] if written.level else []
-        checks += frame_checks(radius, whole, settings)
+        checks += stated_twice(radius, film, settings.frame_rate, settings.exposure)
+        touches = radius["in_contact"].values.astype(bool)
+        checks += [lit(film, brightness(radius), touches, radius["time"].values), exposed(radius, film)]
+        checks.append(sound_frames(radius["valid"].values.astype(bool), whole, film))
+        checks += given.each((_times, _copies, _in_order, _fringes, _method, _shutter, _flies, _in_view, _stays))
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
-        checks += given.each((_size, _like_model, _order, _flight, _duration, _rest, _steady, _ends))
-        checks += given.each((contacts_whole, none_lost, none_missed, flights_alike))
-        # where frames of a flight are lost it ends too soon for any height
-        alike = checks[-1]
-        checks = judgements.because(checks, alike.cause if alike.level else "", FLIGHT, log_ratio=nan)
-        summits = summits_seen(radius, impacts, settings)
-        checks.append(summits)
-        checks = judgements.because(checks, written.cause if written.level else "", FLIGHT, DURATION, log_ratio=nan)
-        # where impacts do not follow each other, what is held against the stated height is another one
+        checks += given.each((_size, _like_model, _rest, _order, _flight, _duration, _ends, _contacts_whole))
+        # where impacts do not follow each other, or frames are lost, another flight is compared with the stated height
         order = next(c for c in checks if c.name == ORDER)
-        is_wrong = order.level not in (None, "note")
-        checks = judgements.because(checks, order.cause if is_wrong else "", FLIGHT, DURATION, log_ratio=nan)
+        checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, DURATION, log_ratio=nan)
     causes = given.each([_causes])
-    is_told = any(FLIGHT in one.checks for one in explain(checks, causes))
-    lost = [
-        replace(c, cause=_UNSEEN) if c.name == FLIGHT and c.level and not (c.cause or is_told) else c for c in checks
-    ]
+    if not any(FLIGHT in one.checks for one in explain(checks, causes)):
+        checks = [replace(c, cause=c.cause or _UNSEEN) if c.name == FLIGHT else c for c in checks]
+    sources = {name: given.get(name) for name in _SOURCES}
     return Scene(
-        lost,
+        checks,
         causes,
         given.each([rows]),
         given.ask(_inputs),
         {FRAMES: Quantity(0.0, 1.0, "1")},
         basis=basis,
         measured_by=judgements.measured_by(settings.sphere),
-        alternatives=partial(
-            of_drop, settings=settings, column=_simulated, **{name: given.get(name) for name in _SOURCES}
-        ),
+        alternatives=partial(of_drop, settings=settings, column=_simulated, **sources),
     )
 
 
@@ -211,11 +186,10 @@ def _inputs(
 
 
 def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
-    law = "fringes lie where radius of the sphere, wavelength and scale of the image put them"
     light, body = settings.wavelength, settings.sphere.radius
     ratio = float(radius.attrs.get("phase_scale_ratio", nan))
     if light is None or not isfinite(ratio) or not edges_only(radius)[1]:
-        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves")
+        return not_made(FRINGE, "a wavelength, and fringes that the film resolves")
     scale = 2 * float(radius.attrs["u_systematic_relative"])
     u = hypot(scale, light.u / light.value, body.u / body.value)
     message = (
@@ -224,45 +198,14 @@ def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | No
         f"{in_words(1e3 * body.value, 4)} mm), or else a pixel {in_words(sqrt(ratio), 4)} times as long"
     )
     u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
-    return compared(FRINGE, law, message, ratio, u_ratio, 1.0, u, file=settings.film)
-
-
-def _sticks(settings: ContactArea) -> Check:
-    """Hold the stated work of adhesion against those of smooth polymers."""
-    name, law = "work of adhesion", "clean smooth surfaces of polymers stick with less than 1 J/m²"
-    given = settings.work_of_adhesion
-    if given is None:
-        return not_made(name, law, "a work of adhesion")
-    cause = "work_of_adhesion is in another unit than was typed (mJ/m²), or that of tearing soft adhesives apart"
-    level: Level | None = "doubtful" if given.value > _STICKS else None
-    text = f"{quantity(given.value, 'J/m2')} are stated"
-    return stated(name, law, text, level, cause=cause, setting="work_of_adhesion")
-
-
-def _visible(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Hold the fitted visibility against that of dark fringes without any light."""
-    name, law = "visibility of the fringes", "fringes cannot be darker than dark: visibility is at most 1"
-    values = radius["visibility"].values if "visibility" in radius else np.empty(0)
-    values = values[np.isfinite(values)]
-    if settings.wavelength is None or values.size < 3:
-        return not_made(name, law, "a wavelength, and three frames with fringes")
-    seen, u = float(np.median(values)), max(float(np.std(values)) / sqrt(values.size), 0.02)
-    phase = float(radius.attrs.get("phase", np.nan))
-    message = f"{settings.film}: visibility {seen:.2f}, phase in the contact {phase:.2f} rad"
-    found = bounded(name, law, message, seen, u, at_most=1.0, setting="wavelength")
-    light = quantity(settings.wavelength.value, "m")
-    cause = (
-        f"the wavelength of {light} is not that of the film's light, or the sphere's radius or the scale of the "
-        "image is wrong: fringes lie where these put none"
-    )
-    return replace(found, cause=cause)
+    return compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=settings.film)
 
 
 def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "fringes are resolved", "monochromatic light gives fringes beside a contact"
+    name = "fringes are resolved"
     edges, fringes = edges_only(radius)
     if settings.wavelength is None:
-        return not_made(name, law, "the wavelength of monochromatic light")
+        return not_made(name, "the wavelength of monochromatic light")
     frames = "1 frame" if edges == 1 else f"{edges} frames"
     message = f"{settings.film}: {frames} measured by the edge of the spot, {fringes} by fringes"
     level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
@@ -270,9 +213,9 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
         cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
     else:
         cause = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        better = [check.cause for check in (exposed(radius, settings.film), in_view(radius, settings)) if check.level]
+        better = [check.cause for check in (exposed(radius, settings.film), _in_view(radius, settings)) if check.level]
         cause = better[0] if better else cause
-    return stated(name, law, message, level, cause=cause, file=settings.film)
+    return stated(name, message, level, cause=cause, file=settings.film)
 
 
 def _largest(impacts: xr.Dataset) -> tuple[float, float]:
@@ -280,92 +223,80 @@ def _largest(impacts: xr.Dataset) -> tuple[float, float]:
 
 
 def _size(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "contact radius over the sphere's", "the contact of a solid is smaller than half its sphere"
+    name = "contact radius over the sphere's"
     seen, own = _largest(impacts)
     body = settings.sphere.radius
     ratio = seen / body.value
     u = ratio * hypot(own / seen, body.u / body.value)
     message = f"{settings.film}: {quantity(seen, 'm')} in a sphere of {quantity(body.value, 'm')}: {ratio:.3g}"
     cause = f"the scale in {settings.camera} is wrong or of another view, or sphere.radius is"
-    return bounded(name, law, message, ratio, u, at_most=_LARGEST, file=settings.camera, cause=cause)
+    return bounded(name, message, ratio, u, at_most=_LARGEST, file=settings.camera, cause=cause)
 
 
-def _like(name: str, law: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
+def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
     """Hold a ratio against one within a factor, so that causes may be told from it."""
-    found = bounded(name, law, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
+    found = bounded(name, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
     return replace(found, log_ratio=log(ratio), u_log_ratio=u)
 
 
 def _like_model(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
-    law = "Hertz: a goes with R^0.4 (m h)^0.2 E^-0.2, so that no polymer is far from another"
     if model is None or not model.sizes["impact"]:
-        return not_made(RADIUS, law, "a model of the drop")
+        return not_made(RADIUS, "a model of the drop")
     seen, expected = _largest(impacts)[0], float(model["peak_contact_radius"][0])
     message = f"{settings.film}: {quantity(seen, 'm')} seen, {quantity(expected, 'm')} expected"
     allowed, u = _LIKE_MODEL
-    return _like(RADIUS, law, message, seen / expected, allowed, u, settings.film)
+    return _like(RADIUS, message, seen / expected, allowed, u, settings.film)
 
 
 def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = ORDER, "no impact is harder than the one before it"
     a, u = impacts["peak_radius"].values, impacts["u_peak_radius"].values
     if a.size < 2:
-        return not_made(name, law, "two impacts")
+        return not_made(ORDER, "two impacts")
     rise, own = np.diff(a), np.hypot(u[1:], u[:-1])
     at = int(np.argmax(rise / own))
     ends, begins = (quantity(float(impacts[n][i]), "s") for n, i in (("last_seen", at), ("first_seen", at + 1)))
-    message = f"{settings.film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
+    text = f"{settings.film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
     joined = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
-    cause = f"the frames stand in reverse order, or {joined}"
+    cause = f"the frames are in reverse order, or {joined}"
     if a.size > 2:
-        cause = "the frames stand in reverse order" if np.all(rise > DOUBTFUL * own) else joined
-    found = bounded(name, law, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
-    later = [one for one in json.loads(impacts.attrs.get(LATER, "[]")) if one[1] > max(_ANEW * a[0], a[-1])]
-    if found.level or not later:
-        return found
-    begins, (_, size) = quantity(later[0][0], "s"), later[0]
-    text = (
-        f"{settings.film}: {quantity(a[-1], 'm')} at impact {a.size}, {quantity(size, 'm')} in a later one, at {begins}"
-    )
-    cause = f"another drop begins before {begins}: the first was measured; cut the film there for the other"
-    return stated(name, law, text, "note", cause=cause, file=settings.film)
+        cause = "the frames are in reverse order" if np.all(rise > DOUBTFUL * own) else joined
+    return bounded(ORDER, text, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
 
 
 def _flies(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Look for flight: before the first impact, and after it."""
-    name, law = "contact and flight", "a sphere that falls and bounces is in the air before and between impacts"
+    name = "contact and flight"
     touches = radius["in_contact"].values.astype(bool)
     share = float(touches.mean()) if touches.size else 0.0
     message = f"{settings.film}: contact in {share * 100:.0f} % of the frames"
     if share > _ALWAYS:
         cause = "the film is of a sphere at rest, of another view, or a mark in the image is taken for a contact"
-        return stated(name, law, message, "impossible", cause=cause, file=settings.film)
+        return stated(name, message, "impossible", cause=cause, file=settings.film)
     if touches.size and touches[0]:
         cause = "the film begins too late: its first impact is not the first one, or is cut"
         text = f"{message}, from the first frame on"
-        return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
-    return stated(name, law, message, None, file=settings.film)
+        return stated(name, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, message, None, file=settings.film)
 
 
 def _ends(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
     """Look for a film whose last frame shows the only impact that it holds."""
-    name, law = "end of the film", "a contact has its largest radius in its middle: a film must see it open again"
+    name = "end of the film"
     time = radius["time"].values
     lasts = float(impacts["last_seen"][-1] - impacts["first_seen"][-1])
     ends_in_it = impacts.sizes["impact"] == 1 and float(impacts["last_seen"][-1]) >= float(time[-1])
     if not ends_in_it or isfinite(float(impacts["static_radius"])):
-        return stated(name, law, f"{settings.film}: goes on after the first contact", None, file=settings.film)
+        return stated(name, f"{settings.film}: goes on after the first contact", None, file=settings.film)
     text = f"{settings.film}: the film ends {quantity(lasts, 's')} after the first contact began, still in contact"
     cause = "the film was stopped or cut too soon: its largest contact may not be the impact's"
-    return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     """Hold the first flight against the stated height and the restitution by the second flight."""
-    law = "a flight lasts 2 e v/g, the next one e times as long, and e goes with the radii of the two impacts"
     peak = impacts["peak_time"].values
     if peak.size < 2 or (peak.size < 3 and (model is None or model.sizes["impact"] < 2)):
-        return not_made(FLIGHT, law, "three impacts, or two and a model")
+        return not_made(FLIGHT, "three impacts, or two and a model")
     gravity = settings.model.gravity.value
     count = min(peak.size, 3) - 1
     seen = [_seen_lasting(radius, impacts, i) for i in range(count)]
@@ -379,12 +310,12 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
         alike, allowed, rough = float(bounced[0] / bounced[1]), *_LOSSES_KNOWN
     flights = np.diff(peak[:3]) - touches
     if not np.all(flights > 0):
-        return not_made(FLIGHT, law, "flights that last longer than contacts")
+        return not_made(FLIGHT, "flights that last longer than contacts")
     first, by = float(flights[0]), "the second flight"
     if flights.size > 1 or model is None:
         e = alike * float(flights[-1]) / first
     else:
-        e, rough = restitution_by_radii(impacts, model, float(radius.attrs["u_systematic_relative"]))
+        e, rough = _restitution_by_radii(impacts, model, float(radius.attrs["u_systematic_relative"]))
         by, alike, allowed = "the radii of the two", 1.0, _BY_RADII
     expected = 2 * e * sqrt(2 * settings.height.value / gravity)
     message = (
@@ -392,12 +323,23 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
         f"for e = {e:.3f} by {by}"
     )
     shown = 0.5 * settings.height.u / settings.height.value
-    found = _like(FLIGHT, law, message, first / expected, allowed, hypot(rough, shown), settings.film)
-    loose = _like(FLIGHT, law, message, first / (expected / alike), 1.1, hypot(_LOSSES, shown), settings.film)
+    found = _like(FLIGHT, message, first / expected, allowed, hypot(rough, shown), settings.film)
+    loose = _like(FLIGHT, message, first / (expected / alike), 1.1, hypot(_LOSSES, shown), settings.film)
     if flights.size < 2:
         return replace(found, level="doubtful") if found.level else found
     # by how a model's restitution changes nothing is impossible: the material may be another
     return replace(found, level=loose.level or "doubtful") if found.level else loose
+
+
+def _restitution_by_radii(impacts: xr.Dataset, model: xr.Dataset, u_scale: float) -> tuple[float, float]:
+    """Return the first restitution by the radii of two impacts and the model's law between both, and its relative u.
+
+    ``u_scale`` is the relative uncertainty that all radii share.
+    """
+    a, ours = impacts["peak_radius"].values, model["peak_contact_radius"].values
+    own = np.sqrt(np.maximum((impacts["u_peak_radius"].values / a) ** 2 - u_scale**2, 0.0))
+    bounced = float(model["restitution"][0] * (a[1] / a[0] * ours[0] / ours[1]) ** _POWER)
+    return bounced, hypot(_LAW, _POWER * float(np.hypot(*own[:2])))
 
 
 def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[float, float]:
@@ -410,14 +352,13 @@ def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[floa
 
 def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     """Hold the first contact's duration against its radius: both go with mass and modulus by the same law."""
-    law = "Hertz: a contact lasts 2.94 a²/(R v) for its largest radius a, whatever the sphere's mass and modulus"
     if model is None or not model.sizes["impact"]:
-        return not_made(DURATION, law, "a model of the drop")
-    if in_view(radius, settings).level:
-        return not_made(DURATION, law, "contacts whose middle the images show")
+        return not_made(DURATION, "a model of the drop")
+    if _in_view(radius, settings).level:
+        return not_made(DURATION, "contacts whose middle the images show")
     shortest, longest = _seen_lasting(radius, impacts, 0)
     if not isfinite(longest):
-        return not_made(DURATION, law, "a frame before and one after the first contact")
+        return not_made(DURATION, "a frame before and one after the first contact")
     seen, own = 0.5 * (shortest + longest), (longest - shortest) / sqrt(24.0)
     a, u_a = _largest(impacts)
     expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2
@@ -427,50 +368,159 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
         f"{settings.film}: contact for {quantity(seen, 's')}; one of {quantity(a, 'm')} in radius lasts "
         f"{quantity(expected, 's')} at the speed of the stated height"
     )
-    return compared(DURATION, law, message, seen, own, expected, u * expected, file=settings.film, setting="height")
+    return compared(DURATION, message, seen, own, expected, u * expected, file=settings.film, setting="height")
 
 
 def _rest(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name, law = "radius at rest", "weight alone presses less than an impact"
+    name = "radius at rest"
     rest, u = float(impacts["static_radius"]), float(impacts["u_static_radius"])
     if not (isfinite(rest) and isfinite(u)):
-        return not_made(name, law, "a film that lasts until rest")
+        return not_made(name, "a film that lasts until rest")
     seen, own = _largest(impacts)
     message = f"{settings.film}: {quantity(rest, 'm')} at rest, {quantity(seen, 'm')} in the first impact"
-    return bounded(name, law, message, rest - seen, hypot(u, own), at_most=0.0, file=settings.film)
+    return bounded(name, message, rest - seen, hypot(u, own), at_most=0.0, file=settings.film)
 
 
-def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for a frame that interrupts the growth or the fall of a contact."""
-    name, law = "growth of the contact", "the contact of an impact grows, then shrinks"
-    time, a, u = (radius[n].values for n in ("time", "radius", "u_radius"))
-    worst, at = 0.0, -1
+def _times(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
+    """Look for frames that are not later than the one before, or missing within a contact."""
+    name, time, frame = "times of the frames", radius["time"].values, radius["frame"].values
+    steps = np.diff(time)
+    wrong = np.flatnonzero(~(steps > 0))
+    if wrong.size:
+        at = int(frame[wrong[0] + 1])
+        text = f"{settings.film}: frame {at} is not later than the one before ({wrong.size} such frames)"
+        cause = f"frames are exchanged or repeated at frame {at}"
+        return stated(name, text, "impossible", cause=cause, file=settings.film)
+    contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
+    inside = [np.flatnonzero((time[:-1] >= first) & (time[1:] <= last)) for first, last in contacts]
+    within = np.concatenate([np.empty(0, int), *inside])
+    usual = float(np.median(steps[within])) if within.size else nan
+    lost = within[steps[within] > _LONGER * usual]
+    if not lost.size:
+        return stated(name, f"{settings.film}: {time.size} frames in order", None, file=settings.film)
+    at, lasts = int(lost[0]), quantity(float(steps[lost[0]]), "s")
+    text = f"{settings.film}: {lasts} pass between frames {frame[at]} and {frame[at + 1]} of a contact, usual are "
+    cause = "the camera recorded in bursts or dropped frames: the contact may have been larger between them"
+    return stated(name, f"{text}{quantity(usual, 's')}", "doubtful", cause=cause, file=settings.film)
+
+
+def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for frames whose pixels are those of the one before, or that are measured alike to the last digit."""
+    read = np.isin(radius["method"].values, READ)
+    # at rest a frame like the one before is not read again
+    same = read[1:] & read[:-1]
+    for column in ("radius", "centre_x", "centre_y"):
+        if column in radius:
+            same &= np.diff(radius[column].values) == 0.0
+    frame = radius["frame"].values
+    return no_copies(settings.film, frame, same | np.isin(frame[1:], json.loads(radius.attrs.get("repeated", "[]"))))
+
+
+def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for exchanged frames by the area, which goes with the depth and so is smooth where a contact begins."""
+    touches, a, u = (radius[n].values for n in ("in_contact", "radius", "u_radius"))
+    area = np.where(touches, a**2, np.where(radius["valid"], 0.0, nan))
+    measured = touches & np.isfinite(a * u)
+    noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
+    return in_order(settings.film, radius["frame"].values, area, noise, radius["time"].values, ~touches)
+
+
+def _contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for frames without a contact between frames that show it."""
+    name = "contacts without gaps"
+    time, frame = radius["time"].values, radius["frame"].values
+    shows = radius["in_contact"].values.astype(bool) | ~radius["valid"].values.astype(bool)
+    inside = np.zeros(time.size, bool)
     for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True):
-        run = np.flatnonzero((time >= first) & (time <= last) & np.isfinite(a) & np.isfinite(u))
-        if run.size < 5:
-            continue
-        y = a[run]
-        # the median of three does not follow one frame to a top of its own
-        smooth = np.convolve(y, np.ones(3) / 3, "same")
-        top = int(np.argmax(smooth))
-        level = np.concatenate([np.maximum.accumulate(y[: top + 1]), np.maximum.accumulate(y[:top:-1])[::-1]])
-        gap = level - y - 10 * u[run]
-        if gap.max() / y.max() > worst:
-            worst, at = float(gap.max() / y.max()), int(radius["frame"].values[run[int(np.argmax(gap))]])
-    if worst > _ZIGZAG:
-        text = f"{settings.film}: about frame {at} the contact shrinks by {worst * 100:.0f} % and grows on"
-        cause = f"frames near {at} are exchanged, repeated or lost"
-        return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
-    return stated(name, law, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
+        inside |= (time > first) & (time < last)
+    lost = frame[inside & ~shows]
+    cause = (
+        "the contact is hidden there or its fringes are spoiled (glare, speckle, blur, a lost image), or frames beside "
+        "each other are exchanged: look at these"
+    )
+    if not lost.size:
+        return stated(name, f"{settings.film}: every frame of an impact shows its contact", None, file=settings.film)
+    which = ", ".join(str(int(k)) for k in lost[:5]) + (", …" if lost.size > 5 else "")
+    named, show = ("frame", "shows") if lost.size == 1 else ("frames", "show")
+    text = f"{settings.film}: {named} {which} within an impact {show} no contact"
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)
+
+
+def _in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for contacts of which the images, or the region that is stated, show a part of the rim alone."""
+    name = "middle of the contacts"
+    view = json.loads(radius.attrs.get(LIGHT, "{}")).get("view")
+    known = np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
+    if view is None or not known.any():
+        return not_made(name, "contacts, and the size of the images")
+    first = (0.0, 0.0) if settings.region is None else np.min(settings.region, axis=0)
+    place = np.column_stack([radius[axis].values[known] for axis in ("centre_x", "centre_y")]) - first
+    beside = int(np.any((place < -0.5) | (place > np.array(view[::-1]) - 0.5), axis=1).sum())
+    what = "the images" if settings.region is None else "region"
+    text = f"{settings.film}: the middle lies beside {what} in {beside} of {place.shape[0]} frames with a contact"
+    if beside <= 0.5 * place.shape[0]:
+        return stated(name, text, None, file=settings.film)
+    cause = (
+        "the images were cropped beside the contact, or the camera looks past it"
+        if settings.region is None
+        else "region is not around the contact, or is not in px of the images, x to the right and y down"
+    )
+    level: Level = "doubtful" if np.greater(*edges_only(radius)) else "note"
+    setting = "" if settings.region is None else "region"
+    return stated(name, text, level, cause=cause, file="" if setting else settings.film, setting=setting)
+
+
+def _shutter(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Hold the stated exposure against how far fringes are smeared, which a lens out of focus does as well."""
+    name = "exposure by the fringes"
+    read = np.isin(radius["method"].values, (FRINGE_FIT, OPEN_GAP))
+    # Hertz: the area goes with the depth, so that its slope tells the speed of the radius
+    beside = np.flatnonzero(read[1:-1] & (read[2:] & read[:-2])) + 1
+    time, a = radius["time"].values, radius["radius"].values
+    speed = np.abs(a[beside + 1] ** 2 - a[beside - 1] ** 2) / (time[beside + 1] - time[beside - 1]) / (2.0 * a[beside])
+    moved = speed * (0.0 if settings.exposure is None else settings.exposure.value)
+    told = moved > float(radius["pixel_size"])
+    if "travel" not in radius or np.count_nonzero(told) < _SMEARED:
+        return not_made(name, "a stated exposure in which contacts move by a pixel, in four frames")
+    seen, moved = radius["travel"].values[beside[told]], moved[told]
+    at = int(np.argsort(seen / moved)[moved.size // 2])
+    text = (
+        f"{settings.film}: fringes of frame {int(radius['frame'].values[beside[told][at]])} are smeared by "
+        f"{quantity(float(seen[at]), 'm', 2)}; in the stated exposure the contact moves by "
+        f"{quantity(float(moved[at]), 'm', 2)}"
+    )
+    level: Level | None = "doubtful" if seen[at] < _TOO_SHARP * moved[at] else None
+    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is wrong"
+    return stated(name, text, level, cause=cause, setting="exposure")
+
+
+def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for a contact that jumps in the image from one frame to the next."""
+    name, known = "place of the contacts", np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
+    at = np.flatnonzero(known)
+    if at.size < 2 * _SMEARED or "centre_x" not in radius:
+        return not_made(name, "contacts in eight frames, and their centres")
+    x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))
+    time, frame = radius["time"].values[at], radius["frame"].values[at]
+    # a poor fit moves radius and centre together
+    own = np.sqrt(u_x**2 + u_y**2 + (radius["u_radius"].values[at] / float(radius["pixel_size"])) ** 2)
+    step, u = np.hypot(np.diff(x), np.diff(y)), np.hypot(own[1:], own[:-1])
+    is_next = (np.diff(at) == 1) & (np.diff(time) < _LONGER * float(np.median(np.diff(time))))
+    jumps = is_next & (step > _CONTRADICTS * u) & (step > _STEADY) & np.isfinite(u)
+    if not jumps.any():
+        return stated(name, f"{settings.film}: no contact jumps in the image", None, file=settings.film)
+    k = int(np.argmax(np.where(jumps, step, 0.0)))
+    more = f", and {jumps.sum() - 1} times more" if jumps.sum() > 1 else ""
+    text = f"{settings.film}: the contact jumps by {step[k]:.3g} px to frame {frame[k + 1]}{more}"
+    cause = "the bench, the camera or the plate was knocked or moved, the lens was refocused, or frames are exchanged"
+    return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
 def _stiffer(k: float) -> str:
     return f"some {in_words(max(k, 1 / k), 1)} times {'stiffer' if k > 1.0 else 'softer'}"
 
 
-def _causes(
-    settings: ContactArea, radius: xr.Dataset | None = None, impacts: xr.Dataset | None = None
-) -> Iterator[Cause]:
+def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator[Cause]:
     light, body = settings.wavelength, settings.sphere.radius
     if light is not None:
         colour = times_over("the wavelength", light.value, "m", "wavelength in session.toml")
@@ -511,7 +561,7 @@ def _causes(
     height = times_over("the drop height", settings.height.value, "m", "height in session.toml")
     yield Cause(
         {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.5},
-        lambda k: f"{height(k)}{_LATE * begins_late(k, radius, impacts, settings)}",
+        height,
         SLIPS["decimal"],
         u=(settings.height.u or usual_uncertainty(settings.height)) / settings.height.value,
         setting="height",

@@ -22,14 +22,13 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_frames import about_contacts, key_frames, open_film, recorded_on, spoiled
+from pipelines.experiments.shared.film_frames import about_contacts, key_frames, open_film, recorded_on, repeated
 from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
 from pipelines.experiments.shared.film_stated import said_by_file
 
 FRINGE_FIT, EDGE, OPEN_GAP = READ = (1, 2, 5)
 """Methods of :func:`labpipe.imaging.contact_radius` that read the frame itself: by fringes, by the edge of the spot,
 by fringes of a gap that is wider than Hertz's."""
-LATER = "later"  # attribute of impacts: contacts after those that are measured
 _LEAST_REGION = 32  # px: below it no contact with a ring would fit
 _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
@@ -74,13 +73,11 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
         found = with_uneven_scale(found, u_view)
         of_record = [Source(*(row[key] for key in Source._fields)) for row in budget]
         budget = budget_rows([*of_record, Source("oblique view", 0.0, u_view, "1", size.value, "systematic")])
-    blank, twice = spoiled(seen, read)
     return found.assign_attrs(
         scale_budget=json.dumps(budget),
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=math.hypot(size.u / size.value, u_view),
-        blanked=json.dumps(blank),
-        repeated=json.dumps(twice),
+        repeated=json.dumps(repeated(seen, read)),
         light=light_of(seen, about_contacts(read)),
         said_by_file=said_by_file(source),
     )
@@ -120,7 +117,6 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
     brief = _brief_contacts(time, a, runs)
-    later = [[float(time[run[0]]), float(np.nanmax(a[run]))] for run in brief[_IMPACTS:]]
     brief = brief[:_IMPACTS]
     peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
     shared = radius["radius_systematic"].values / a
@@ -141,8 +137,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
             "impact", np.array([time[run[place]] for run in brief], float), "s", f"{text} frame with contact"
         )
     table |= _at_rest(time, a, u, runs, relative)
-    # times and largest radii of those that follow: of a second drop
-    return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)}, attrs={LATER: json.dumps(later)})
+    return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
 
 
 def edges_only(radius: xr.Dataset) -> tuple[int, int]:

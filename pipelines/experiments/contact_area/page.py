@@ -32,7 +32,7 @@ from labpipe.uncertainty import Source, budget_rows
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
-from pipelines.experiments.contact_area.measured import OPEN_GAP, edges_only
+from pipelines.experiments.contact_area.measured import OPEN_GAP
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.film_frames import enlarged, png
@@ -61,34 +61,6 @@ _AROUND = (
 )
 _GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
-
-
-def _fallback(settings: ContactArea, radius: xr.Dataset) -> tuple[Block, ...]:
-    """Say when fringes were asked for and edges were measured."""
-    edges, fringes = edges_only(radius)
-    if not edges:
-        return ()
-    if settings.wavelength is None:
-        why = "no wavelength is stated. State it, of monochromatic light, to use the fringes."
-    elif fringes:
-        why = (
-            "their fringes are too fine for the pixels, washed out, or not those of a contact. Look at these frames; "
-            "a higher magnification, a lens in focus, a shorter exposure and a clear view keep fringes."
-        )
-    else:
-        why = (
-            "fringes are too fine for the pixels, or wavelength, sphere radius or image scale are not what "
-            "is stated, or the lens is out of focus. Check these in session.toml and the camera's record, and "
-            "record in focus at a higher magnification."
-        )
-    frames = radius["frame"].values[radius["method"].values == 2]
-    which = ", ".join(str(int(frame)) for frame in frames[:5]) + (", …" if len(frames) > 5 else "")
-    named, were = ("frame", "was") if edges == 1 else ("frames", "were")
-    text = (
-        f"{edges} of {edges + fringes} frames ({named} {which}) {were} measured by the edge of the spot, not by "
-        f"fringes, to several micrometres: {why}"
-    )
-    return (Notice("warning", text),)
 
 
 def _summary(
@@ -260,7 +232,7 @@ def _over_time(
     )
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
-    charts += _gap_factor(radius, impacts)
+    charts += _gap_factor(radius)
     if comparison is not None and model is not None and comparison.sizes["impact"]:
         charts.append(Paragraph(_AROUND))
         for i in range(comparison.sizes["impact"]):
@@ -268,15 +240,11 @@ def _over_time(
     return Section("Contact radius over time", tuple(charts))
 
 
-def _gap_factor(radius: xr.Dataset, impacts: xr.Dataset | None) -> list[Block]:
+def _gap_factor(radius: xr.Dataset) -> list[Block]:
     """Say where the gap beside the contact was not Hertz's, and how much it differed."""
     is_open = radius["method"].values == OPEN_GAP
     if not is_open.any():
         return []
-    is_fresh = np.zeros(is_open.size, bool)
-    if impacts is not None and impacts.sizes["impact"]:
-        time = radius["time"].values
-        is_fresh = is_open & (time >= float(impacts["first_seen"][0])) & (time < float(impacts["peak_time"][0]))
     factor = radius["gap_factor"].values[is_open]
     text = (
         f"In {pages.counted(int(is_open.sum()), 'frame')} the gap around the contact was {factor.min():.2f} to "
@@ -284,14 +252,7 @@ def _gap_factor(radius: xr.Dataset, impacts: xr.Dataset | None) -> list[Block]:
         "contact recedes, and when it touches again early. There the factor was fitted as well; the error bars of "
         "these frames include the uncertainty of the gap's shape."
     )
-    if not is_fresh.sum() > 1:
-        return [Notice("info", text)]
-    fresh = (
-        f"{pages.counted(int(is_fresh.sum()), 'frame')} of them show the first contact while it grows, when nothing "
-        f"recovers yet: the gap is {float(np.mean(radius['gap_factor'].values[is_fresh])):.2f} times Hertz's because "
-        "wavelength, radius of the sphere or length of a pixel is not what is stated, or the image is blurred."
-    )
-    return [Notice("info", text), Notice("warning", fresh)]
+    return [Notice("info", text)]
 
 
 def _around(comparison: xr.Dataset, simulated: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
@@ -403,5 +364,4 @@ page = Report(
     ("radius", "impacts", "model", "comparison", "keys"),
     (_summary, _key_frames, _over_time, _impacts, _calibration, budgets(quantities), _methods),
     compared_rows,
-    notices=_fallback,
 )

@@ -5,9 +5,7 @@ height of that contact is 0). Point 0 of the tracks is the large subset on the h
 is the result; the others are the line of small subsets, whose scatter tells how stiff it moves.
 """
 
-import contextlib
 import json
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +19,9 @@ from calibration import camera as camera_scale
 from labpipe import imaging, signals
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
-from labpipe.report import quantity
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation import viewing_angle
-from pipelines.experiments.dic_validation._jumps import KNOCKED, jump, left_out
 from pipelines.experiments.dic_validation.settings import DicValidation, Polygons, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.shared.film_light import light_of
@@ -40,7 +36,6 @@ _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
 _KEYS = 9
 _DARK = 32  # frames without the holder whose light is measured
-PART = "part"  # attribute of bounces: the part of the film in which they were found
 SWAPPED = "x and y of tracking.body"  # what is exchanged where the holder falls at the other place
 LOST = 0.5  # of the frames: a body that is found in fewer is looked for where it is in a film that was turned
 _TURNED, _FALLS = 100, 5.0  # frames looked at for it, and px by which it falls, upwards in the images
@@ -264,26 +259,9 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
 
 
 def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
-    """Find release, contacts, bounces and rest in the film's displacement.
-
-    Where frames were lost a displacement jumps, and no flight goes on across it. Then they are those of the first part
-    that has any, which the attribute ``part`` says.
-    """
+    """Find release, contacts, bounces and rest in the film's displacement."""
     del settings
-    y = motion["displacement"]
-    try:
-        return signals.bounces(y)
-    except InputError:
-        time = y["time"].values
-        found = jump(time, y.values, KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
-        cuts = sorted({at + 1 for at, _ in [*left_out(time, y.values), *([] if found is None else [found])]})
-        # the first impact is that by which the film is laid against the laser
-        for begin, end in pairwise([0, *cuts, time.size]) if cuts else ():
-            with contextlib.suppress(InputError):
-                told = signals.bounces(y.isel(time=slice(begin, end)))
-                part = f"from {quantity(float(time[begin]), 's')} to {quantity(float(time[end - 1]), 's')}"
-                return told.assign_attrs({PART: part})
-        raise
+    return signals.bounces(motion["displacement"])
 
 
 def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:

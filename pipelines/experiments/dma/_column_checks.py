@@ -3,11 +3,10 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import log10, nan, pi
+from math import log10, pi
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
@@ -31,21 +30,21 @@ _NAMES = {"storage_modulus": "storage modulus", "loss_modulus": "loss modulus"}
 
 
 def loss_factor(export: Export) -> Check:
-    name, law = "loss factor", "the loss factor is the loss over the storage modulus"
+    name = "loss factor"
     if "loss_factor" not in export.data:
-        return not_made(name, law, "a column of the loss factor")
+        return not_made(name, "a column of the loss factor")
     storage, loss = export.values("storage_modulus"), export.values("loss_modulus")
     # what is not positive is told by another check
     ratio = np.divide(loss, storage, out=np.zeros_like(loss), where=storage > 0)
     told = export.values("loss_factor")
     known = np.isfinite(told) & (told > 0) & (ratio > 0)
     if not known.any():
-        return not_made(name, law, "loss factors")
+        return not_made(name, "loss factors")
     apart = np.log(told[known] / ratio[known])
     middle, file = float(np.median(apart)), export.name
     ours, theirs = float(np.median(ratio[known])), float(np.median(told[known]))
     message = f"{file}: the column says {theirs:.3g}, the moduli give {ours:.3g} (medians)"
-    found = compared(name, law, message, theirs, _ROUNDED * theirs, theirs / np.exp(middle).item(), 0.0, file=file)
+    found = compared(name, message, theirs, _ROUNDED * theirs, theirs / np.exp(middle).item(), 0.0, file=file)
     if found.level is None or abs(middle) < 0.05:
         wrong = np.flatnonzero(np.abs(apart) > 0.1)
         if not wrong.size:
@@ -56,7 +55,7 @@ def loss_factor(export: Export) -> Check:
         text = f"{export.place(row)}: the loss factor and the moduli differ by a factor {factor_in_words(times)}"
         more = f"; {wrong.size} rows in all" if wrong.size > 1 else ""
         cause = f"a value of this row is wrong by a factor {factor_in_words(times)}"
-        return stated(name, law, text + more, "impossible" if times > 2.0 else "doubtful", cause=cause, file=file)
+        return stated(name, text + more, "impossible" if times > 2.0 else "doubtful", cause=cause, file=file)
     cause = f"one modulus, or the loss factor, has the wrong unit: a factor {factor_in_words(np.exp(middle).item())}"
     if float(np.median(np.abs(np.log(told[known] * ratio[known])))) < 0.02:
         cause = "the columns of storage and loss modulus are exchanged"
@@ -65,15 +64,14 @@ def loss_factor(export: Export) -> Check:
 
 def whole_file(export: Export) -> Check:
     """Repeat what the reader noticed about rows and cells that are not there."""
-    name, law = "whole file", "an export holds the points that it declares"
+    name = "whole file"
     missing = json.loads(str(export.data.attrs.get("cut", "[]")))
     if not missing:
-        return stated(name, law, f"{export.name}: nothing is missing", None, file=export.name)
+        return stated(name, f"{export.name}: nothing is missing", None, file=export.name)
     more = f"; {len(missing)} such intervals" if len(missing) > 1 else ""
     line, text = missing[0]
     return stated(
         name,
-        law,
         f"{export.name}: {text}{more}",
         "doubtful",
         cause="the test was stopped, or the file was cut: copy it again from the rheometer",
@@ -84,43 +82,43 @@ def whole_file(export: Export) -> Check:
 
 def frequencies(export: Export) -> Check:
     """Hold frequencies against the other column, and against the time a reading takes."""
-    name, law = "frequency", "a reading of an oscillation takes about a period at least; ω = 2πf"
+    name = "frequency"
     file, data = export.name, export.data
     if (lowest := float(export.values("frequency").min())) <= 0.0:
         text = f"{file}: a frequency of {lowest:.4g} Hz"
         cause = "another column stands under the name of the frequency, such as the temperature"
-        return stated(name, law, text, "impossible", cause=cause, file=file)
+        return stated(name, text, "impossible", cause=cause, file=file)
     if data.attrs.get("derived", "-") == "" and "angular_frequency" in data:
         omega, hertz = export.values("angular_frequency"), export.values("frequency")
         known = (omega > 0) & (hertz > 0)
         if known.any():
             ratio = float(np.median(omega[known] / hertz[known]))
             message = f"{file}: angular frequency over frequency is {ratio:.4g}, expected 2π"
-            found = compared(name, law, message, ratio, 0.01, 2 * pi, 0.0, file=file)
+            found = compared(name, message, ratio, 0.01, 2 * pi, 0.0, file=file)
             return replace(found, cause="one column of frequency has the unit of the other (Hz, rad/s)")
     levels = np.unique(np.round(export.values("frequency"), 6))
     if data.attrs.get("derived") != "frequency" and (turned := _turned(levels)):
         message = f"{file}: frequencies of {levels[-1]:.5g} to {levels[0]:.5g} Hz are {turned[0]} times round ones"
-        return stated(name, law, message, "doubtful", cause=turned[1], file=file)
+        return stated(name, message, "doubtful", cause=turned[1], file=file)
     if levels[-1] > _FASTEST:
         message = f"{file}: frequencies go up to {levels[-1]:.5g} Hz, where no rheometer or DMA can swing a specimen"
         cause = "the column of frequency is in another unit than its heading says, such as turns per minute or mHz"
-        return stated(name, law, message, "doubtful", cause=cause, file=file)
+        return stated(name, message, "doubtful", cause=cause, file=file)
     if "time" not in data:
-        return not_made(name, law, "a column of time, or both frequencies")
+        return not_made(name, "a column of time, or both frequencies")
     if (most := max(_periods_waited(data), default=(0.0, 0)))[0] > _PATIENT:
         place = export.place(most[1]).rpartition(", point")[0] or file
         message = f"{place}: each reading takes {most[0]:.3g} periods, whatever its frequency"
         cause = "frequencies are too high for their times: turns per minute (60), mHz or rad/s (6.28) under Hz"
-        return stated(name, law, message, "doubtful", cause=cause, file=file)
+        return stated(name, message, "doubtful", cause=cause, file=file)
     # each table by itself: the readings of a temperature sweep wait many periods for the heat
     shortest = min(_periods(data), default=None)
     if shortest is None:
-        return not_made(name, law, f"times of {_FEW_LASTS} readings of an interval")
+        return not_made(name, f"times of {_FEW_LASTS} readings of an interval")
     periods, place = shortest[0], export.place(shortest[1]).rpartition(", point")[0] or file
     message = f"{place}: readings take {periods:.2g} periods at most"
     cause = "frequencies are too low for their times: Hz under rad/s (a factor 6.28), or times in another unit"
-    return stated(name, law, message, "doubtful" if periods < 0.7 else None, cause=cause, file=file)
+    return stated(name, message, "doubtful" if periods < 0.7 else None, cause=cause, file=file)
 
 
 def _periods(data: xr.Dataset) -> Iterator[tuple[float, int]]:
@@ -183,22 +181,22 @@ def _is_turned(levels: Floats, factor: float) -> bool:
 
 
 def stress_over_strain(export: Export) -> Check:
-    name, law = "stress over strain", "the modulus is the amplitude of stress over that of strain"
+    name = "stress over strain"
     if "strain" not in export.data or "stress" not in export.data:
-        return not_made(name, law, "columns of stress and strain")
+        return not_made(name, "columns of stress and strain")
     size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
     strain, stress = export.values("strain"), export.values("stress")
     known = (strain > 0) & (stress > 0) & (size > 0)
     if not known.any():
-        return not_made(name, law, "stresses and strains")
+        return not_made(name, "stresses and strains")
     apart = np.log(size[known] * strain[known] / stress[known])
     ratio = float(np.exp(np.median(apart)))
     expected = float(np.median(stress[known] / strain[known]))
     file = export.name
     message = f"{file}: moduli are {factor_in_words(ratio)} times stress over strain ({quantity(expected, 'Pa')})"
-    found = compared(name, law, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=_STRESS, file=file)
+    found = compared(name, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=_STRESS, file=file)
     if found.level is None:
-        return _of_one_interval(export, np.flatnonzero(export.good)[known], apart - np.median(apart), found)
+        return found
     power = round(log10(ratio))
     thousands = {-3: "kPa stand as Pa, or GPa as MPa", 3: "Pa stand as kPa, or MPa as GPa"}
     unit = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", **thousands}.get(power)
@@ -208,51 +206,33 @@ def stress_over_strain(export: Export) -> Check:
     return replace(found, cause=cause)
 
 
-def _of_one_interval(export: Export, rows: NDArray[np.intp], apart: Floats, found: Check) -> Check:
-    """Look for an interval whose moduli are not stress over strain as those of the others are."""
-    if "interval" not in export.data:
-        return found
-    interval = export.data["interval"].values[rows]
-    medians = {each: float(np.median(apart[interval == each])) for each in np.unique(interval)}
-    worst = max(medians, key=lambda each: abs(medians[each]))
-    factor = float(np.exp(medians[worst]))
-    if abs(factor - 1.0) <= _STRESS or abs(1.0 / factor - 1.0) <= _STRESS:
-        return found
-    place = export.place(int(rows[np.argmax(interval == worst)])).rpartition(", point")[0] or export.name
-    text = f"{place}: its moduli over stress over strain are {factor_in_words(factor)} times those of other intervals"
-    cause = "a modulus, the stress or the strain of this interval was edited, or has another unit than in the others"
-    return replace(found, message=text, level="doubtful", cause=cause, log_ratio=nan, u_log_ratio=nan)
-
-
 def size_of_modulus(export: Export, settings: Dma) -> Check:
-    name, law = "modulus of a polymer", "the stiffest reading of a polymer is between those of a gel and a fibre"
+    name = "modulus of a polymer"
     size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
     if not (size > 0).any():
-        return not_made(name, law, "moduli")
+        return not_made(name, "moduli")
     stiffest = float(np.quantile(size[size > 0], 0.95)) * modulus_factor(settings.mode, settings.nu.value)
     message = f"{export.name}: the stiffest readings are {quantity(stiffest, 'Pa')} in tension"
     low, high = map(log10, POLYMERS)
-    found = bounded(
-        name, law, message, log10(stiffest), 0.02, at_least=low, at_most=high, is_law=False, file=export.name
-    )
+    found = bounded(name, message, log10(stiffest), 0.02, at_least=low, at_most=high, is_law=False, file=export.name)
     cause = "moduli in MPa stand as Pa" if stiffest < POLYMERS[0] else "moduli in Pa stand as kPa, MPa or GPa"
     return replace(found, cause=f"the unit of the moduli is wrong: {cause}")
 
 
 def signs_of_moduli(export: Export) -> Check:
-    name, law = "signs of the moduli", "a solid stores and dissipates: both moduli are positive"
+    name = "signs of the moduli"
     share = float(np.mean((export.values("storage_modulus") <= 0) | (export.values("loss_modulus") <= 0)))
     message = f"{export.name}: {in_words(100 * share, 2)} % of the readings are not positive"
     level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
     cause = "the instrument's phase is wrong, or another column stands under the modulus"
-    return stated(name, law, message, level, cause=cause, file=export.name)
+    return stated(name, message, level, cause=cause, file=export.name)
 
 
 def single_values(export: Export, isotherms: Sequence[Sweep]) -> Check:
     """Look for a value that lies decades beyond both of its neighbours in frequency."""
-    name, law = "single values", "a modulus changes steadily with frequency"
+    name = "single values"
     if not isotherms:
-        return not_made(name, law, "isothermal sweeps")
+        return not_made(name, "isothermal sweeps")
     worst: tuple[float, str] | None = None
     for sweep in isotherms:
         for column, title in _NAMES.items():
@@ -264,29 +244,12 @@ def single_values(export: Export, isotherms: Sequence[Sweep]) -> Check:
             if abs(gap[at]) > _OUT and (worst is None or abs(gap[at]) > abs(log10(worst[0]))):
                 worst = 10.0 ** float(gap[at]), f"{export.place(int(sweep.rows[at]))}: the {title}"
     if worst is None:
-        return stated(name, law, f"{export.name}: no value beyond its neighbours", None, file=export.name)
+        return stated(name, f"{export.name}: no value beyond its neighbours", None, file=export.name)
     factor, where = worst
     text = f"{where} is a factor {factor_in_words(factor)} from its neighbours in frequency"
     level: Level = "impossible" if abs(log10(factor)) > _MISTYPED else "doubtful"
     cause = f"{where} is wrong by a factor {factor_in_words(factor, _ABOUT)}"
-    return stated(name, law, text, level, cause=cause, file=export.name)
-
-
-def times_in_order(export: Export) -> Check:
-    """Look for a reading whose time alone is out of order; a clock that begins anew goes on from there."""
-    name, law = "times of the readings", "each reading is later than the one before"
-    if "time" not in export.data.variables:
-        return not_made(name, law, "a column of times")
-    t = np.asarray(export.data.variables["time"].values, float)
-    rows = np.flatnonzero(np.isfinite(t))
-    before, here, after = t[rows[:-2]], t[rows[1:-1]], t[rows[2:]]
-    strays = rows[1:-1][(before <= after) & ((here < before) | (here > after))]
-    if not strays.size:
-        return stated(name, law, f"{export.name}: readings follow each other", None, file=export.name)
-    where = export.place(int(strays[0]))
-    text = f"{where}: its time, {t[strays[0]]:.6g} s, does not lie between those of its neighbours"
-    cause = f"the time of {where} is mistyped, lost its decimal point, or rows were exchanged"
-    return stated(name, law, text, "note", cause=cause, file=export.name)
+    return stated(name, text, level, cause=cause, file=export.name)
 
 
 def _alone(y: Floats) -> Floats:

@@ -18,31 +18,31 @@ _APART = "the material has two processes, or the specimen, its clamping or its t
 
 def superposition(curve: xr.Dataset | None) -> Check:
     """Hand on the verdict of the master curve: a material may defy it, the predictions then do as well."""
-    name, law = "superposition", "one spectrum and one shift for each temperature describe all sweeps"
+    name = "superposition"
     if curve is None:
-        return not_made(name, law, "a master curve of several temperatures")
+        return not_made(name, "a master curve of several temperatures")
     verdict = json.loads(curve.attrs["superposition"])
     level: Level | None = {"pass": None, "doubtful": "note", "fail": "doubtful"}[verdict["level"]]
     noise = json.loads(curve.attrs["noise"])
     storage, loss = (in_words(100 * noise[name], 2) for name in ("storage", "loss"))
     fit = f"the master curve misses E′ by {storage} % and E″ by {loss} %"
-    return stated(name, law, verdict["reasons"][0] if verdict["reasons"] else fit, level, cause=_APART)
+    return stated(name, verdict["reasons"][0] if verdict["reasons"] else fit, level, cause=_APART)
 
 
 def order_of_shifts(curve: xr.Dataset | None) -> Check:
-    name, law = "order of the shifts", "heat shortens all relaxation times: a_T falls with temperature"
+    name = "order of the shifts"
     if curve is None or curve.sizes["temperature"] < 2:
-        return not_made(name, law, "a master curve of two temperatures")
+        return not_made(name, "a master curve of two temperatures")
     T, shift = curve["temperature"].values, curve["log10_aT"].values
     u = curve["u_log10_aT"].values
     rise, own = np.diff(shift), np.hypot(u[1:], u[:-1])
     known = np.isfinite(rise) & np.isfinite(own) & (own > 0)
     if not known.any():
-        return not_made(name, law, "shifts with uncertainties")
+        return not_made(name, "shifts with uncertainties")
     margin = np.where(known, rise / np.where(known, own, 1.0), -np.inf)
     at = int(np.argmax(np.where(rise > _RISE, margin, -np.inf))) if (rise > _RISE).any() else int(np.argmax(margin))
     text = f"log10 a_T changes by {rise[at]:+.2f} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
-    found = bounded(name, law, text, float(rise[at]), float(own[at]), at_most=0.0)
+    found = bounded(name, text, float(rise[at]), float(own[at]), at_most=0.0)
     if rise[at] < _RISE and found.level:
         return replace(found, level="doubtful" if rise[at] > 0.5 * _RISE else None)
     cause = f"the isotherm at {T[at]:.1f} or {T[at + 1]:.1f} °C has a wrong temperature or is of another specimen"
@@ -51,9 +51,9 @@ def order_of_shifts(curve: xr.Dataset | None) -> Check:
 
 def published_shifts(published: xr.Dataset | None, curve: xr.Dataset | None) -> Check:
     """Hold a published table against the readings: shifts of another material tear them apart."""
-    name, law = "published shifts", "a table of the same material continues the readings nearly as the fitted shifts do"
+    name = "published shifts"
     if published is None or curve is None or "difference" not in published:
-        return not_made(name, law, "a published table of shifts")
+        return not_made(name, "a published table of shifts")
     known = np.isfinite(published["difference"].values)
     fitted, other = published["fitted"].values[known], published["published"].values[known]
     span, theirs = float(np.ptp(fitted)), float(np.ptp(other))
@@ -66,4 +66,4 @@ def published_shifts(published: xr.Dataset | None, curve: xr.Dataset | None) -> 
     )
     is_foreign = apart > _FOREIGN * span and worse > _TORN
     cause = "the table is of another material, or of another state of it"
-    return stated(name, law, text, "doubtful" if is_foreign else None, cause=cause, setting="published.shifts")
+    return stated(name, text, "doubtful" if is_foreign else None, cause=cause, setting="published.shifts")

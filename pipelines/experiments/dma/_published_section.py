@@ -6,13 +6,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
 from labpipe.report import Block, Details, LineChart, Listed, Paragraph, Series, Table, listed
 from pipelines.experiments.dma.published import rms
 from pipelines.experiments.shared import pages
 
-_LOOSE = 0.15  # decades; as labpipe.materials calls a step barely determined
-_DIFFERENT = 2.0  # standard uncertainties
 _SMALL = 0.005  # decades
 
 
@@ -33,11 +30,11 @@ def blocks(found: xr.Dataset, curve: xr.Dataset) -> list[Block]:
     drawn = [Series("difference", T[shared], apart, style="points", role="measured", u=u)]
     gap = LineChart("Fitted less published", "temperature / °C", "difference of log₁₀ a_T", drawn, height_px=220)
     size, *causes = [Paragraph(text) for text in reasons(found, curve)]
-    return [size, Details("Where and why they differ", (*causes, gap, _shift_table(found, order), _step_table(found)))]
+    return [size, Details("Differences by temperature", (*causes, gap, _shift_table(found, order)))]
 
 
 def reasons(found: xr.Dataset, curve: xr.Dataset) -> list[str]:
-    """Say in sentences how large the difference is, where it arises, and why."""
+    """Say in sentences how large the difference is, and whether the readings support it."""
     difference = found["difference"].values
     good = np.isfinite(difference)
     T = found["temperature"].values
@@ -48,8 +45,6 @@ def reasons(found: xr.Dataset, curve: xr.Dataset) -> list[str]:
         f"The shifts of {name} differ from the fitted ones by {float(np.sqrt(np.mean(difference[good] ** 2))):.2f} "
         f"decades (rms), at most by {abs(difference[worst]):.1f} at {_celsius(T[worst])}.",
         _reference(found, T_ref),
-        _where(found),
-        _vertical(found, curve),
         _imposed(found, curve),
     ]
     return [text for text in texts if text]
@@ -67,64 +62,6 @@ def _reference(found: xr.Dataset, T_ref: float) -> str:
         f"Reference: the published table is zero at {_celsius(found.attrs['published_zero'])}, "
         f"{shift}; so the reference explains no difference. Its temperatures lie up to "
         f"{found.attrs['temperature_distance']:.1f} K from the measured means; it was interpolated."
-    )
-
-
-def _where(found: xr.Dataset) -> str:
-    """Name the steps at which the tables part, loose ones apart from determined ones."""
-    step, u = found["step_fitted"].values, found["u_step_fitted"].values
-    change = step - found["step_published"].values
-    loose = u > _LOOSE
-    parts = [
-        "Where: differences accumulate away from the reference, so the steps between "
-        "neighbouring temperatures show where they arise."
-    ]
-    if loose.any():
-        parts.append(
-            f"Steps barely determined by the data: {int(loose.sum())} (standard uncertainty "
-            f"above {_LOOSE} decades); they make up {float(np.abs(change[loose]).sum()):.1f} of "
-            f"{float(np.abs(change).sum()):.1f} decades of the summed difference."
-        )
-    firm = ~loose & (np.abs(change) > _DIFFERENT * np.maximum(u, 1e-12))
-    if firm.any():
-        listed = ", ".join(
-            f"{_celsius(a)} to {_celsius(b)} (fitted {s:.2f} ± {v:.2f}, published {p:.2f}, E′ alone {e:.2f})"
-            for a, b, s, v, p, e in _largest(found, firm, change)
-        )
-        parts.append(
-            f"Well determined steps that differ by more than {_DIFFERENT:g} standard uncertainties: {int(firm.sum())}, "
-            f"the largest: {listed}."
-        )
-    else:
-        parts.append("No well determined step differs significantly.")
-    return " ".join(parts)
-
-
-def _largest(found: xr.Dataset, which: NDArray[np.bool_], change: Floats) -> list[tuple[float, ...]]:
-    """Return the three steps with the largest change."""
-    at = np.flatnonzero(which)
-    at = np.sort(at[np.argsort(-np.abs(change[at]), kind="stable")[:3]])
-    names = ("step_colder", "step_warmer", "step_fitted", "u_step_fitted", "step_published", "step_storage")
-    return [tuple(float(found[n].values[i]) for n in names) for i in at]
-
-
-def _vertical(found: xr.Dataset, curve: xr.Dataset) -> str:
-    """Say what the vertical factors are worth sideways."""
-    factor = curve["b_T"].values * curve["level"].values
-    worth = found["step_vertical"].values
-    if np.nanmax(np.abs(factor - 1.0)) < 1e-9 or not np.isfinite(worth).any():
-        return ""
-    most = int(np.nanargmax(np.abs(worth)))
-    fitted = float(found["step_fitted"].sum())
-    published, alone = float(found["step_published"].sum()), float(found["step_storage"].sum())
-    return (
-        f"Vertical factors: the fit allows them (b_T with the levels of the sweeps from {np.nanmin(factor):.3f} to "
-        f"{np.nanmax(factor):.3f}); a purely horizontal table shifts curves along the frequency axis instead. This "
-        "matters most in the glassy range, where the storage modulus is flat: between "
-        f"{_celsius(float(found['step_colder'][most]))} and {_celsius(float(found['step_warmer'][most]))} the factors "
-        f"are equivalent to {abs(worth[most]):.1f} decades by the slope of E′. Over all temperatures the fit spans "
-        f"{fitted:.1f} decades, the published table {published:.1f}; continuing E′ alone without vertical factors "
-        f"would span {alone:.1f}."
     )
 
 
@@ -169,23 +106,6 @@ def _shift_table(found: xr.Dataset, order: NDArray[np.intp]) -> Table:
             pages.column(shown, "imposed_loss_residual", "E″ / %", 100, digits=2),
         ),
         "log₁₀ a_T. The last columns are the residuals (rms) that the published shifts leave when they are imposed.",
-    )
-
-
-def _step_table(found: xr.Dataset) -> Table:
-    difference = found["step_fitted"].values - found["step_published"].values
-    return listed(
-        (
-            Listed("from / °C", found["step_colder"].values.tolist(), digits=3),
-            Listed("to / °C", found["step_warmer"].values.tolist(), digits=3),
-            pages.column(found, "step_fitted", "fitted"),
-            pages.plain(found, "step_published", "published", digits=3),
-            pages.plain(found, "step_storage", "E′ alone", digits=3),
-            Listed("difference", difference.tolist(), digits=3),
-            Listed("remark", ["loose" if u > _LOOSE else "" for u in found["u_step_fitted"].values]),
-        ),
-        "Steps of log₁₀ a_T. “E′ alone” continues the storage modulus without vertical factors, within what "
-        "polymers do.",
     )
 
 

@@ -8,15 +8,8 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.dma import _column_checks, _specimen_checks
 from pipelines.experiments.dma._checked_sweeps import Export, isothermal_sweeps, trusted_rows
 from pipelines.experiments.dma._curve_checks import order_of_shifts, published_shifts, superposition
-from pipelines.experiments.dma._stated_checks import bulk_modulus, mode_of_loading, poisson_ratio, scale_of_moduli
-from pipelines.experiments.dma._temperature_checks import (
-    one_condition,
-    softening,
-    steady_temperature,
-    strayed_readings,
-    temperature_sweep,
-    temperatures_of,
-)
+from pipelines.experiments.dma._stated_checks import mode_of_loading, poisson_ratio, scale_of_moduli
+from pipelines.experiments.dma._temperature_checks import softening, strayed_readings, temperatures_of
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene, Title
@@ -36,8 +29,8 @@ TITLES = {
         ("loss factor", "stress over strain", "frequency", "signs of the moduli"),
     ),
     "single values": Title(
-        "Moduli change steadily with frequency, and readings follow each other in time.",
-        ("single values", "times of the readings", "readings of one condition", "rise with frequency"),
+        "Moduli change steadily with frequency.",
+        ("single values",),
     ),
     "size of the moduli": Title(
         "Moduli lie in the range of polymers for the stated mode of loading.",
@@ -45,24 +38,23 @@ TITLES = {
     ),
     "causality": Title(
         "Storage and loss of a linear solid determine each other (Kramers and Kronig).",
-        ("storage and loss belong together", "loss of each sweep"),
+        ("storage and loss belong together",),
     ),
     "temperature": Title(
         "Temperature is constant within a sweep, and moduli fall as it rises.",
         (
-            "temperature within an interval", "temperature during a sweep", "temperature sweep", "temperatures",
-            "temperature is measured", "order with temperature", "temperatures of the files",
+            "temperature within an interval", "temperatures", "temperature is measured", "order with temperature",
         ),
     ),
     "one specimen": Title(
         "All sweeps are of one specimen: repeated temperatures agree.",
-        ("one specimen throughout", "repeated temperatures", "files of one specimen"),
+        ("repeated temperatures", "files of one specimen", "same values twice"),
     ),
     "superposition": Title(
         "One master curve describes all temperatures, with shifts in order.",
         ("superposition", "order of the shifts", "published shifts"),
     ),
-    "Poisson's ratio": Title("K = E/(3 (1 − 2ν)) of a polymer is a few GPa.", ("Poisson's ratio", "bulk modulus")),
+    "Poisson's ratio": Title("Polymers have Poisson's ratios of 0.2 to 0.5.", ("Poisson's ratio",)),
 }  # fmt: skip
 
 
@@ -83,7 +75,7 @@ def judgement(
     exports = [e for e in exports if e.good.any()]
     found = [list(isothermal_sweeps(e, settings)) for e in exports]
     checks = judgements.failed_steps(context, _FAILED)
-    checks += [poisson_ratio(settings), bulk_modulus(exports, settings), scale_of_moduli(settings)]
+    checks += [poisson_ratio(settings), scale_of_moduli(settings)]
     for export, own in zip(exports, found, strict=True):
         checks += [
             _column_checks.whole_file(export),
@@ -94,16 +86,9 @@ def judgement(
             _column_checks.signs_of_moduli(export),
             mode_of_loading(export, settings),
             _column_checks.single_values(export, own),
-            _column_checks.times_in_order(export),
             strayed_readings(export, settings),
-            steady_temperature(export, settings),
-            one_condition(export),
-            _specimen_checks.slipped_specimen(export, own),
             _specimen_checks.causality(export, own),
-            _specimen_checks.loss_of_each_sweep(export, own),
-            _specimen_checks.rise_with_frequency(export, own),
             _specimen_checks.pasted_readings(export, own),
-            temperature_sweep(export, own),
         ]
     isotherms = sorted((s for own in found for s in own), key=lambda s: s.temperature)
     checks += [
@@ -111,7 +96,6 @@ def judgement(
         softening(isotherms),
         _specimen_checks.repeated_temperatures(isotherms),
         *_specimen_checks.files_of_one_specimen(exports, found),
-        *_specimen_checks.temperatures_of_files(exports, found),
         order_of_shifts(master_curve),
         superposition(master_curve),
         published_shifts(published, master_curve),

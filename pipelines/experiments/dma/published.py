@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from labpipe import materials
 from labpipe.arrays import Floats
 from labpipe.errors import SourceError
-from labpipe.materials.superposition import overlapped_shifts, read_sweeps
 from labpipe.variables import variable
 from pipelines.experiments.dma import _shift_tables as shift_tables
 from pipelines.experiments.dma.settings import Dma
@@ -20,7 +19,7 @@ _LEVELS_COUNT = 1e-9  # levels that were not fitted are exactly one
 
 
 def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, *, settings: Dma) -> xr.Dataset:
-    """Compare the fitted shifts with a published table, over ``temperature`` and ``step``.
+    """Compare the fitted shifts with a published table, over ``temperature``.
 
     The published shifts are taken at the measured temperatures, relative to the reference of the
     master curve. They are also imposed on the sweeps, everything else fitted as before: what
@@ -42,7 +41,6 @@ def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, 
     kept = sweeps.isel(temperature=np.flatnonzero(known))
     imposed = _imposed(kept, published[known], master_curve, settings)
     found = _over_temperature(master_curve, published, known, imposed)
-    found = found.merge(_over_steps(kept, master_curve, published, known))
     order = np.argsort(table[1], kind="stable")
     zero = float(np.interp(0.0, table[1][order], table[0][order]))
     found.attrs = {
@@ -98,50 +96,6 @@ def _over_temperature(
         },
         coords={"temperature": curve["temperature"]},
     )
-
-
-def _over_steps(sweeps: xr.Dataset, curve: xr.Dataset, published: Floats, known: NDArray[np.bool_]) -> xr.Dataset:
-    """Compare the steps between neighbours; only they say where two tables part."""
-    T = curve["temperature"].values[known]
-    order = np.argsort(T, kind="stable")
-    at = np.flatnonzero(known)[order]
-    with warnings.catch_warnings(action="ignore", category=UserWarning):
-        data = read_sweeps(sweeps)
-    alone = overlapped_shifts(data.points, data.temperature, np.zeros(data.points.count))
-    covariance = curve["covariance"].values[np.ix_(at, at)]
-    cold, warm = np.arange(at.size - 1), np.arange(1, at.size)
-    variance = covariance[cold, cold] + covariance[warm, warm] - 2.0 * covariance[cold, warm]
-    levels = np.log(curve["b_T"].values[at] * curve["level"].values[at])
-    slope = _slopes(sweeps)[order]
-    slope = 0.5 * (slope[cold] + slope[warm])
-    columns = {
-        "step_colder": (T[order][cold], "degC", "colder temperature of the step"),
-        "step_warmer": (T[order][warm], "degC", "warmer temperature of the step"),
-        "step_fitted": (-np.diff(curve["log10_aT"].values[at]), "1", "fitted step of log10 a_T"),
-        "u_step_fitted": (np.sqrt(np.maximum(variance, 0.0)), "1", "standard uncertainty: fitted step of log10 a_T"),
-        "step_published": (-np.diff(published[at]), "1", "published step of log10 a_T"),
-        "step_storage": (
-            -np.diff(alone[order]),
-            "1",
-            "step that continues the storage modulus alone, without vertical factors",
-        ),
-        "step_vertical": (
-            -np.diff(levels) / np.maximum(slope, 1e-6),
-            "1",
-            "step that the vertical factor and level are worth by the slope of E'",
-        ),
-    }
-    return xr.Dataset({name: variable("step", values, units, text) for name, (values, units, text) in columns.items()})
-
-
-def _slopes(sweeps: xr.Dataset) -> Floats:
-    """Return the slope of ln E' per decade of frequency of every sweep."""
-    x = np.log10(sweeps["frequency"].values)
-    found = []
-    for row in np.log(sweeps["storage"].values):
-        good = np.isfinite(row)
-        found.append(np.polyfit(x[good], row[good], 1)[0] if good.sum() > 1 else np.nan)
-    return np.array(found)
 
 
 def rms(values: Floats) -> float:

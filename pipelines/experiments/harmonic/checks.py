@@ -36,15 +36,11 @@ def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context
     name = settings.mach1
     checks: list[Check] = []
     if readings is None:
-        checks.append(not_made("columns of the file", "a file holds position and force", "a file that can be read"))
+        checks.append(not_made("columns of the file", "a file that can be read"))
     else:
         checks += mach1_checks.of_file(name, readings)
-        checks += [
-            of(name, p) for p in mach1_checks.hold_parts(readings) for of in (mach1_checks.falls, mach1_checks.late)
-        ]
     if loads is not None:
         checks += mach1_checks.of_cell(settings.load_cell, loads)
-        checks += mach1_checks.touch_stated(name, loads, settings.contact)
     if oscillations is not None:
         checks.append(_phase(name, oscillations, settings))
     if mach1_checks.knows_depth(checks):

@@ -31,7 +31,6 @@ from pipelines.experiments.shared.reports import Report, budgets
 
 _UM = 1e6
 _BESIDE = 0.06  # mm by which the materials are drawn apart, so that their error bars can be told
-_UNLIKELY = 0.01  # probability below which a difference between drops is called real
 _SHOWN = {"natural_frequency": ("natural frequency", "Hz"), "damping_ratio": ("damping ratio", "1")}
 
 
@@ -58,7 +57,6 @@ def _summary(
         for name, (title, _) in _SHOWN.items():
             shown = pages.told(table, f"plate_{name}")
             rows.append((title, shown, f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty"))
-            blocks.append(_verdict(table, name, title))
     if plate is not None and np.isfinite(float(plate["mass"])):
         remark = f"from amplitude and simulated momentum; {_of_materials(settings)}"
         rows.append(("modal mass", pages.told(plate, "mass"), remark))
@@ -70,24 +68,6 @@ def _summary(
     elif not context.failures:
         blocks.append(Notice("info", "There is no comparison with a model."))
     return Section("Summary", (KeyValues(rows), *blocks, *pages.failed_notice(context)))
-
-
-def _verdict(table: xr.Dataset, name: str, title: str) -> Notice:
-    """Say whether the drops agree in what should belong to the plate alone."""
-    probability = float(table[f"probability_{name}"])
-    if table.sizes["series"] < 2:
-        return Notice("info", f"Only one kind of drop: whether the {title} belongs to the plate cannot be tested.")
-    if probability < _UNLIKELY:
-        text = (
-            f"The {title} differs between the drops by more than its uncertainty (probability "
-            f"{probability:.1e} by chance); the stated uncertainty is enlarged by that."
-        )
-        return Notice("warning", text)
-    text = (
-        f"The {title} is the same for all materials and heights within its uncertainty "
-        f"(probability {probability:.2f} of so large a difference by chance)."
-    )
-    return Notice("ok", text)
 
 
 def _measured(settings: PlateVibration, context: Context, readings: Sequence[xr.Dataset | None] = ()) -> Section:

@@ -55,7 +55,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, conte
         # what is wrong with one file does not show in the others
         checks += judge(mach1_checks.weighed(found), causes).checks
         relative = relative if load is None else relative_gain(load)
-    checks += mach1_checks.of_files({n: d for n, d in zip(files, readings or (), strict=False) if d is not None})
+    checks.append(mach1_checks.of_files({n: d for n, d in zip(files, readings or (), strict=False) if d is not None}))
     known = next((d for d in loads or () if d is not None), None)
     if known is not None:
         checks += mach1_checks.of_cell(settings.load_cell, known)
@@ -72,18 +72,17 @@ def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, conte
 def _alike(files: Sequence[str], loads: Sequence[xr.Dataset | None]) -> Check:
     """Hold the relaxation of the files against each other, over times that all of them have."""
     name = "relaxation at other depths"
-    law = "a linear solid relaxes alike at all depths: late over early force is one number"
     found = [(f, load, _hold(load)) for f, load in zip(files, loads, strict=False) if load is not None]
     known = [(f, load, hold) for f, load, hold in found if hold is not None]
     if len(known) < 2:
-        return not_made(name, law, "holds of two files")
+        return not_made(name, "holds of two files")
     lasts = min(hold.last - hold.end for _, _, hold in known)
     logs, own = [], []
     for _, load, hold in known:
         windows = ((share * lasts, 0.1 * lasts) for share in _SHARES)
         levels = [mean_force(load, hold, hold.end + at - width, hold.end + at + width) for at, width in windows]
         if not all(level.force > 0.0 for level in levels):
-            return not_made(name, law, "forces in compression")
+            return not_made(name, "forces in compression")
         early, late = levels
         tare = float(np.nan_to_num(load["u_tare"])) * abs(1 / late.force - 1 / early.force)
         logs.append(log(late.force / early.force))
@@ -104,14 +103,14 @@ def _alike(files: Sequence[str], loads: Sequence[xr.Dataset | None]) -> Check:
         "the cell drifted, the stage crept on or the specimen moved in the hold of one of them; or the solid is not "
         "linear at these depths"
     )
-    return Check(name, law, text, level, gap / u, cause=cause, file=file)
+    return Check(name, text, level, gap / u, cause=cause, file=file)
 
 
 def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:
     """Hold the forces of the files, each over that of the model at its depth, against each other."""
-    name, law = "force at other depths", "one punch in one specimen: measured over simulated force is one number"
+    name = "force at other depths"
     if len(ratios) < 2:
-        return not_made(name, law, "two files, and a model")
+        return not_made(name, "two files, and a model")
     logs = np.array([ratio for _, ratio in ratios])
     worst = int(np.argmax(np.abs(logs - np.median(logs))))
     others = float(np.mean(np.delete(logs, worst)))
@@ -126,7 +125,7 @@ def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:
     )
     if len(ratios) == 2 and level:
         cause = f"the scale, the specimen or the punch of {ratios[0][0]} and {ratios[1][0]} are not the same"
-    return Check(name, law, text, level, gap / _OF_DEPTHS * DOUBTFUL, cause=cause, file=file)
+    return Check(name, text, level, gap / _OF_DEPTHS * DOUBTFUL, cause=cause, file=file)
 
 
 def _hold(loads: xr.Dataset) -> Hold | None:
@@ -150,13 +149,10 @@ def _of_file(
     settings: Relaxation,
 ) -> list[Check]:
     if readings is None:
-        return [not_made(mach1_checks.SWAPPED, "a file holds position and force", "a file that can be read")]
+        return [not_made(mach1_checks.SWAPPED, "a file that can be read")]
     checks = mach1_checks.of_file(name, readings)
     if mach1_checks.is_swapped(checks):
         return checks
-    checks += [of(name, p) for p in mach1_checks.hold_parts(readings) for of in (mach1_checks.falls, mach1_checks.late)]
-    if loads is not None:
-        checks += mach1_checks.touch_stated(name, loads, settings.contact)
     if ramps is None or loads is None or not bool(loads.attrs["is_tared"]) or not mach1_checks.knows_depth(checks):
         return checks
     depth, force = float(ramps["depth"][-1]), float(ramps["plateau_force"][-1])

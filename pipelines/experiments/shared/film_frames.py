@@ -82,21 +82,21 @@ def _is_exchanged(film: FrameSource) -> bool:
 
 def whole_film(context: Context, film: str) -> Check:
     """Tell what the reader of a film warned of: frames that its file lacks, or that are damaged."""
-    name, law = "whole film", "a file holds every frame that it declares"
+    name = "whole film"
     text = _warned(context, IncompleteFilmWarning, film)
     if not text:
-        return stated(name, law, f"{film}: no frame is missing in the file", None, file=film)
-    return stated(name, law, f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
+        return stated(name, f"{film}: no frame is missing in the file", None, file=film)
+    return stated(name, f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
 
 
 def not_smoothed(context: Context, film: str) -> Check:
     """Tell that compression took detail from a film, which its uncertainties do not hold."""
-    name, law = "detail of the frames", "a file holds the frames as the camera saw them"
+    name = "detail of the frames"
     text = _warned(context, SmoothedFilmWarning, film)
     if not text:
-        return stated(name, law, f"{film}: its reader told of no compression that smooths", None, file=film)
+        return stated(name, f"{film}: its reader told of no compression that smooths", None, file=film)
     cause = "the film was exported with lossy compression: export it as PNG or TIFF, or give the camera's own file"
-    return stated(name, law, f"{film}: {text}", "note", cause=cause, file=film)
+    return stated(name, f"{film}: {text}", "note", cause=cause, file=film)
 
 
 def _warned(context: Context, category: type[Warning], film: str) -> str:
@@ -106,7 +106,7 @@ def _warned(context: Context, category: type[Warning], film: str) -> str:
 
 def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
     """Count damaged frames of a film; ``whole`` tells of few of them better."""
-    name, law = "sound frames", "every frame of a film can be read"
+    name = "sound frames"
     bad = np.flatnonzero(~is_sound)
     share = bad.size / max(is_sound.size, 1)
     if whole.level and share < _MANY:
@@ -116,7 +116,7 @@ def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
     level: Level | None = "note" if bad.size else None
     if share >= _MANY:
         level = "impossible" if share > _MOST else "doubtful"
-    return stated(name, law, text, level, cause=_NOT_WHOLE, file=film)
+    return stated(name, text, level, cause=_NOT_WHOLE, file=film)
 
 
 def explained(failed: Check, whole: Check) -> Check:
@@ -131,43 +131,20 @@ def about_contacts(is_seen: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.flatnonzero(np.convolve(is_seen, np.ones(2 * _AROUND + 1))[_AROUND : len(is_seen) + _AROUND] > 0)
 
 
-def spoiled(film: FrameSource, is_seen: NDArray[np.bool_]) -> tuple[dict[int, int], list[int]]:
-    """Find frames about a contact in which pixels are missing, rows of one value without noise, or come twice.
+def repeated(film: FrameSource, is_seen: NDArray[np.bool_]) -> list[int]:
+    """Find the frames about a contact whose every pixel is that of the frame before.
 
-    ``is_seen`` (frame,) are those that show a contact and were measured. Returned is by frame the number of pixels
-    in a row that hold the lowest value, where they fill a row of the image or more and most of them held more in the
-    frame before; and the frames whose every pixel is that of the frame before.
+    ``is_seen`` (frame,) are those that show a contact and were measured.
     """
-    blank: dict[int, int] = {}
-    twice: list[int] = []
-    before: NDArray[Any] | None = None
-    last = -1
+    before: np.ndarray = np.empty(0)
+    found, last = [], -1
     for i in map(int, about_contacts(is_seen)):
-        if not film.valid[i]:
-            continue
-        image = film[i].ravel()
-        if before is not None and last == i - 1 and np.array_equal(image, before):
-            twice.append(i)
-        size = 0 if before is None else _missing(image, before, film.shape[2])
-        if size:
-            blank[i] = size
-        else:
+        if film.valid[i]:
+            image = film[i]
+            if last == i - 1 and np.array_equal(image, before):
+                found.append(i)
             before, last = image, i
-    return blank, twice
-
-
-def _missing(image: NDArray[Any], before: NDArray[Any], columns: int) -> int:
-    """Count the pixels in a row that hold the lowest value and held more before; 0 for less than a row of them."""
-    lowest = image == image.min()
-    # a lens cap, or a film that is dark throughout, has no frame that differs
-    if np.count_nonzero(lowest) < columns:
-        return 0
-    edges = np.flatnonzero(np.diff(lowest, prepend=False, append=False))
-    starts, ends = edges[::2], edges[1::2]
-    at = int(np.argmax(ends - starts))
-    part = slice(int(starts[at]), int(ends[at]))
-    size = part.stop - part.start
-    return size if size >= columns and np.count_nonzero(before[part] > image[part.start]) > size / 2 else 0
+    return found
 
 
 def recorded_on(film: object) -> str:
@@ -244,11 +221,11 @@ def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[Any]:
 
 def no_copies(film: str, frame: NDArray[np.int64], alike: NDArray[np.bool_]) -> Check:
     """Judge frames by whether each (frame - 1,) is measured as the one before: noise forbids it."""
-    name, law = "frames differ", "noise makes no two frames alike"
+    name = "frames differ"
     at = np.flatnonzero(alike)
     if not at.size:
-        return stated(name, law, f"{film}: no frame equals the one before", None, file=film)
+        return stated(name, f"{film}: no frame equals the one before", None, file=film)
     first = int(frame[at[0] + 1])
     frames = "frame equals" if at.size == 1 else "frames equal"
     text = f"{film}: {at.size} {frames} the one before, the first is frame {first}"
-    return stated(name, law, text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
+    return stated(name, text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)

@@ -21,9 +21,6 @@ are heaped there: noise spreads any bright plane over more levels than one."""
 _CLIPPED, _MOSTLY = 0.002, 0.25  # share of pixels at that level that is told, and that spoils a film
 _FEW_LEVELS = 16.0  # between black and bright places, below which grey levels are coarser than noise
 _FLICKERS = 2.0  # ratio of bright to dim frames, each beyond a twentieth of them, that is told
-_ALIKE, _WRITTEN, _CONTRAST, _OTHERS = 8, 0.2, 0.5, 0.02
-"""Frames in which a pixel has one grey level where it is written over, the share of such pixels in a row, how far its
-levels lie apart over the film's brightness, and their share in all other rows at most."""
 DARK = 0.5
 """Share of the usual brightness below which a frame is dark: lamps flicker, but do not fall to half for a frame."""
 LIGHT = "light"
@@ -34,8 +31,7 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
 
     Frames that are wanted matter; others all over the film are added. There are ``brightness`` by frame over that of
     the film, ``clipped``, the share of pixels at the highest grey level ``level``, ``view``, rows and columns,
-    ``used``, the grey levels from black to bright places, and, if any are, ``written``, the share of the rows that are
-    written over.
+    and ``used``, the grey levels from black to bright places.
     """
     sound = np.asarray(film.valid, bool)
     spread = np.linspace(0, len(film) - 1, min(_MOST, len(film))).round().astype(int)
@@ -52,19 +48,7 @@ def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     share, level = _heap(seen)
     shown: dict[str, Any] = {"brightness": {str(i): b / usual for i, b in bright.items()} if usual > 0.0 else {}}
     shown |= {"clipped": share, "level": level, "view": list(film.shape[1:])}
-    written = _written(seen, usual)
-    shown |= {"written": written} if written else {}
     return json.dumps(shown | ({"used": usual / _apart(seen)} if seen.dtype.kind in "iu" else {}))
-
-
-def _written(images: NDArray[Any], usual: float) -> float:
-    """Return the share of the rows (frame, row, column), from one border on, in which much never changes."""
-    if len(images) < _ALIKE:
-        return 0.0
-    still = (images == images[0]).all(axis=0).mean(axis=1)
-    rows = (still > _WRITTEN) & (np.ptp(images[0].astype(float), axis=1) > _CONTRAST * usual)
-    is_caption = (rows[0] or rows[-1]) and not rows.all() and not (still[~rows] > _OTHERS).any()
-    return float(rows.mean()) if is_caption else 0.0
 
 
 def _apart(levels: NDArray[np.integer]) -> int:
@@ -90,34 +74,21 @@ def _heap(levels: NDArray[Any]) -> tuple[float, float]:
 
 def exposed(found: xr.Dataset, film: str) -> Check:
     """Look for grey levels that were cut off."""
-    name, law = "exposure", "noise spreads bright places over many grey levels: nothing lies at one highest level"
+    name = "exposure"
     if LIGHT not in found.attrs:
-        return not_made(name, law, "the frames")
+        return not_made(name, "the frames")
     light = json.loads(found.attrs[LIGHT])
     share, level = light["clipped"], light["level"]
     used = light.get("used", _FEW_LEVELS)
     if share < _CLIPPED and used < _FEW_LEVELS:
         text = f"{film}: bright places lie {in_words(used, 2)} grey levels above black"
         cause = "the film is under-exposed (dark): more light, a longer exposure or a larger aperture"
-        return stated(name, law, text, "note", cause=cause, file=film)
+        return stated(name, text, "note", cause=cause, file=film)
     if share < _CLIPPED:
-        return stated(name, law, f"{film}: no grey level is cut off", None, file=film)
+        return stated(name, f"{film}: no grey level is cut off", None, file=film)
     text = f"{film}: {in_words(100 * share, 2)} % of the pixels lie at the highest grey level, {level:.0f}"
     cause = "the film is over-exposed (saturated): less light, a shorter exposure or a smaller aperture"
-    return stated(name, law, text, "doubtful" if share > _MOSTLY else "note", cause=cause, file=film)
-
-
-def not_written(found: xr.Dataset, film: str) -> Check:
-    """Look for rows with a caption, the time or a scale, that a camera's program wrote over what was seen."""
-    name, law = "whole images", "what a camera sees is never twice alike: no rows stand still to the grey level"
-    if LIGHT not in found.attrs:
-        return not_made(name, law, "the frames")
-    share = float(json.loads(found.attrs[LIGHT]).get("written", 0.0))
-    if not share:
-        return stated(name, law, f"{film}: no rows are written over", None, file=film)
-    text = f"{film}: {in_words(100 * share, 2)} % of the rows, at the border, hold what is the same in all frames"
-    cause = "a caption or the time is written over the images, which hides small contacts: state a region without it"
-    return stated(name, law, text, "note", cause=cause, file=film, setting="region")
+    return stated(name, text, "doubtful" if share > _MOSTLY else "note", cause=cause, file=film)
 
 
 def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time: NDArray[np.float64]) -> Check:
@@ -126,21 +97,21 @@ def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time
     Brightness is by frame, over that of the film or of the frames around it; ``counts`` (frame,) are those that show
     what is measured: dark frames beside one change the result.
     """
-    name, law = "light of the frames", "a lamp does not go out for a frame"
+    name = "light of the frames"
     if not brightness:
-        return not_made(name, law, "the frames")
+        return not_made(name, "the frames")
     dark = np.array(sorted(i for i, b in brightness.items() if b < DARK), int)
     dim, bright = np.quantile(list(brightness.values()), [0.05, 0.95]).tolist()
     if not dark.size and bright > _FLICKERS * dim:
         text = f"{film}: bright frames have {in_words(bright / dim, 2)} times the light of dim ones"
         cause = "the light flickers or fades; each frame is measured in its own light"
-        return stated(name, law, text, "note", cause=cause, file=film)
+        return stated(name, text, "note", cause=cause, file=film)
     if not dark.size:
-        return stated(name, law, f"{film}: no frame is dark", None, file=film)
+        return stated(name, f"{film}: no frame is dark", None, file=film)
     runs = np.split(dark, np.flatnonzero(np.diff(dark) > 1) + 1)
     lost = [run for run in runs if counts[max(run[0] - 1, 0) : run[-1] + 2].any()]
     first = int((lost or runs)[0][0])
     text = f"{film}: {dark.size} of {len(brightness)} frames looked at are dark; frame {first}, at "
     text += f"{quantity(float(time[first]), 's')}, has {100 * max(brightness[first], 0.0):.0f} % of the usual light"
     cause = "the light failed, flickers or is pulsed, or the shutter dropped: dark frames show nothing"
-    return stated(name, law, text, "doubtful" if lost else "note", cause=cause, file=film)
+    return stated(name, text, "doubtful" if lost else "note", cause=cause, file=film)

@@ -56,12 +56,12 @@ def stated_twice(
 
 def _within_a_frame(film: str, time: Floats, given: Quantity) -> Check:
     """Hold a stated exposure against the time from one frame to the next."""
-    name, law = "exposure stated", "a shutter closes before the next frame"
+    name = "exposure stated"
     interval = float(np.percentile(np.diff(time), _BURST)) if time.size > 1 else np.inf
     text = f"{film}: a frame each {quantity(interval, 's')}; session.toml says exposure = {quantity(given.value, 's')}"
     is_longer = given.value - 4.0 * given.u > (1.0 + _ROUNDED) * interval
     cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is"
-    return stated(name, law, text, "impossible" if is_longer else None, cause=cause, setting="exposure")
+    return stated(name, text, "impossible" if is_longer else None, cause=cause, setting="exposure")
 
 
 def _differ(value: float, given: Quantity) -> bool:
@@ -69,33 +69,33 @@ def _differ(value: float, given: Quantity) -> bool:
 
 
 def _rate(film: str, intervals: list[float], given: Quantity) -> Check:
-    name, law = "frame rate stated", "a film that holds its times needs no frame rate, and has one"
+    name = "frame rate stated"
     rates = [1.0 / interval for interval in intervals]
     text = f"{film}: by its own times, which are used, it has {quantity(rates[0], 'Hz')}; "
     text += f"session.toml says frame_rate = {quantity(given.value, 'Hz')}"
     if not all(_differ(rate, given) for rate in rates):
         cause = "frame_rate has no effect on a film that holds its times: delete it"
-        return stated(name, law, text, "note", cause=cause, setting="frame_rate")
+        return stated(name, text, "note", cause=cause, setting="frame_rate")
     cause = (
         "frame_rate is that of playback or of another film and has no effect here: delete it; or the times in the "
         "film are wrong"
     )
-    return stated(name, law, text, "doubtful", cause=cause, setting="frame_rate")
+    return stated(name, text, "doubtful", cause=cause, setting="frame_rate")
 
 
 def _exposure(film: str, own: float, given: Quantity) -> Check:
     """Hold a stated exposure against the shutter's: a flash is shorter, nothing is longer."""
-    name, law = "exposure stated", "light falls on the sensor while the shutter is open, or for less in a flash"
+    name = "exposure stated"
     text = f"{film}: the shutter was open for {quantity(own, 's')}; session.toml says exposure = "
     text += f"{quantity(given.value, 's')}, which is used"
     if not _differ(own, given):
-        return stated(name, law, text, None, setting="exposure")
+        return stated(name, text, None, setting="exposure")
     cause = (
         "exposure is not that of this film, or its unit is wrong"
         if given.value > own
         else "right if a flash lit the frames, otherwise delete exposure: the film holds its own"
     )
-    return stated(name, law, text, "doubtful" if given.value > own else "note", cause=cause, setting="exposure")
+    return stated(name, text, "doubtful" if given.value > own else "note", cause=cause, setting="exposure")
 
 
 def of_rate(k: float, otherwise: str = "") -> str:

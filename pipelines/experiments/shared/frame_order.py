@@ -1,4 +1,4 @@
-"""Order of a film's frames: two that stand at each other's place, and those that were lost and numbered over."""
+"""Order of a film's frames: two that were exchanged."""
 
 from itertools import combinations
 
@@ -14,11 +14,6 @@ about two frames which were exchanged back."""
 _UNEVEN = 1.5  # times the shortest step about a frame, from which on steps are uneven
 _MOST = 40  # frames that stand out most; all their pairs are tried
 _NEAR = np.arange(-2, 3)
-_ROUGH, _SMOOTHER = 0.005, 3.0
-"""Of the largest value, what a smooth course may leave of measured ones, and by which factor frames that are put back
-must make it smoother: the areas of contacts without a loss leave 0.0023 and get 1.2 times smoother at most."""
-_DEGREE, _FEWEST, _LOST = 6, 10, 12  # of the course, and frames that tell it; those that may be lost together
-_WITHIN = 60  # frames of a course that are looked at: of more every so many, since those lost are as many more
 
 
 def exchanged(
@@ -52,34 +47,6 @@ def exchanged(
     return found
 
 
-def lost(y: Floats, noise: float = 0.0) -> int | None:
-    """Find after which frame others of a smooth course are missing, though no step in time tells it.
-
-    ``y`` (frame,): what is measured in each frame, one step of time after another; all numbers, the largest above 0;
-    ``noise``: standard uncertainty of y. Returns the last frame before the gap; None where putting frames back makes
-    the course no smoother.
-    """
-    every = -(-y.size // _WITHIN)
-    seen = y[::every]
-    if seen.size < _FEWEST:
-        return None
-    x = np.arange(seen.size, dtype=float)
-    rough, allowed = _roughness(x, seen), max(_ROUGH * float(seen.max()), _SMOOTHER * noise)
-    if rough < allowed:
-        return None
-    gaps = [(at, count) for at in range(2, seen.size - 1) for count in range(1, _LOST + 1)]
-    left = [_roughness(x + count * (x >= at), seen) for at, count in gaps]
-    best = int(np.argmin(left))
-    return every * gaps[best][0] - 1 if left[best] < min(allowed, rough / _SMOOTHER) else None
-
-
-def _roughness(x: Floats, y: Floats) -> float:
-    """Return what a polynomial leaves of values, as a standard deviation."""
-    places = np.polynomial.chebyshev.chebvander(2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0, _DEGREE)
-    rest = y - places @ np.linalg.lstsq(places, y)[0]
-    return float(np.sqrt(np.sum(rest**2) / (y.size - _DEGREE - 1)))
-
-
 def _evenly(time: Floats | int) -> NDArray[np.bool_]:
     """Tell the frames about which two steps on either side are as long as each other."""
     steps = np.ones(time - 1) if isinstance(time, int) else np.diff(time)
@@ -104,11 +71,11 @@ def in_order(
     missed: NDArray[np.bool_] | None = None,
 ) -> Check:
     """Look for two frames that were exchanged; frames without a value are left out."""
-    name, law = "order of the frames", "a body moves smoothly between impacts"
+    name = "order of the frames"
     known = np.flatnonzero(np.isfinite(y))
     found = exchanged(y[known], noise, None if time is None else time[known], None if missed is None else missed[known])
     if found is None:
-        return stated(name, law, f"{film}: no frames are exchanged", None, file=film)
+        return stated(name, f"{film}: no frames are exchanged", None, file=film)
     first, second = (int(frames[known[k]]) for k in found)
     text = f"{film}: frames {first} and {second} show what would follow smoothly at each other's place"
-    return stated(name, law, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)
+    return stated(name, text, "doubtful", cause=f"frames {first} and {second} are exchanged", file=film)

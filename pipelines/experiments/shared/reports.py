@@ -6,7 +6,7 @@ from typing import Any
 
 import xarray as xr
 
-from labpipe.report import Block, Section
+from labpipe.report import Section
 from labpipe.workflow.context import Context
 from pipelines.experiments._kind import JUDGEMENT
 from pipelines.experiments.shared import budget_blocks
@@ -34,8 +34,6 @@ class Report:
         Of the comparison.
     counts : mapping of str to callable
         Whether a result of that name is one at all.
-    notices : callable, optional
-        What is said right after the sentence of the verdict; it asks by name too.
     """
 
     subtitle: str | Callable[[Any], str]
@@ -43,7 +41,6 @@ class Report:
     sections: Sequence[Callable[..., Section | Iterable[Section] | None]]
     rows: Callable[..., Iterable[Row]] | None = None
     counts: Mapping[str, Callable[[Any], bool]] = field(default_factory=dict)
-    notices: Callable[..., Iterable[Block]] | None = None
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -57,8 +54,7 @@ class Report:
         given = Given(**known, settings=settings, context=context)
         sections = given.each(self.sections)
         if verdict := verdict_blocks(judgement, given.each([self.rows] if self.rows else [])):
-            noticed = given.each([self.notices] if self.notices else [])
-            sections.insert(0, Section("Verdict", (*verdict[:1], *noticed, *verdict[1:])))
+            sections.insert(0, Section("Verdict", verdict))
         subtitle = self.subtitle if isinstance(self.subtitle, str) else self.subtitle(settings)
         return document(context, subtitle, sections).render()
 

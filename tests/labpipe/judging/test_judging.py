@@ -35,8 +35,8 @@ def drop_checks(interval=1.0, scale=1.0, height=1.0, seed=None, u=0.003):
     fall = 1.5e-3 * scale * exp(noise[1])
     stated_height = 1.5e-3 * height
     return [
-        compared("acceleration", "g", "", g, u * g, G, 0.0),
-        compared("fall", "h", "", fall, u * fall, stated_height, u * stated_height),
+        compared("acceleration", "", g, u * g, G, 0.0),
+        compared("fall", "", fall, u * fall, stated_height, u * stated_height),
     ]
 
 
@@ -89,23 +89,23 @@ def test_false_alarms_are_as_rare_as_the_levels_say():
 
 
 def test_an_error_that_no_factor_explains_has_no_cause():
-    checks = [*drop_checks(interval=0.5), compared("third", "", "", 5.0, 0.01, 1.0, 0.01)]
+    checks = [*drop_checks(interval=0.5), compared("third", "", 5.0, 0.01, 1.0, 0.01)]
     assert not explain(checks, CAUSES[:1])
 
 
 def test_a_known_systematic_effect_is_no_finding():
-    found = compared("g", "", "", 9.7, 0.001, G, 0.001, allowance=0.2)
+    found = compared("g", "", 9.7, 0.001, G, 0.001, allowance=0.2)
     assert found.level is None
     assert abs(found.margin) > 10
 
 
 @pytest.mark.parametrize(("value", "level"), [(0.9, None), (1.0 + 4.5e-4, "doubtful"), (1.195, "impossible")])
 def test_a_law_must_be_broken_by_more_than_the_noise(value, level):
-    assert bounded("e", "0 < e < 1", "", value, 1e-4, at_least=0.0, at_most=1.0).level == level
+    assert bounded("e", "", value, 1e-4, at_least=0.0, at_most=1.0).level == level
 
 
 def test_a_plausible_range_is_never_impossible():
-    assert bounded("E", "", "", 1e15, 1.0, at_most=1e10, is_law=False).level == "doubtful"
+    assert bounded("E", "", 1e15, 1.0, at_most=1e10, is_law=False).level == "doubtful"
 
 
 def test_a_check_of_five_recordings_is_one_row_with_its_worst_margin():
@@ -123,8 +123,8 @@ def test_a_check_of_five_recordings_is_one_row_with_its_worst_margin():
 
 
 def test_a_doubtful_reading_comes_before_the_step_that_failed_for_it_and_gives_its_cause():
-    step = stated("step bounces", "", "no flights", "impossible", cause="any cause", file="a.csv", is_generic=True)
-    clipped = stated("clipped", "", "flat", "doubtful", cause="out of range", file="a.csv", recording="a.csv")
+    step = stated("step bounces", "no flights", "impossible", cause="any cause", file="a.csv", is_generic=True)
+    clipped = stated("clipped", "flat", "doubtful", cause="out of range", file="a.csv", recording="a.csv")
     other = replace(clipped, cause="another", file="b.csv", recording="b.csv")
     judged = judge([step, other, clipped])
     assert [f.cause for f in judged.findings] == ["another", "out of range", "out of range"]
@@ -132,7 +132,7 @@ def test_a_doubtful_reading_comes_before_the_step_that_failed_for_it_and_gives_i
 
 
 def test_without_checks_nothing_is_known():
-    judged = judge([not_made("fall", "", "a stated height")])
+    judged = judge([not_made("fall", "a stated height")])
     assert judged.believable == "unknown"
     assert judged.n_made == 0
 
@@ -144,7 +144,7 @@ def test_a_finding_names_its_file_and_line():
 
 
 def test_judgements_survive_json():
-    judged = judge([*drop_checks(scale=10.0), stated("bytes", "", "twice", "note")], CAUSES)
+    judged = judge([*drop_checks(scale=10.0), stated("bytes", "twice", "note")], CAUSES)
     again = from_json(to_json(judged))
     assert again.findings == judged.findings
     assert again.causes == judged.causes
@@ -273,8 +273,8 @@ def test_nothing_is_suspected_where_nothing_differs_or_acts():
 
 def test_the_cause_of_the_worst_finding_comes_first() -> None:
     checks = [
-        stated("resolution", "law", "coarse", "note", cause="few digits"),
-        stated("direction", "law", "upwards", "impossible", cause="wrong sign"),
+        stated("resolution", "coarse", "note", cause="few digits"),
+        stated("direction", "upwards", "impossible", cause="wrong sign"),
     ]
     assert judge(checks).causes == ("wrong sign", "few digits")
 
@@ -283,15 +283,15 @@ def test_the_cause_of_the_worst_finding_comes_first() -> None:
 def test_a_usual_factor_is_named_beside_a_right_check_that_scatters(beside, named):
     wavelength = Cause({"fringes": 1.0}, lambda k: "wavelength", usual=(663 / 632.8,))
     checks = [
-        compared("fringes", "", "", 1.042, 0.006, 1.0, 0.0),
-        compared("duration", "", "", 1.0 + 0.1 * beside, 0.1, 1.0, 0.0),
+        compared("fringes", "", 1.042, 0.006, 1.0, 0.0),
+        compared("duration", "", 1.0 + 0.1 * beside, 0.1, 1.0, 0.0),
     ]
     assert [e.sentence for e in explain(checks, [wavelength])] == ["wavelength"] * named
 
 
 @pytest.mark.parametrize(("slack", "named"), [(0.02, "1.070"), (5e-3, "1.100")])
 def test_of_a_dense_list_a_usual_factor_is_not_met_by_chance(slack, named):
-    seen = [compared("fringes", "", "", 1.1, 1e-3, 1.0, 1e-3)]
+    seen = [compared("fringes", "", 1.1, 1e-3, 1.0, 1e-3)]
     cause = Cause({"fringes": 1.0}, "{:.3f}".format, (1.07, 1.16), slack=slack)
     assert explain(seen, [cause])[0].sentence == named
 

@@ -4,27 +4,29 @@ A kind gathers its checks and causes (``checks.py`` of its room) and hands them 
 of its comparison; here they become the stage ``judgement`` and the first section of its page.
 """
 
-from pipelines.experiments.shared.judgements._judgement import judgement as judgement
-from pipelines.experiments.shared.judgements._judging import judging as judging
-from pipelines.experiments.shared.judgements._scene import Basis as Basis, Scene as Scene, measured_by as measured_by
-from pipelines.experiments.shared.judgements._sentences import (
+from pipelines.experiments.shared.judgements._page import (
     VERDICT as VERDICT,
+    believed as believed,
+    capitalised as capitalised,
+    chance as chance,
+    compared as compared,
     noticed as noticed,
+    probability as probability,
     sentence as sentence,
+    suspected as suspected,
     verdict_blocks as verdict_blocks,
+    with_minus as with_minus,
     written_place as written_place,
 )
-from pipelines.experiments.shared.judgements._stored import (
-    believed as believed,
-    compared as compared,
-    suspected as suspected,
-)
-from pipelines.experiments.shared.judgements._titles import (
+from pipelines.experiments.shared.judgements._scene import (
     OF_FILM as OF_FILM,
-    OF_LASER as OF_LASER,
+    Basis as Basis,
+    Scene as Scene,
     Title as Title,
     Titles as Titles,
+    measured_by as measured_by,
 )
+from pipelines.experiments.shared.judgements._stage import judgement as judgement, judging as judging
 from pipelines.experiments.shared.judgements._usual_checks import (
     because as because,
     day_known as day_known,
@@ -32,10 +34,4 @@ from pipelines.experiments.shared.judgements._usual_checks import (
     line_of as line_of,
     times_over as times_over,
     uncertainties_stated as uncertainties_stated,
-)
-from pipelines.experiments.shared.judgements._words import (
-    capitalised as capitalised,
-    chance as chance,
-    probability as probability,
-    with_minus as with_minus,
 )

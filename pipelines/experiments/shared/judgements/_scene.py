@@ -1,13 +1,93 @@
-"""What a verdict is made of: the checks of an experiment, its comparison, and the experiments that it rests on."""
+"""The parts of a verdict: the titles of its checks, its checks and comparison, and the experiments it rests on."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from labpipe.judging import Cause, Check, stated
 from labpipe.units import Quantity
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.judgements._stored import believed
+from pipelines.experiments.shared.judgements._page import believed
+
+STEPS = "references and processing steps"
+"""Title of the check of all that an experiment is based on."""
+REPEATS = "repeats"
+"""Title of the check of recordings against each other."""
+
+
+class Title(NamedTuple):
+    """A check of a kind: its sentence, and beginnings of the names of the quantities that belong to it."""
+
+    law: str
+    names: tuple[str, ...]
+
+
+Titles = Mapping[str, Title]
+
+OF_FILM: Titles = {
+    "frames": Title(
+        "A film holds every frame once, whole, unaltered and in order.",
+        (
+            "detail of the frames", "times of the frames", "whole film", "frames differ", "order of the frames",
+            "sound frames", "frame rate stated",
+        ),
+    ),
+    "light and exposure": Title(
+        "The light is steady, and no frame is over- or under-exposed.",
+        ("light of the frames", "exposure"),
+    ),
+}  # fmt: skip
+"""Checks of the frames of a film."""
+
+COMMON: Titles = {
+    "calibration": Title(
+        "The calibration record belongs to the instrument and was valid on the day of the recording.",
+        ("day of the recording", "line of sight", "uncertainty of the scale", "date of the cell"),
+    ),
+    "stated values": Title(
+        "Stated values are physically possible, and their uncertainties are small compared with them.",
+        ("uncertainty of", "mass of the falling body"),
+    ),
+    STEPS: Title(
+        "Every processing step and every experiment that is referred to gave a valid result.", ("step", "basis")
+    ),
+}
+"""Checks of every kind."""
+
+
+def entitled(checks: Iterable[Check], titles: Titles) -> list[Check]:
+    """Give checks the title under which they are listed.
+
+    Parameters
+    ----------
+    checks : iterable of Check
+    titles : mapping of str to Title
+        Of the kind; those of :data:`COMMON` are added.
+
+    Returns
+    -------
+    list of Check
+        A quantity that no title names is a check of its own.
+    """
+    longest = sorted(((name, title) for title, of in {**COMMON, **titles}.items() for name in of.names), key=_length)
+    found = []
+    for check in checks:
+        title = next((title for name, title in longest if check.name.startswith(name)), check.title)
+        # repeats are compared with each other: no recording passes by itself
+        recording = "" if title == REPEATS else check.recording or check.file
+        found.append(replace(check, title=title, recording=recording))
+    return found
+
+
+def laws(titles: Titles) -> dict[str, str]:
+    """Return the sentence of each check of a kind, in the order of its page."""
+    return {title: of.law for title, of in {**titles, **COMMON}.items()}
+
+
+def _length(pair: tuple[str, str]) -> int:
+    return -len(pair[0])
+
 
 _OF_NAME = "the specimen is of another material or grade than stated, whose modulus is known by its name alone"
 _OF_ANOTHER = "the specimen is of another material than that of {}"
@@ -53,8 +133,7 @@ class Basis(NamedTuple):
                     wrong.append(slight[field])
                 elif word == "impossible":
                     is_sound = False
-                law = "an expectation is as good as the measurement that it was computed from"
-                check = stated(f"basis, {name}", law, text, "note" if cause else None, cause=cause)
+                check = stated(f"basis, {name}", text, "note" if cause else None, cause=cause)
                 checks[check.name] = check
         return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)), tuple(wrong))
 

@@ -1,7 +1,7 @@
 """What would explain a model that differs: a value that was stated wrongly, or another material."""
 
 from collections.abc import Mapping, Sequence, Set
-from math import exp, inf, log
+from math import inf, log
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,8 +10,8 @@ from labpipe.judging import DOUBTFUL, IMPOSSIBLE, SLIPS, Judgement, Suspect, agr
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.judgements._page import TIED, of_error
 from pipelines.experiments.shared.judgements._scene import Scene
-from pipelines.experiments.shared.judgements._words import TIED, of_error
 
 _LINEAR, _FAR = 0.3, 20.0
 """Part of an input's value, or times its u, beyond which its effect is no longer known by its slope."""
@@ -27,9 +27,6 @@ _TELLS = 0.8  # of a difference, that another modulus must explain to be told as
 _MOSTLY = 0.5  # of a difference, that an input must explain where it alone is told
 _NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
 _SLIPS_OF = {"kg": "mass", "m": "size"}  # what is typed wrongly, by the unit of an input
-_COMMON, _TOGETHER, _FEWEST_COMMON = 1.5, 0.15, 3
-"""Factor from which on all measured values together are said to be off, how far each of them may be from it, as a
-share of its logarithm, and how many there must be."""
 _SUSPECTS, _EXPLAINS = 2, 0.2  # inputs that are named where the model differs, and the least share that each explains
 _CLOSE = 6.0
 """Difference of chi square within which an input explains as much as the one that explains most."""
@@ -74,7 +71,7 @@ def explanations(
     if not scene.unstated:
         told = _slipped(scene, names, rows, slopes, covariance, ranked, refuted)
     others = _alternatives(scene, rows, covariance, chi2)
-    told = _common(names, rows, slopes) + ([*told, *others] if told and not others else [*others, *told])
+    told = [*told, *others] if told and not others else [*others, *told]
     plausible, far = _suspected(names, known, slopes, ranked, chi2, refuted)
     if not told and not plausible and ranked and ranked[0].share > _MOSTLY and _MODULUS in names:
         by_modulus = [i for i, error in _errors_of(ranked[0], slopes) if not _is_near(known[names[i]], error)]
@@ -279,22 +276,3 @@ def _confirmed(judged: Judgement) -> Set[str]:
     """Return the settings that a check has held against the record and found right."""
     made = [c for c in judged.checks if c.is_made and c.setting and np.isfinite(c.log_ratio)]
     return {c.setting for c in made} - {c.setting for c in made if c.level}
-
-
-def _common(names: Sequence[str], rows: Sequence[Row], slopes: Any) -> list[str]:
-    """Say by which one factor everything that was measured differs from the model, where one explains it."""
-    pairs = [(row.measured or 0.0, row.model or 0.0) for row in rows]
-    logs = np.array([log(seen / model) for seen, model in pairs if seen * model > 0.0])
-    if logs.size < len(rows) or logs.size < _FEWEST_COMMON:
-        return []
-    middle = float(np.median(logs))
-    if abs(middle) < log(_COMMON) or float(np.max(np.abs(logs - middle))) > _TOGETHER * abs(middle):
-        return []
-    relative = slopes / np.array([row.model for row in rows])[:, None]
-    mean = relative.mean(axis=0)
-    alike = [n for n, m, r in zip(names, mean, relative.T, strict=True) if np.ptp(r) <= _TOGETHER * abs(m) > 0.0]
-    what = ", ".join(alike) or "a gain"
-    return [
-        f"all {logs.size} measured values are {in_words(exp(middle))} times those of the model: what multiplies all of "
-        f"them ({what}, a unit, or another material's modulus) is wrong by that factor"
-    ]

@@ -15,7 +15,7 @@ from labpipe.judging import Check, Level, not_made, stated, unfinished
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.shared.judgements._words import counted_from_one
+from pipelines.experiments.shared.judgements._page import counted_from_one
 
 _LARGE, _VAGUE = 0.2, 0.05
 """Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
@@ -41,7 +41,6 @@ _ONE_DAY = timedelta(days=1)
 
 def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
     """Hold stated uncertainties, each with its setting, against the values to which they belong."""
-    law = "an uncertainty is far smaller than what it belongs to"
     for setting, value in given:
         named = counted_from_one(setting)
         text = f"{named} is stated as {value_with_uncertainty(value.value, value.u, value.si)}"
@@ -53,14 +52,14 @@ def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Chec
         elif share > _VAGUE:
             level = "note"
             cause = f"{named} is known too vaguely to judge by: a difference of {400 * share:.0f} % would pass"
-        yield stated(f"uncertainty of {setting}", law, text, level, cause=cause, setting=setting)
+        yield stated(f"uncertainty of {setting}", text, level, cause=cause, setting=setting)
 
 
 def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recording") -> Check:
     """Hold the day of a recording against what a clock can say; by it a calibration record is chosen."""
-    name, law = "day of the recording", "a recording was made after its instrument, and before it was read"
+    name = "day of the recording"
     if calibrated is None or not str(calibrated.attrs.get("calibration", "")).startswith("{"):
-        return not_made(name, law, "a calibration record")
+        return not_made(name, "a calibration record")
     checked = json.loads(calibrated.attrs["calibration"])
     said, told, clock = (str(checked.get(of, "")) for of in ("validity_check", "stated_day", "recorded_day"))
     if told and clock and abs(date.fromisoformat(told) - date.fromisoformat(clock)) > _ONE_DAY:
@@ -68,13 +67,13 @@ def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recor
         text = f"{file}: session.toml says measured_on = {told}, which is used; the file itself says {clock}"
         text += "" if is_valid else f", when {record} was not valid"
         cause = "measured_on is the day of another recording, or the clock of the instrument was set wrongly"
-        return stated(name, law, text, "note" if is_valid else "doubtful", cause=cause, setting="measured_on")
+        return stated(name, text, "note" if is_valid else "doubtful", cause=cause, setting="measured_on")
     if not checked.get("no_day"):
-        return stated(name, law, f"{record}: {said}", None)
+        return stated(name, f"{record}: {said}", None)
     cause = "the clock of the instrument was never set, or lost its battery"
     if checked["no_day"] == UNDATED:
         cause = "files of this form hold no day: state it as measured_on"
-    return stated(name, law, f"whether {record} was valid is {said}", "note", cause=cause, setting="measured_on")
+    return stated(name, f"whether {record} was valid is {said}", "note", cause=cause, setting="measured_on")
 
 
 def failed_steps(
@@ -96,7 +95,6 @@ def failed_steps(
         if failure.is_of_run:
             found[failure.stage] = unfinished(
                 f"step {failure.stage}",
-                "what is judged must have been computed",
                 f"{where}{failure.text}",
                 "the program did not get through this step, which tells nothing about the record: run it again, and "
                 "report it if it happens again",
@@ -105,7 +103,6 @@ def failed_steps(
         known = _USUAL | dict(causes)
         found[failure.stage] = stated(
             f"step {failure.stage}",
-            "what an experiment records must be in the record",
             f"{where}{failure.text}",
             "impossible",
             cause=known.get(failure.reason) or known.get(failure.stage, ""),

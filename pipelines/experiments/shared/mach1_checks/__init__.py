@@ -8,19 +8,14 @@ column moves them by different powers, which tells the mistake.
 
 from pipelines.experiments.shared.mach1_checks._causes import causes as causes
 from pipelines.experiments.shared.mach1_checks._cell import of_cell as of_cell
-from pipelines.experiments.shared.mach1_checks._contact import (
-    of_force as of_force,
-    of_punch as of_punch,
-    touch_stated as touch_stated,
-)
-from pipelines.experiments.shared.mach1_checks._files import of_files as of_files
+from pipelines.experiments.shared.mach1_checks._contact import of_force as of_force, of_punch as of_punch
 from pipelines.experiments.shared.mach1_checks._of_file import (
     is_swapped as is_swapped,
     knows_depth as knows_depth,
     of_file as of_file,
+    of_files as of_files,
     placed as placed,
     weighed as weighed,
 )
-from pipelines.experiments.shared.mach1_checks._parts import hold_parts as hold_parts
-from pipelines.experiments.shared.mach1_checks._response import falls as falls, late as late, phase as phase
+from pipelines.experiments.shared.mach1_checks._response import phase as phase
 from pipelines.experiments.shared.mach1_checks._titles import RATIO as RATIO, SWAPPED as SWAPPED, TITLES as TITLES

@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import isfinite, log
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -16,7 +15,7 @@ from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.judgements import day_known
 from pipelines.experiments.shared.mach1_checks._motion import direction_of_motion
 from pipelines.experiments.shared.mach1_checks._parts import OSCILLATION, Part, line_of, response_of
-from pipelines.experiments.shared.mach1_checks._titles import CALIBRATED, CAPACITY, CELL, DELAY, FACTOR, SCALE, SIGN
+from pipelines.experiments.shared.mach1_checks._titles import CAPACITY, DELAY, SCALE, SIGN
 from pipelines.experiments.shared.punch_settings import LoadCell
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
@@ -27,21 +26,19 @@ _EXPLAINED = 0.2  # share of a force that its motion must explain, if the cell l
 _SOONER, _LATER = 0.25, 0.6
 """Of the delay that order and cutoff of a Butterworth say, by which another filter may have less or more: three equal
 poles have 0.76 times as much, Bessel's 0.88, Chebyshev's more."""
-_FACTOR = "Load Cell Calibration Factor"  # in the header of a block
-_PLAIN, _SAME = 1e-4, 0.02  # from 1, and of that distance, within which a factor tells nothing, and is another's
 _OWN_FACTOR, _WRONG_FACTOR = 1.25, 3.0  # of true over displayed force: worth a doubt, and wrong
 
 
 def sign_of_stiffness(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
-    title, law = SIGN, "a force grows with the depth"
+    title = SIGN
     found = [(p, *response_of(p)) for p in blocks if p.function in (OSCILLATION, RELAXATION)]
     known = [(p, k, u) for p, k, u, share in found if isfinite(k) and share > _EXPLAINED]
     if not known:
-        yield not_made(title, law, "a motion in contact, and a force that follows it")
+        yield not_made(title, "a motion in contact, and a force that follows it")
         return
     part, k, u = known[0]
     text = f"{name}, block {part.number + 1}: stiffness {quantity(k, 'N/m')}"
-    check = bounded(title, law, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, file=name, line=part.header_line)
+    check = bounded(title, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, file=name, line=part.header_line)
     if check.level is not None and direction_of_motion(name, blocks).level is None:
         cause = (
             f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
@@ -54,24 +51,24 @@ def sign_of_stiffness(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
 
 
 def response_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    title, law = "response of the cell", "a force follows the motion of the stage"
+    title = "response of the cell"
     found = [(p, response_of(p)[2]) for p in blocks if p.function in (OSCILLATION, RELAXATION)]
     known = [(p, share) for p, share in found if isfinite(share)]
     if not known:
-        return not_made(title, law, "a motion of the stage")
+        return not_made(title, "a motion of the stage")
     share = max(s for _, s in known)
     part = known[0][0]
     if share > _EXPLAINED:
-        return stated(title, law, f"{name}: the force follows the motion", None, file=name)
+        return stated(title, f"{name}: the force follows the motion", None, file=name)
     spread = max(float(np.nanmax(p.force) - np.nanmin(p.force)) for p, _ in known)
     kind = "is constant" if spread == 0.0 else f"scatters over {quantity(spread, 'N')} and"
     text = f"{name}: the force {kind} {'while' if spread == 0.0 else 'does not follow, while'} the stage moves"
     cause = f"the load cell was dead or not connected, or another axis was recorded (line {part.header_line})"
-    return stated(title, law, text, "impossible", cause=cause, file=name, line=part.header_line)
+    return stated(title, text, "impossible", cause=cause, file=name, line=part.header_line)
 
 
 def saturation(name: str, blocks: Sequence[Part]) -> Check:
-    title, law = "saturation of the cell", "the extremes of a force are smooth, not flat"
+    title = "saturation of the cell"
     for part in (p for p in blocks if p.function in (OSCILLATION, RELAXATION)):
         force = part.force[np.isfinite(part.force)]
         steps = np.abs(np.diff(force))
@@ -94,22 +91,19 @@ def saturation(name: str, blocks: Sequence[Part]) -> Check:
                     f"from {quantity(float(part.time[first]), 's')}, then changes by {quantity(leaves, 'N')}"
                 )
                 cause = "the cell or its amplifier was saturated: peaks and work are not measured; use a larger range"
-                return stated(title, law, text, "impossible", cause=cause, file=name, line=part.header_line)
-    return stated(title, law, f"{name}: no flat extremes", None, file=name)
+                return stated(title, text, "impossible", cause=cause, file=name, line=part.header_line)
+    return stated(title, f"{name}: no flat extremes", None, file=name)
 
 
 def capacity_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    law = "a cell shows no force far beyond its capacity"
     cell = str((blocks[0].header.get("load_cell") or {}).get("name") or "")
     capacity = _capacity(cell)
     if capacity is None:
-        return not_made(CAPACITY, law, "a load cell whose name says its capacity")
+        return not_made(CAPACITY, "a load cell whose name says its capacity")
     largest = max(float(np.nanmax(np.abs(p.force))) for p in blocks)
     text = f"{name}: up to {quantity(largest, 'N')} with a cell of {quantity(capacity, 'N')} ({cell})"
     part = blocks[0]
-    check = bounded(
-        CAPACITY, law, text, largest, 0.1 * capacity, at_most=1.1 * capacity, file=name, line=part.header_line
-    )
+    check = bounded(CAPACITY, text, largest, 0.1 * capacity, at_most=1.1 * capacity, file=name, line=part.header_line)
     cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {part.header_line})"
     return replace(check, cause=cause)
 
@@ -121,104 +115,25 @@ def _capacity(name: str) -> float | None:
     return None if said is None else float(said[1]) * factor[said[2]]
 
 
-def _cell_of_record(loads: xr.Dataset, record: str) -> Check:
-    """Hold the cell that a calibration record names against that of the file, by capacity and serial number."""
-    law = "a record calibrates the cell that measured"
-    text = str(loads.attrs.get("calibration", ""))
-    known = json.loads(text) if text.startswith("{") else {}
-    used = str((json.loads(loads.attrs["blocks"])[0].get("load_cell") or {}).get("name") or "")
-    theirs, ours = _capacity(str(known.get("instrument", ""))), _capacity(used)
-    number, told = str(known.get("serial", "")).strip(), re.search(r"SN:?\s*([\w-]*\d[\w-]*)", used)
-    is_alike = [abs(log(theirs / ours)) < log(_OWN_FACTOR)] if theirs and ours else []
-    is_alike += [number in used] if number and told else []
-    if not is_alike:
-        return not_made(CELL, law, "capacity or serial number of the cell, in its record and in the file")
-    message = f"{record} is of {' '.join(filter(None, (known['instrument'], number)))}, the file says {used}"
-    is_other = not all(is_alike)
-    cause = "the record is that of another load cell, or the tester was told another one"
-    return stated(CELL, law, message, "doubtful" if is_other else None, cause=cause, file=record, setting="instrument")
-
-
-def date_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    law = "a cell is calibrated before it measures"
-    part = blocks[0]
-    lines = dict(text.partition(":")[::2] for text in part.header["info_lines"])
-    told, began = lines.get("Load Cell Calibration Date", "").strip(), str(part.header.get("start") or "")
-    if not (re.fullmatch(r"\d{4}-\d{2}-\d{2}", told) and began):
-        return not_made(CALIBRATED, law, "dates of the test and of the cell's calibration")
-    text = f"{name}: tested on {began[:10]} with a cell calibrated on {told}"
-    level: Level | None = "doubtful" if told > began[:10] else None
-    line = line_of(part, "Load Cell Calibration Date")
-    cause = f"the tester's clock, or the date of the calibration (line {line}), is wrong"
-    return stated(CALIBRATED, law, text, level, cause=cause, file=name, line=line)
-
-
-def factor_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    """Look at the factor that the tester multiplied its readings by: about 1, and one for a test."""
-    law = "a tester multiplies what its cell shows by one factor of about 1"
-    told = [(part, _factor(part.header)) for part in blocks]
-    known = [(part, factor) for part, factor in told if factor is not None]
-    if not known:
-        return not_made(FACTOR, law, "the factor in the header")
-    (part, first), (other, last) = known[0], max(known, key=lambda one: abs(one[1] - known[0][1]))
-    text = f"{name}: forces are {first:.7g} times what the cell showed, by the header"
-    if last != first:
-        text += f", and {last:.7g} times in block {other.number + 1}"
-        cause = "the cell was calibrated again in the middle of a test, or a header was edited"
-        line = line_of(other, _FACTOR)
-        return stated(FACTOR, law, text, "doubtful", cause=cause, file=name, line=line)
-    is_near = first > 0 and abs(log(first)) < log(_OWN_FACTOR)
-    cause = "the tester was calibrated with another mass than it was told, or was told another cell"
-    line = line_of(part, _FACTOR)
-    return stated(FACTOR, law, text, None if is_near else "doubtful", cause=cause, file=name, line=line)
-
-
-def _factor(header: dict[str, Any]) -> float | None:
-    """Return the factor that a header says the tester applied; None where it says none."""
-    try:
-        factor = float(str((header.get("load_cell") or {}).get("calibration_factor")).replace(",", "."))
-    except ValueError:
-        return None
-    return factor if isfinite(factor) else None
-
-
-def _applied_once(loads: xr.Dataset, gain: float, record: str) -> Check:
-    """Look for a record that repeats the factor of the tester, or takes it back."""
-    name, law = "factor of the record", "forces are corrected once: a record is of what the tester shows"
-    applied = _factor(json.loads(loads.attrs["blocks"])[0])
-    if applied is None or abs(applied - 1.0) < _PLAIN:
-        return not_made(name, law, "a factor of the tester that is not 1")
-    text = (
-        f"{record}: true force is {gain:.7g} times the displayed one, which is {applied:.7g} times what the cell showed"
-    )
-    twice = abs(gain - applied) < _SAME * abs(applied - 1.0)
-    cause = f"{record} repeats the factor of the tester, which has applied it already"
-    return stated(name, law, text, "doubtful" if twice else None, cause=cause, file=record, setting="values.scale")
-
-
 def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     """Check the record of the load cell: its scale, and the delay of its filter."""
-    law = "a tester shows forces, so that the record corrects them by little"
     gain = float(loads["gain"])
     record = load_cell.record or ""
     found = [day_known(loads, record)]
     if not record:
-        found.append(not_made(SCALE, law, "a calibration record of the load cell"))
+        found.append(not_made(SCALE, "a calibration record of the load cell"))
     else:
-        found.append(_cell_of_record(loads, record))
         off = abs(log(abs(gain))) if gain else np.inf
         level: Level | None = (
             "impossible" if off > log(_WRONG_FACTOR) else "doubtful" if off > log(_OWN_FACTOR) else None
         )
         text = f"{record}: true force is {gain:.4g} times the displayed one"
         cause = f"the scale of the load cell in {record} is wrong: about 1 is expected, not {gain:.4g}"
-        found.append(stated(SCALE, law, text, level, cause=cause, file=record, setting="values.scale"))
-        found.append(_applied_once(loads, gain, record))
-    law = "order and cutoff of a low-pass say its delay"
+        found.append(stated(SCALE, text, level, cause=cause, file=record, setting="values.scale"))
     declared = mach1_readings.declared_filter(loads)
     measured = json.loads(loads.attrs.get("filter_delay", "null"))
     if declared is None or measured is None:
-        return [*found, not_made(DELAY, law, "a measured delay, and a declared filter")]
+        return [*found, not_made(DELAY, "a measured delay, and a declared filter")]
     value, u_value = measured
     expected = mach1_readings.filter_delay(loads.assign_attrs(filter_delay="null"))
     text = (
@@ -227,7 +142,6 @@ def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     )
     check = compared(
         DELAY,
-        law,
         text,
         value,
         u_value,

@@ -1,24 +1,18 @@
 """Checks of the stated punch, and of a force at its depth against what a polymer would give."""
 
 from dataclasses import replace
-from math import hypot, isfinite, log
+from math import isfinite, log
 
 import numpy as np
-import xarray as xr
 
 from labpipe.contact.line import westergaard
-from labpipe.errors import InputError
-from labpipe.judging import DOUBTFUL, Check, Level, bounded, not_made, stated
+from labpipe.judging import Check, Level, bounded, not_made, stated
 from labpipe.report import quantity
-from labpipe.units import Quantity
-from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.mach1_checks._titles import MODULUS, RATIO, TOUCHED
+from pipelines.experiments.shared.mach1_checks._titles import MODULUS, RATIO
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
 _LARGEST_PUNCH, _LARGE_PUNCH = 0.5, 0.15  # m, either way
 _POLYMER = (1e6, 1e10)  # Pa, reduced moduli of whatever is indented
-_WRITTEN, _OF_DEPTH = 5e-7, 0.1
-"""Standard uncertainty (m) of a position that is written to the micrometre; of a depth, beyond which it is doubtful."""
 _U_RANGE = 0.25  # of the logarithm of a modulus at the ends of that range
 _U_MATERIAL = 0.5  # of the logarithm of the force for a solid that is known by its name
 _U_LAYER = 2.3  # the same where a thin layer stiffens the contact
@@ -26,9 +20,9 @@ _U_LAYER = 2.3  # the same where a thin layer stiffens the contact
 
 def of_punch(punch: Punch | None, substrate: Substrate | None, model: IndentationModel, deepest: float) -> list[Check]:
     """Check the geometry that the session states against itself and the largest depth [m]."""
-    title, law = "size of the punch", "a punch fits under the tester"
+    title = "size of the punch"
     if punch is None:
-        return [not_made(title, law, "a punch")]
+        return [not_made(title, "a punch")]
     found = []
     for setting, size, what in (
         ("punch.depth", punch.depth.value, "length of a tip"),
@@ -40,18 +34,18 @@ def of_punch(punch: Punch | None, substrate: Substrate | None, model: Indentatio
         if level is not None:
             cause = f"{setting} in session.toml is wrong: its unit, or its number"
             cause += "; or punch.period is" if setting == "punch.tips" else ""
-            found.append(stated(title, law, text, level, cause=cause, setting=setting))
+            found.append(stated(title, text, level, cause=cause, setting=setting))
     if not found:
-        found.append(stated(title, law, f"{punch.tips} tips of {quantity(punch.depth.value, 'm')} fit", None))
+        found.append(stated(title, f"{punch.tips} tips of {quantity(punch.depth.value, 'm')} fit", None))
     found.append(_valleys(punch, model, deepest))
     found.append(_bottom(punch, substrate, deepest))
     return found
 
 
 def _valleys(punch: Punch, model: IndentationModel, deepest: float) -> Check:
-    title, law = "period of the punch", "tips touch one by one: their contacts are narrower than the period"
+    title = "period of the punch"
     if not deepest > 0.0 or model.profile == "cosine":
-        return not_made(title, law, "a depth, and tips that are no waves")
+        return not_made(title, "a depth, and tips that are no waves")
     share = deepest / westergaard.full_contact(punch.radius.value, punch.period.value, "parabola")
     level: Level | None = "impossible" if share > 1.0 else "doubtful" if share > 0.5 else None
     width = 2 * (2 * punch.radius.value * deepest) ** 0.5
@@ -60,13 +54,13 @@ def _valleys(punch: Punch, model: IndentationModel, deepest: float) -> Check:
         f"{quantity(width, 'm')}; the period is {quantity(punch.period.value, 'm')}"
     )
     cause = "punch.period in session.toml is too small for these tips, or punch.radius is too large"
-    return stated(title, law, text, level, cause=cause, setting="punch.period")
+    return stated(title, text, level, cause=cause, setting="punch.period")
 
 
 def _bottom(punch: Punch, substrate: Substrate | None, deepest: float) -> Check:
-    title, law = "depth of the indentation", "a tip goes less deep than its radius and than the sheet is thick"
+    title = "depth of the indentation"
     if not deepest > 0.0:
-        return not_made(title, law, "a position of first touch")
+        return not_made(title, "a position of first touch")
     limits = [(punch.radius.value, "the tip's radius", "punch.radius")]
     if substrate is not None and substrate.thickness is not None:
         limits.append((substrate.thickness.value, "the sheet's thickness", "substrate.thickness"))
@@ -74,31 +68,7 @@ def _bottom(punch: Punch, substrate: Substrate | None, deepest: float) -> Check:
     level: Level | None = "impossible" if deepest > limit else "doubtful" if deepest > 0.5 * limit else None
     text = f"{quantity(deepest, 'm')} deep; {what} is {quantity(limit, 'm')}"
     cause = f"{setting} in session.toml, or the position of first touch, is wrong"
-    return stated(title, law, text, level, cause=cause, setting=setting)
-
-
-def touch_stated(name: str, loads: xr.Dataset, given: Quantity | None) -> list[Check]:
-    """Hold a stated position of first touch against the one that the approach in the same file shows."""
-    law = "a file with an approach knows where its force begins"
-    if given is None:
-        return []
-    try:
-        found = mach1_readings.contact_position(loads, None)[0]
-    except InputError:
-        return []  # nothing else says it
-    gap = given.value - found.value
-    depth = float(np.nanmax(loads["position_z"].values)) - found.value
-    beyond = DOUBTFUL * hypot(given.u, found.u, _WRITTEN)
-    text = (
-        f"{name}: its approach finds first touch at {1e3 * found.value:.4f} mm, session.toml says contact = "
-        f"{1e3 * given.value:.4f} mm, which is used: depths of up to {quantity(depth, 'm')} change by "
-        f"{quantity(abs(gap), 'm')}"
-    )
-    if abs(gap) <= beyond:
-        return [stated(TOUCHED, law, text, None, setting="contact")]
-    level: Level = "doubtful" if abs(gap) > _OF_DEPTH * depth else "note"
-    cause = "contact is mistyped, or that of another file or specimen: delete it, and the approach is used"
-    return [stated(TOUCHED, law, text, level, cause=cause, setting="contact")]
+    return stated(title, text, level, cause=cause, setting=setting)
 
 
 def of_force(
@@ -109,13 +79,12 @@ def of_force(
     ``expected`` is the force of the model, NaN where there is none. Both are plausible ranges:
     what lies outside is doubtful, never impossible.
     """
-    law = "line contact of a polymer of 1 MPa to 10 GPa"
     found: list[Check] = []
     layer = None if substrate is None else substrate.thickness
     is_thin = layer is not None and punch is not None and layer.value < 5 * (punch.radius.value * depth) ** 0.5
     closed = 0.0 if punch is None else westergaard.full_contact(punch.radius.value, punch.period.value, "parabola")
     if punch is None or not (0.0 < depth < closed and force > 0.0):
-        found.append(not_made(MODULUS, law, "a punch, a depth that leaves valleys, and a force in compression"))
+        found.append(not_made(MODULUS, "a punch, a depth that leaves valleys, and a force in compression"))
     else:
         radius, period, length = punch.radius.value, punch.period.value, punch.depth.value * punch.tips
         state = westergaard.from_displacement(np.array([depth]), radius, period, 1.0, "parabola")
@@ -124,17 +93,16 @@ def of_force(
         text += quantity(modulus, "Pa")
         u = _U_LAYER if is_thin else _U_RANGE
         ends = [log(end) for end in _POLYMER]
-        check = bounded(MODULUS, law, text, log(modulus), u, at_least=ends[0], at_most=ends[1], is_law=False, file=name)
+        check = bounded(MODULUS, text, log(modulus), u, at_least=ends[0], at_most=ends[1], is_law=False, file=name)
         if check.level is not None:
             cause = "the unit of the column of the force, or punch.tips or punch.depth in session.toml, is wrong"
             check = replace(check, cause=cause)
         found.append(check)
-    law = "the force is that of the named material, within a factor that its batches may differ by"
     if not (isfinite(expected) and expected > 0.0 and force > 0.0):
-        found.append(not_made(RATIO, law, "a model"))
+        found.append(not_made(RATIO, "a model"))
     else:
         ratio = log(force / expected)
         text = f"{name}: {quantity(force, 'N')} measured, {quantity(expected, 'N')} expected of the named material"
-        check = bounded(RATIO, law, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=name)
+        check = bounded(RATIO, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=name)
         found.append(replace(check, log_ratio=ratio, u_log_ratio=_U_MATERIAL))
     return found

@@ -3,13 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import hypot, isfinite, log, nan, pi
+from math import hypot, isfinite, log, nan
 
 import numpy as np
 
 from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.report import quantity
-from labpipe.signals import quantisation_step
 from pipelines.experiments.shared.mach1_checks import _titles as titles
 from pipelines.experiments.shared.mach1_checks._parts import (
     FIND_CONTACT,
@@ -31,20 +30,12 @@ _STAGE = {
     titles.HOLD: 0.1,
 }
 """By how much, relative, a stage may miss its command: eases, lags, brakes."""
-_COARSE, _ROUNDED, _ALL = 0.03, 0.02, 0.9
-"""Of a motion, that a position resolves at least; of a step, within which rounded positions lie; and how many do."""
-_AT_REST, _EXTREME = 2.5, 0.02
-"""Times a sine's share of the readings beside an extreme, beyond which the stage stood; of the amplitude, beside."""
 _LATE = 0.5  # s by which a hold, or a clock, may be off
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
-_BESIDE, _MORE = 1.0, 1.5
-"""Cycles by which an oscillation may miss its command, and s that its recording may go on beside it."""
-_LARGEST_STAGE = 0.6  # m of position: no stage of the makers is longer
 _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
 
 
 def order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
-    law = "the stage, not the force, makes the declared motion, and rests in a hold"
     votes: list[bool] = []
     where: Part | None = None
     for part in blocks:
@@ -59,16 +50,16 @@ def order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
             where = where or part
         votes.append(is_swapped)
     if not votes:
-        return not_made(titles.SWAPPED, law, "a declared amplitude")
+        return not_made(titles.SWAPPED, "a declared amplitude")
     if where is None or sum(votes) * 2 <= len(votes):
-        return stated(titles.SWAPPED, law, f"{name}: the position makes the declared motion", None, file=name)
+        return stated(titles.SWAPPED, f"{name}: the position makes the declared motion", None, file=name)
     shown = quantity(where.declared("Amplitude")[0], "m")
     text = (
         f"{name}: the column of the force moves by the declared {shown} (as mm), the column of the position by "
         f"{quantity(abs(moved_by(where, where.position)), 'm')}"
     )
     cause = f"the columns of position and force are swapped (header of the columns, line {where.header_line})"
-    return stated(titles.SWAPPED, law, text, "impossible", cause=cause, file=name, line=where.header_line)
+    return stated(titles.SWAPPED, text, "impossible", cause=cause, file=name, line=where.header_line)
 
 
 def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
@@ -83,9 +74,8 @@ def commands_kept(name: str, blocks: Sequence[Part]) -> Iterator[Check]:
         text = f"{name}, block {part.number + 1}: {title} is {quantity(seen, unit)}, declared are "
         text += f"{quantity(wanted, unit)}{'' if ratio == '1' else f' ({ratio} times)'}"
         allowance = _STAGE[title] * wanted + (_LATE if title == titles.HOLD else 0.0)
-        law = "the stage does what the header declares"
         small = max(u, 2e-3 * wanted)
-        check = compared(title, law, text, seen, small, wanted, rounding, allowance=allowance, file=name, line=line)
+        check = compared(title, text, seen, small, wanted, rounding, allowance=allowance, file=name, line=line)
         found.setdefault(title, []).append((check, part))
 
     for part in blocks:
@@ -117,34 +107,7 @@ def _stopped(check: Check) -> Check:
     return replace(check, level="note", cause=cause, log_ratio=nan, u_log_ratio=nan)
 
 
-def cycles_kept(name: str, blocks: Sequence[Part]) -> Check:
-    """Hold the cycles that an oscillation holds against those that its command asks for."""
-    law = "a stage makes as many cycles as its command says"
-    found = []
-    for part in (p for p in blocks if p.function == OSCILLATION):
-        wanted, _, line = part.declared("Number of Cycles")
-        frequency = counted_frequency(part)[0]
-        seen = frequency * float(part.time[-1] - part.time[0])
-        if isfinite(wanted) and isfinite(seen):
-            beyond = max(wanted - seen - _BESIDE, seen - wanted - _BESIDE - _MORE * frequency)
-            found.append((beyond / wanted, seen, wanted, part, line))
-    if not found:
-        return not_made(titles.CYCLES, law, "an oscillation with a declared number of cycles")
-    beyond, seen, wanted, part, line = max(found, key=lambda each: each[0])
-    text = f"{name}, block {part.number + 1}: {seen:.1f} cycles, declared are {wanted:g}"
-    if beyond <= 0.0:
-        return stated(titles.CYCLES, law, text, None, file=name, line=line)
-    if seen < wanted:
-        cause = "the oscillation was stopped before its cycles were over, or its last rows were lost"
-        return stated(
-            titles.CYCLES, law, f"{text}; those that are there count", "note", cause=cause, file=name, line=line
-        )
-    cause = "rows stand twice, two recordings were joined, or the number of cycles in the header was edited"
-    return stated(titles.CYCLES, law, text, "doubtful", cause=cause, file=name, line=line)
-
-
 def clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
-    law = "a block ends before the next one begins, by the clock of the tester"
     worst, text, ratio = -np.inf, "", nan
     line = None
     for part, after in pairwise(blocks):
@@ -162,26 +125,15 @@ def clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
             ratio = lasts / gap if gap > 0 else nan
             line = part.header_line
     if not text:
-        return not_made(titles.CLOCK, law, "two blocks with start times")
-    check = bounded(titles.CLOCK, law, text, worst, 1.0, at_most=0.0, file=name, line=line)
+        return not_made(titles.CLOCK, "two blocks with start times")
+    check = bounded(titles.CLOCK, text, worst, 1.0, at_most=0.0, file=name, line=line)
     if check.level is None or not ratio > 0:
         return check
     return replace(check, log_ratio=log(ratio), u_log_ratio=_U_CLOCK)
 
 
-def position_within_stage(name: str, blocks: Sequence[Part]) -> Check:
-    law = "a stage moves within its range"
-    largest = max(float(np.nanmax(np.abs(p.position))) for p in blocks)
-    text = f"{name}: the stage stands as far as {quantity(largest, 'm')}"
-    level: Level | None = "impossible" if largest > 3 * _LARGEST_STAGE else None
-    if level is None and largest > _LARGEST_STAGE:
-        level = "doubtful"
-    cause = f"the column of the position is not in the unit it says (line {blocks[0].header_line})"
-    return stated(titles.STAGE, law, text, level, cause=cause, file=name, line=blocks[0].header_line)
-
-
 def direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
-    title, law = titles.DIRECTION, "the stage moves in the direction that the header declares"
+    title = titles.DIRECTION
     for part in blocks:
         travel = travel_and_speed(part)[0] if part.function in (RELAXATION, FIND_CONTACT) else 0.0
         wanted = 1.0 if part.text("Direction").startswith("Pos") else -1.0 if part.text("Direction") else nan
@@ -194,58 +146,5 @@ def direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
         text += ", against the declared direction" if is_back else ", as declared"
         cause = f"the sign of the column of the position is wrong (line {part.header_line})"
         level: Level | None = "impossible" if is_back else None
-        return stated(title, law, text, level, cause=cause, file=name, line=part.header_line)
-    return not_made(title, law, "a ramp or an approach with a declared direction")
-
-
-def shape_of_oscillation(name: str, blocks: Sequence[Part]) -> Check:
-    """Look for a stage that stands still at the ends of its oscillation."""
-    law = "a stage that follows a sine turns at its ends, and does not stand there"
-    found = []
-    for part in (p for p in blocks if p.function == OSCILLATION):
-        x = part.position[np.isfinite(part.position)]
-        half = 0.5 * float(np.ptp(x)) if x.size else 0.0
-        band = max(_EXTREME * half, 1.5 * float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0)
-        if band < 0.5 * half:
-            share = max(float(np.mean(x > x.max() - band)), float(np.mean(x < x.min() + band)))
-            found.append((share / (np.arccos(1 - band / half) / pi), share, part))
-    if not found:
-        return not_made(titles.SHAPE, law, "an oscillation that the position resolves")
-    ratio, share, part = max(found, key=lambda each: each[0])
-    text = f"{name}, block {part.number + 1}: {100 * share:.0f} % of the readings lie at one end, "
-    text += f"{in_words(ratio, 2)} times a sine's"
-    cause = (
-        "the stage stopped before the end of its way: a limit of travel, force or speed, or another wave than the "
-        f"sine that is declared (line {part.line})"
-    )
-    return stated(
-        titles.SHAPE, law, text, "doubtful" if ratio > _AT_REST else None, cause=cause, file=name, line=part.line
-    )
-
-
-def axes_of_commands(name: str, blocks: Sequence[Part]) -> Check:
-    law = "what a command moves and listens to is what the columns hold"
-    for part in blocks:
-        for key, column in (("Stage Axis", "Position (z)"), ("Load Cell Axis", "Fz")):
-            said = part.text(key)
-            if said and not said.strip().lower().rstrip(")").endswith("z"):
-                text = f"{name}, block {part.number + 1}: {key.lower()} {said}, read is the column {column}"
-                cause = f"the command used another axis, or its header was edited (line {part.line})"
-                return stated(titles.AXES, law, text, "doubtful", cause=cause, file=name, line=part.line)
-    return stated(titles.AXES, law, f"{name}: commands and columns have one axis", None, file=name)
-
-
-def resolution_of_position(name: str, blocks: Sequence[Part]) -> Check:
-    law = "a position resolves the motion that it measures"
-    coarse = (0.0, blocks[0])
-    for part in (p for p in blocks if p.function in (OSCILLATION, RELAXATION)):
-        x = part.position[np.isfinite(part.position)]
-        step = float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0
-        # a steady ramp goes in equal steps too, but not from a multiple of them
-        if step > 0.0 and np.mean(np.abs(x / step - np.round(x / step)) < _ROUNDED) > _ALL:
-            coarse = max(coarse, (step / float(np.ptp(x)), part), key=lambda each: each[0])
-    step, part = coarse
-    text = f"{name}, block {part.number + 1}: the steps of the position are {in_words(100 * step, 2)} % of the motion"
-    level: Level | None = "doubtful" if step > _COARSE else None
-    cause = "the file was written, or saved again by a spreadsheet, with too few decimals"
-    return stated(titles.RESOLVED, law, text, level, cause=cause, file=name, line=part.header_line)
+        return stated(title, text, level, cause=cause, file=name, line=part.header_line)
+    return not_made(title, "a ramp or an approach with a declared direction")

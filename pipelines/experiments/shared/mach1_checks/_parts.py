@@ -4,7 +4,7 @@ import json
 import re
 from dataclasses import dataclass
 from datetime import datetime
-from math import nan, pi
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -75,31 +75,16 @@ def parts(readings: xr.Dataset) -> list[Part]:
     return found
 
 
-def trace(name: str, part: Part, after: Part | None) -> mach1_traces.Trace:
-    """Return the columns of a block, from when on its stage holds or only oscillates, and the pause after it."""
+def trace(name: str, part: Part) -> mach1_traces.Trace:
+    """Return the columns of a block, and from when on its stage holds or only oscillates."""
     rests = -np.inf if part.function == OSCILLATION else np.inf
     if part.function == RELAXATION:
         first = part.segment == part.segment[0]
         lasted = travel_and_speed(part)[2]
         rests = float(part.time[first][-1]) - lasted + SETTLED if lasted > SETTLED else np.inf
-    x, f = part.position, part.force
     criterion = part.declared("Contact Criteria")[0] if part.function == FIND_CONTACT else nan
-    lasts = float(part.time[-1] - part.time[0])
-    pause = nan if after is None else between(part, after) - lasts
-    return mach1_traces.Trace(
-        name,
-        part.number,
-        part.header_line + 1,
-        part.time,
-        x,
-        f,
-        part.segment,
-        rests,
-        criterion,
-        _fastest(part),
-        pause,
-        part.outliers,
-    )
+    line, columns = part.header_line + 1, (part.time, part.force, part.segment)
+    return mach1_traces.Trace(name, part.number, line, *columns, rests, criterion, part.outliers)
 
 
 def between(part: Part, after: Part) -> float:
@@ -108,14 +93,6 @@ def between(part: Part, after: Part) -> float:
     if not (began and next_began):
         return nan
     return (datetime.fromisoformat(next_began) - datetime.fromisoformat(began)).total_seconds()
-
-
-def _fastest(part: Part) -> float:
-    """Return the speed to which the command of a block leads at most [m/s]; NaN where it says none."""
-    if part.function == OSCILLATION:
-        return 2 * pi * part.declared("Frequency")[0] * abs(part.declared("Amplitude")[0])
-    key = "Velocity" if part.function == RELAXATION else "Stage Velocity"
-    return abs(part.declared(key)[0]) if part.function in (RELAXATION, FIND_CONTACT) else nan
 
 
 def moved_by(part: Part, values: Floats) -> float:
@@ -201,8 +178,3 @@ def response_of(part: Part) -> tuple[float, float, float]:
 def line_of(part: Part, key: str) -> int:
     lines = part.header["info_lines"]
     return part.line + 1 + next((i for i, text in enumerate(lines) if text.startswith(key)), 0)
-
-
-def hold_parts(readings: xr.Dataset) -> list[Part]:
-    """Return the blocks with a ramp and a hold."""
-    return [part for part in parts(readings) if part.function == RELAXATION]

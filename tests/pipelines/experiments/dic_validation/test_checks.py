@@ -8,8 +8,7 @@ import xarray as xr
 from labpipe import contact, materials
 from labpipe.variables import variable
 from labpipe.workflow.context import Context, Failed
-from pipelines.experiments.dic_validation import _view_checks, checks, measured
-from pipelines.experiments.dic_validation._jumps import left_out
+from pipelines.experiments.dic_validation import checks, measured
 from pipelines.experiments.dic_validation.comparison import comparison
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.judgements import believed
@@ -98,15 +97,6 @@ def test_a_clean_film_is_believed_and_agrees(fallen, laser, seed):
     assert result.attrs["model"] == "agrees"
 
 
-@pytest.mark.parametrize(("factor", "said"), [(36.0, "36 times too large"), (1 / 36.0, "too small by a factor of 36")])
-def test_the_scale_of_the_other_view_names_the_record(fallen, laser, factor, said):
-    found, _ = judged(recorded(fallen, 1, scale=factor), laser)
-    told = finding(found, "free-fall acceleration")
-    assert told.level == "impossible"
-    assert (told.file, "of another view" in told.cause) == (SETTINGS.camera, True)
-    assert said in told.cause
-
-
 @pytest.mark.parametrize("has_laser", [True, False])
 def test_a_film_that_is_upside_down_is_named(fallen, laser, has_laser):
     found, _ = judged(recorded(fallen, 1, scale=-1.0), laser if has_laser else None)
@@ -114,24 +104,6 @@ def test_a_film_that_is_upside_down_is_named(fallen, laser, has_laser):
     assert (told.level, told.file) == ("impossible", SETTINGS.film)
     assert "upside down" in told.cause
     assert {f.cause for f in found.findings} == {told.cause}
-
-
-@pytest.mark.parametrize("factor", [10.0, 0.5])
-def test_a_wrong_frame_rate_is_named(fallen, laser, factor):
-    found, _ = judged(recorded(fallen, 1, rate=factor * RATE), laser)
-    told = finding(found, "free-fall acceleration")
-    assert told.level == "impossible"
-    assert f"frame rate is {factor:g} times the true one" in told.cause
-    assert told.file == SETTINGS.film
-
-
-def test_a_drop_from_another_height_is_named(laser):
-    low = contact.drop(materials.load("ptfe"), 9.525e-3, 0.505, 1.5e-3, 0.13, times=np.arange(0.0, 0.13, 2.5e-4))
-    found, _ = judged(recorded(low, 1), laser)
-    told = finding(found, "height of the fall")
-    assert told.level == "impossible"
-    assert "another one" in told.cause
-    assert not any(c.level and c.name == "free-fall acceleration" for c in found.checks)
 
 
 def test_a_film_of_another_polymer_differs_from_the_laser(laser):
@@ -174,42 +146,9 @@ def test_bursts_count_where_the_holder_moves(motion, laser, lost, level):
     assert (told.level, "recorded in bursts" in told.cause) == (level, True)
 
 
-@pytest.mark.parametrize(("at", "count"), [(200, 1), (212, 3), (300, 2)])
-def test_lost_frames_that_were_numbered_on_are_counted_in_a_flight(motion, laser, at, count):
-    """The laser's record, in which nothing is lost, has no such place; g is not blamed on the frame rate."""
-    y = motion["displacement"].values
-    assert left_out(motion["time"].values, y) == []
-    lost = motion.isel(time=slice(None, -count)).copy(deep=True)
-    lost["displacement"].values[:] = np.delete(y, range(at, at + count))
-    assert left_out(lost["time"].values, lost["displacement"].values) == [(at - 1, count)]
-    found = judged(lost, laser)[0]
-    told = finding(found, "level between frames")
-    assert (told.level, f"as far as in {count + 1}" in told.message) == ("doubtful", True)
-    assert not any("frame rate" in f.cause for f in found.findings)
-
-
 def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
     told = finding(judged(motion, laser, share=0.7)[0], "holder is found")
     assert (told.level, told.setting) == ("doubtful", "tracking.body")
-
-
-def test_what_stands_before_the_holder_is_noted_with_the_remedy(motion, laser):
-    track = tracked()
-    assert not checks.seen_whole(track, SETTINGS).level
-    codes = np.where(np.arange(track.sizes["frame"]) < 7, 9, 0)[:, None]
-    track["status"] = (("frame", "point"), codes, {"flag_values": [0, 9], "flag_meanings": "ok occluded"})
-    found = checks.seen_whole(track, SETTINGS)
-    assert found.level == "note"
-    assert "in 7 frames something hides a part of the holder" in found.message
-    assert found.setting == "tracking.obstructions"
-
-
-def test_an_obstruction_that_covers_what_moves_is_noted(motion, laser):
-    track = tracked()
-    track.attrs["hides_nothing"] = "[0, 2]"
-    found = checks.seen_whole(track, SETTINGS)
-    assert (found.level, found.setting) == ("note", "tracking.obstructions")
-    assert "in tracking.obstructions[0] and [2] the pattern moves" in found.message
 
 
 def test_a_camera_that_is_knocked_is_doubtful(motion, laser):
@@ -261,19 +200,12 @@ def test_dark_and_saturated_frames_are_named(motion, laser):
         ("direction", 0.09, "direction of the motion", "note", "turned about its axis"),
         ("direction", 1.5, "direction of the motion", "doubtful", "turned when it was exported"),
         ("tilt", 0.1, "tilt of the camera", "note", "state camera_distance"),
-        ("growth", 0.5, "one scale along the motion", "note", "comes closer or goes away"),
     ],
 )
 def test_a_camera_at_an_angle_is_told_where_it_matters(motion, laser, name, value, check, level, cause):
     motion[name].values[...] = value
     told = finding(judged(motion, laser)[0], check)
     assert (told.level, cause in told.cause) == (level, True)
-
-
-def test_a_small_angle_is_no_finding(motion, laser):
-    for name, value in (("direction", 0.03), ("tilt", 0.04), ("growth", 0.1)):
-        motion[name].values[...] = value
-    assert not judged(motion, laser)[0].findings
 
 
 def test_frames_without_the_holder_are_noted(motion, laser):
@@ -311,26 +243,3 @@ def test_what_a_step_failed_over_is_told_by_its_reason_not_by_its_words(reason, 
     found = believed(checks.judgement(None, None, None, None, None, settings=drawn, context=context))
     (told,) = (one for one in found.checks if one.level and one.name == "step track")
     assert (told.setting, told.cause.startswith(cause)) == (setting, True)
-
-
-def _moves(of_time):
-    time = np.arange(0.0, 0.1, 1e-4)
-    noise = np.random.default_rng(3).normal(0.0, 2e-8, time.size)
-    moved = {"displacement": of_time(time) + noise, "u_displacement": np.full(time.size, 5e-7), "time": time}
-    return xr.Dataset({name: ("frame", values) for name, values in moved.items()})
-
-
-@pytest.mark.parametrize(
-    ("of_time", "words"),
-    [
-        (lambda t: 2e-5 * np.sin(600 * np.pi * np.maximum(t - 0.01, 0.0)), "at about 300 Hz: it vibrates"),
-        (lambda t: -1.5e-5 * (1.0 - np.cos(20 * np.pi * t)), "which a free fall does in 2.5 ms: it is driven"),
-        (lambda t: -0.5 * 9.81 * np.maximum(t - 0.05, 0.0) ** 2, ""),
-        (lambda t: 0.0 * t, "hangs still throughout"),
-    ],
-    ids=["a plate", "a punch", "a fall", "nothing"],
-)
-def test_what_was_not_dropped_is_said_to_vibrate_or_to_be_driven(of_time, words):
-    said = _view_checks.no_fall(_moves(of_time), 9.81)
-    assert words in said
-    assert bool(said) == bool(words)

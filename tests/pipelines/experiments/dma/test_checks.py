@@ -9,8 +9,6 @@ import pytest
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.dma import checks, measured, model
-from pipelines.experiments.dma._checked_sweeps import Export, isothermal_sweeps, trusted_rows
-from pipelines.experiments.dma._specimen_checks import slipped_specimen
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.judgements import believed
 from pipelines.process import process
@@ -84,29 +82,6 @@ def test_exchanged_columns_are_named_from_the_loss_factor_and_from_causality(acr
     assert "exchanged" in alone.causes[0]
 
 
-def test_megapascals_as_pascals_are_named_by_the_stress(acrylic):
-    for column in ("storage_modulus", "loss_modulus"):
-        acrylic[column].values[:] *= 1e-6
-    found = judged([acrylic])
-    assert finding(found, "stress over strain").level == "impossible"
-    assert "MPa stand as Pa" in finding(found, "stress over strain").cause
-    plain = judged([acrylic.drop_vars(["stress", "strain"])])
-    assert plain.believable == "doubtful"
-    assert "MPa stand as Pa" in plain.causes[0]
-
-
-@pytest.mark.parametrize("column", ["storage_modulus", "loss_modulus"])
-@pytest.mark.parametrize("point", [0, 4, 8])
-def test_one_value_a_thousand_times_too_large_is_found_with_its_row(acrylic, column, point):
-    row = 9 + point
-    acrylic[column].values[row] *= 1e3
-    found = finding(judged([acrylic]), "single values")
-    assert found.level == "impossible"
-    assert f"interval 2, point {point + 1}" in found.cause
-    assert "1000" in found.cause
-    assert "factor" in finding(judged([acrylic]), "loss factor").cause
-
-
 def fitted(data, name):
     settings = settings_for(name)
     with warnings.catch_warnings():
@@ -133,66 +108,6 @@ def test_shifts_that_rise_with_temperature_are_impossible(exports):
     assert finding(judged([data], "ptfe", curve), "order of the shifts").level == "impossible"
 
 
-@pytest.mark.parametrize(("unit", "level"), [("K", "impossible"), ("°F", "doubtful")])
-def test_another_unit_of_temperature_is_named(acrylic, unit, level):
-    T = acrylic["temperature"].values
-    T[:] = T + 273.15 if unit == "K" else T * 1.8 + 32
-    found = finding(judged([acrylic]), "temperatures")
-    assert found.level == level
-    assert f"temperatures are in {unit}" in found.cause
-
-
-def test_a_constant_temperature_is_impossible(acrylic):
-    acrylic["temperature"].values[:] = 20.0
-    found = finding(judged([acrylic]), "temperature is measured")
-    assert found.level == "impossible"
-    assert "constant" in found.cause
-
-
-def test_hertz_under_radians_per_second_are_seen_by_the_time_of_a_reading(acrylic):
-    for column in ("frequency", "angular_frequency"):
-        acrylic[column].values[:] /= 2 * np.pi
-    found = finding(judged([acrylic]), "frequency")
-    assert found.level == "doubtful"
-    assert "Hz under rad/s" in found.cause
-
-
-def test_radians_per_second_under_hertz_are_seen_by_set_frequencies(acrylic):
-    for column in ("frequency", "angular_frequency"):
-        acrylic[column].values[:] *= 2 * np.pi
-    acrylic.attrs["derived"] = "angular_frequency"
-    assert "rad/s under Hz" in finding(judged([acrylic]), "frequency").cause
-
-
-def test_the_same_values_under_two_names_are_a_copy(acrylic):
-    found = finding(judged([acrylic, acrylic.copy(deep=True)]), "same values twice")
-    assert found.level == "doubtful"
-    assert (found.file, "copy" in found.cause) == ("dma/1.csv", True)
-
-
-def test_a_second_file_of_another_polymer_is_impossible_and_a_repeat_is_not(exports, tmp_path):
-    found = judged([exports["ptfe"], exports["peek"]], "ptfe")
-    assert "another material" in finding(found, "files of one specimen").cause
-    far = judged([exports["peek"], exports["nbr"]], "peek")
-    assert finding(far, "files of one specimen").level == "impossible"
-    assert judged([exports["ptfe"], written(tmp_path, "ptfe", 8)], "ptfe").believable == "yes"
-
-
-@pytest.mark.parametrize(("nu", "level"), [(0.049, "doubtful"), (0.3, None), (0.5, None)])
-def test_an_implausible_poisson_ratio_is_doubtful(acrylic, nu, level):
-    found = judged([acrylic], nu=Quantity(nu, 0.0, "1"))
-    levels = {c.name: c.level for c in found.checks if c.level}
-    assert levels.get("Poisson's ratio") == level
-    assert ("0.49" in " ".join(found.causes)) == (level is not None)
-
-
-@pytest.mark.parametrize(("name", "mode"), [("acrylic", "tension"), ("nbr", "torsion")])
-def test_torsion_for_tension_names_the_mode(exports, name, mode):
-    found = finding(judged([exports[name]], name, mode=mode), "mode of loading")
-    assert found.level == "doubtful"
-    assert (found.setting, f"not {mode}" in found.cause) == ("mode", True)
-
-
 def test_a_session_says_its_verdict_and_its_page_opens_with_it(tmp_path):
     export = write_dma(tmp_path, "ptfe", SOLIDS["ptfe"], SMALL, 3)
     text = session_head("one material") + dma_section("ptfe", export, SOLIDS["ptfe"])
@@ -207,40 +122,3 @@ def test_a_session_says_its_verdict_and_its_page_opens_with_it(tmp_path):
     page = (tmp_path / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert page.index("Verdict") < page.index("Summary")
     assert "Doubtful: nu = 0.046" in page
-
-
-def sweeps_of(folder, name, modulus):
-    """A table of eight sweeps of a complex modulus at reduced angular frequencies."""
-    frequency, rng = np.logspace(-1, 2, 16), np.random.default_rng(0)
-    lines = ["f,E',E'',T", "Hz,Pa,Pa,C"]
-    for T in np.arange(-20.0, 51.0, 10.0):
-        a = -7 * (T - 25) / (140 + T - 25)
-        found = modulus(2 * np.pi * frequency * 10**a) * (1 + 0.005 * rng.standard_normal(frequency.size))
-        lines += [f"{f:.6g},{E.real:.6g},{E.imag:.6g},{T}" for f, E in zip(frequency, found, strict=True)]
-    (folder / name).write_text("\n".join(lines) + "\n", "utf-8")
-    settings = Dma(kind="dma", rheometer=[name], mode="tension", nu=Quantity(0.45, 0.0, "1"))
-    data = measured.readings(folder / name, settings=settings)
-    export = Export(name, data, trusted_rows(data))
-    return export, list(isothermal_sweeps(export, settings))
-
-
-def fractions(relaxed, *elements):
-    def modulus(omega):
-        return relaxed + sum(E * (1 + (1j * omega * tau) ** -b) ** -1 for E, tau, b in elements)
-
-    return modulus
-
-
-@pytest.mark.parametrize(
-    "modulus",
-    [
-        fractions(0.0, (4e5, 1e-2, 0.95)),
-        fractions(6e6, (1.5e9, 1e-4, 0.5)),
-        fractions(5e6, (1e9, 3e-6, 0.6), (8e6, 1e-1, 0.7)),
-    ],
-    ids=["melt", "one loss peak", "two loss peaks"],
-)
-def test_no_specimen_is_said_to_slip_where_the_loss_factor_turns(tmp_path, modulus):
-    export, sweeps = sweeps_of(tmp_path, "turning.csv", modulus)
-    assert slipped_specimen(export, sweeps).level is None
-    assert sweeps[0].place == "turning.csv, sweep at -20.0 °C, interval 1"

@@ -63,23 +63,17 @@ def test_the_true_table_is_found_to_agree_whatever_its_reference(tmp_path, sweep
     assert "a paper" in said
 
 
-def test_a_wrong_step_is_named(tmp_path, sweeps, curve):
+def test_a_table_with_a_wrong_step_contradicts_the_readings(tmp_path, sweeps, curve):
     wrong = TRUTH.log10_aT + np.array([0.8, 0.8, 0.0, 0.0, 0.0])
     found = compared(tmp_path, sweeps, curve, wrong)
-    change = found.step_fitted - found.step_published
-    assert int(np.argmax(np.abs(change.values))) == 1
-    assert float(change[1]) == pytest.approx(-0.8, abs=0.1)
-    said = " ".join(_published_section.reasons(found, curve))
-    assert "20 °C to 40 °C" in said
-    assert "contradicts the published steps" in said
+    assert "contradicts the published steps" in " ".join(_published_section.reasons(found, curve))
     assert found.attrs["residual_loss"] > 0.04
-    assert [block.summary for block in _published_section.blocks(found, curve)[1:2]] == ["Where and why they differ"]
+    assert [block.summary for block in _published_section.blocks(found, curve)[1:2]] == ["Differences by temperature"]
 
 
 def test_temperatures_outside_the_table_are_left_out(tmp_path, sweeps, curve):
     found = compared(tmp_path, sweeps, curve, TRUTH.log10_aT[1:4], temperature=(20.0, 40.0, 60.0))
     assert np.isnan(found.difference.values).tolist() == [True, False, False, False, True]
-    assert found.sizes["step"] == 2
 
 
 @pytest.mark.parametrize("temperature", [(200.0, 300.0), (40.0,)])

@@ -21,7 +21,7 @@ from pipelines.experiments.shared.film_frames import (
     key_frames,
     not_smoothed,
     open_film,
-    spoiled,
+    repeated,
     whole_film,
 )
 from pipelines.experiments.shared.judgements import failed_steps
@@ -114,7 +114,7 @@ def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so():
     context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
     whole = whole_film(context, "film/f.avi")
     assert (whole.level, whole.message) == ("note", "film/f.avi: 9 frames are declared, 4 can be read")
-    failed = stated("step bounces", "", "no bounce found", "impossible", cause="the film shows no drop")
+    failed = stated("step bounces", "no bounce found", "impossible", cause="the film shows no drop")
     assert explained(failed, whole).cause.startswith("the film was not copied whole")
     assert explained(failed, whole_film(replace(context, warnings=()), "film/f.avi")).cause == "the film shows no drop"
 
@@ -138,20 +138,8 @@ def test_lines_along_the_image_are_no_exchanged_header(tmp_path):
     assert open_film(_film(tmp_path / "a.cine", stripes)).shape == (3, 40, 200)
 
 
-def test_missing_pixels_are_found_and_dark_ones_are_none(tmp_path):
-    images = np.concatenate([_smooth(), _smooth()])
-    images[:, :, 150:] = 0  # clipped in every frame
-    images[4, 10:13] = 0
-    film = instruments.read(_film(tmp_path / "a.cine", images))
-    blank, twice = spoiled(film, np.ones(6, bool))
-    assert blank.keys() == {4}
-    assert blank[4] >= 3 * 200
-    assert twice == []
-    assert spoiled(film, np.zeros(6, bool)) == ({}, [])
-
-
 def test_frames_that_come_twice_are_found(tmp_path):
     images = np.concatenate([_smooth(), _smooth()])
     images += np.random.default_rng(3).integers(0, 4, images.shape).astype(images.dtype)
     images[[2, 5]] = images[[1, 4]]
-    assert spoiled(instruments.read(_film(tmp_path / "a.cine", images)), np.ones(6, bool)) == ({}, [2, 5])
+    assert repeated(instruments.read(_film(tmp_path / "a.cine", images)), np.ones(6, bool)) == [2, 5]

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from labpipe.frames import as_frames
-from pipelines.experiments.shared.film_light import LIGHT, exposed, light_of, lit, not_written
+from pipelines.experiments.shared.film_light import LIGHT, exposed, light_of, lit
 
 COUNT, SHAPE = 60, (64, 96)
 
@@ -89,13 +89,3 @@ def test_a_camera_of_fewer_bits_than_its_file_is_not_over_exposed() -> None:
     images = np.clip(np.rint(4 * film()), 0, 1023).astype(np.uint16)
     assert judged(images << 6).level is None
     assert judged(np.minimum(images, 720) << 6).level == "note"
-
-
-@pytest.mark.parametrize("rows", [0, 8])
-def test_a_caption_over_the_images_is_named(rows: int) -> None:
-    images = digitised(film())
-    images[:, :rows, ::3], images[:, :rows, 1::3] = 250, 0
-    light = xr.Dataset(attrs={LIGHT: light_of(as_frames(images), ())})
-    found = not_written(light, "a.cine")
-    assert (found.level, "caption" in found.cause) == (("note", True) if rows else (None, False))
-    assert not_written(xr.Dataset(), "a.cine").needs

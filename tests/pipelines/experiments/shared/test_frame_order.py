@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipelines.experiments.shared.frame_order import exchanged, lost
+from pipelines.experiments.shared.frame_order import exchanged
 
 RATE, NOISE = 4000.0, 2e-7
 
@@ -58,18 +58,3 @@ def test_a_contact_that_a_frame_hides_is_not_exchanged_with_its_neighbour() -> N
     assert exchanged(hidden, 10.0, missed=hidden == 0.0) is None
     area[[24, 40]] = area[[40, 24]]
     assert exchanged(area, 10.0, missed=area == 0.0) == (24, 40)
-
-
-@pytest.mark.parametrize("frames", [15, 30, 50])
-def test_frames_that_were_lost_at_the_top_of_a_smooth_course_are_told(frames: int) -> None:
-    random = np.random.default_rng(frames)
-    area = np.sin(np.pi * np.linspace(0.02, 0.99, frames) ** 1.1)  # a contact opens more slowly than it closes
-    area += random.normal(0.0, 1e-3, frames)
-    assert lost(area, 1e-3) is None
-    gone = max(4, frames // 8)
-    top = int(np.argmax(area))
-    for first in (top - gone, top - gone // 2, top):
-        before = lost(np.delete(area, np.arange(first, first + gone)), 1e-3)
-        assert before is not None
-        assert abs(before + 1 - first) <= 2
-    assert lost(area[:9]) is None

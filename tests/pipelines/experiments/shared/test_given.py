@@ -43,7 +43,7 @@ def test_answers_of_several_functions_stand_in_one_list() -> None:
 def test_sections_of_a_page_name_what_the_page_is_given(name: str) -> None:
     report = function(next(stage.function for stage in KINDS[name].stages if stage.output == "page"))
     known = {"settings", "context", "given", *report.inputs}
-    asked = [*report.sections, *filter(None, (report.rows, report.notices))]
+    asked = [*report.sections, *filter(None, (report.rows,))]
     assert [each for each in asked if not set(inspect.signature(each).parameters) <= known] == []
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 from instruments import keyence, mach1
 from pipelines.experiments.shared import mach1_checks, mach1_readings
 from pipelines.experiments.shared.laser_readings import OUTLIER, without_outliers
-from pipelines.experiments.shared.trace_checks import Trace, checks_of
+from pipelines.experiments.shared.record_checks import Trace, of_readings
 
 START = datetime(2024, 5, 14)
 
@@ -36,7 +36,7 @@ def laser(heights: np.ndarray) -> xr.Dataset:
 def spikes(readings: xr.Dataset) -> tuple[str | None, str]:
     trace = Trace.of("drop.csv", readings, "out1")
     assert trace is not None
-    found = next(c for c in checks_of(trace, 9.81) if c.name == "jumps and spikes")
+    found = next(c for c in of_readings(trace, 9.81) if c.name == "jumps and spikes")
     return found.level, found.message + (found.cause or "")
 
 

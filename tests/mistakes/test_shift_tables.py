@@ -1,42 +1,20 @@
-"""Mistakes of a laboratory with a rheometer are noticed and named; a foreign shift table too."""
+"""A table of shifts of another material is named."""
 
-import shutil
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from labpipe import files
 from pipelines.rig.solids import SOLIDS
 from pipelines.session import Verdict
-from tests.mistakes.dma_rows import FIRST, ROWS, TOML, write
-from tests.mistakes.rows import Mistake, hold, judged
+from tests.mistakes.dma_rows import FIRST, TOML, write
+from tests.mistakes.rows import judged
 
 
 @pytest.fixture(scope="module")
-def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The clean session, read."""
-    folder = write(tmp_path_factory.mktemp("clean"))
-    judged(folder, "readings")
-    return folder
-
-
-def test_clean_session_is_believed(clean: Path) -> None:
-    found = judged(clean, "readings")
-    assert (found.believable, found.findings) == ("yes", ())
-    assert 6 < found.checks <= 12
-
-
-@pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
-def test_mistake_is_noticed_and_named(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
-    hold(clean, tmp_path / "session", mistake, "readings")
-
-
-@pytest.fixture(scope="module")
-def attached(clean: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Verdict]:
+def attached(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Verdict]:
     """Judge the clean session with the shifts of a solid attached as a published table."""
-    folder = tmp_path_factory.mktemp("attached") / "session"
-    shutil.copytree(clean, folder)
+    folder = write(tmp_path_factory.mktemp("attached"))
     given = (folder / TOML).read_text("utf-8")
 
     def judge(material: str, name: str) -> Verdict:

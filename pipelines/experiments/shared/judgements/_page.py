@@ -1,13 +1,15 @@
-"""The verdict in words: the sentence that a page begins with, and what it rests on."""
+"""The verdict in words: the opening of a page, and the contents of a stored judgement."""
 
 import json
+import re
 from collections.abc import Iterable, Sequence
 from math import floor, log10
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import DIFFERS, LIKELY, Finding, Judgement, in_words
+from labpipe.judging import DIFFERS, LIKELY, Finding, Judgement, from_json, in_words
 from labpipe.report import (
     Block,
     Column,
@@ -20,17 +22,73 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.session import FILE_NAME
-from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.judgements._judgement import MATTERS
-from pipelines.experiments.shared.judgements._stored import believed, counted_as_exact, suspected
-from pipelines.experiments.shared.judgements._words import (
-    TIED,
-    capitalised,
-    chance,
-    counted_from_one,
-    of_error,
-    with_minus,
-)
+from pipelines.experiments.shared.comparison_rows import Row, told_freedom
+
+MATTERS = 0.2
+"""Relative error of an input that a comparison must be able to show before it can agree."""
+TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
+_NEGATIVE = re.compile(r"(?:(?<=^)|(?<=[ (\N{NO-BREAK SPACE}]))-(?=\d+(?:\.\d+)?(?:[ ,;:)\N{NO-BREAK SPACE}]|$))")
+_LEAST_P = 1e-4  # smaller probabilities say no more
+
+
+def probability(p: float) -> str:
+    """Write a probability; one too small to tell from none is never written as 0.
+
+    Examples
+    --------
+    >>> probability(0.82), probability(1e-120)
+    ('0.82', '< 0.0001')
+    """
+    return f"{p:.2g}" if p >= _LEAST_P else f"< {_LEAST_P:g}"
+
+
+def chance(p: float) -> str:
+    """Say how likely what was found is: "p = 0.82", "p < 0.0001"."""
+    return f"p = {probability(p)}" if p >= _LEAST_P else f"p {probability(p)}"
+
+
+def capitalised(text: str) -> str:
+    """Begin a sentence; files and settings keep their spelling.
+
+    Examples
+    --------
+    >>> capitalised("the radius is wrong"), capitalised("sphere.radius is wrong")
+    ('The radius is wrong', 'sphere.radius is wrong')
+    """
+    first = text.partition(" ")[0].rstrip(".,:;")
+    return text if any(c in first for c in "/._") else text[:1].upper() + text[1:]
+
+
+def with_minus(text: str) -> str:
+    """Write the signs of negative numbers as minus signs; hyphens within words, files and quotes stay.
+
+    Examples
+    --------
+    >>> with_minus('from -40.0 to -0.5 °C in drop-1.csv, 2024-05-14, where "-3" stands')
+    'from −40.0 to −0.5 °C in drop-1.csv, 2024-05-14, where "-3" stands'
+    """
+    return _NEGATIVE.sub("\N{MINUS SIGN}", text)
+
+
+def counted_from_one(setting: str) -> str:
+    """Write the name of a setting as people count.
+
+    Examples
+    --------
+    >>> counted_from_one("drops[0].height"), counted_from_one("sphere.mass")
+    ('height of drops no. 1', 'sphere.mass')
+    """
+    listed = re.fullmatch(r"(\w+)\[(\d+)\](?:\.(.+))?", setting)
+    if listed is None:
+        return setting
+    item = f"{listed[1]} no. {int(listed[2]) + 1}"
+    return f"{listed[3]} of {item}" if listed[3] else item
+
+
+def of_error(unit: str) -> str:
+    """Return the unit of an error of what is stated in a unit: a difference of temperatures is one in kelvin."""
+    return "K" if unit == "degC" else unit
+
 
 VERDICT = "verdict"
 """Anchor of the sentence on a page that tells its verdict."""
@@ -102,10 +160,6 @@ def _undecided(result: xr.Dataset) -> str:
     if (p := float(result["p"])) < LIKELY:
         return f"so large differences are unlikely by chance ({chance(p)}), but no proof of another model"
     return f"no error of {100 * MATTERS:.0f}{TIED}% in any input would have shown"
-
-
-def _many(found: Sequence[object], noun: str) -> str:
-    return f"{len(found)} {noun}{'s' * (len(found) != 1)}"
 
 
 def _largest(count: int) -> str:
@@ -238,3 +292,40 @@ def _evaluated(judged: Judgement) -> Table:
             seen = check.message or f"requires {check.needs}"
             rows.append((capitalised(row.title), check.name, answer, with_minus(margin), with_minus(seen)))
     return Table(tuple(Column(name) for name in ("check", "quantity", "result", "margin", "observation")), rows)
+
+
+def believed(result: xr.Dataset) -> Judgement:
+    """Return the checks and the verdict of a stored judgement."""
+    return from_json(result.attrs["judgement"])
+
+
+def suspected(result: xr.Dataset) -> list[str]:
+    """Return what would explain a model that differs or cannot be held against the record, the likeliest first."""
+    return list(json.loads(result.attrs.get("suspects", "[]")))
+
+
+def counted_as_exact(result: xr.Dataset) -> list[str]:
+    """Return the names of the values that were stated without an uncertainty."""
+    return list(json.loads(result.attrs.get("exact", "[]")))
+
+
+def compared(result: xr.Dataset) -> dict[str, Any]:
+    """Return what the comparison of one experiment came to, for JSON."""
+    units = json.loads(result.attrs["units"])
+    errors = result["detectable_error"].values
+    names = [str(name) for name in result["input"].values]
+    return {
+        "model": str(result.attrs["model"]),
+        "chi2": _finite(result["chi_square"]),
+        "degrees_of_freedom": told_freedom(float(result["degrees_of_freedom"])),
+        "p": _finite(result["p"]),
+        "suspects": suspected(result),
+        "detectable": {
+            name: {"value": float(error) if np.isfinite(error) else None, "unit": of_error(unit)}
+            for name, error, unit in zip(names, errors, units, strict=True)
+        },
+    }
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(float(value)) else None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipelines.experiments.shared.trace_checks import Trace, held_readings
+from pipelines.experiments.shared.record_checks import Trace, held_readings
 
 
 def _record(noise: float, step: float, seed: int) -> Trace:

@@ -1,24 +1,28 @@
-"""Checks and comparison, made one verdict."""
+"""The stage of a judgement: checks and comparison of an experiment, made one verdict."""
 
 import json
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.judging import Agreement, Judgement, agreement, detectable, judge, model_verdict, to_json
+from labpipe.report import quantity
+from labpipe.units import Quantity
 from labpipe.variables import variable
+from labpipe.workflow.context import Context
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.judgements._exact import undecided_by
-from pipelines.experiments.shared.judgements._scene import Scene
+from pipelines.experiments.shared.exact_values import exact_values, usual_uncertainty
+from pipelines.experiments.shared.given import Given
+from pipelines.experiments.shared.judgements._page import MATTERS, of_error
+from pipelines.experiments.shared.judgements._scene import Basis, Scene, Titles, entitled, laws
 from pipelines.experiments.shared.judgements._suspects import explanations
-from pipelines.experiments.shared.judgements._titles import Titles, entitled, laws
 from pipelines.experiments.shared.material_choice import is_of_spectrum
 
-MATTERS = 0.2
-"""Relative error of an input that a comparison must be able to show before it can agree."""
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows: slopes are no better."""
 
@@ -63,7 +67,7 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
         made.attrs["model"], is_held = "undecided", False
     exact = ""
     if made.attrs["model"] == "differs" and own is not None:
-        exact = undecided_by(names, scene.inputs, own, [row.difference or 0.0 for row in rows], covariance)
+        exact = _undecided_by(names, scene.inputs, own, [row.difference or 0.0 for row in rows], covariance)
     if exact:
         made.attrs["model"], is_held = "undecided", False
     doubted = _doubted(judged, {*named, *scene.inputs}) if made.attrs["model"] == "agrees" else ""
@@ -130,3 +134,96 @@ def _dataset(
             "model": model_verdict(found, could_notice),
         },
     )
+
+
+def _undecided_by(
+    names: Sequence[str],
+    inputs: Mapping[str, Quantity],
+    slopes: Floats,
+    differences: Sequence[float],
+    covariance: Floats,
+) -> str:
+    """Say which values need an uncertainty, where usual ones would explain why a model differs.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Inputs (m) that could have been stated wrongly.
+    inputs : mapping of str to Quantity
+    slopes : array (n, m)
+        Derivatives of the differences, SI.
+    differences : sequence of float
+        Measured minus model (n).
+    covariance : array (n, n)
+
+    Returns
+    -------
+    str
+        Empty where the model differs in spite of usual uncertainties.
+    """
+    usual = {
+        i: usual_uncertainty(given)
+        for i, name in enumerate(names)
+        if not (given := inputs[name]).u and given.value and not (given.si == "1" and float(given.value).is_integer())
+    }
+
+    def differs(some: Sequence[int]) -> bool:
+        effects = slopes[:, some] * [usual[i] for i in some]
+        found = agreement(differences, covariance + effects @ effects.T)
+        return model_verdict(found, could_notice=True) == "differs"
+
+    if not usual or differs(list(usual)):
+        return ""
+    alone = [i for i in usual if not differs([i])]
+    listed = alone or [i for i in usual if np.any(slopes[:, i])]
+    shown = ", ".join(f"{names[i]} (± {quantity(usual[i], of_error(inputs[names[i]].si), 1)})" for i in listed)
+    joined = "or" if alone and len(alone) > 1 else "and"
+    words = f" {joined} ".join(names[i] for i in listed)
+    return (
+        f"state ± of {words}: counted as exact here; with half a unit of the last digit, {shown}, the model would not "
+        "differ"
+    )
+
+
+@dataclass(frozen=True)
+class Judging:
+    """The judgement of a kind: called by its stage, it makes one verdict of what the steps gave.
+
+    ``scene``: asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too; ``names``: of the results
+    that the stage is given, in its order; ``rests_on``: fields that name experiments, as the stage lists them; their
+    judgements follow the results; ``expected``: names of what is no expectation where one of these experiments is
+    impossible; ``titles``: of the checks; ``slight``: see :meth:`Basis.of`.
+    """
+
+    scene: Callable[..., Scene]
+    names: tuple[str, ...]
+    rests_on: tuple[str, ...]
+    expected: tuple[str, ...]
+    titles: Titles
+    slight: Mapping[str, str]
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of what the stage is given, in its order; of a judgement, that of the field."""
+        return (*self.names, *self.rests_on)
+
+    def __call__(self, *results: Any, settings: Any, context: Context) -> xr.Dataset:
+        """Judge an experiment."""
+        known = dict(zip(self.inputs, results, strict=False))
+        named = {field: known.pop(field, None) for field in self.rests_on}
+        basis = Basis.of(settings, named, **self.slight)
+        if not basis.is_sound:
+            known |= dict.fromkeys(self.expected)
+        made = judgement(Given(**known, settings=settings, context=context, basis=basis).ask(self.scene), self.titles)
+        return made.assign_attrs(exact=json.dumps(exact_values(settings)))
+
+
+def judging(
+    *names: str,
+    rests_on: tuple[str, ...] = (),
+    expected: tuple[str, ...] = ("model", "comparison"),
+    titles: Titles = MappingProxyType({}),
+    **slight: str,
+) -> Callable[[Callable[..., Scene]], Judging]:
+    """Make the stage of a function that returns the scene of an experiment, see :class:`Judging`."""
+    return lambda scene: Judging(scene, names, rests_on, expected, titles, slight)

@@ -1,0 +1,340 @@
+"""Redundancies of a falling and bouncing body, whichever sensor recorded it.
+
+The curvature of every flight is g, the fall is the stated one, no bounce is higher than the one before, and by Hertz a
+contact lasts as long as the stated sphere makes it. A factor in time or length moves these by different powers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import exp, floor, hypot, inf, isfinite, log, log10, nan, pi, sqrt
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy import special
+
+from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, in_words, not_made, stated
+from labpipe.report import quantity, value_with_uncertainty
+from labpipe.units import Quantity
+from pipelines.experiments.shared.exact_values import usual_uncertainty
+
+G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
+BACKWARDS = "every bounce gives back more than it took: the record runs backwards in time"
+BY_NAME, MEASURED = 0.25, 0.1
+"""Standard uncertainty of the logarithm of a contact's duration, for a solid that is known by its name and for one
+whose modulus was measured: t goes with E*^-0.4, so that factors of two and of 1.3 in its modulus are one of them."""
+_GUIDE = 5e-3  # largest share of g that the friction of a guide or the drag of the air takes from a fall
+_CLOCK = 1e-4  # relative uncertainty of a sampling interval as manufacturers state it
+_SWING = 0.07
+"""Largest share of the first impact's speed that a plate, still vibrating, adds to a later bounce: it takes (1 + e) m/M
+of the speed and returns at most twice its own, 0.07 for a plate 55 times as heavy as the falling body."""
+_STAYS = 0.02  # of the fall, by which a vibrating plate may be elsewhere when it is hit again
+_ROUGH = 3e-3  # of the fall, by which a body that trembles after an impact may leave its arc
+_HERTZ = 2.868
+_TYPED, _DECIMALS_SEEN = 2.0, 0.2
+"""Standard uncertainties by which a typing error may be missed, and the uncertainty beyond which one in a decimal can
+no longer be distinguished."""
+_LIGHTEST, _RIDER = 800.0, 1e4  # kg/m³ of the lightest solid polymer; times such a sphere's weight that may rest on it
+_POLYMERS = (1e6, 1.2e10)  # Pa, contact moduli of polymers, from soft rubber to hard thermoset
+_BY_HAND, _OF_BODY = 0.2, {"restitution": 0.05}
+"""Relative difference of two repeats that were released by hand, and of properties of the body."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fall:
+    """One record of a drop as it was measured.
+
+    ``name`` is its file, for messages; ``bounces`` as :func:`labpipe.signals.bounces` returns them; ``relative`` the
+    relative standard uncertainty of its scale of length.
+    """
+
+    name: str
+    bounces: xr.Dataset
+    relative: float
+
+    def values(self, name: str) -> Any:
+        """Return a quantity as its plain array: a DataArray takes longer to make than most checks to compute."""
+        return self.bounces.variables[name].values
+
+    def value(self, name: str, impact: int = 0) -> tuple[float, float]:
+        """Return a quantity, of one impact where it has several, with the standard uncertainty of the record alone."""
+        values, u = (np.atleast_1d(self.values(of)) for of in (name, f"u_{name}"))
+        return float(values[impact]), float(u[impact])
+
+
+def shown(value: float, u: float, unit: str) -> str:
+    """Write a value with its uncertainty."""
+    return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
+
+
+def matched(value: float, u: float, unit: str) -> str:
+    """Write a value with the digits of another one whose standard uncertainty is u, to compare both.
+
+    Examples
+    --------
+    >>> matched(9.81, 5e-4, "m/s2")
+    '9.8100 m/s²'
+    """
+    if not (value and isfinite(value) and isfinite(u) and u > 0.0):
+        return quantity(value, unit)
+    return quantity(value, unit, max(2, floor(log10(abs(value))) - floor(log10(u)) + 1))
+
+
+def acceleration(fall: Fall, gravity: Quantity) -> Check:
+    """Compare the curvature of all flights with g."""
+    if "fall_acceleration" not in fall.bounces:
+        return not_made(G, "flights between bounces")
+    seen, own = fall.value("fall_acceleration")
+    u, ratio = hypot(own, abs(seen) * hypot(fall.relative, 2 * _CLOCK)), seen / gravity.value
+    against = f", {in_words(ratio)} times" if abs(ratio - 1) > 0.05 else " for"
+    text = f"{fall.name}: g comes out as {shown(seen, u, 'm/s2')}{against} {gravity.value:.4g} m/s²"
+    return compared(G, text, seen, u, *gravity[:2], allowance=_GUIDE * gravity.value, file=fall.name)
+
+
+def height(fall: Fall, given: Quantity) -> Check:
+    """Compare the measured fall with the stated height."""
+    seen, own = fall.value("drop_height")
+    u, u_given = hypot(own, seen * fall.relative), given.u or usual_uncertainty(given)
+    assumed = "" if given.u else f", without ±: {quantity(u_given, 'm', 1)} is assumed"
+    text = f"{fall.name}: the body fell {shown(seen, u, 'm')}, stated are {shown(*given)}{assumed}"
+    return compared(HEIGHT, text, seen, u, given.value, u_given, setting="height", recording=fall.name)
+
+
+def direction(fall: Fall, cause: str, *, file: str = "", setting: str = "") -> Check:
+    """Compare the direction in which a displacement counts with that of the fall."""
+    name = "direction of the fall"
+    if int(fall.bounces.attrs["direction"]) == 1:
+        return stated(name, f"{fall.name}: the body falls downwards", None, file=fall.name)
+    text = f"{fall.name}: the body falls upwards and is thrown down by the impacts"
+    return stated(name, text, "impossible", cause=cause, file=file, setting=setting)
+
+
+def smooth_flights(fall: Fall) -> Check:
+    """Compare the residual of the flights about the first impact with the noise before the release."""
+    name, fell = "smoothness of the flights", fall.value("drop_height")[0]
+    ratio = float(fall.values("chi_square")[0]) if "chi_square" in fall.bounces else nan
+    if not (isfinite(ratio) and isfinite(fell)):
+        return not_made(name, "flights before and after an impact")
+    noise = float(fall.bounces.attrs["noise"])
+    left = noise * sqrt(max(ratio - 1.0, 0.0))
+    text = f"{fall.name}: flights leave their arcs by {quantity(left, 'm')}, the noise is {quantity(noise, 'm')}"
+    is_rough = left > max(_ROUGH * fell, 5 * noise)
+    cause = (
+        "the sensor or its clamp shakes, the body or its holder rattles, swings or turns, or a filter of the sensor "
+    )
+    cause += "bends the flights"
+    return stated(name, text, "doubtful" if is_rough else None, cause=cause, file=fall.name)
+
+
+def flight_durations(fall: Fall, gravity: Quantity) -> Check:
+    """Compare the duration of every flight with 2 v/g."""
+    name = "durations of the flights"
+    touch, leave, out, into = (
+        fall.values(of) for of in ("touch_time", "liftoff_time", "outgoing_speed", "incoming_speed")
+    )
+    u_touch, u_leave, u_out, u_into = (
+        fall.values(f"u_{of}") for of in ("touch_time", "liftoff_time", "outgoing_speed", "incoming_speed")
+    )
+    if touch.size < 3:
+        return not_made(name, "three bounces")
+    own = float(fall.values("fall_acceleration"))
+    lasts, said = touch[1:] - leave[:-1], (out[:-1] + into[1:]) / (own if own > 0 else gravity.value)
+    u = np.hypot(np.hypot(u_touch[1:], u_leave[:-1]), np.hypot(u_out[:-1], u_into[1:]) / abs(own))
+    margin = np.divide(np.abs(lasts - said), u, out=np.zeros_like(u), where=np.isfinite(lasts - said) & (u > 0))
+    worst = int(np.argmax(margin))
+    seen, expected = float(lasts[worst]), float(said[worst])
+    text = f"{fall.name}: the flight from {quantity(float(leave[worst]), 's')} lasts {quantity(seen, 's')}, "
+    text += f"its speeds give {quantity(expected, 's')}"
+    missing = quantity(abs(expected - seen), "s", 2)
+    cause = f"{missing} of this flight are missing, as where rows or frames are lost and those after them counted on"
+    if seen > expected:
+        cause = f"this flight holds {missing} too much, as where rows or frames are doubled, or the body was held in it"
+    u_seen = float(u[worst])
+    found = compared(name, text, seen, u_seen, expected, 0.0, allowance=0.01 * seen, factor=False, file=fall.name)
+    return replace(found, cause=cause)
+
+
+def restitution(fall: Fall) -> Check:
+    """Compare every bounce with 0 < e < 1; after the first, a vibrating plate may return some speed."""
+    name, values, u = "coefficients of restitution", fall.values("restitution"), fall.values("u_restitution")
+    into = fall.values("incoming_speed")
+    returned = np.nan_to_num(_SWING * into[0] / np.where(into > 0, into, np.inf)) * (np.arange(into.size) > 0)
+    held = np.where(values > 1.0, np.maximum(values - returned, np.minimum(values, 1.0)), values)
+    known = np.isfinite(values) & np.isfinite(u) & (u > 0)
+    if not known.any():
+        return not_made(name, "a bounce")
+    beyond = np.where(known, (np.abs(held - 0.5) - 0.5) / np.where(u > 0, u, 1.0), -np.inf)
+    worst = int(np.argmax(beyond))
+    text = f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} at impact {worst + 1}"
+    found = bounded(name, text, float(held[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
+    if beyond.size > 1 and np.all(beyond > DOUBTFUL):
+        return replace(found, cause=BACKWARDS)
+    if worst == 0 or (beyond[:worst] > DOUBTFUL).any():
+        return found
+    cause = (
+        f"until impact {worst} the body bounces, then something else moves it: it was touched or lifted, or another "
+    )
+    return replace(found, cause=f"{cause}drop follows in the record")
+
+
+def touch_levels(fall: Fall) -> Check:
+    """Compare the displacement at every touch with that at the first."""
+    name, level, u = "levels of the touches", fall.values("touch_level"), fall.values("u_touch_level")
+    if level.size < 2:
+        return not_made(name, "two bounces")
+    apart = np.abs(level - level[0])
+    worst = int(np.nanargmax(apart))
+    allowed = _STAYS * abs(fall.value("drop_height")[0]) + 4 * np.hypot(u, u[0])
+    text = f"{fall.name}: touch {worst + 1} is {quantity(float(level[worst] - level[0]), 'm')} from the first one; "
+    text += f"up to {quantity(float(allowed[worst]), 'm')} is allowed"
+    beyond = np.flatnonzero(apart > allowed)
+    if not beyond.size:
+        return stated(name, text, None, file=fall.name)
+    at = quantity(float(fall.values("touch_time")[beyond[0]]), "s")
+    cause = f"the bench sank, or the sensor, its clamp or the plate was knocked or crept, before {at}"
+    return stated(name, text, "doubtful", cause=cause, file=fall.name)
+
+
+def rest_level(fall: Fall, sag: float) -> Check:
+    """Compare the level at rest with that of the first touch, less the static approach ``sag`` [m]."""
+    name, (rest, u_rest), (touch, u_touch) = "level at rest", fall.value("rest_level"), fall.value("contact_level")
+    if not isfinite(rest):
+        return not_made(name, "a record that lasts until rest")
+    gap, u, deepest = rest - touch, hypot(u_rest, u_touch), float(np.nanmax(fall.values("penetration")))
+    text = f"{fall.name}: rest is {shown(gap, u, 'm')} from first touch"
+    return compared(name, text, gap, u, -sag, sag, allowance=max(deepest, 3 * sag), factor=False, file=fall.name)
+
+
+def repeats_agree(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, str]], cause: str) -> list[Check]:
+    """Compare the repeats of one drop; ``cause`` says what a repeat that differs probably is.
+
+    A quantity is a variable, its title and unit; of variables over impacts the first one counts. Of several repeats
+    their scatter is known, and the one that differs most is named; of two only a difference counts that no release by
+    hand makes.
+    """
+    found = []
+    for variable, title, unit in quantities:
+        name = f"repeats: {title}"
+        if len(falls) < 2:
+            found.append(not_made(name, "two repeats"))
+            continue
+        values, u = np.array([fall.value(variable) for fall in falls]).T
+        if len(falls) == 2:
+            worst, centre, u_centre, least = 1, values[0], u[0], float(np.abs(values).min())
+            scale, allowance = u, _OF_BODY.get(variable, _BY_HAND) * least
+        else:
+            centre, u_centre = float(np.median(values)), 0.0
+            # robust: one repeat that is another drop must not hide itself in the scatter
+            few = float(special.stdtrit(len(values) - 1, 0.975) / special.ndtri(0.975))
+            scale = np.hypot(u, 1.4826 * float(np.median(np.abs(values - centre))) * few)
+            worst, allowance = int(np.argmax(np.abs(values - centre) / scale)), 0.02 * abs(centre)
+        seen, file = float(values[worst]), falls[worst].name
+        others = matched(float(np.median(np.delete(values, worst))), float(u[worst]), unit)
+        text = f"{file}: {shown(seen, float(u[worst]), unit)}, the other repeats {others}"
+        u_seen = float(scale[worst])
+        check = compared(
+            name, text, seen, u_seen, float(centre), float(u_centre), allowance=allowance, factor=False, file=file
+        )
+        check = replace(check, cause=cause)
+        if len(falls) == 2 and check.level:
+            check = _of_pair(check, seen, float(centre))
+        found.append(check)
+    return found
+
+
+def _of_pair(check: Check, second: float, first: float) -> Check:
+    """Say which mistake makes two repeats differ, of which nobody knows the right one."""
+    if check.level == "impossible" and abs(second - first) < _BY_HAND * min(abs(first), abs(second)):
+        check = replace(check, level="doubtful")  # two drops do not show how much a body scatters
+    decades = abs(log10(second / first)) if first * second > 0 else 0.0
+    if decades > 0.5 and abs(decades - round(decades)) < 0.02:
+        factor = in_words(10.0 ** round(decades))
+        cause = f"lengths of the two differ by a factor {factor}: the unit or decimal point of one is wrong"
+        return replace(check, cause=cause)
+    return replace(check, cause="one of the two is of another drop or another body")
+
+
+@dataclass(frozen=True, slots=True)
+class Stiffness:
+    """Contact modulus E* [Pa] of a body at a contact, and the standard uncertainty of the logarithm of its duration."""
+
+    modulus: float
+    u_duration: float
+
+    @classmethod
+    def of_model(cls, model: xr.Dataset, radius: float, mass: float, *, is_measured: bool) -> "Stiffness":
+        """By Hertz from the first contact of a simulation, for the sphere that was simulated."""
+        duration, v = float(model["contact_duration"][0]), float(model["impact_speed"][0])
+        modulus = sqrt((_HERTZ / duration) ** 5 * mass**2 / (radius * v))
+        return cls(modulus, MEASURED if is_measured else BY_NAME)
+
+
+def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffness | None, gravity: Quantity) -> Check:
+    """Compare the first contact's duration with that of Hertz for the stated sphere.
+
+    t = 2.868 (m^2 / (R E*^2 v))^(1/5), Johnson, Contact Mechanics (1985), eq. (11.24).
+    """
+    seen, own = fall.value("contact_duration")
+    # with the scale of length that makes the fall one of g: that scale has its own check
+    v = fall.value("incoming_speed")[0] * gravity.value / float(fall.values("fall_acceleration"))
+    if stiffness is None or not (isfinite(seen) and v > 0 and seen > 0):
+        return not_made(DURATION, "a first contact, and a material")
+    expected = float(_HERTZ * (mass**2 / (radius * stiffness.modulus**2 * v)) ** 0.2)
+    text = f"{fall.name}: the first contact lasts {shown(seen, own, 's')}, about {quantity(expected, 's')} is expected "
+    text += "for the stated sphere and material"
+    gap, u = log(seen / expected), hypot(own / seen, stiffness.u_duration)
+    level: Level | None = None
+    if abs(gap) > DOUBTFUL * u:
+        level = "impossible" if abs(gap) > max(IMPOSSIBLE * u, log(3.0)) else "doubtful"
+    cause, setting = of_body(gap, u, radius, mass, stiffness.modulus) if level else ("", "")
+    if level and not cause and gap > 0:
+        cause = "the moving mass is larger, or the material softer, than stated; or the controller averages or filters "
+        cause += "the readings over such a time, which smears an impact"
+    file = "" if setting else fall.name
+    return Check(DURATION, text, level, gap / u, gap, u, cause=cause, file=file, setting=setting, recording=fall.name)
+
+
+def of_body(gap: float, u: float, radius: float, mass: float, modulus: float = nan) -> tuple[str, str]:
+    """Say which mistake about the body explains a contact that is too short or too long, and its setting.
+
+    By Hertz t goes with m^0.4 R^-0.2 E*^-0.4: a typing error of a unit or a decimal in one of the two, else another
+    material, or the mass that explains it, where the stiffness is known well enough. ``gap`` is the logarithm of the
+    observed over the expected duration. With the modulus E* [Pa] of the stated material another polymer that would
+    explain it is named before a typing error.
+    """
+    given = (("sphere.mass", "the moving mass", mass, "kg", 0.4), ("sphere.radius", "the radius", radius, "m", -0.2))
+    typed = [
+        (abs(gap - power * log(k)), abs(log(k)), f"{what} is probably {quantity(value * k, si)}", setting)
+        for setting, what, value, si, power in given
+        for k in (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3, *((25.4, 1 / 25.4) if si == "m" else ()))
+        if (_is_body(radius * k, mass) if si == "m" else _is_body(radius, mass * k))
+    ]
+    # of two that explain it equally the smaller one is likelier
+    off, _, said, setting = min(typed, key=lambda one: (round(one[0], 2), one[1]), default=(inf, inf, "", ""))
+    stiffer = f"the sphere's material is about {in_words(exp(-2.5 * gap), 2)} times as stiff as stated"
+    if off > _TYPED * min(u, _DECIMALS_SEEN):
+        if u > _DECIMALS_SEEN:
+            return "", ""
+        said = f"the moving mass is probably about {quantity(mass * exp(2.5 * gap), 'kg')}, not {quantity(mass, 'kg')}"
+        return f"{stiffer}, of another material then; or {said} (sphere.mass in session.toml)", "sphere"
+    value = quantity(mass, "kg") if setting == "sphere.mass" else quantity(radius, "m")
+    said = f"{said}, not {value} ({setting} in session.toml)"
+    if _POLYMERS[0] < modulus * exp(-2.5 * gap) < _POLYMERS[1]:
+        return f"{stiffer}, of another material then; or {said}", setting
+    return f"{said}; or {stiffer}", setting
+
+
+def body_stated(radius: float, mass: float) -> Check:
+    """Compare a stated mass with the least weight of a sphere of that radius, and the largest load that it carries."""
+    name, least = "mass of the falling body", _LIGHTEST * 4 / 3 * pi * radius**3
+    text = f"{quantity(mass, 'kg')} with a sphere that weighs at least {quantity(least, 'kg')}"
+    if _is_body(radius, mass):
+        return stated(name, text, None, setting="sphere.mass")
+    cause = "sphere.mass or sphere.radius is in another unit than was typed"
+    cause += ", or a diameter was typed" if mass < least else ", or has lost its decimal point"
+    return stated(name, text, "impossible" if mass < least else "doubtful", cause=cause, setting="sphere.mass")
+
+
+def _is_body(radius: float, mass: float) -> bool:
+    """Whether a sphere of a solid may be part of what falls, and not a vanishing one."""
+    return 1.0 <= mass / (_LIGHTEST * 4 / 3 * pi * radius**3) <= _RIDER

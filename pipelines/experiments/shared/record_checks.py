@@ -1,0 +1,477 @@
+"""Properties of a record of displacement: continuity, range, noise, identity of its file, and its calibration.
+
+A body has inertia: between two readings it moves no further than its speed allows, it does not stand still in
+mid-flight, and noise never repeats itself. A reading that breaks this comes from the sensor, the cable or the file.
+"""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, pairwise
+from math import erf, inf, log, pi, sqrt
+
+import numpy as np
+import xarray as xr
+
+from labpipe.arrays import Floats
+from labpipe.errors import IN_MOTION, MARKER
+from labpipe.judging import Check, Level, in_words, not_made, stated
+from labpipe.report import quantity
+from labpipe.signals import Hum, quantisation_step
+from pipelines.experiments.shared.judgements import Title, Titles, day_known
+
+_FLAT = 6  # equal readings in a row that a moving body does not give
+_IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
+_QUIET = 200  # readings at the beginning that should be at rest
+_LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is a note, doubtful, impossible
+_CHANCE = 1e-9  # probability of a run of equal readings that is reported
+_BLOCK, _LONG, _WHOLE = 48, 200, 0.8
+"""Readings that do not repeat by chance; stretches of them in a row that two records share by copying alone; share of a
+record from which on it is a copy."""
+_WINDOW = 24  # readings in which a lost or doubled one is looked for
+_BEFORE = 2e-3  # s before a release that was found, while which something may move already
+
+SWING, SMOOTHED, SINGLE_ROWS = "vibration before the release", "noise of neighbouring readings", "lost or doubled rows"
+_WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
+_HELD = (
+    "the sensor was out of its range (clipped) or held its last value: the impact is not measured there; "
+    "move the sensor or choose a larger range"
+)
+_OUT_OF_RANGE = (
+    "the sensor was out of its range, and the controller wrote that in place of a reading: the impact "
+    "is not measured there; move the sensor or choose a larger range"
+)
+CAUSES = {
+    MARKER: _OUT_OF_RANGE,
+    IN_MOTION: "the readings do not begin at rest: the record begins in mid-motion, its rows are in reverse order, the "
+    "sensor drifts or hums, or the wrong channel was recorded",
+}
+"""Probable mistake by the reason of the error that a step ends in."""
+
+OF_LASER: Titles = {
+    "continuity of the readings": Title(
+        "A recording holds every reading once, in order and within the range of the sensor.",
+        (
+            "readings out of range", "clipped or held readings", "jumps and spikes", "rows that come twice",
+            "beginning of the record", "end of the record", "readings", SINGLE_ROWS,
+        ),
+    ),
+    "noise": Title(
+        "Noise is white, constant, without mains frequency, and not coarser than the display's resolution.",
+        ("mains hum", SMOOTHED, SWING, "resolution of the readings", "change of the noise"),
+    ),
+    "files": Title("No two recordings contain the same noise.", ("readings of another record",)),
+}  # fmt: skip
+"""Checks of the readings of a displacement sensor."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The readings of one record.
+
+    ``name`` is its file, for messages; ``time`` [s] and ``reading`` [m] (time,) are NaN where there is no valid
+    reading; ``header`` is the text above the readings in the file; ``outliers`` holds first and last index and the
+    largest deviation [m] of each run of readings that was left out.
+    """
+
+    name: str
+    time: Floats
+    reading: Floats
+    header: str = ""
+    outliers: tuple[tuple[int, int, float], ...] = ()
+
+    @classmethod
+    def of(cls, name: str, readings: xr.Dataset, output: str) -> "Trace | None":
+        """Take one output; None where it is not there or no length."""
+        if output not in readings or readings[output].attrs.get("units") != "m":
+            return None
+        x = np.array(readings[output].values, float)
+        state = output.replace("out", "status")
+        if state in readings:
+            x[readings[state].values != 0] = np.nan
+        left_out = json.loads(readings.attrs.get("outliers", "{}")).get(output, [])
+        runs = tuple((int(first), int(last), float(by)) for first, last, by in left_out)
+        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")), runs)
+
+    @cached_property
+    def travel(self) -> float:
+        """Range of the readings without their extremes [m]."""
+        low, high = np.nanquantile(self.reading, [0.005, 0.995])
+        return float(high - low)
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of a reading, from second differences [m]."""
+        bend = np.diff(self.reading, 2)
+        bend = bend[np.isfinite(bend)]
+        return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6.0)) if bend.size else 0.0
+
+    @cached_property
+    def resolution(self) -> float:
+        """Smallest difference between two readings [m]."""
+        x = self.reading[np.isfinite(self.reading)]
+        return float(quantisation_step(x)) if x.size and np.ptp(x) > 0.0 else 0.0
+
+    def at(self, index: int) -> str:
+        """Write the time of a reading."""
+        return quantity(float(self.time[index]), "s")
+
+    def rest(self, results: Sequence[xr.Dataset]) -> slice:
+        """Return the readings before a release that was found, else the first ones."""
+        found = [float(one["release_time"]) for one in results if "release_time" in one]
+        end = int(np.searchsorted(self.time, found[-1] - _BEFORE)) if found and np.isfinite(found[-1]) else 0
+        return slice(0, max(end, _QUIET))
+
+    def seen(self, name: str, text: str, level: Level | None = None, cause: str = "") -> Check:
+        """Return a check of this record."""
+        return stated(name, f"{self.name}: {text}", level, file=self.name, cause=cause)
+
+
+def of_readings(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> list[Check]:
+    """Evaluate continuity and noise of a record; ``found_in`` are its displacement and its bounces, where known."""
+    if np.isfinite(trace.reading).sum() < 10 * _FLAT:
+        return [not_made("readings", "sixty valid readings")]
+    results = [one for one in found_in if one is not None]
+    rest = trace.rest(results)
+    held = held_readings(trace)
+    found = [unread(trace), held, repeated_rows(trace), resolution(trace), _steady_noise(trace), _smoothed(trace, rest)]
+    if held.level is None:
+        found += [_jumps(trace), _single_rows(trace)]
+    if not results:
+        found.append(not_made("mains hum", "a displacement"))
+    line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
+    if line is not None:
+        return [*found, _hum(trace, line)]
+    shaken = _swing(trace, rest)
+    return [*found, shaken] if shaken.level else [*found, shaken, _beginning(trace, gravity)]
+
+
+def unread(trace: Trace) -> Check:
+    """Look for readings that the sensor gave as invalid."""
+    lost = ~np.isfinite(trace.reading)
+    for first, last, _ in trace.outliers:
+        lost[first : last + 1] = False
+    longest, start = _longest_run(lost)
+    name = "readings out of range"
+    if not longest:
+        return trace.seen(name, "every reading is valid")
+    text = f"{int(lost.sum())} readings are out of range or invalid, {longest} of them in a row from {trace.at(start)}"
+    return trace.seen(name, text, "doubtful" if longest >= _FLAT else "note", _OUT_OF_RANGE)
+
+
+def held_readings(trace: Trace) -> Check:
+    """Look for a body that stays on one reading while it should move."""
+    name, x, step = "clipped or held readings", trace.reading, trace.resolution
+    moves = np.abs(np.diff(x))
+    usual = float(np.nanquantile(moves, 0.98))
+    longest, start = _longest_run(np.nan_to_num(moves, nan=np.inf) <= 0.5 * step)
+    around = np.abs(x[max(start - 4, 0) : start + longest + 5] - x[start])
+    away = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
+    is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + _IN_NOISE * trace.noise)
+    # noise does not stay on one reading, least of all on the last one that there is
+    is_end = longest > 0 and abs(x[start] - min((np.nanmin(x), np.nanmax(x)), key=lambda v: abs(x[start] - v))) < step
+    is_cut = is_end and trace.noise > step and longest > longest_by_chance(trace.noise, step, x.size)
+    is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
+    if longest < _FLAT or not (is_moving or is_cut or is_constant):
+        return trace.seen(name, "no clipped or held readings")
+    until = "until the end" if is_tail else "in the middle of motion"
+    cause = _WRONG_CHANNEL if is_constant else _HELD
+    if is_tail and not is_constant and x[start] == 0.0:
+        cause = "the end of the file is filled with zeros: the recording or its copy broke off there"
+    text = f"{longest + 1} equal readings in a row from {trace.at(start)}, {until} (clipped or held)"
+    return trace.seen(name, text, "impossible", cause)
+
+
+def longest_by_chance(noise: float, step: float, count: int) -> float:
+    """Return how many of `count` readings stay on one step by chance; infinite where noise does not reach the step.
+
+    Of white noise a reading lies on one step with erf(step/(2 sqrt(2) noise)) at most.
+    """
+    stays = erf(step / (sqrt(8.0) * noise)) if noise > 0.0 else 1.0
+    return log(_CHANCE / count) / log(stays) if 0.0 < stays < 1.0 else inf
+
+
+def _longest_run(flags: np.ndarray) -> tuple[int, int]:
+    """Return length and start of the longest run of true values."""
+    if not flags.any():
+        return 0, 0
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    starts, ends = edges[::2], edges[1::2]
+    best = int(np.argmax(ends - starts))
+    return int(ends[best] - starts[best]), int(starts[best])
+
+
+def _jumps(trace: Trace) -> Check:
+    """Look for steps between two readings that no speed of the body explains."""
+    name, known = "jumps and spikes", np.flatnonzero(np.isfinite(trace.reading))
+    x = trace.reading[known]
+    steps = np.diff(x)
+    # of three steps in a row the middle one: a spike makes two of them, against each other
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(steps, 3), axis=1)
+    usual = float(np.quantile(np.abs(middle), 0.995))
+    limit = max(3.0 * usual, 0.02 * trace.travel) + _IN_NOISE * trace.noise + 2 * trace.resolution
+    large = np.flatnonzero((np.abs(steps) > limit) & (np.diff(known) == 1))
+    if large.size:
+        worst = max(large.tolist(), key=lambda i: abs(float(steps[i])))
+        text = f"the readings jump by {quantity(float(steps[worst]), 'm')} at {trace.at(int(known[worst + 1]))}, "
+        text += f"{quantity(usual, 'm')} between two readings is usual"
+        cause = "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
+        cause += "sensor was moved"
+        for first, after in pairwise(large.tolist()):
+            if abs(float(x[after + 1] - x[first])) < 0.5 * abs(float(steps[first])):
+                run = f"readings {known[first + 1] + 1}-{known[after] + 1}"
+                text += f"; {run} leave the record and return to it"
+                cause = f"{run} are a disturbance of the sensor, too long to be left out"
+                break
+        return trace.seen(name, text, "impossible", cause)
+    if not trace.outliers:
+        return trace.seen(name, "no jump and no spike")
+    first, _, size = max(trace.outliers, key=lambda run: run[2])
+    numbers = ", ".join(f"{a + 1}" if a == b else f"{a + 1}-{b + 1}" for a, b, _ in trace.outliers[:5])
+    text = (
+        f"{len(trace.outliers)} spikes left out (readings {numbers}{', …' * (len(trace.outliers) > 5)}), the largest "
+    )
+    text += f"of {quantity(size, 'm')} at {trace.at(first)}"
+    count = sum(end - begin + 1 for begin, end, _ in trace.outliers)
+    level: Level = "doubtful" if count > 0.01 * trace.reading.size else "note"
+    return trace.seen(name, text, level, "a disturbance of the sensor, such as a flash of light or a speck of dust")
+
+
+def _single_rows(trace: Trace) -> Check:
+    """Look for single rows that are lost or doubled: the motion goes on as if it were one reading later or earlier.
+
+    In a window of 24 readings a parabola and a jump in its middle are fitted; a lost row makes a jump of one step
+    between two readings, a doubled row one in the other direction.
+    """
+    if trace.reading.size < 2 * _WINDOW:
+        return not_made(SINGLE_ROWS, f"{2 * _WINDOW} readings")
+    place = np.arange(_WINDOW) - 0.5 * (_WINDOW - 1)
+    design = np.stack([np.ones(_WINDOW), place, place**2, np.sign(place) / 2.0])
+    inverse = np.linalg.pinv(design)
+    windows = np.lib.stride_tricks.sliding_window_view(trace.reading, _WINDOW)
+    fitted = windows @ inverse
+    noise = max(trace.noise, 0.3 * trace.resolution)
+    is_smooth = np.std(windows - fitted @ design, axis=1) < 1.5 * noise
+    step, jump, u = fitted[:, 1], fitted[:, 3], noise * float(np.linalg.norm(inverse[:, 3]))
+    seen = np.flatnonzero(is_smooth & (np.abs(jump) > _IN_NOISE * u) & (np.abs(np.abs(jump / step) - 1.0) < 0.5))
+    runs = np.split(seen, np.flatnonzero(np.diff(seen) > _WINDOW) + 1) if seen.size else []
+    # of neighbouring windows the one with the largest jump
+    found = [int(run[np.argmax(np.abs(jump[run]))]) for run in runs]
+    if not found:
+        return trace.seen(SINGLE_ROWS, "no single row is lost or doubled")
+    lost = sum(bool(jump[i] * step[i] > 0.0) for i in found)
+    text = f"{lost} single rows lost and {len(found) - lost} doubled, the first at {trace.at(found[0] + _WINDOW // 2)}"
+    cause = "rows were lost or doubled when the file was written or copied, and the others numbered anew"
+    return trace.seen(SINGLE_ROWS, text, "doubtful", cause)
+
+
+def _stretches(trace: Trace, step: float, *, from_any_zero: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Return a digest of every stretch of 48 readings, or of the steps between them, that differ, and their places."""
+    count = np.round(np.nan_to_num(trace.reading) / step).astype(np.int64)
+    count = np.diff(count) if from_any_zero else count
+    windows = np.lib.stride_tricks.sliding_window_view(count, _BLOCK)
+    is_lively = np.convolve(np.diff(count) != 0, np.ones(_BLOCK - 1), "valid") >= _BLOCK / 2
+    places = np.flatnonzero(is_lively)
+    weights = np.random.default_rng(0).integers(1, 2**62, _BLOCK)
+    return (windows @ weights)[places], places
+
+
+def repeated_rows(trace: Trace) -> Check:
+    """Look for a stretch of readings that comes twice, digit by digit."""
+    name = "rows that come twice"
+    if trace.reading.size < 3 * _BLOCK or trace.resolution == 0.0:
+        return not_made(name, f"{3 * _BLOCK} readings that differ")
+    keys, places = _stretches(trace, trace.resolution)
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    original = places[first[inverse]]
+    twice = np.flatnonzero(places - original >= _BLOCK)
+    if not twice.size:
+        return trace.seen(name, "no stretch of readings comes twice")
+    second, begin = trace.at(int(places[twice[0]])), trace.at(int(original[twice[0]]))
+    text = f"{twice.size + _BLOCK - 1} readings from {second} come twice, digit by digit those from {begin}"
+    cause = "rows were doubled, or two copies pasted together, when the file was made or edited"
+    return trace.seen(name, text, "impossible", cause)
+
+
+def shared_rows(traces: Sequence[Trace]) -> Check:
+    """Look for a stretch of readings that two records share, digit by digit but for their zero.
+
+    Files with the same bytes are left to the check of the session.
+    """
+    name = "readings of another record"
+    known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
+    if len(known) < 2:
+        return not_made(name, "two records with readings that differ")
+    step = min(t.resolution for t in known)
+    found = [_stretches(t, step, from_any_zero=True)[0] for t in known]
+    for (one, first), (other, later) in combinations(zip(found, known, strict=True), 2):
+        if first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True):
+            continue
+        longest, _ = _longest_run(np.isin(other, one))
+        if longest < _LONG:
+            continue
+        rows = longest + _BLOCK
+        is_copy = rows > _WHOLE * min(first.reading.size, later.reading.size)
+        text = f"{rows} readings in a row are those of {first.name}, digit by digit"
+        cause = "a copy was taken for a repeat" if is_copy else "two recordings were pasted together"
+        return later.seen(name, text, "doubtful" if is_copy else "impossible", cause)
+    return stated(name, f"{len(known)} records share no stretch of readings", None)
+
+
+def resolution(trace: Trace) -> Check:
+    """Compare the display's step with the travel."""
+    name, step, travel = "resolution of the readings", trace.resolution, trace.travel
+    if step == 0.0 or travel == 0.0:
+        return not_made(name, "readings that differ")
+    text = f"a resolution of {quantity(step, 'm')} for a travel of {quantity(travel, 'm')}"
+    level: Level | None = "doubtful" if step > 0.03 * travel else "note" if step > 5e-3 * travel else None
+    cause = "the display shows too few digits: set more decimals in the controller"
+    if travel < _IN_NOISE * trace.noise:
+        cause = f"nothing moves in this record: it ends before the impact or begins after it, or {_WRONG_CHANNEL}"
+    return trace.seen(name, text, level, cause)
+
+
+def _steady_noise(trace: Trace) -> Check:
+    """Compare the noise of five parts of a record."""
+    name, bend = "change of the noise", np.abs(np.diff(trace.reading, 4)) / np.sqrt(70.0)
+    parts = [part[np.isfinite(part)] for part in np.array_split(bend, 5)]
+    if min(part.size for part in parts) < _QUIET:
+        return not_made(name, f"{5 * _QUIET} readings")
+    sizes = np.maximum([1.4826 * float(np.median(part)) for part in parts], 0.3 * trace.resolution)
+    low, high = int(np.argmin(sizes)), int(np.argmax(sizes))
+    text = (
+        f"noise of {quantity(sizes[low], 'm')} in part {low + 1} of 5, {quantity(sizes[high], 'm')} in part {high + 1}"
+    )
+    cause = "light, surface, gain or averaging of the sensor changed while it recorded"
+    return trace.seen(name, text, "note" if sizes[high] > 3.0 * sizes[low] else None, cause)
+
+
+def _smoothed(trace: Trace, rest: slice) -> Check:
+    """Look for neighbouring readings that share their noise, as means over several readings do.
+
+    The mean square of x(t + k) - x(t) is the same for all k in white noise; a moving average of n readings lets it grow
+    in proportion to k up to n, a motion with k squared.
+    """
+    x = trace.reading[rest]
+    x = x[np.isfinite(x)]
+    if x.size < _QUIET:
+        return not_made(SMOOTHED, f"{_QUIET} readings at rest")
+    lags = 2 ** np.arange(int(np.log2(x.size / 3)) + 1)
+    of_display = trace.resolution**2 / 6.0  # added by rounding
+    apart = np.array([float(np.mean((x[k:] - x[:-k]) ** 2)) for k in lags]) - of_display
+    first = int(np.argmax(apart > of_display))
+    grows, lag = np.diff(np.log2(np.maximum(apart[first:], 1e-300))), int(lags[first])
+    is_mean = apart[first] > of_display and first <= 2 and grows.size > 2 and (np.abs(grows[:2] - 1.0) < 0.3).all()
+    text = (
+        f"the mean square difference of readings grows {2 ** grows[0] if grows.size else 1.0:.2g} times from {lag} to "
+    )
+    text += f"{2 * lag} intervals"
+    if not is_mean:
+        return trace.seen(SMOOTHED, text)
+    count = round(lag * float(np.median(apart[-2:]) / apart[first]))
+    cause = f"the controller averages over about {count} readings, or a filter of it was left on: an impact that is "
+    cause += "shorter is smeared; set the average to 1"
+    return trace.seen(SMOOTHED, text, "doubtful", cause)
+
+
+def _hum(trace: Trace, line: Hum) -> Check:
+    """Report the hum of the mains that was subtracted from a record, and its remainder."""
+    left = float(np.sqrt(np.mean(line.remaining(trace.time) ** 2)))
+    multiples = ", ".join(f"{order * line.frequency:.4g} Hz" for order in line.orders)
+    text = f"hum of {quantity(line.amplitude, 'm')} at {multiples}, subtracted to ± {quantity(left, 'm')}, which is in "
+    text += "the uncertainties"
+    level: Level = "note" if left < 0.01 * trace.travel else "doubtful"
+    return trace.seen("mains hum", text, level, "mains hum: ground the sensor, or average over one period")
+
+
+def _swing(trace: Trace, rest: slice) -> Check:
+    """Look for one frequency in a body that should be at rest.
+
+    Of white noise the best of n/2 lines leaves so little by chance with n/2 (left/all)^((n - 4)/2).
+    """
+    known = np.flatnonzero(np.isfinite(trace.reading[rest]))
+    if known.size < _QUIET or trace.travel == 0.0:
+        return not_made(SWING, f"{_QUIET} readings")
+    t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
+    span = float(t[-1])
+    flat = np.vander(t / span, 3)  # a drift, or a fall
+    drift = x - flat @ np.linalg.lstsq(flat, x, rcond=None)[0]
+    power = np.abs(np.fft.rfft(drift, 4 * t.size))
+    power[:8] = 0.0  # fewer than two turns are a drift
+    limit, quiet = float(drift @ drift) * (1e-6 / t.size) ** (2 / (t.size - 4)), "no vibration before the release"
+    # no sine near the strongest line of a spectrum explains twice as much as that line
+    if float(drift @ drift) - 4.0 * float(power.max()) ** 2 / t.size > limit:
+        return trace.seen(SWING, quiet)
+    guess = int(np.argmax(power)) / (4 * span * t.size / (t.size - 1))
+    fits = []
+    for f in np.linspace(guess - 0.5 / span, guess + 0.5 / span, 21).tolist():
+        design = np.column_stack([flat, np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)])
+        fitted = np.linalg.lstsq(design, x, rcond=None)[0]
+        fits.append((float(np.sum((x - design @ fitted) ** 2)), f, float(np.hypot(*fitted[3:]))))
+    left, f, amplitude = min(fits)
+    if not (left < limit and amplitude > max(0.5 * _LIMITS[0] * trace.travel, trace.resolution)):
+        return trace.seen(SWING, quiet)
+    text = f"before the release the readings swing at {f:.3g} Hz by ± {quantity(amplitude, 'm')}"
+    cause = f"the sensor, its clamp, the bench or its support vibrates at {f:.3g} Hz, or was struck; or a lamp or a "
+    cause += "supply disturbs the sensor at that frequency"
+    return trace.seen(SWING, text, "doubtful" if 2 * amplitude > _LIMITS[1] * trace.travel else "note", cause)
+
+
+def _beginning(trace: Trace, gravity: float) -> Check:
+    """Compare the first readings with a body at rest: neither in free fall nor drifting."""
+    name, known = "beginning of the record", np.flatnonzero(np.isfinite(trace.reading))[:_QUIET]
+    t, x = trace.time[known] - trace.time[known[:1]], trace.reading[known]
+    keep = np.abs(x - np.median(x)) <= max(0.25 * trace.travel, 20 * trace.noise)
+    t, x = t[keep], x[keep]
+    if t.size < _QUIET // 2 or t[-1] == 0.0:
+        return not_made(name, f"{_QUIET} quiet readings")
+    span, noise = float(t[-1]), max(trace.noise, 0.3 * trace.resolution, 1e-12)
+    bend, slope = 2 * float(np.polyfit(t, x, 2)[0]), float(np.polyfit(t, x, 1)[0])
+    u_bend, u_slope = noise * sqrt(720.0 / t.size) / span**2, noise * sqrt(12.0 / t.size) / span
+    if 0.4 * gravity < abs(bend) < 2.5 * gravity and abs(bend) > 10 * u_bend:
+        text = f"the first {quantity(span, 's')} are curved by {quantity(abs(bend), 'm/s2')}: a fall"
+        cause = "the record begins in mid-fall: the body was released before the trigger; record from earlier on. Its "
+        return trace.seen(name, text, "impossible", f"{cause}release and height are not measured")
+    drift = abs(slope) * float(trace.time[-1] - trace.time[0])
+    part = drift / trace.travel if trace.travel > 0 else 0.0
+    is_sure = abs(slope) > 10 * u_slope and abs(bend) * span < abs(slope) and drift > 10 * noise
+    if not is_sure or part < _LIMITS[0]:
+        return trace.seen(name, "at rest in the beginning")
+    text = f"the readings drift by {quantity(slope, 'm/s')} before the release, {quantity(drift, 'm')} over the record"
+    level: Level = "impossible" if part > _LIMITS[2] else "doubtful" if part > _LIMITS[1] else "note"
+    return trace.seen(name, text, level, "drift of the sensor or of its holder: let it warm up, or fasten it")
+
+
+def of_record(displacements: Mapping[str, xr.Dataset | None], record: str) -> list[Check]:
+    """Evaluate the calibration record of the sensor that gave the displacements of some recordings."""
+    known = {name: each for name, each in displacements.items() if each is not None}
+    days = [day_known(each, record, name) for name, each in known.items()] or [day_known(None, record)]
+    found = [min(days, key=lambda check: ("doubtful", "note", None).index(check.level))]
+    first = next(iter(known.values()), None)
+    if first is None or "inclination" not in first:
+        return [*found, not_made("line of sight", "a displacement")]
+    angle, u = (float(np.rad2deg(first[name])) for name in ("inclination", "u_inclination"))
+    text = f"{record}: inclination ({angle:.3g} ± {u:.2g})°, lengths are divided by its cosine"
+    cause = f"inclination in {record} is probably not {angle:.3g}°: a lost decimal point, or the angle to the plate"
+    if u > 3.0:  # even an angle estimated by eye is known better
+        cause = f"u of the inclination in {record} is probably not {u:.2g}°: a lost decimal, or another unit"
+    place: Level | None = "doubtful" if angle > 45.0 or u > 3.0 else None
+    found.append(stated("line of sight", text, place, cause=cause, file=record, setting="values.inclination"))
+    if relative := float(first.attrs.get("u_systematic_relative", 0.0)):
+        text = f"{record}: lengths are known by {in_words(100 * relative, 2)} %"
+        cause = f"u of the scale, or of the inclination, in {record} was typed in another unit or with a lost decimal"
+        vague: Level | None = "doubtful" if relative > 0.2 else None
+        found.append(stated("uncertainty of the scale", text, vague, cause=cause, file=record, setting="values.scale"))
+    return found
+
+
+def placed(failed: Check, record: str, recording: str = "") -> Check:
+    """Give a step that failed the line that its message names, of its recording or of its calibration record."""
+    recording = failed.file or recording
+    of_values = rf"{re.escape(record.rpartition('/')[2])}:(\d+): values"
+    for file, place in ((record, of_values), (recording, rf"{re.escape(recording)}:(\d+)")):
+        if file and failed.is_made and (found := re.search(place, failed.message)) is not None:
+            return replace(failed, file=file, line=int(found[1]))
+    return failed
