@@ -101,14 +101,26 @@ def _start_of(match: Match, view: View, x: float, y: float) -> Floats:
 
 
 def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
-    """Fit part of the pixels in two steps, from the first fringe outwards.
+    """Fit part of the pixels, and again with the factor of the gap free where Hertz's leaves too much.
 
-    The first fringe needs less of a start than the finer ones farther out.
+    A body that recedes from a dent opens its gap less.
     """
-    first = fit_contact(frame, start, view.optics, replace(view.settings.quick, fringes=1.0), view.white)
+    found = _fit_outwards(frame, view, start, view.settings.free)
+    if found is None or found.misfit < GOOD_MISFIT or Parameter.SCALE in view.settings.free:
+        return found
+    still = start.copy()
+    still[Parameter.SMEAR] = 0.0
+    opened = _fit_outwards(frame, view, still, (*view.settings.free, Parameter.SCALE))
+    return opened if opened is not None and opened.misfit < GOOD_MISFIT else found
+
+
+def _fit_outwards(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
+    """Fit in two steps, from the first fringe outwards: it needs less of a start than the finer ones farther out."""
+    quick = replace(view.settings.quick, free=free)
+    first = fit_contact(frame, start, view.optics, replace(quick, fringes=1.0), view.white)
     if first is None or first.pixels < 200:
         return None
-    return fit_contact(frame, first.parameters, view.optics, view.settings.quick, view.white)
+    return fit_contact(frame, first.parameters, view.optics, quick, view.white)
 
 
 def search_optics(
