@@ -36,7 +36,7 @@ def test_rows_reach_the_bound_and_beat_the_edge() -> None:
     # Noise that pixels share is no error of the optics; a film of much of it may be refused.
     refused = {"speckle of 15 %", "stray fringes of 20 %"}
     # of those that are determined less well, more (µm)
-    limits = {"radius moves 20 µm in the exposure": 0.1, "blur of 5 px": 0.1, "ellipse, blur, sloping light": 0.06,
+    limits = {"radius moves 20 µm in the exposure": 0.1, "blur of 5 px": 0.2, "ellipse, blur, sloping light": 0.06,
               "ellipse, blur, speckle, light together": 0.06}  # fmt: skip
     for point in disturbed.points:
         if point.setting not in refused:
