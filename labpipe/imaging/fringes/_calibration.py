@@ -123,7 +123,8 @@ def calibrate(
                 better.append((trial, found))
         if not better:
             break
-        best, found = max(better, key=lambda one: one[0].gain_over(best, len(one[1].changes)))
+        before = best
+        best, found = max(better, key=lambda one: one[0].gain_over(before, len(one[1].changes)))
         if Parameter.PHASE in found.changes and (Parameter.PHASE,) not in properties:
             # the other properties would make up for a phase that is not the stated one
             return replace(known, doubted_phase=stated.optics.phase + found.changes[Parameter.PHASE]), best
