@@ -146,7 +146,10 @@ def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
     fine = (
         not has_resolved_fringes(e.half_radius, view.optics, view.settings.least_spacing) for e in result.edges.values()
     )
-    spots, scale = sum(bool(blank.edges) for blank in result.blanks.values()), math.expm1(found.log_scale)
+    spots, scale = (
+        sum(bool(blank.edges) for blank in result.blanks.values()),
+        math.expm1(found.changes.get(Parameter.SCALE, 0.0)),
+    )
     if result.damaged:
         texts.append(f"{len(result.damaged)} damaged frames were left out")
     if options.wavelength is None:
@@ -225,13 +228,13 @@ def _note(options: FilmOptions, result: FilmResult) -> str:
 def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]) -> dict[str, object]:
     """Attributes of the Dataset."""
     sign = [fit.value(Parameter.MODULATION) for fit in result.fits.values()]
-    optics = result.view.optics
+    optics, ratio = result.view.optics, math.exp(result.calibration.changes.get(Parameter.SCALE, 0.0))
     phase = optics.phase - math.pi if sign and float(np.median(sign)) < 0.0 else optics.phase
     return {
         "phase": phase if result.has_fringes else math.nan,
-        "u_phase": result.calibration.u_phase_shift,
-        "phase_scale_ratio": math.exp(result.calibration.log_scale),
-        "u_phase_scale_ratio": math.exp(result.calibration.log_scale) * result.calibration.u_log_scale,
+        "u_phase": result.calibration.u.get(Parameter.PHASE, 0.0),
+        "phase_scale_ratio": ratio,
+        "u_phase_scale_ratio": ratio * result.calibration.u.get(Parameter.SCALE, 0.0),
         "flat_radius": optics.flat * options.pixel_size,
         "blur": optics.blur,
         "least_radius": result.view.least_radius * options.pixel_size,

@@ -11,18 +11,21 @@ from labpipe.frames import FrameSource
 from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading, without_stuck_pixels
 from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
-from labpipe.imaging.fringes._calibration import calibrate
+from labpipe.imaging.fringes._calibration import PROPERTIES, Calibration, calibrate
 from labpipe.imaging.fringes._dark_disc import choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
+from labpipe.imaging.fringes._model_selection import begin_from
 from labpipe.imaging.fringes._motion import allow_for_acceleration, decide_contacts, fit_from_neighbours
 from labpipe.imaging.fringes._optics_state import View
-from labpipe.imaging.fringes._ring_fit import AXES, LIGHT, USUAL, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._ring_fit import ASSUMED, AXES, USUAL, FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._ring_model import make_optics
-from labpipe.imaging.fringes._search import GOOD_MISFIT, is_contact, search_contact
+from labpipe.imaging.fringes._search import GOOD_MISFIT, is_contact, search_contact, search_optics
 
 #: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
 _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
+#: Frames in which other optics than the stated ones are looked for.
+_TRIED = 6
 
 
 def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
@@ -65,22 +68,22 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     phase = math.pi if options.phase is None else options.phase
     optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
     free = (*USUAL, *AXES) if options.shape == "ellipse" else USUAL
-    oblique = (AXES,) if _may_be_oblique(film, options) else ()
     settings = FitSettings(options.fringes, free=free)
     black, white = film.levels
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
         white = math.inf  # numbers that are no counts do not show where they are saturated
-    alternatives = (*oblique, (Parameter.SCALE,), LIGHT)
-    return View(optics, settings, (film.shape[1], film.shape[2]), black, white, alternatives=alternatives)
+    return View(optics, settings, (film.shape[1], film.shape[2]), black, white)
 
 
-def _may_be_oblique(film: FrameSource, options: FilmOptions) -> bool:
-    """Tell whether contacts may be ellipses when the film says so.
+def _open_properties(film: FrameSource, options: FilmOptions) -> tuple[tuple[Parameter, ...], ...]:
+    """Properties of the optics that the film may show to differ from the stated ones.
 
     A strip four times as long as wide shows rings in one direction, where an ellipse cannot be distinguished from
     another scale: it is the scale that is asked for, or a wrong one would be taken for an oblique view.
     """
-    return options.shape == "auto" and 4 * min(film.shape[1:]) >= max(film.shape[1:])
+    is_round = options.shape != "auto" or 4 * min(film.shape[1:]) < max(film.shape[1:])
+    is_left_out = {AXES: is_round, (Parameter.PHASE,): options.phase is not None}
+    return tuple(group for group in PROPERTIES if not is_left_out.get(group, False))
 
 
 def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags) -> Flags:
@@ -90,14 +93,16 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
     if not options.full and wanted.sum() > _SHORT_FILM:
         read, fits = _gate(reader, result, wanted)
     fits = _follow(reader, result, read, fits)
-    if not fits and options.phase is None:
-        fits = _with_other_phase(reader, result, read)
-    is_auto, is_phase_free = _may_be_oblique(reader.film, options), options.phase is None
-    result.calibration = calibrate(reader.whole, fits, result.view, is_phase_free=is_phase_free, is_auto=is_auto)
-    stated = math.pi if options.phase is None else options.phase
-    if not result.calibration.is_usual or result.view.optics.phase != stated:
-        result.view = result.calibration.applied(result.view)
-        fits = _refit(reader, result, read, fits)
+    stated, properties = result.view, _open_properties(reader.film, options)
+    known = _search_optics(reader, result, fits, properties)
+    if not known.is_usual:
+        result.view = known.applied(stated)
+        fits = _follow(reader, result, read, {})
+    result.calibration, _ = calibrate(reader.whole, fits, stated, known, properties)
+    view = result.calibration.applied(stated)
+    if view != result.view:
+        result.view = view
+        fits = _follow(reader, result, read, fits)
     result.fits = fits
     opened = _doubtful_rest(result)
     if opened.any():
@@ -155,79 +160,65 @@ def _place_of(frame: NDArray[np.generic], fit: RingFit) -> Place:
     return Place(x, y, fit.radius, float(np.median(inside.astype(float))) if inside.size else light, light)
 
 
-def _follow(reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit]) -> dict[int, RingFit]:
-    """Fit frame after frame, each from what the frames before it showed."""
+def _follow(reader: FilmReader, result: FilmResult, read: Flags, starts: dict[int, RingFit]) -> dict[int, RingFit]:
+    """Fit frame after frame, each from what is known of it, from the frame before it, or from nothing.
+
+    ``starts`` are fits of some frames, perhaps with other optics.
+    """
     fits: dict[int, RingFit] = {}
     last: RingFit | None = None
     for index in map(int, np.flatnonzero(read)):
-        fit = known.get(index)
+        features = FrameFeatures(reader.whole(index))
+        likely, before = starts.get(index), fits.get(index - 1)
+        fit = (
+            None if likely is None else _fit_again(features.frame, result.view, likely, result.view.settings, math.inf)
+        )
+        if fit is None and before is not None:  # unless it has changed by more than two pixels
+            quick = replace(result.view.settings, free=before.free, max_iterations=8)
+            fit = _fit_again(features.frame, result.view, before, quick, 2.0)
         if fit is None:
-            features = FrameFeatures(reader.whole(index))
-            fit = _next_fit(features, result.view, last, fits.get(index - 1))
-            if fit is None:
-                result.blanks[index] = look_without_fringes(features, result.view)
-                continue
-        result.blanks.pop(index, None)
-        fits[index] = last = fit
+            fit = search_contact(features, result.view, None if last is None else last.centre)
+        if fit is None:
+            result.blanks[index] = look_without_fringes(features, result.view)
+        else:
+            result.blanks.pop(index, None)
+            fits[index] = last = fit
     return fits
 
 
-def _next_fit(features: FrameFeatures, view: View, last: RingFit | None, one: RingFit | None = None) -> RingFit | None:
-    """Fit a frame as the one before it, from the centre of the last contact, or from nothing."""
-    if last is None:
-        return search_contact(features, view)
-    if one is not None:
-        fit = _warm_fit(features.frame, view, one)
-        if fit is not None:
-            return fit
-    if last.free == view.settings.free:
-        # The usual fit serves this film: what it cannot fit is something else.
-        view = replace(view, alternatives=())
-    return search_contact(features, view, last.centre)
-
-
-def _warm_fit(frame: NDArray[np.generic], view: View, one: RingFit) -> RingFit | None:
-    """Fit from the frame before; None when the contact has changed by more than two pixels."""
-    settings = replace(view.settings, free=one.free, max_iterations=8)
-    fit = fit_contact(frame, one.parameters, view.optics, settings, view.white)
-    if fit is None or not fit.is_converged:
+def _fit_again(
+    frame: NDArray[np.generic], view: View, one: RingFit, settings: FitSettings, most: float
+) -> RingFit | None:
+    """Fit a contact that is like another one, its radius changed by so much at most (px)."""
+    fit = fit_contact(frame, begin_from(one.parameters, view, settings.free), view.optics, settings, view.white)
+    if fit is None or not (fit.is_converged or most == math.inf):
         return None
-    is_like = abs(fit.radius - one.radius) < 2.0 and fit.misfit <= max(GOOD_MISFIT, 1.2 * one.misfit)
+    is_like = abs(fit.radius - one.radius) < most and fit.misfit <= max(GOOD_MISFIT, 1.2 * one.misfit)
     return fit if is_like and is_contact(frame, view, fit) else None
 
 
-def _with_other_phase(reader: FilmReader, result: FilmResult, read: Flags) -> dict[int, RingFit]:
-    """Look for contacts that are neither dark nor bright, in some two dozen of the frames."""
-    optics = replace(result.view.optics, phase=result.view.optics.phase - 0.5 * math.pi)
-    view = replace(result.view, optics=optics)
-    places = np.flatnonzero(read)
-    found = ((i, search_contact(FrameFeatures(reader.whole(i)), view)) for i in places[:: max(1, len(places) // 24)])
-    fits = {int(index): fit for index, fit in found if fit is not None}
-    if fits:
-        result.view = view
-    return fits
+def _search_optics(
+    reader: FilmReader, result: FilmResult, fits: dict[int, RingFit], properties: tuple[tuple[Parameter, ...], ...]
+) -> Calibration:
+    """Look for other optics in some frames whose spots are larger than any contact that the stated ones explain.
 
-
-def _refit(reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit]) -> dict[int, RingFit]:
-    """Fit all frames again with the calibrated optics."""
-    view = result.view
-    result.blanks.clear()
-    found: dict[int, RingFit] = {}
-    last: RingFit | None = None
-    for index in map(int, np.flatnonzero(read)):
-        features = FrameFeatures(reader.whole(index))
-        fit: RingFit | None = None
-        if index in fits:
-            start = fits[index].parameters.copy()
-            start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
-            if not set(AXES) & set(view.settings.free):
-                start[list(AXES)] = view.ellipse
-            fit = fit_contact(features.frame, start, view.optics, view.settings, view.white)
-            if fit is not None and (fit.misfit > GOOD_MISFIT or not is_contact(features.frame, view, fit)):
-                fit = None
-        fit = fit or _next_fit(features, view, last)
-        if fit is None:
-            result.blanks[index] = look_without_fringes(features, view)
-        else:
-            found[index] = last = fit
-    return found
+    Two of them must agree in phase and scale, where there are more than two, so that no sphere that hovers decides.
+    """
+    largest = max((fit.radius for fit in fits.values()), default=0.0)
+    spots = {
+        index: max((edge.half_radius for edge in blank.edges), default=0.0) for index, blank in result.blanks.items()
+    }
+    frames = [index for index, radius in spots.items() if radius > 1.2 * largest]
+    found: list[Calibration] = []
+    for index in frames[:: max(1, len(frames) // _TRIED)]:
+        one = search_optics(FrameFeatures(reader.whole(index)), result.view, properties)
+        if one is None:
+            continue
+        for other in found:
+            turn, scale = (one.changes.get(p, 0.0) - other.changes.get(p, 0.0) for p in ASSUMED)
+            if abs(math.remainder(turn, math.pi)) < 0.4 and abs(scale) < 0.03:
+                return one
+        if len(frames) < 3:
+            return one
+        found.append(one)
+    return Calibration()

@@ -28,7 +28,8 @@ def fill_table(
     """Tabulate the interference term, its derivatives by distance, contact radius and phase, and by the travel.
 
     ``motion`` is the travel and the bend of a²(t) = a² + a travel t + bend t² for t in -1 .. 1, which are the
-    ``nodes``; ``wave`` is phase scale, phase, flat, spread and beams of :class:`.Optics`.
+    ``nodes``; where that is negative the sphere hovers, as far away as it would have approached at this square;
+    ``wave`` is phase scale, phase, flat, spread and beams of :class:`.Optics`.
     """
     travel, bend = motion
     phase_scale, phase, flat, spread, beams = wave
@@ -37,24 +38,24 @@ def fill_table(
     raw = np.zeros((5, count))
     for k in range(len(nodes)):
         node, weight = nodes[k], weights[k]
-        square = max(contact_radius * contact_radius + node * contact_radius * travel + node * node * bend, 0.0)
-        a = math.sqrt(square)
-        divisor = 2.0 * max(a, 1e-6)
-        to_radius = (2.0 * contact_radius + node * travel) / divisor
-        to_travel = node * contact_radius / divisor
+        square = contact_radius * contact_radius + node * contact_radius * travel + node * node * bend
+        to_radius, to_travel = 2.0 * contact_radius + node * travel, node * contact_radius
+        a = math.sqrt(max(square, 0.0))
         inner = min(flat, 0.995 * a) ** 2
-        side = math.sqrt(square - inner)
+        side = math.sqrt(a * a - inner)
         bow = (square - 0.5 * inner) / (a * side) if inner > 0.0 else 1.0
         for i in range(count):
             r = distance[i]
             lag, slope, change = 0.0, 0.0, 0.0
-            if r > a:
+            if square <= 0.0:  # it does not touch yet
+                lag, slope, change = phase_scale * (0.5 * r * r - square), phase_scale * r, -phase_scale
+            elif r > a:
                 root = math.sqrt(r * r - square)
                 angle = math.atan2(root, a)
                 turn = math.atan2(root, side) if inner > 0.0 else angle
                 lag = scale * ((r * r - inner) * turn + side * root - 2.0 * a * side * angle)
                 slope = 2.0 * scale * (side * root / r + r * turn)
-                change = -4.0 * a * bow * scale * angle
+                change = -2.0 * bow * scale * angle
             cosine, sine = math.cos(lag + phase), math.sin(lag + phase)
             term, by_phase, by_lag = cosine, -sine, -sine
             if not is_plain:
@@ -83,7 +84,7 @@ def fill_table(
 # Lines of the work array of a row: geometry, light, and the table at every pixel.
 _DX, _U, _V, _R, _ACROSS, _CURVE, _LIGHT, _TERM, _CORE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 _BY_R, _BY_RADIUS, _BY_PHASE, _BY_SMEAR, _RESIDUAL, _COLUMN = 9, 10, 11, 12, 13, 14
-_LINES, _SLOPES = 15, 15
+_SLOPES = 19
 # Side (px) of the blocks of pixels that may share their noise.
 _BLOCK = 16
 
@@ -128,7 +129,15 @@ def _find_pixels(
 
 @njit(cache=True, fastmath=FAST)
 def _evaluate(
-    count: int, offset: float, down: float, p: Floats, origin: Floats, table: Floats, start: float, work: Floats
+    count: int,
+    offset: float,
+    down: float,
+    p: Floats,
+    origin: Floats,
+    table: Floats,
+    start: float,
+    work: Floats,
+    slopes: Floats,
 ) -> None:
     """Model and residual of the listed pixels; the table is interpolated linearly."""
     last = table.shape[1] - 2
@@ -152,6 +161,12 @@ def _evaluate(
         work[_LIGHT, i] = light
         work[_CORE, i] = core
         work[_RESIDUAL, i] -= light * core
+    for line in range(5, table.shape[0]):
+        for i in range(count):
+            at = (work[_R, i] - start) * SAMPLES_PER_PIXEL
+            cell = min(max(int(at), 0), last)
+            value = table[line, cell] + (at - cell) * (table[line, cell + 1] - table[line, cell])
+            slopes[10 + line, i] = p[4] * work[_LIGHT, i] * value
 
 
 @njit(cache=True, fastmath=FAST)
@@ -278,7 +293,7 @@ def accumulate(
     size = len(active)
     normal, middle = np.zeros((size, size)), np.zeros((scored, scored))
     right, totals = np.zeros(size), np.zeros(4)
-    work, slopes = np.empty((_LINES, columns)), np.empty((_SLOPES, columns))
+    work, slopes = np.empty((_COLUMN + 1, columns)), np.empty((_SLOPES, columns))
     above, here = np.full(columns, np.nan), np.full(columns, np.nan)
     scores = np.zeros((columns // _BLOCK + 1, scored))
     for number in range((rows + stride - 1) // stride):
@@ -286,7 +301,7 @@ def accumulate(
         dy = row + first_row - parameters[2]
         down = (row + first_row - origin[1]) / origin[2]
         count = _find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
-        _evaluate(count, parameters[1] - origin[0], down, parameters, origin, table, table_start, work)
+        _evaluate(count, parameters[1] - origin[0], down, parameters, origin, table, table_start, work, slopes)
         _differentiate(count, dy, down, parameters, work, slopes)
         residual = work[_RESIDUAL]
         _add(count, active, residual, slopes, normal, right)
@@ -341,56 +356,61 @@ def fill_templates(
     first_bins: Integers,
     lengths: Integers,
     width: float,
+    blur: float,
     travel: float,
     nodes: Floats,
     weights: Floats,
     phase_scale: float,
-    phase: float,
 ) -> Floats32:
-    """Interference term in rings of equal width for many contact radii, one row each."""
-    result = np.zeros((len(radii), lengths.max()), np.float32)
+    """Cosine and sine (2, radius, ring) of the phase of the gap in rings of equal width around many contacts."""
+    result = np.zeros((2, len(radii), lengths.max()), np.float32)
     for row in range(len(radii)):
         for k in range(len(nodes)):
             square = max(radii[row] * radii[row] + nodes[k] * radii[row] * travel, 0.0)
             a = math.sqrt(square)
             for j in range(2 * lengths[row]):
                 r = (first_bins[row] + 0.5 * j + 0.25) * width
-                gap = 0.0
+                lag, weight = 0.0, 0.5 * weights[k]
                 if r > a:
                     root = math.sqrt(r * r - square)
-                    gap = (a * root - (2.0 * square - r * r) * math.atan2(root, a)) / math.pi
-                result[row, j // 2] += 0.5 * weights[k] * math.cos(phase_scale * gap + phase)
+                    angle, scale = math.atan2(root, a), phase_scale / math.pi
+                    lag = scale * (a * root - (2.0 * square - r * r) * angle)
+                    if blur > 0.0:
+                        weight *= math.exp(-2.0 * (blur * scale * (a * root / r + r * angle)) ** 2)
+                result[0, row, j // 2] += weight * math.cos(lag)
+                result[1, row, j // 2] += weight * math.sin(lag)
     return result
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def compare_templates(
     profile: Floats, counts: Floats, values: Floats32, first_bins: Integers, lengths: Integers, least_seen: float
-) -> tuple[Floats, Floats, Floats]:
-    """Explain a profile by each template, a mean and a trend of its own, weighted by pixels.
+) -> Floats:
+    """Products of a profile y with the cosine c and sine s of each template, a mean and a trend of its own taken off.
 
-    Returns (travel, template) the share of the variance that is explained, the amplitude, and the light; no share for
-    templates of which less than ``least_seen`` lies in the frame.
+    Returns (variant, template, 9) the sums yy, yc, ys, cc, cs, ss, weighted by pixels, and the means of y, c and s; 0
+    for templates of which less than ``least_seen`` lies in the frame.
     """
-    shape = values.shape[:2]
-    shares, amplitudes, lights = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    for row in range(shape[1]):
+    result = np.zeros((values.shape[0], values.shape[2], 9))
+    for row in range(values.shape[2]):
         first, length = first_bins[row], lengths[row]
-        weights, grey, step = counts[first : first + length], profile[first : first + length], 1.0 * np.arange(length)
+        weights, grey = counts[first : first + length], profile[first : first + length]
         total = weights.sum()
         if total <= 0.0 or (weights > 0.0).sum() < least_seen * length:
             continue
-        least, light = 1e-6 * total, (weights * grey).sum() / total
+        step = 1.0 * np.arange(length)
         step -= (weights * step).sum() / total
-        square = max((weights * step * step).sum(), least)
-        off = grey - light
-        off -= (weights * step * off).sum() / square * step
-        variance = max((weights * off * off).sum(), least)
-        for travel in range(shape[0]):
-            term = values[travel, row, :length]
-            middle, along = (weights * term).sum() / total, (weights * off * term).sum()
-            own = (weights * term * term).sum() - total * middle**2 - (weights * step * term).sum() ** 2 / square
-            amplitudes[travel, row] = along / max(own, least)
-            shares[travel, row] = along * amplitudes[travel, row] / variance
-            lights[travel, row] = light - amplitudes[travel, row] * middle
-    return shares, amplitudes, lights
+        square, light = max((weights * step * step).sum(), 1e-6 * total), (weights * grey).sum() / total
+        off = grey - light - (weights * step * grey).sum() / square * step
+        for variant in range(values.shape[0]):
+            cosine, sine = values[variant, 0, row, :length], values[variant, 1, row, :length]
+            c, s = (weights * cosine).sum() / total, (weights * sine).sum() / total
+            by_c, by_s = (weights * step * cosine).sum(), (weights * step * sine).sum()
+            here = result[variant, row]
+            here[0] = (weights * off * off).sum()
+            here[1], here[2] = (weights * off * cosine).sum(), (weights * off * sine).sum()
+            here[3] = (weights * cosine * cosine).sum() - total * c * c - by_c * by_c / square
+            here[4] = (weights * cosine * sine).sum() - total * c * s - by_c * by_s / square
+            here[5] = (weights * sine * sine).sum() - total * s * s - by_s * by_s / square
+            here[6], here[7], here[8] = light, c, s
+    return result

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from labpipe.imaging.fringes._ring_fit import FitSettings, Parameter
+from labpipe.imaging.fringes._ring_fit import FitSettings
 from labpipe.imaging.fringes._ring_model import Optics
 from labpipe.imaging.fringes._templates import Templates, make_templates
 
@@ -12,7 +12,7 @@ class View:
     """Optics, settings of the fits, and shape (row, column) of the frames of a film.
 
     ``black``, ``white``: grey level of darkness, and from which pixels are saturated. ``ellipse``: stretch and shear of
-    circles. ``alternatives``: parameters that may be freed as well where the usual fit fails.
+    circles.
     """
 
     optics: Optics
@@ -21,7 +21,6 @@ class View:
     black: float
     white: float
     ellipse: tuple[float, float] = (0.0, 0.0)
-    alternatives: tuple[tuple[Parameter, ...], ...] = ()
 
     @property
     def templates(self) -> Templates | None:

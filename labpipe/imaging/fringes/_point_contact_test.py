@@ -54,14 +54,9 @@ def is_edge(window: Window, term: Floats, factor: float) -> bool:
 def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics) -> bool:
     """Tell whether a sphere that touches or hovers leaves less than twice the squares that a contact leaves.
 
-    ``term`` (ring,) is the interference term of the contact at the distances (px). Light of low coherence fades
-    outwards on the rings of a sphere as it does on those of a contact.
+    ``term`` (ring,) is the interference term of the contact at the distances (px).
     """
-    phase = 0.5 * optics.phase_scale * (distance**2 + 1.0 / 6.0)
-    fade = np.exp(-0.5 * optics.spread * phase**2)
-    fade *= np.exp(-0.5 * (optics.blur * optics.phase_scale * distance) ** 2)
-    sphere = window.residual_of_both(fade * np.cos(phase), fade * np.sin(phase))
-    return sphere < 2.0 * float(window.residual(term)[0])
+    return _left_by_sphere(window, distance, 0.0, optics) < 2.0 * float(window.residual(term)[0])
 
 
 def shows_only_sphere(profile: Floats, counts: Floats, width: float, optics: Optics) -> bool:
@@ -72,9 +67,15 @@ def shows_only_sphere(profile: Floats, counts: Floats, width: float, optics: Opt
     length = min(len(profile), int(0.5 * math.pi / (optics.phase_scale * width)))
     window = Window(profile, counts, 0, length)
     distance = (np.arange(length, dtype=np.float64) + 0.5) * width
-    phase = 0.5 * optics.phase_scale * distance**2
-    # a ring of this width averages over its fringes, a blur over its own
-    fade = np.sinc(0.5 * optics.phase_scale * distance * width / math.pi)
-    fade *= np.exp(-0.5 * (optics.blur * optics.phase_scale * distance) ** 2 - 0.5 * optics.spread * phase**2)
-    left = window.residual_of_both(fade * np.cos(phase), fade * np.sin(phase)) if window.is_seen else math.inf
-    return left < 0.02 * window.squares
+    return window.is_seen and _left_by_sphere(window, distance, width, optics) < 0.02 * window.squares
+
+
+def _left_by_sphere(window: Window, distance: Floats, width: float, optics: Optics) -> float:
+    """Sum of squares that the fringes of a sphere without load leave, of any gap.
+
+    A ring averages over its width (px), as a blur does, and light of low coherence fades outwards.
+    """
+    phase, slope = 0.5 * optics.phase_scale * distance**2, optics.phase_scale * distance
+    fade = np.sinc(0.5 * slope * width / math.pi)
+    fade *= np.exp(-0.5 * (optics.blur * slope) ** 2 - 0.5 * optics.spread * phase**2)
+    return window.residual_of_both(fade * np.cos(phase), fade * np.sin(phase))

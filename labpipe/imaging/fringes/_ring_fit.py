@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -26,8 +27,10 @@ class Parameter(IntEnum):
 
     The light is (GAIN + MODULATION · term) (1 + SLOPE_X x + SLOPE_Y y + BOWL b + SADDLE (x² - y²) + CROSS x y), x and
     y and b of order 1 over the ring. STRETCH and SHEAR make circles elliptic. SMEAR is the square of the change of
-    the radius during the exposure (px²), SCALE the logarithm of a factor of the phase scale. BEND, which is never
-    fitted, is half the second derivative of a² by time, times the square of half the exposure (px²).
+    the radius during the exposure (px²). SCALE is the logarithm of a factor of the phase scale of the optics; what is
+    added to them are BLUR, to its square (px²), BEAMS and SPREAD, and FLAT, to its fourth power (px⁴), with which the
+    gap changes. BEND, which is never fitted, is half the second derivative of a² by time, times the square of half the
+    exposure (px²).
     """
 
     RADIUS = 0
@@ -45,7 +48,11 @@ class Parameter(IntEnum):
     SCALE = 12
     SADDLE = 13
     CROSS = 14
-    BEND = 15
+    BLUR = 15
+    BEAMS = 16
+    SPREAD = 17
+    FLAT = 18
+    BEND = 19
 
 
 CIRCLE = (Parameter.RADIUS, Parameter.X, Parameter.Y)
@@ -54,7 +61,9 @@ _OWN_LIGHT = (Parameter.GAIN, Parameter.MODULATION, Parameter.SLOPE_X, Parameter
 USUAL = (*CIRCLE, *_OWN_LIGHT, Parameter.SMEAR)
 AXES = (Parameter.STRETCH, Parameter.SHEAR)
 LIGHT = (Parameter.SADDLE, Parameter.CROSS)
-#: Parameters that are taken as known in a frame; the fit returns how the radius depends on them.
+#: Properties of the optics by which the radial table is differentiated numerically.
+OPTICAL = (Parameter.BLUR, Parameter.BEAMS, Parameter.SPREAD, Parameter.FLAT)
+#: Parameters that are taken as known in every frame.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)
 
 #: Damping at the start (so small that a radius which hardly differs from a shift of the centre is not held back),
@@ -71,11 +80,13 @@ class FitSettings:
 
     ``fringes``, half a wavelength of gap each, are used down to a ``least_spacing`` (px): below two pixels they alias.
     Rows are left out evenly when a ring holds more than ``max_pixels``. An iteration is an evaluation of the ring.
+    ``assumed`` are parameters that are taken as known in a frame; the fit returns how the radius depends on them.
     """
 
     fringes: float = 3.0
     least_spacing: float = 2.0
     free: tuple[Parameter, ...] = USUAL
+    assumed: tuple[Parameter, ...] = ASSUMED
     max_pixels: int = 100_000
     max_iterations: int = 25
 
@@ -90,7 +101,7 @@ class RingFit:
     """Result of a fit.
 
     ``covariance`` (free, free): sandwich estimate from the residuals, summed over blocks of pixels that may share their
-    noise. ``sensitivity``: change of the radius (px) per change of each of :data:`ASSUMED` that was not fitted.
+    noise. ``sensitivity``: change of the radius (px) per change of each assumed parameter.
     ``residual``, ``noise`` [grey levels]: root mean square residual, and the noise between neighbours along the rings.
     ``is_converged``: False when the iteration did not settle or left the frame. ``evaluations``: of the ring.
     ``model_deviation`` [px]: standard uncertainty of the radius from errors of the model.
@@ -199,26 +210,60 @@ def cut_ring(
     return Ring(piece, (top, left, stride), inner, outer, origin, ceiling)
 
 
-def tabulate(limits: tuple[float, float], parameters: Floats, optics: Optics) -> tuple[float, Floats]:
-    """Radial table (5, sample) of the interference term and its derivatives, with the distance of its first sample.
+def changed_optics(optics: Optics, parameters: Floats) -> Optics:
+    """Return optics with the phase of a vector of parameters, and with its changes."""
+    p = parameters
+    return Optics(
+        optics.phase_scale * math.exp(p[Parameter.SCALE]),
+        float(p[Parameter.PHASE]),
+        math.sqrt(max(optics.blur**2 + float(p[Parameter.BLUR]), 0.0)),
+        min(max(optics.beams + float(p[Parameter.BEAMS]), -0.8), 0.8),
+        max(optics.spread + float(p[Parameter.SPREAD]), 0.0),
+        max(optics.flat**4 + float(p[Parameter.FLAT]), 0.0) ** 0.25,
+    )
+
+
+def tabulate(
+    limits: tuple[float, float], parameters: Floats, optics: Optics, active: Sequence[int] | Integers = ()
+) -> tuple[float, Floats]:
+    """Radial table (line, sample) of the interference term and its derivatives, with the distance of its first sample.
 
     The derivatives are by distance, contact radius, phase, and the square of the travel, from which the term is
-    extrapolated to small travels.
+    extrapolated to small travels; where any of :data:`OPTICAL` are active, four more lines are those by them.
     """
+    start, table = _table(limits, parameters, optics)
+    steps = {
+        Parameter.BLUR: 0.1,
+        Parameter.BEAMS: 0.01,
+        Parameter.SPREAD: 1e-4,
+        Parameter.FLAT: (0.3 * float(parameters[Parameter.RADIUS])) ** 4,
+    }
+    used = [parameter for parameter in OPTICAL if parameter in active]
+    lines = np.zeros((len(OPTICAL) if used else 0, table.shape[1]))
+    for parameter in used:
+        moved = parameters.copy()
+        moved[parameter] += steps[parameter]
+        difference = _table(limits, moved, optics)[1][0] - table[0]
+        lines[parameter - Parameter.BLUR] = difference / steps[parameter]
+    return start, np.concatenate([table, lines])
+
+
+def _table(limits: tuple[float, float], parameters: Floats, optics: Optics) -> tuple[float, Floats]:
+    """Return the first five lines of a table."""
     from labpipe.imaging.fringes._kernels import fill_table
 
     inner, outer = limits
     radius, smear = float(parameters[Parameter.RADIUS]), float(parameters[Parameter.SMEAR])
     travel = math.sqrt(max(smear, _LEAST_TRAVEL**2))
-    start, distance = table_distances(inner, outer, optics.blur)
     spacing = 2.0 * math.pi / max(phase_of_gap(outer, radius, optics)[1], 1e-12)
     nodes, weights = exposure_nodes(travel, spacing)
+    seen = changed_optics(optics, parameters)
+    start, distance = table_distances(inner, outer, seen.blur)
     # Stretch and shear reduce areas: the gap is that of equal area.
     area = 1.0 - float(parameters[Parameter.STRETCH]) ** 2 - float(parameters[Parameter.SHEAR]) ** 2
-    phase_scale = optics.phase_scale * math.exp(parameters[Parameter.SCALE]) / area
-    wave = phase_scale, float(parameters[Parameter.PHASE]), optics.flat, optics.spread, optics.beams
+    wave = seen.phase_scale / area, seen.phase, seen.flat, seen.spread, seen.beams
     motion = travel, float(parameters[Parameter.BEND])
-    table = fill_table(distance, radius, motion, nodes, weights, wave, pixel_weights(optics.blur))
+    table = fill_table(distance, radius, motion, nodes, weights, wave, pixel_weights(seen.blur))
     table[4] /= 2.0 * travel
     table[0] += (smear - travel**2) * table[4]
     return start, table
@@ -236,7 +281,7 @@ def ring_sums(
     from labpipe.imaging.fringes._kernels import accumulate
 
     limits = ring.inner, ring.outer
-    start, table = tabulate(limits, parameters, optics)
+    start, table = tabulate(limits, parameters, optics, active)
     normal, right, middle, totals = accumulate(
         ring.image, ring.corner, part or limits, parameters, ring.origin, table, start, active, ring.ceiling, scored
     )
@@ -249,7 +294,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     The start must be right to a third of a fringe; the phase of the optics is replaced by that of the parameters.
     """
     free = np.array(settings.free, np.int64)
-    reported = np.array([*settings.free, *(p for p in ASSUMED if p not in settings.free)], np.int64)
+    reported = np.array([*settings.free, *(p for p in settings.assumed if p not in settings.free)], np.int64)
     moves = np.isin(free, CIRCLE)
     best = start.astype(float).copy()
     damping, evaluations, is_settled, is_reported = _DAMPING, 1, False, False
@@ -283,7 +328,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
     if not is_reported:
         sums = ring_sums(ring, best, reported, optics, len(free))
         evaluations += 1
-    return _result(best, sums, settings.free, is_settled, evaluations)
+    return _result(best, sums, settings, is_settled, evaluations)
 
 
 def _solve(sums: Sums, damping: float) -> Floats | None:
@@ -297,20 +342,18 @@ def _solve(sums: Sums, damping: float) -> Floats | None:
         return None
 
 
-def _result(
-    parameters: Floats, sums: Sums, free: tuple[Parameter, ...], is_converged: bool, evaluations: int
-) -> RingFit:
+def _result(parameters: Floats, sums: Sums, settings: FitSettings, is_converged: bool, evaluations: int) -> RingFit:
     """Covariance, residuals and sensitivities at the end of an iteration."""
-    count = len(free)
+    free, count = settings.free, len(settings.free)
     residual = math.sqrt(sums.squares / max(sums.pixels - count, 1))
     noise = math.sqrt(sums.differences / (2.0 * sums.pairs)) if sums.pairs else residual
     inverse = inverse_of(sums.normal[:count, :count])
     covariance = inverse @ sums.middle @ inverse
     changes = inverse @ sums.normal[:count, count:]
-    sensitivity = dict.fromkeys(ASSUMED, 0.0)
+    sensitivity = dict.fromkeys(settings.assumed, 0.0)
     if Parameter.RADIUS in free:
         row = changes[free.index(Parameter.RADIUS)]
-        sensitivity |= {p: float(row[k]) for k, p in enumerate(p for p in ASSUMED if p not in free)}
+        sensitivity |= {p: float(row[k]) for k, p in enumerate(p for p in settings.assumed if p not in free)}
     return RingFit(parameters, free, covariance, sensitivity, residual, noise, sums.pixels, is_converged, evaluations)
 
 

@@ -7,17 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.imaging.fringes._calibration import Calibration, calibrate
 from labpipe.imaging.fringes._frame_features import FrameFeatures, radial_profile
+from labpipe.imaging.fringes._model_selection import begin_from, fit_frames
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._point_contact_test import Window, is_edge, is_sphere, shows_only_sphere
 from labpipe.imaging.fringes._ring_fit import AXES, Parameter, RingFit, fit_contact, tabulate
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, edge_width, ring_limits
-from labpipe.imaging.fringes._templates import Match, best_matches
+from labpipe.imaging.fringes._templates import Match, best_matches, templates_of_any_optics
 
 #: Misfit from which another explanation is looked for, and from which a fit is not believed: 0.1 for other things.
 GOOD_MISFIT, MOST_MISFIT = 0.04, 0.1
 #: Radius, in Newton spots, up to which a contact is compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
+#: Properties that no frame needs to be recognised.
+_SMALL_EFFECTS = ((Parameter.SPREAD,), (Parameter.FLAT,))
 
 
 def search_contact(features: FrameFeatures, view: View, centre: tuple[float, float] | None = None) -> RingFit | None:
@@ -51,14 +55,16 @@ def _matches_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> l
     profile, counts = radial_profile(frame, x, y, templates.width, templates.bins)
     small = _SMALL_CONTACT * view.optics.newton_spot
     matches = []
-    for match in best_matches(profile, counts, templates):
+    for match in best_matches(profile, counts, templates, view.optics.phase):
         if match.score < 1.0 / 3.0 or match.radius < view.least_radius:
             continue
         if match.radius > small and shows_only_sphere(profile, counts, templates.width, view.optics):
             continue
         window = Window(profile, counts, match.first, len(match.term))
-        # the nearest template is up to a third of a ring off: an edge that leaves much less is believed at once
-        if window.is_seen and is_edge(window, match.term, 0.4):
+        # the nearest template is up to a third of a ring off: an edge that leaves much less is believed at once, unless
+        # a blur makes the first fringe one
+        is_sharp = view.optics.blur < 0.25 * edge_width(match.radius, view.optics)
+        if is_sharp and window.is_seen and is_edge(window, match.term, 0.4):
             continue
         distance = (np.arange(len(match.term), dtype=np.float64) + match.first + 0.5) * templates.width
         if match.radius < small and is_sphere(window, match.term, distance, view.optics):
@@ -75,13 +81,7 @@ def fit_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> RingFi
 
 def _fit_match(frame: NDArray[np.generic], view: View, match: Match, x: float, y: float) -> RingFit | None:
     """Fit from a match, with some of the pixels until it proves to be a contact."""
-    start = np.zeros(len(Parameter))
-    start[Parameter.RADIUS], start[Parameter.SMEAR] = match.radius, match.travel**2
-    start[[Parameter.X, Parameter.Y]] = x, y
-    start[[Parameter.GAIN, Parameter.MODULATION]] = match.gain, match.modulation
-    start[Parameter.PHASE] = view.optics.phase
-    start[list(AXES)] = view.ellipse
-    found = fit_from(frame, view, start)
+    found = fit_from(frame, view, _start_of(match, view, x, y))
     if found is None or not is_contact(frame, view, found):
         return None
     settings = replace(view.settings, free=found.free)
@@ -89,30 +89,83 @@ def _fit_match(frame: NDArray[np.generic], view: View, match: Match, x: float, y
     return final if final is not None and is_clear(view, final) else None
 
 
-def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
-    """Fit part of the pixels in two steps, from the first fringe outwards, and with alternatives where that fails.
+def _start_of(match: Match, view: View, x: float, y: float) -> Floats:
+    """Parameters of a match around a centre."""
+    start = np.zeros(len(Parameter))
+    start[Parameter.RADIUS], start[Parameter.SMEAR] = match.radius, match.variant.travel**2
+    start[[Parameter.X, Parameter.Y]] = x, y
+    start[[Parameter.GAIN, Parameter.MODULATION, Parameter.PHASE]] = match.gain, match.modulation, match.phase
+    start[Parameter.SCALE], start[Parameter.BLUR] = match.variant.log_scale, match.variant.blur**2
+    start[list(AXES)] = view.ellipse
+    return start
 
-    The first fringe needs less of a start than the finer ones farther out.
+
+def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
+    """Fit part of the pixels, and again with the factor of the gap free where Hertz's leaves too much.
+
+    A body that recedes from a dent opens its gap less.
     """
     found = _fit_outwards(frame, view, start, view.settings.free)
-    if found is None or found.misfit < GOOD_MISFIT:
+    if found is None or found.misfit < GOOD_MISFIT or Parameter.SCALE in view.settings.free:
         return found
-    # Perhaps the view is oblique, or R or the wavelength is not the stated one.
     still = start.copy()
     still[Parameter.SMEAR] = 0.0
-    for extra in view.alternatives:
-        trial = _fit_outwards(frame, view, still, (*view.settings.free, *extra))
-        if trial is not None and trial.misfit < min(GOOD_MISFIT, found.misfit):
-            return trial
-    return found
+    opened = _fit_outwards(frame, view, still, (*view.settings.free, Parameter.SCALE))
+    return opened if opened is not None and opened.misfit < GOOD_MISFIT else found
 
 
 def _fit_outwards(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
+    """Fit in two steps, from the first fringe outwards: it needs less of a start than the finer ones farther out."""
     quick = replace(view.settings.quick, free=free)
     first = fit_contact(frame, start, view.optics, replace(quick, fringes=1.0), view.white)
     if first is None or first.pixels < 200:
         return None
     return fit_contact(frame, first.parameters, view.optics, quick, view.white)
+
+
+def search_optics(
+    features: FrameFeatures, view: View, properties: tuple[tuple[Parameter, ...], ...]
+) -> Calibration | None:
+    """Find optics with which a frame that the stated ones leave unexplained shows a contact.
+
+    The search starts from what explains the profile about a spot best, of fringes of every phase, of other scales, and
+    blurred; all ``properties`` are calibrated from there, or those that this needs and then others.
+    """
+    if view.templates is None or not features.has_structure:
+        return None
+    frame, quick = features.frame, replace(view, settings=view.settings.quick)
+    open_ = [parameter for group in properties for parameter in group if group not in _SMALL_EFFECTS]
+    tries: dict[float, tuple[RingFit, Calibration]] = {}  # the best start of each kind
+    for spot in (*features.spots[:2], *features.centres[:1]):
+        templates = templates_of_any_optics(view.templates, view.optics, spot.radius)
+        profile, counts = radial_profile(frame, spot.x, spot.y, templates.width, templates.bins)
+        if not len(templates.radii) or shows_only_sphere(profile, counts, templates.width, view.optics):
+            continue
+        for match in best_matches(profile, counts, templates, None):
+            if match.score < 0.5:
+                continue
+            start = _start_of(match, view, spot.x, spot.y)
+            turn = match.phase - view.optics.phase
+            if Parameter.PHASE not in open_:
+                start[Parameter.MODULATION] *= math.copysign(1.0, math.cos(turn))
+            rough = {p: float(start[p]) for p in open_} | ({Parameter.PHASE: turn} if Parameter.PHASE in open_ else {})
+            # where one kind of phase and scale explains nearly as much as another the stated one is likelier
+            needed = {p: value for p, value in rough.items() if abs(value) > (0.5 if p is Parameter.PHASE else 0.0)}
+            for known, most in ((Calibration(rough), GOOD_MISFIT), (Calibration(needed), 1.5 * MOST_MISFIT)):
+                seen = known.applied(quick)
+                fit = fit_from(frame, seen, begin_from(start, seen, ()))
+                trial = None if fit is None else fit_frames([frame], [fit], seen, tuple(known.changes))
+                least = tries[most][0].misfit if most in tries else most
+                if trial is not None and trial.fits[0].misfit < least:
+                    tries[most] = trial.fits[0], known
+    explained: list[tuple[float, Calibration]] = []
+    for fit, known in tries.values():
+        found, best = calibrate(lambda _: frame, {0: fit}, quick, known, properties)
+        final, seen = (fit if best is None else best.fits[0]), found.applied(view)
+        is_large = final.misfit <= GOOD_MISFIT and final.radius > 2.0 * seen.optics.newton_spot
+        if is_large and is_contact(frame, seen, final):
+            explained.append((final.residual, found))
+    return min(explained, key=lambda one: one[0])[1] if explained else None
 
 
 def is_clear(view: View, found: RingFit) -> bool:

@@ -8,7 +8,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH, edge_shift
 from labpipe.imaging.fringes._arguments import FilmOptions
 from labpipe.imaging.fringes._film_result import FilmResult
-from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
+from labpipe.imaging.fringes._ring_fit import OPTICAL, Parameter, RingFit
 
 #: Sources of the systematic budget, in the order of the coordinate.
 SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "adhesion")
@@ -17,19 +17,20 @@ SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "adhesion")
 def systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]) -> Floats:
     """Parts of the systematic uncertainty (m), in the order of :data:`SOURCES`.
 
-    R, wavelength and pixel size change the scale of the phase; pixel size also the length itself.
+    R, wavelength and pixel size change the scale of the phase; pixel size also the length itself. With the phase count
+    the other properties of the optics that the film was calibrated for.
     """
-    pixel, found = options.pixel_size, result.calibration
+    pixel, u = options.pixel_size, result.calibration.u
     by_scale = fit.sensitivity[Parameter.SCALE] * pixel
-    by_phase = fit.sensitivity[Parameter.PHASE] * pixel
+    by_optics = [fit.sensitivity.get(p, 0.0) * pixel * u.get(p, 0.0) for p in (Parameter.PHASE, *OPTICAL)]
     relative = uncertainties["pixel_size"] / pixel
     relative_wavelength = uncertainties["wavelength"] / (options.wavelength or NOMINAL_WAVELENGTH)
     return np.abs(
         [
             by_scale * uncertainties["sphere_radius"] / options.sphere_radius,
-            by_scale * math.hypot(relative_wavelength, found.u_log_scale),
+            by_scale * math.hypot(relative_wavelength, u.get(Parameter.SCALE, 0.0)),
             (fit.radius * pixel - 2.0 * by_scale) * relative,
-            by_phase * math.hypot(uncertainties["phase"], found.u_phase_shift),
+            math.hypot(fit.sensitivity[Parameter.PHASE] * pixel * uncertainties["phase"], *by_optics),
             0.0,
         ]
     )

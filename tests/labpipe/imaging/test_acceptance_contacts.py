@@ -80,15 +80,7 @@ def test_an_impact_is_measured_within_its_uncertainty(exposure: float, most: flo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "exposure",
-    [
-        2e-6,
-        # The frame in which a contact begins is blurred by its growth: one of 120 radii errs by 8 µm, 77 u.
-        pytest.param(20e-6, marks=pytest.mark.xfail(strict=False, reason="a first frame of one film, 77 u")),
-        90e-6,
-    ],
-)
+@pytest.mark.parametrize("exposure", [2e-6, 20e-6, 90e-6])
 def test_nineteen_of_twenty_radii_lie_within_two_uncertainties(exposure: float) -> None:
     ratios = np.concatenate([impacts(exposure, seed).ratios for seed in range(1, 7)])
     # of 120 radii with 95 % chance each, 90 to 99 % are within three standard deviations
@@ -149,7 +141,8 @@ def of_session(path: Path) -> tuple[Score, xr.Dataset]:
 def check_session(path: Path) -> None:
     found, data = of_session(path)
     assert (found.false, found.missed) == ([], [])
-    assert np.sqrt(np.mean(found.errors**2)) < 0.70e-6  # of the rings of the simulator, 1.0 to 1.5 µm wide
+    # The truth is known to the rings of the simulator, 1.0 to 1.5 µm wide, which errs by 0.6 to 0.9 µm itself.
+    assert np.sqrt(np.mean(found.errors**2)) < 0.70e-6
     assert found.covered >= 0.92
     assert np.nanmax(data.radius_systematic) < 3e-6
     assert not (data.method == 2).any()

@@ -44,10 +44,10 @@ def plain_sums(ring: Ring, parameters: np.ndarray, optics: Optics) -> tuple[np.n
     u, v = dx * (1.0 + p[9]) + dy * p[10], dy * (1.0 - p[9]) + dx * p[10]
     r, grey = np.hypot(u, v), ring.image[::stride].astype(float)
     used = (r >= ring.inner) & (r <= ring.outer) & (grey < ring.ceiling)
-    start, table = tabulate((ring.inner, ring.outer), p, optics)
+    start, table = tabulate((ring.inner, ring.outer), p, optics, range(19))
     places = start + np.arange(table.shape[1]) / SAMPLES_PER_PIXEL
     u, v, dx, dy, r = u[used], v[used], dx[used], dy[used], r[used]
-    term, by_r, by_radius, by_phase, by_square = (np.interp(r, places, line) for line in table)
+    term, by_r, by_radius, by_phase, by_square, *by_optics = (np.interp(r, places, line) for line in table)
     across = (x[used] + left - ring.origin[0]) / ring.origin[2]
     down = (y[used] + top - ring.origin[1]) / ring.origin[2]
     curve = (across**2 + down**2 - ring.origin[3]) * ring.origin[4]
@@ -60,6 +60,7 @@ def plain_sums(ring: Ring, parameters: np.ndarray, optics: Optics) -> tuple[np.n
         light, light * term, across * core, down * core, curve * core, bright * by_phase,
         steep * (u * dx - v * dy), steep * (u * dy + v * dx), bright * by_square,
         0.5 * bright * (r * by_r + p[0] * by_radius), saddle * core, cross * core,
+        *(bright * line for line in by_optics),
     ])  # fmt: skip
     residual = grey[used] - light * core
     return slopes @ slopes.T, slopes @ residual, float((residual**2).sum()), int(used.sum())
@@ -71,9 +72,10 @@ def test_compiled_sums_equal_the_plain_ones(max_pixels: int) -> None:
     frame = expose(clean_image(SCENE, 180e-6, (150.3, 130.2), samples=2), SCENE, rng)
     parameters = start_at(180.5e-6, 150.0, 130.5)
     parameters[5:15] = 0.02, -0.03, 0.05, 3.0, 0.004, -0.003, 2.3, 0.01, 0.02, -0.01
+    parameters[15:19] = 0.3, -0.05, 1e-4, 40.0**4
     ring = cut_ring(frame, parameters, *ring_limits(parameters[0], OPTICS, 3.0, 3.0), 215.0, max_pixels)
     assert ring is not None
-    found: Sums = ring_sums(ring, parameters, np.arange(15), OPTICS, 15)
+    found: Sums = ring_sums(ring, parameters, np.arange(19), OPTICS, 19)
     normal, right, squares, pixels = plain_sums(ring, parameters, OPTICS)
     assert found.pixels == pixels
     assert found.squares == pytest.approx(squares, rel=1e-10)
