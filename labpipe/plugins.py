@@ -78,7 +78,7 @@ def survey(entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[s
         try:
             found = entry.load()
         except Exception as error:  # somebody else's code may raise anything
-            plugins.append(Plugin[T](entry.name, where, None, f"{type(error).__name__}: {error}"))
+            plugins.append(Plugin(entry.name, where, None, f"{type(error).__name__}: {error}"))
             continue
         name = getattr(found, "name", entry.name)
         if not isinstance(found, expected):

@@ -14,8 +14,8 @@ import numpy as np
 
 from labpipe import contact
 from labpipe.arrays import Floats
+from labpipe.contact._memory import Creep, advance, history, step_weights
 from labpipe.contact.line import dissipation, westergaard
-from labpipe.contact.memory import Creep, advance, history, step_weights
 from labpipe.contact.sphere import hertz
 from labpipe.materials import Prony
 from tests.extremes.inputs import Random, below_zero, extreme_material, extreme_times

@@ -14,7 +14,7 @@ from tests.faults.test_failed_inputs import GARBAGE, session
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ["labpipe", "instruments", "calibration", "pipelines"]
-SPEAKS = {"instruments/keyence/_connection.py", "pipelines/app/_serve.py", "pipelines/commands/open.py"}
+SPEAKS = {"instruments/keyence/_connection.py", "pipelines/app/_serve.py", "pipelines/commands/system.py"}
 """Modules that open a connection: the live acquisition, and the local page, which listens on 127.0.0.1."""
 NETWORK = {
     "socket",

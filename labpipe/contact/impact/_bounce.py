@@ -8,10 +8,10 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from labpipe.arrays import Floats
+from labpipe.contact._memory import Creep
 from labpipe.contact.impact._method import Tables, interpolation, means, radial_nodes, scheme
 from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Trail
 from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
-from labpipe.contact.memory import Creep
 
 # Records of each step: its ends and so many instants inside.
 _RECORDS_PER_STEP = 12

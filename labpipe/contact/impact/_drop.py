@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from labpipe.contact._memory import Creep
 from labpipe.contact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._dataset import batch_dataset, dataset, thesis_dataset
 from labpipe.contact.impact._method import Tables
@@ -31,7 +32,6 @@ from labpipe.contact.impact._setting import (
 from labpipe.contact.impact._springs import Profile, influence, surface_gap
 from labpipe.contact.impact._stepper import AnnularContactError
 from labpipe.contact.impact._train import COLUMNS, MARGIN, Train
-from labpipe.contact.memory import Creep
 from labpipe.contact.sphere import Substrate, counter_compliance
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid

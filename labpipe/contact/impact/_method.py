@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import roots_jacobi
 
 from labpipe.arrays import Floats
+from labpipe.contact._memory import Creep, condense
 from labpipe.contact.impact._records import Law, Nodes, Path, Room, Scheme, blank
-from labpipe.contact.memory import Creep, condense
 from labpipe.materials import Retardation, relaxation_from_creep
 
 _STAGES = 5

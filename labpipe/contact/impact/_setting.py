@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
+from labpipe.contact._memory import Creep
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._springs import Profile
-from labpipe.contact.memory import Creep
-from labpipe.contact.sphere.hertz import CONTACT_TIME
+from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 from labpipe.units import Measure, Quantity, quantity, require_positive, si
 
@@ -129,7 +129,7 @@ class Scales:
         for _ in range(4):
             compliance = float(creep.compliance(duration / 2))
             approach = (15.0 / 16.0 * one.mass * one.speed**2 * compliance / sqrt(one.radius)) ** 0.4
-            ballistic = CONTACT_TIME * approach / one.speed if one.speed > 0.0 else inf
+            ballistic = hertz.CONTACT_TIME * approach / one.speed if one.speed > 0.0 else inf
             duration = 1.0 / (1.0 / ballistic + 2.0 / period)
         rest_approach = at_rest(compliance)[0] ** 2 / one.radius
         radius = sqrt(one.radius * (approach + 2.0 * rest_approach))

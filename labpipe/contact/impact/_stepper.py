@@ -8,13 +8,13 @@ from typing import Any, cast
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.contact._memory import Creep, step_weights
 from labpipe.contact.impact import _stepping as kernel
 from labpipe.contact.impact._plate import modal
 from labpipe.contact.impact._records import MOTION, Counts, Motion, Trail, blank
 from labpipe.contact.impact._setting import Scales, Setting
 from labpipe.contact.impact._springs import Springs, line_springs, ring_springs
 from labpipe.contact.impact._stepping import MOST_RINGING, PACE, Block, Pace, Rules
-from labpipe.contact.memory import Creep, step_weights
 from labpipe.errors import InputError
 
 #: Step error for an error of rtol, (share * rtol)^(3/2) of the speed: restitution errs by 0.55 (step error)^(2/3), of

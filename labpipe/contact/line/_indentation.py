@@ -3,8 +3,8 @@ r"""Indentation of a viscoelastic half-plane or bonded layer by a periodic row o
 Thesis chapter 2, with another time integration than its eqs. (2.13) to (2.15): the hereditary
 integral of a Prony series is exact by a recursion whose cost does not grow with the history (R. L.
 Taylor, K. S. Pister, G. L. Goudreau, 1970, https://doi.org/10.1002/nme.1620020106;
-:mod:`labpipe.contact.memory`), and a nested contact needs no linear solve
-(:mod:`labpipe.contact.springs`).
+:mod:`labpipe.contact._memory`), and a nested contact needs no linear solve
+(:mod:`labpipe.contact._springs`).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike
 from threadpoolctl import ThreadpoolController
 
 from labpipe.arrays import Floats
+from labpipe.contact._march import Control, March
+from labpipe.contact._memory import Creep, checked_history, checked_load
+from labpipe.contact._springs import NotNestedError
 from labpipe.contact._thesis_scheme import ThesisScheme
 from labpipe.contact.line._surface import LineKernel, line_kernel, strip_bed, tip_height
-from labpipe.contact.march import Control, March
-from labpipe.contact.memory import Creep, checked_history, checked_load
-from labpipe.contact.springs import NotNestedError
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, require_positive, si

@@ -23,7 +23,8 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.special import zeta
 
 from labpipe.arrays import Floats
-from labpipe.contact.springs import EDGE_OFFSET, SpringBed
+from labpipe.contact._springs import EDGE_OFFSET, SpringBed
+from labpipe.contact.line.westergaard import cosine_amplitude
 from labpipe.errors import InputError
 
 # exp(-2z) is below the rounding of the half-plane part from here on; wave numbers that are summed at most.
@@ -34,11 +35,6 @@ _SHALLOW = 0.5
 _OPEN_STRIPS = 3
 # Springs beyond the reach: two locate the edge.
 _SPARE_SPRINGS = 16
-
-
-def cosine_amplitude(tip_radius: float, period: float) -> float:
-    """Amplitude h = λ²/(4π²R) of the cosine with curvature 1/R at its tips, thesis eq. (2.20)."""
-    return period**2 / (4.0 * np.pi**2 * tip_radius)
 
 
 def tip_height(profile: str, x: Floats, tip_radius: float, period: float, strip: float = 0.0) -> Floats:

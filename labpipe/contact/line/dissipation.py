@@ -24,8 +24,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Complexes, Floats
-from labpipe.contact.line._surface import cosine_amplitude
-from labpipe.contact.line.westergaard import from_displacement
+from labpipe.contact.line.westergaard import cosine_amplitude, from_displacement
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.variables import described

@@ -31,7 +31,6 @@ from numpy.typing import ArrayLike
 from scipy.special import spence
 
 from labpipe.arrays import Floats
-from labpipe.contact.line._surface import cosine_amplitude
 from labpipe.errors import InputError
 
 Profile = Literal["cosine", "parabola"]
@@ -49,6 +48,11 @@ class LineContact(NamedTuple):
     displacement: Floats
     force: Floats
     peak_pressure: Floats
+
+
+def cosine_amplitude(tip_radius: float, period: float) -> float:
+    """Amplitude h = λ²/(4π²R) of the cosine with curvature 1/R at its tips, thesis eq. (2.20)."""
+    return period**2 / (4.0 * np.pi**2 * tip_radius)
 
 
 def from_half_width(

@@ -15,11 +15,11 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
-from labpipe.contact.march import Control, March
-from labpipe.contact.memory import Creep, checked_history, checked_load
+from labpipe.contact._march import Control, March
+from labpipe.contact._memory import Creep, checked_history, checked_load
+from labpipe.contact._springs import NotNestedError, sphere_bed
 from labpipe.contact.sphere._counter_body import Substrate, counter_compliance
 from labpipe.contact.sphere.hertz import static_approach, static_load
-from labpipe.contact.springs import NotNestedError, sphere_bed
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, si

@@ -18,9 +18,8 @@ from labpipe.frames import FrameSource, ShownFrames
 _FRAMES = 8
 #: Standard deviations of noise by which a stuck pixel stands out, and by which its surroundings change and it does not.
 _STANDS_OUT, _CHANGES = 8.0, 4.0
-#: Share of its height by which the level of a stuck pixel may change, and share of the pixels that stand out as far
-#: which must be stuck: of a fine scene some keep their level by chance.
-_SHARE = 0.6
+#: Share of its height by which the level of a stuck pixel may change; share of the pixels that stand out as far.
+_SAME, _MOST = 0.5, 0.7
 
 
 class RepairedFrames(ShownFrames):
@@ -93,6 +92,7 @@ def without_stuck_pixels(
     if len(sound) < 2:
         return film, StuckPixels()
     chosen = sound[np.unique(np.linspace(0, len(sound) - 1, _FRAMES).round().astype(int))].tolist()
+    stuck = np.zeros(0, np.int64)
     for number, index in enumerate(chosen):
         image = np.asarray(read(index))
         if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "iuf":
@@ -106,19 +106,23 @@ def without_stuck_pixels(
             noise = max(float(np.percentile(quiet, 3.0)) / 0.88, 0.5 if image.dtype.kind in "iu" else 0.0)
             least = max(_STANDS_OUT * noise, float(np.percentile(np.abs(rest), 97.0)))
             stuck = np.flatnonzero(np.abs(rest) > least)
-            stuck = stuck[np.argsort(-np.abs(rest[stuck]))]
             first, around = rest[stuck], middle[stuck]
-            keeps, changes = np.ones(len(stuck), bool), np.zeros(len(stuck), bool)
+            heights = np.abs(first)
+            changes = np.zeros(len(stuck), bool)
+        if not len(stuck):
+            return film, StuckPixels(0, number + 1)
         # the level stays, or sign and height do where the pixel adds to the light
         level = np.abs(rest[stuck] + middle[stuck] - first - around)
         stands = (rest[stuck] * first > 0.0) & (np.abs(rest[stuck]) > _STANDS_OUT * noise)
-        keeps &= (level < _CHANGES * noise) | (stands & (level < _SHARE * np.abs(first)))
+        keeps = (level < _CHANGES * noise) | (stands & (level < _SAME * np.abs(first)))
         changes |= np.abs(middle[stuck] - around) > _CHANGES * noise
-        if not keeps.any():
-            return film, StuckPixels(0, number + 1)
-    is_stuck = keeps & changes
-    enough = np.flatnonzero(np.cumsum(is_stuck) > _SHARE * np.arange(1, len(stuck) + 1))
-    stuck = stuck[: enough[-1] + 1][is_stuck[: enough[-1] + 1]] if len(enough) else stuck[:0]
+        stuck, first, around, changes = stuck[keeps], first[keeps], around[keeps], changes[keeps]
+    stuck, height = stuck[changes], np.abs(first[changes])
+    # Of a fine scene some pixels keep their level by chance: of those that stand out as far, most must be stuck.
+    height, order = -np.sort(-height), np.argsort(-height)
+    standing = len(heights) - np.searchsorted(np.sort(heights), height)
+    enough = np.flatnonzero(np.arange(1, len(height) + 1) > _MOST * standing)
+    stuck = stuck[order[: enough[-1] + 1]] if len(enough) else stuck[:0]
     if not len(stuck):
         return film, StuckPixels(0, len(chosen))
     mask = np.zeros(film.shape[1] * film.shape[2], bool)

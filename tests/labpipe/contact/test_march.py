@@ -41,7 +41,7 @@ def test_steps_are_counted_and_few() -> None:
 
 
 def test_a_control_that_cannot_succeed_says_so(monkeypatch) -> None:
-    monkeypatch.setattr("labpipe.contact.march._MAX_STEPS_PER_INTERVAL", 5)
+    monkeypatch.setattr("labpipe.contact._march._MAX_STEPS_PER_INTERVAL", 5)
     with pytest.raises(InputError, match="larger rtol"):
         indent(wild(5, 1e3), *GEOMETRY, [0.0, 1.0], [1e-4, 1e-4], elements=64)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.contact.memory import Creep, advance, condense, history, step_weights
+from labpipe.contact._memory import Creep, advance, condense, history, step_weights
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from labpipe.contact._springs import NotNestedError, sphere_bed
 from labpipe.contact.line._surface import line_kernel, strip_bed, tip_height
-from labpipe.contact.springs import NotNestedError, sphere_bed
 from labpipe.errors import InputError
 
 PERIOD, RADIUS, ELEMENTS = 8e-3, 2e-3, 256

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from labpipe.arrays import Floats
-from labpipe.contact.memory import checked_history
+from labpipe.contact._memory import checked_history
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

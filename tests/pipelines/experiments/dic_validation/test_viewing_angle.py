@@ -13,7 +13,6 @@ import xarray as xr
 from labpipe import files
 from labpipe.units import Quantity
 from pipelines.experiments.dic_validation import measured
-from pipelines.experiments.dic_validation._view_checks import sideways
 from pipelines.experiments.dic_validation.page import camera_angle
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.dic_validation.viewing_angle import Seen, along, seen, sources
@@ -149,18 +148,6 @@ def test_an_image_that_creeps_aside_is_no_turn(drift):
     body = xr.Dataset({name: ("frame", value) for name, value in values.items()}, coords={"time": ("frame", time)})
     found = seen(body)
     assert abs(found.direction - math.radians(2.0)) < 3 * found.u_direction < 2e-3
-    track = xr.Dataset(
-        {
-            "dx": (("frame", "point"), values["displacement_x"][:, None] / 7.77e-5),
-            "dy": (("frame", "point"), -values["displacement_y"][:, None] / 7.77e-5),
-            "valid": (("frame", "point"), np.ones((time.size, 1), bool)),
-        },
-        coords={"time": ("frame", time)},
-    )
-    check = sideways(track, DicValidation(kind="dic_validation", film="film", camera="camera.toml"))
-    moved = abs(drift) * time[-1] / 7.77e-5
-    assert (check.level == "note") == (moved > 0.5)
-    assert (f"drifts aside, evenly, by {moved:.2g} px" in check.message) == (moved > 0.5)
 
 
 @pytest.mark.parametrize("distance", [None, 0.3])

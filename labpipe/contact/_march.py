@@ -2,7 +2,7 @@
 
 The history is linear between its samples; two samples at one time are a jump. Inside an interval
 the springs' load is taken linear in every step, the memory update is then exact for any step length
-(:mod:`labpipe.contact.memory`), and what is left is the curvature of the load in time. It is
+(:mod:`labpipe.contact._memory`), and what is left is the curvature of the load in time. It is
 controlled by doing every step once whole and once in two halves (see ``March._pair``): the halves
 are kept, the difference must stay below a share of the force. It is of third order and what all
 steps leave of second, so that the share goes with the power 3/2 of ``rtol``. Steps shrink to the fastest
@@ -21,8 +21,8 @@ from typing import Literal
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.contact.memory import Creep, StepWeights, advance, history, step_weights
-from labpipe.contact.springs import Answer, NotNestedError, SpringBed
+from labpipe.contact._memory import Creep, StepWeights, advance, history, step_weights
+from labpipe.contact._springs import Answer, NotNestedError, SpringBed
 from labpipe.errors import InputError
 
 Control = Literal["displacement", "force"]
