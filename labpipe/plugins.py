@@ -73,7 +73,8 @@ def survey(entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[s
     tuple of Plugin
         Ordered by distribution and name, so that every machine asks them in the same order.
     """
-    names, plugins = set(taken), []
+    names = set(taken)
+    plugins: list[Plugin[T]] = []
     for where, entry in sorted(((_distribution(e), e) for e in entries), key=lambda pair: (pair[0], pair[1].name)):
         try:
             found = entry.load()

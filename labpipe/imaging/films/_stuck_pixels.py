@@ -92,7 +92,6 @@ def without_stuck_pixels(
     if len(sound) < 2:
         return film, StuckPixels()
     chosen = sound[np.unique(np.linspace(0, len(sound) - 1, _FRAMES).round().astype(int))].tolist()
-    stuck = np.zeros(0, np.int64)
     for number, index in enumerate(chosen):
         image = np.asarray(read(index))
         if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "iuf":
@@ -106,11 +105,10 @@ def without_stuck_pixels(
             noise = max(float(np.percentile(quiet, 3.0)) / 0.88, 0.5 if image.dtype.kind in "iu" else 0.0)
             least = max(_STANDS_OUT * noise, float(np.percentile(np.abs(rest), 97.0)))
             stuck = np.flatnonzero(np.abs(rest) > least)
-            first, around = rest[stuck], middle[stuck]
-            heights = np.abs(first)
+            first, around, heights = rest[stuck], middle[stuck], np.abs(rest[stuck])
             changes = np.zeros(len(stuck), bool)
         if not len(stuck):
-            return film, StuckPixels(0, number + 1)
+            break
         # the level stays, or sign and height do where the pixel adds to the light
         level = np.abs(rest[stuck] + middle[stuck] - first - around)
         stands = (rest[stuck] * first > 0.0) & (np.abs(rest[stuck]) > _STANDS_OUT * noise)
@@ -124,7 +122,7 @@ def without_stuck_pixels(
     enough = np.flatnonzero(np.arange(1, len(height) + 1) > _MOST * standing)
     stuck = stuck[order[: enough[-1] + 1]] if len(enough) else stuck[:0]
     if not len(stuck):
-        return film, StuckPixels(0, len(chosen))
+        return film, StuckPixels(0, number + 1)
     mask = np.zeros(film.shape[1] * film.shape[2], bool)
     mask[stuck] = True
     return RepairedFrames(film, mask.reshape(film.shape[1:])), StuckPixels(len(stuck), len(chosen))

@@ -360,6 +360,9 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
     if not isfinite(longest):
         return not_made(DURATION, "a frame before and one after the first contact")
     seen, own = 0.5 * (shortest + longest), (longest - shortest) / sqrt(24.0)
+    if shortest > 0.0:  # bounds far apart, with undecided frames between them, are a bound of the logarithm
+        seen = sqrt(shortest * longest)
+        own = seen * log(longest / shortest) / sqrt(24.0)
     a, u_a = _largest(impacts)
     expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2
     height, body = settings.height, settings.sphere.radius

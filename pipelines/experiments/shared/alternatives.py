@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from labpipe import contact, files, materials
 from labpipe.arrays import Floats
 from labpipe.errors import LabpipeError
-from labpipe.judging import agreement
+from labpipe.judging import IMPOSSIBLE, agreement
 from labpipe.materials import Prony
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row
 from pipelines.experiments.shared.material_choice import fitted_at, resolve
@@ -31,10 +31,14 @@ Column = Callable[[Row], tuple[str, int] | None]
 
 
 class Alternative(NamedTuple):
-    """What may be true in place of a stated material: a sentence, and the differences (row,) that would be left."""
+    """What may be true in place of a stated material: a sentence, and the differences (row,) that would be left.
+
+    ``is_far``: it needs more than ten of the uncertainties that are stated of it.
+    """
 
     sentence: str
     differences: Floats
+    is_far: bool = False
 
 
 def of_drop(
@@ -84,7 +88,8 @@ def of_drop(
     curves = CubicSpline(temperatures[whole], of_warmer[whole])(fine)
     best = int(np.argmin([agreement(each, covariance).chi2 for each in curves]))
     text = f"the temperature was probably {fine[best]:.1f} °C, not {temperature:.4g} °C (sphere.temperature)"
-    return [*found, Alternative(text, curves[best])]
+    is_far = abs(fine[best] - temperature) > IMPOSSIBLE * (sphere.temperature.u or np.inf)
+    return [*found, Alternative(text, curves[best], bool(is_far))]
 
 
 _ACRONYMS = ("nbr", "peek", "ptfe")

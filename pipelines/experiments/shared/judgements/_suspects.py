@@ -82,19 +82,21 @@ def explanations(
 
 
 def _alternatives(scene: Scene, rows: Sequence[Row], covariance: Any, chi2: float) -> list[str]:
-    """Name the other material or temperature that explains most of a difference."""
+    """Name the other material or temperature that explains most of a difference.
+
+    After a temperature that its stated uncertainty excludes, a material that is in no library is named.
+    """
     if scene.alternatives is None:
         return []
     found = scene.alternatives(rows, covariance)
     left = [
         agreement(each.differences, covariance).chi2 if np.isfinite(each.differences).all() else inf for each in found
     ]
-    best = sorted((size, each.sentence) for size, each in zip(left, found, strict=True) if size < (1 - _TELLS) * chi2)
-    return [
-        f"{said}; that would explain {100 * (1 - size / chi2):.0f}{TIED}% of it"
-        for size, said in best
-        if size < best[0][0] + max(_CLOSE, best[0][0])
-    ]
+    sizes = [(size, each) for size, each in zip(left, found, strict=True) if size < (1 - _TELLS) * chi2]
+    best = sorted(sizes, key=lambda one: one[0])
+    close = [(size, each) for size, each in best if size < best[0][0] + max(_CLOSE, best[0][0])]
+    told = [f"{each.sentence}; that would explain {100 * (1 - size / chi2):.0f}{TIED}% of it" for size, each in close]
+    return [*told, f"or {scene.another_material}"] if len(close) == 1 and close[0][1].is_far else told
 
 
 def _is_refuted(
