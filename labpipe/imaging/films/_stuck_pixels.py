@@ -88,12 +88,11 @@ def without_stuck_pixels(
     import cv2
 
     sound = np.flatnonzero(np.asarray(film.valid, bool) & (True if wanted is None else wanted))
-    read = film.__getitem__ if read is None else read
     if len(sound) < 2:
         return film, StuckPixels()
     chosen = sound[np.unique(np.linspace(0, len(sound) - 1, _FRAMES).round().astype(int))].tolist()
     for number, index in enumerate(chosen):
-        image = np.asarray(read(index))
+        image = np.asarray((read or film.__getitem__)(index))
         if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "iuf":
             return film, StuckPixels(0, number + 1)
         grey = np.ascontiguousarray(image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32))
