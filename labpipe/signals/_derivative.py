@@ -233,7 +233,7 @@ def _spline(
         found = _residual_sigma((y - level)[kept], freedom, known)
         if not 1 / _WHITE_RESIDUAL < found / known.sigma < _WHITE_RESIDUAL:
             known = known._replace(sigma=found)
-            fit = smooth(t[kept], y[kept], known.sigma, *cuts, known=fit)
+            fit = smooth(t[kept], y[kept], known.sigma, *cuts)
             n_updates += fit.n_updates
             level, u_level = evaluate(fit, t, 0)
     _warn_of_fast_motion((y - level)[kept], float(np.ptp(y)), known)

@@ -17,7 +17,6 @@ LEAF = 4
 """Samples in the smallest interval."""
 
 _ORDER = 4  # parameters of a piece: a cubic
-_FAST = {"reassoc", "contract", "nsz"}
 _SLOPE = 0.5  # by which lengths may grow with the distance from shorter ones
 _PRICE = 3.0  # chi-square that a parameter must gain: between Akaike (2) and Bayes (log n)
 
@@ -71,7 +70,7 @@ def _factors(position: Floats, values: Floats) -> list[Floats]:
     return levels
 
 
-@lean(fastmath=_FAST)
+@lean()
 def _tree(position: Floats, values: Floats, triangle: Floats, below: Floats, residuals: Floats) -> None:
     """Fill in the residuals of all pairs of leaves, of pairs of pairs, and so on.
 
@@ -111,7 +110,7 @@ def _tree(position: Floats, values: Floats, triangle: Floats, below: Floats, res
         filled += count
 
 
-@inner(fastmath=_FAST)
+@inner()
 def _reduce(top: Floats, below: Floats, full: int) -> None:
     """Make ``top`` R (5, 5) of the factorisation QR of itself with what stands below it.
 
@@ -137,13 +136,13 @@ def _reduce(top: Floats, below: Floats, full: int) -> None:
                     below[r, other] += along * below[r, c]
 
 
-@inner(fastmath=_FAST)
+@inner()
 def _frame(low: float, high: float) -> tuple[float, float]:
     """Centre and half length, by which the powers stay between -1 and 1."""
     return (low + high) / 2, ((high - low) / 2 if high > low else 1.0)
 
 
-@inner(fastmath=_FAST)
+@inner()
 def _shift(triangle: Floats, low: float, high: float, centre: float, half: float, result: Floats) -> None:
     """Express a triangle from ``low`` to ``high`` in the powers of its parent's interval."""
     own_centre, own_half = _frame(low, high)

@@ -34,6 +34,7 @@ from labpipe.signals._spline_kernel import (
     followed,
     gather,
     penalised,
+    variances,
 )
 
 _KNOTS_PER_PIECE = 6.0  # a cubic piece cut in six leaves the penalty, not the knots, in charge
@@ -57,8 +58,7 @@ class Smooth:
 
     ``intervals`` in units of ``time_scale`` from ``time_origin``; ``coefficients`` and the variance
     in units of ``sigma`` about ``offset``; ``covariance`` (m, 6) is the band of the coefficients'
-    covariance from the diagonal downwards; ``lengths`` (leaf,) are those of the smooth pieces, ``strength``
-    holds places (interval,) and lambda there.
+    covariance from the diagonal downwards.
     """
 
     intervals: Intervals
@@ -69,24 +69,16 @@ class Smooth:
     sigma: float
     offset: float
     n_updates: int
-    lengths: Floats
-    strength: tuple[Floats, Floats]
 
 
 def smooth(
-    time: Floats,
-    values: Floats,
-    sigma: float,
-    contacts: Sequence[float] = (),
-    releases: Sequence[float] = (),
-    known: Smooth | None = None,
+    time: Floats, values: Floats, sigma: float, contacts: Sequence[float] = (), releases: Sequence[float] = ()
 ) -> Smooth:
     """Fit the spline to finite samples.
 
     ``time`` (n,), strictly increasing, has 8 or more samples, ``sigma`` > 0 is the standard deviation of their white
     noise. At ``contacts`` the third derivative may jump, for a convex body meets or leaves a flat; at ``releases`` the
-    second: a body is let go, or hits a hard stop. ``known`` is a fit of the same samples with another ``sigma``, whose
-    knots and lambda are the start.
+    second: a body is let go, or hits a hard stop.
     """
     scale = float(np.median(np.diff(time)))
     x = (time - time[0]) / scale
@@ -96,12 +88,10 @@ def smooth(
         (np.sort((np.asarray(times, float) - time[0]) / scale), multiplicity)
         for times, multiplicity in ((contacts, _AT_CONTACT), (releases, _AT_RELEASE))
     ]
-    lengths = graded(smooth_lengths(x, z)) if known is None else known.lengths
-    strength = None if known is None else (known.strength[0], known.strength[1] * (sigma / known.sigma) ** 2)
+    lengths = graded(smooth_lengths(x, z))
     n_updates = 0
     for attempt in range(_REFINEMENTS + 1):
-        intervals, coefficients, inverse, n_solves, penalty = _penalised(x, z, _knots(x, lengths, cuts), strength)
-        reached = strength = intervals.low + 0.5 * intervals.length, penalty
+        intervals, coefficients, inverse, n_solves = _penalised(x, z, _knots(x, lengths, cuts))
         n_updates += n_solves
         misfit = _misfit(z - _values(intervals, intervals.basis, coefficients, x))
         if attempt == _REFINEMENTS or not misfit.any():
@@ -110,7 +100,7 @@ def smooth(
         if np.array_equal(halved, lengths):
             break
         lengths = graded(halved)
-    return Smooth(intervals, coefficients, inverse, float(time[0]), scale, sigma, offset, n_updates, lengths, reached)
+    return Smooth(intervals, coefficients, inverse, float(time[0]), scale, sigma, offset, n_updates)
 
 
 def evaluate(fit: Smooth, time: Floats, derivative: int = 0) -> tuple[Floats, Floats]:
@@ -126,16 +116,9 @@ def evaluate(fit: Smooth, time: Floats, derivative: int = 0) -> tuple[Floats, Fl
     for _ in range(derivative):
         basis = basis[:, 1:] * (np.arange(1, basis.shape[1])[:, None] / length[:, None, None])
     value = factor * _values(fit.intervals, basis, fit.coefficients, x)
-    # The variance is a polynomial of twice the degree in every interval.
-    i, count = np.arange(DEGREE + 1), basis.shape[1]
-    band = fit.covariance[fit.intervals.first[:, None, None] + np.minimum(i[:, None], i), np.abs(i[:, None] - i)]
-    products, polynomials = basis @ band @ basis.transpose(0, 2, 1), np.zeros((len(low), 2 * count - 1))
-    for power in range(count):
-        polynomials[:, power : power + count] += products[:, power]
     variance = np.empty(len(x))
-    followed(fit.intervals, polynomials, x, variance)
-    u = factor * np.sqrt(np.maximum(variance, 0.0))
-    return (value + fit.offset if derivative == 0 else value), u
+    variances(fit.intervals, basis, fit.covariance, x, np.empty(DEGREE + 1), variance)
+    return (value + fit.offset if derivative == 0 else value), factor * np.sqrt(variance)
 
 
 def _values(intervals: Intervals, basis: Floats, coefficients: Floats, x: Floats) -> Floats:
@@ -168,13 +151,8 @@ def _knots(x: Floats, lengths: Floats, cuts: list[tuple[Floats, int]]) -> Floats
     return np.concatenate([np.repeat(breaks[0], DEGREE), breaks, np.repeat(breaks[-1], DEGREE)])
 
 
-def _penalised(
-    x: Floats, z: Floats, knots: Floats, strength: tuple[Floats, Floats] | None
-) -> tuple[Intervals, Floats, Floats, int, Floats]:
-    """Intervals between knots, coefficients, band of their covariance, solves, lambda of the intervals.
-
-    ``strength``: Places and lambda to begin with; lambda is that of a function of time, whatever the knots.
-    """
+def _penalised(x: Floats, z: Floats, knots: Floats) -> tuple[Intervals, Floats, Floats, int]:
+    """Intervals between knots, coefficients, band of their covariance, solves."""
     count = len(knots) - DEGREE - 1
     start = np.flatnonzero(np.diff(knots[: count + 1]) > 0.0)
     length = knots[start + 1] - knots[start]
@@ -185,35 +163,26 @@ def _penalised(
     expand(knots, intervals)
     band = (count + DEGREE, DEGREE + 1)
     normal, right = np.zeros(band), np.zeros(count + DEGREE)
-    powers, moments = np.zeros((len(start), 2 * DEGREE + 1)), np.zeros((len(start), DEGREE + 1))
-    gather(x, z, intervals, powers, moments)
-    order = np.arange(DEGREE + 1)
-    blocks = basis.transpose(0, 2, 1) @ powers[:, order[:, None] + order] @ basis
-    sides = np.einsum("sqi,sq->si", basis, moments)
-    for i in range(DEGREE + 1):  # every interval begins with another coefficient
-        right[intervals.first + i] += sides[:, i]
-        for d in range(DEGREE + 1 - i):
-            normal[intervals.first + i, d] += blocks[:, i, i + d]
+    gather(x, z, intervals, np.empty(DEGREE + 1), normal, right)
     work, sums = np.empty((3, len(start))), np.empty((2, OCTAVES))
-    work[0] = 10.0 * power
-    if strength is not None:
-        work[0] = np.exp(np.interp(intervals.low + 0.5 * length, strength[0], np.log(strength[1])))
     space = Space(work[0], work[1], work[2], np.empty_like(basis), sums[0], sums[1], np.empty(band))
     coefficients, inverse = np.empty_like(right), np.empty(band)
     n_solves = penalised(normal, right, intervals, _UPDATE, space, coefficients, inverse)
     if not n_solves:
         raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
-    return intervals, coefficients[:count], inverse[:count], n_solves, space.penalty
+    return intervals, coefficients[:count], inverse[:count], n_solves
 
 
 def _misfit(residual: Floats) -> Flags:
     """Leaves in which the residuals stay on one side for longer than chance allows."""
-    total = np.concatenate([[0.0], np.cumsum(np.add.reduceat(residual, np.arange(0, len(residual), LEAF)))])
-    marks = np.zeros(len(total))
-    leaves = 1
-    while leaves * LEAF <= min(len(residual) // 4, 1024):
-        starts = np.flatnonzero(np.abs(total[leaves:] - total[:-leaves]) > _MISFIT * np.sqrt(leaves * LEAF))
+    n = len(residual)
+    total = np.concatenate([[0.0], np.cumsum(residual)])
+    marks = np.zeros(n + 1)
+    window = LEAF
+    while window <= min(n // 4, 1024):
+        starts = np.flatnonzero(np.abs(total[window:] - total[:-window]) > _MISFIT * np.sqrt(window))
         marks[starts] += 1.0  # each place once
-        marks[starts + leaves] -= 1.0
-        leaves *= 2
-    return np.asarray(np.cumsum(marks[:-1]) > 0.5)
+        marks[starts + window] -= 1.0
+        window *= 2
+    inside = np.cumsum(marks[:-1]) > 0.5
+    return np.asarray(np.logical_or.reduceat(inside, np.arange(0, n, LEAF)))

@@ -1,4 +1,4 @@
-"""The compiled loops of the smoothing spline: bases, moments of the samples, the penalised fit.
+"""The compiled loops of the smoothing spline: bases, the penalised fit, variances.
 
 In each interval between knots the B-splines are polynomials of the distance from its middle, so
 that a sample costs Horner's rule and no recursion; samples are met once for each choice of knots.
@@ -174,20 +174,48 @@ def followed(intervals: Intervals, polynomials: Floats, x: Floats, value: Floats
 
 
 @lean(fastmath=_FAST)
-def gather(x: Floats, z: Floats, intervals: Intervals, powers: Floats, moments: Floats) -> None:
-    """Add up powers (interval, 11) of the distance of all samples, and moments (interval, 6) of their values."""
+def variances(intervals: Intervals, basis: Floats, inverse: Floats, x: Floats, row: Floats, variance: Floats) -> None:
+    """Fill in the variance (n,) of a derivative of the spline at ``x`` (n,).
+
+    ``basis`` (interval, power, 6) is that of the derivative, ``inverse`` (m, 6) the band of the
+    coefficients' covariance, ``row`` (6,) work space.
+    """
     s = 0
     for n in range(x.size):
         s = _place(intervals, x[n], s)
-        u = (x[n] - intervals.low[s]) / intervals.length[s] - 0.5
-        power = 1.0
-        for q in range(_WIDTH):
-            powers[s, q] += power
-            moments[s, q] += z[n] * power
-            power *= u
-        for q in range(_WIDTH, 2 * DEGREE + 1):
-            powers[s, q] += power
-            power *= u
+        _row(basis, s, (x[n] - intervals.low[s]) / intervals.length[s] - 0.5, row)
+        first, total = intervals.first[s], 0.0
+        for i in range(_WIDTH):
+            part = 0.5 * row[i] * inverse[first + i, 0]
+            for j in range(1, _WIDTH - i):
+                part += row[i + j] * inverse[first + i, j]
+            total += 2.0 * row[i] * part
+        variance[n] = max(total, 0.0)
+
+
+@inner(fastmath=_FAST)
+def _row(basis: Floats, s: int, u: float, row: Floats) -> None:
+    """Fill in what multiplies the six coefficients that count in an interval."""
+    last = basis.shape[1] - 1
+    for i in range(_WIDTH):
+        row[i] = basis[s, last, i]
+    for q in range(last - 1, -1, -1):
+        for i in range(_WIDTH):
+            row[i] = u * row[i] + basis[s, q, i]
+
+
+@lean(fastmath=_FAST)
+def gather(x: Floats, z: Floats, intervals: Intervals, row: Floats, normal: Floats, right: Floats) -> None:
+    """Add all samples to the normal matrix (m + 5, 6) and the right-hand side (m + 5,)."""
+    s = 0
+    for n in range(x.size):
+        s = _place(intervals, x[n], s)
+        _row(intervals.basis, s, (x[n] - intervals.low[s]) / intervals.length[s] - 0.5, row)
+        first = intervals.first[s]
+        for i in range(_WIDTH):
+            right[first + i] += z[n] * row[i]
+            for j in range(_WIDTH - i):
+                normal[first + i, j] += row[i] * row[i + j]
 
 
 @lean(fastmath=_FAST)
@@ -202,12 +230,13 @@ def penalised(
 ) -> int:
     """Fit a spline whose roughness costs as much as the samples say.
 
-    ``normal`` (m + 5, 6) and ``right`` (m + 5,) sum over all samples, ``space`` is work space, its ``penalty`` that
-    of the first solve; ``coefficients`` (m + 5,) and ``inverse`` (m + 5, 6), the band of their covariance, are filled.
-    Returns the solves of the band system, 0 when a penalised matrix was not positive definite.
+    ``normal`` (m + 5, 6) and ``right`` (m + 5,) are from :func:`gather`, ``space`` is work space;
+    ``coefficients`` (m + 5,) and ``inverse`` (m + 5, 6), the band of their covariance, are filled. Returns the
+    solves of the band system, 0 when a penalised matrix was not positive definite.
     """
     m, count = right.size - DEGREE, intervals.low.size
     for s in range(count):
+        space.penalty[s] = 10.0 * intervals.power[s]
         # the fourth derivative is linear: 24 and 120 times the highest powers, and u^2 is 1/12 in the mean
         for i in range(_WIDTH):
             for j in range(_WIDTH - i):

@@ -129,20 +129,7 @@ def film_that_is_none(random: Random) -> Outcome:
     options: dict[str, Any] = {}
     fault = str(
         random.choice(
-            [
-                "empty",
-                "NaN",
-                "infinite",
-                "colour",
-                "even",
-                "small",
-                "point",
-                "order",
-                "static",
-                "blur",
-                "select",
-                "seeds",
-            ]
+            ["empty", "NaN", "infinite", "colour", "even", "small", "point", "order", "static", "blur", "select"]
         )
     )
     if fault in ("NaN", "infinite"):
@@ -161,7 +148,6 @@ def film_that_is_none(random: Random) -> Outcome:
             "static": {"static_frames": int(random.choice([0, 4, -1]))},
             "blur": {"blur": float(random.choice([-1.0, np.nan, 1e9]))},
             "select": {"select": [2, 1]},
-            "seeds": {"seeds": [(np.nan, 0.0)]},
         }
         options = settings[fault]
     with silently():
