@@ -234,21 +234,6 @@ def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
             stream.close()
 
 
-def discard(path: str | os.PathLike[str]) -> None:
-    """Delete a file that is of no use any more, where there is one.
-
-    Raises
-    ------
-    StorageError
-        There is no permission.
-    """
-    target = Path(path)
-    try:
-        target.unlink(missing_ok=True)
-    except OSError as error:
-        raise _storage_error(target, 0, error) from error
-
-
 def digest(path: str | os.PathLike[str]) -> str:
     """Return the SHA-256 of a file's content in hexadecimal.
 
@@ -573,8 +558,6 @@ class HashIndex:
 # --- names from untrusted text -------------------------------------------------------------------
 
 _RESERVED = re.compile(r"(?i)^(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)(\.|$)")
-_DIRECTIONS = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
-"""Embeddings, overrides and isolates, which can make a name read as another one; marks cannot."""
 _LONGEST_NAME = 255
 """Bytes in one component of a path: the limit of ext4, XFS, APFS and NTFS alike."""
 
