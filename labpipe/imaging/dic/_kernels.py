@@ -17,8 +17,6 @@ from labpipe.imaging.dic._spline import LANES
 SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
 #: Shapes: translation and rotation; the affine motion; the first, and the second where the residual shows a strain.
 RIGID, AFFINE, AUTO = 0, 1, 2
-#: A step that ends farther than this from the start (px) has left the basin of convergence.
-CAPTURE = 12.0
 
 # A first step has no history: a step of e px leaves an error below e²/2 (measured: 0.2 e²).
 _FIRST_SHRINK = 0.5
@@ -30,9 +28,10 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _sample_row(
-    coefficients: Floats32, order: int, x: float, y: float, step_x: float, step_y: float, width: int, result: Floats32
-) -> None:
-    """Interpolate a row of pixels whose positions advance by (1 + step_x, step_y).
+    coefficients: Floats32, order: int, x: float, y: float, step_x: float, step_y: float, width: int, line: int,
+    result: Floats32,
+) -> None:  # fmt: skip
+    """Interpolate into ``result[line]`` a row of pixels whose positions advance by (1 + step_x, step_y).
 
     The row is cut where the whole part of the position, less the pixel's number, changes: within
     such a run all taps lie side by side in memory and the loop becomes vector instructions.
@@ -60,11 +59,11 @@ def _sample_row(
         lanes = np.uint64((count + LANES - 1) // LANES * LANES)
         fx = np.float32(left_x)
         fy = np.float32(left_y)
-        out = result[done:]
+        here, place = np.uint64(line), np.uint64(done)
         if order == 3:
-            _sample_cubic(coefficients, row - 1, column - 1, fx, fy, dx, dy, lanes, out)
+            _sample_cubic(coefficients, row - 1, column - 1, fx, fy, dx, dy, lanes, result, here, place)
         else:
-            _sample_quintic(coefficients, row - 2, column - 2, fx, fy, dx, dy, lanes, out)
+            _sample_quintic(coefficients, row - 2, column - 2, fx, fy, dx, dy, lanes, result, here, place)
         done += count
 
 
@@ -91,22 +90,42 @@ def _sample_cubic(
     dy: np.float32,
     lanes: np.uint64,
     out: Floats32,
+    line: np.uint64,
+    place: np.uint64,
 ) -> None:
     """Evaluate the cubic spline for a run of pixels."""
-    c0 = coefficients[row, column:]
-    c1 = coefficients[row + 1, column:]
-    c2 = coefficients[row + 2, column:]
-    c3 = coefficients[row + 3, column:]
+    top, left = np.uint64(row), np.uint64(column)
     i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
     for k in range(lanes):
+        at = left + k
         step = np.float32(np.int32(k))
         a0, a1, a2, a3 = _cubic_weights(fx + dx * step)
         b0, b1, b2, b3 = _cubic_weights(fy + dy * step)
-        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2] + a3 * c0[k + i3]
-        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2] + a3 * c1[k + i3]
-        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2] + a3 * c2[k + i3]
-        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2] + a3 * c3[k + i3]
-        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
+        r0 = (
+            a0 * coefficients[top, at]
+            + a1 * coefficients[top, at + i1]
+            + a2 * coefficients[top, at + i2]
+            + a3 * coefficients[top, at + i3]
+        )
+        r1 = (
+            a0 * coefficients[top + i1, at]
+            + a1 * coefficients[top + i1, at + i1]
+            + a2 * coefficients[top + i1, at + i2]
+            + a3 * coefficients[top + i1, at + i3]
+        )
+        r2 = (
+            a0 * coefficients[top + i2, at]
+            + a1 * coefficients[top + i2, at + i1]
+            + a2 * coefficients[top + i2, at + i2]
+            + a3 * coefficients[top + i2, at + i3]
+        )
+        r3 = (
+            a0 * coefficients[top + i3, at]
+            + a1 * coefficients[top + i3, at + i1]
+            + a2 * coefficients[top + i3, at + i2]
+            + a3 * coefficients[top + i3, at + i3]
+        )
+        out[line, place + k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
@@ -143,33 +162,71 @@ def _sample_quintic(
     dy: np.float32,
     lanes: np.uint64,
     out: Floats32,
+    line: np.uint64,
+    place: np.uint64,
 ) -> None:
     """Evaluate the quintic spline for a run of pixels."""
-    c0 = coefficients[row, column:]
-    c1 = coefficients[row + 1, column:]
-    c2 = coefficients[row + 2, column:]
-    c3 = coefficients[row + 3, column:]
-    c4 = coefficients[row + 4, column:]
-    c5 = coefficients[row + 5, column:]
+    top, left = np.uint64(row), np.uint64(column)
     i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
     i4, i5 = np.uint64(4), np.uint64(5)
     for k in range(lanes):
+        at = left + k
         step = np.float32(np.int32(k))
         a0, a1, a2, a3, a4, a5 = _quintic_weights(fx + dx * step)
         b0, b1, b2, b3, b4, b5 = _quintic_weights(fy + dy * step)
-        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2]
-        r0 += a3 * c0[k + i3] + a4 * c0[k + i4] + a5 * c0[k + i5]
-        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2]
-        r1 += a3 * c1[k + i3] + a4 * c1[k + i4] + a5 * c1[k + i5]
-        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2]
-        r2 += a3 * c2[k + i3] + a4 * c2[k + i4] + a5 * c2[k + i5]
-        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2]
-        r3 += a3 * c3[k + i3] + a4 * c3[k + i4] + a5 * c3[k + i5]
-        r4 = a0 * c4[k] + a1 * c4[k + i1] + a2 * c4[k + i2]
-        r4 += a3 * c4[k + i3] + a4 * c4[k + i4] + a5 * c4[k + i5]
-        r5 = a0 * c5[k] + a1 * c5[k + i1] + a2 * c5[k + i2]
-        r5 += a3 * c5[k + i3] + a4 * c5[k + i4] + a5 * c5[k + i5]
-        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
+        r0 = a0 * coefficients[top, at] + a1 * coefficients[top, at + i1] + a2 * coefficients[top, at + i2]
+        r0 += a3 * coefficients[top, at + i3] + a4 * coefficients[top, at + i4] + a5 * coefficients[top, at + i5]
+        r1 = (
+            a0 * coefficients[top + i1, at]
+            + a1 * coefficients[top + i1, at + i1]
+            + a2 * coefficients[top + i1, at + i2]
+        )
+        r1 += (
+            a3 * coefficients[top + i1, at + i3]
+            + a4 * coefficients[top + i1, at + i4]
+            + a5 * coefficients[top + i1, at + i5]
+        )
+        r2 = (
+            a0 * coefficients[top + i2, at]
+            + a1 * coefficients[top + i2, at + i1]
+            + a2 * coefficients[top + i2, at + i2]
+        )
+        r2 += (
+            a3 * coefficients[top + i2, at + i3]
+            + a4 * coefficients[top + i2, at + i4]
+            + a5 * coefficients[top + i2, at + i5]
+        )
+        r3 = (
+            a0 * coefficients[top + i3, at]
+            + a1 * coefficients[top + i3, at + i1]
+            + a2 * coefficients[top + i3, at + i2]
+        )
+        r3 += (
+            a3 * coefficients[top + i3, at + i3]
+            + a4 * coefficients[top + i3, at + i4]
+            + a5 * coefficients[top + i3, at + i5]
+        )
+        r4 = (
+            a0 * coefficients[top + i4, at]
+            + a1 * coefficients[top + i4, at + i1]
+            + a2 * coefficients[top + i4, at + i2]
+        )
+        r4 += (
+            a3 * coefficients[top + i4, at + i3]
+            + a4 * coefficients[top + i4, at + i4]
+            + a5 * coefficients[top + i4, at + i5]
+        )
+        r5 = (
+            a0 * coefficients[top + i5, at]
+            + a1 * coefficients[top + i5, at + i1]
+            + a2 * coefficients[top + i5, at + i2]
+        )
+        r5 += (
+            a3 * coefficients[top + i5, at + i3]
+            + a4 * coefficients[top + i5, at + i4]
+            + a5 * coefficients[top + i5, at + i5]
+        )
+        out[line, place + k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
 
 
 @njit(cache=True, nogil=True)
@@ -215,27 +272,27 @@ def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _accumulate(
     values: Floats32,
+    line: np.uint64,
     level: np.float32,
     packed: Floats32,
-    place: int,
+    place: np.uint64,
     half: int,
-    width: int,
+    lanes: np.uint64,
     offset: float,
     sums: Floats,
 ) -> None:
-    """Add a row to the sums of g, g², f g and of the steepest-descent images times g."""
-    grey, gradient_x, gradient_y = packed[0, place:], packed[1, place:], packed[2, place:]
-    counts = packed[3, place:]
+    """Add a row to the sums of g, g², f g and of the steepest-descent images times g; surplus lanes do not count."""
     s0 = s1 = s2 = x0 = x1 = y0 = y1 = np.float32(0)
     centre = np.float32(half)
-    for k in range(np.uint64(width)):
-        g = (values[k] - level) * counts[k]
+    for k in range(lanes):
+        at = place + k
+        g = (values[line, k] - level) * packed[3, at]
         j = np.float32(np.int32(k)) - centre
-        ax = gradient_x[k] * g
-        ay = gradient_y[k] * g
+        ax = packed[1, at] * g
+        ay = packed[2, at] * g
         s0 += g
         s1 += g * g
-        s2 += grey[k] * g
+        s2 += packed[0, at] * g
         x0 += ax
         x1 += ax * j
         y0 += ay
@@ -271,8 +328,10 @@ def _sum_subset(
         i = float(row - half)
         x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
         y = layout[1] - corner[1] + i + p[3] - p[4] * half + p[5] * i
-        _sample_row(coefficients, order, x, y, p[1], p[4], width, values[row])
-        _accumulate(values[row], np.float32(level), packed, place, half, width, i, sums)
+        _sample_row(coefficients, order, x, y, p[1], p[4], width, row, values)
+        _accumulate(
+            values, np.uint64(row), np.float32(level), packed, np.uint64(place), half, np.uint64(pitch), i, sums
+        )
         place += pitch
 
 
@@ -307,38 +366,39 @@ def _gauss_newton_step(
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def _block_sums(
+def _add_scores(
     values: Floats32,
+    line: np.uint64,
     packed: Floats32,
-    place: int,
-    first: int,
-    last: int,
+    place: np.uint64,
+    half: np.float32,
     gain: np.float32,
     average: np.float32,
     row: Floats32,
-    sums: Floats,
+    sums: Floats32,
 ) -> None:
-    """Add a row of a block to the sums of influence times residual and of the squared residual.
+    """Add a row of pixels to the columns of ``sums``: influence on dx, dy and rotation times residual, its square.
 
-    ``row`` holds, constant along the row: (gx, gx j, gy, gy j, f, 1) of the last step and of the influence functions
-    of dx, dy and the rotation.
+    ``row`` (4, 6) holds, constant along the row, the factors of (gx, gx j, gy, gy j, f, 1) in the last step and in
+    the influence functions; ``sums[4]`` receives the residual after the last step.
     """
-    grey, gradient_x, gradient_y = packed[0, place:], packed[1, place:], packed[2, place:]
-    counts = packed[3, place:]
-    x = y = turn = square = np.float32(0)
-    for k in range(np.uint64(first), np.uint64(last)):
-        j = np.float32(np.int32(k)) - row[24]
-        f, gx, gy, w = grey[k], gradient_x[k], gradient_y[k], counts[k]
-        moved = gx * (row[0] + row[1] * j) + gy * (row[2] + row[3] * j)
-        r = (gain * (values[k] - average) - f - moved) * w
-        square += r * r
-        x += r * (gx * (row[6] + row[7] * j) + gy * (row[8] + row[9] * j) + f * row[10] + row[11])
-        y += r * (gx * (row[12] + row[13] * j) + gy * (row[14] + row[15] * j) + f * row[16] + row[17])
-        turn += r * (gx * (row[18] + row[19] * j) + gy * (row[20] + row[21] * j) + f * row[22] + row[23])
-    sums[0] += x
-    sums[1] += y
-    sums[2] += turn
-    sums[3] += square
+    lanes = np.uint64(sums.shape[1])
+    a, b, c, d = row[0, 0], row[0, 1], row[0, 2], row[0, 3]
+    for k in range(lanes):
+        at = place + k
+        j = np.float32(np.int32(k)) - half
+        moved = packed[1, at] * (a + b * j) + packed[2, at] * (c + d * j)
+        sums[4, k] = (gain * (values[line, k] - average) - packed[0, at] - moved) * packed[3, at]
+    for m in range(3):
+        n = m + 1
+        a, b, c, d, e, f = row[n, 0], row[n, 1], row[n, 2], row[n, 3], row[n, 4], row[n, 5]
+        for k in range(lanes):
+            at = place + k
+            j = np.float32(np.int32(k)) - half
+            influence = packed[1, at] * (a + b * j) + packed[2, at] * (c + d * j) + packed[0, at] * e + f
+            sums[m, k] += sums[4, k] * influence
+    for k in range(lanes):
+        sums[3, k] += sums[4, k] * sums[4, k]
 
 
 @njit(cache=True, nogil=True)
@@ -366,7 +426,7 @@ def _add_strips(
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
     across_x, across_y = math.cos(angle), math.sin(angle)
     factors = across_x * rows[1] + across_y * rows[2]
-    by_grey, constant = across_x * row[10] + across_y * row[16], across_x * row[11] + across_y * row[17]
+    by_grey, constant = across_x * row[1, 4] + across_y * row[2, 4], across_x * row[1, 5] + across_y * row[2, 5]
     strips = np.zeros(4 * half + 4)
     for line in range(2 * half + 1):
         i = line - half
@@ -420,25 +480,27 @@ def _sandwich(
         rows[1, a] = inverse[0, a]
         rows[2, a] = inverse[3, a]
         rows[3, a] = 0.5 * (inverse[4, a] - inverse[2, a])
-    row = np.zeros(25, np.float32)
-    row[24] = half
+    average32 = np.float32(average)
+    row, sums = np.zeros((4, 6), np.float32), np.zeros((5, pitch), np.float32)
     for m in range(1, 4):
         for a in range(6):
-            row[6 * m + 4] -= rows[m, a] * moments[1, a] / level[1]
-            row[6 * m + 5] -= rows[m, a] * moments[0, a] / level[2]
-    blocks[: count * count] = 0.0
+            row[m, 4] -= rows[m, a] * moments[1, a] / level[1]
+            row[m, 5] -= rows[m, a] * moments[0, a] / level[2]
     for line in range(width):
         i = line - half
         for m in range(4):
-            row[6 * m] = rows[m, 0] + rows[m, 2] * i
-            row[6 * m + 1] = rows[m, 1]
-            row[6 * m + 2] = rows[m, 3] + rows[m, 5] * i
-            row[6 * m + 3] = rows[m, 4]
-        for c in range(count):
-            block = blocks[line * count // width * count + c]
-            first, last = -(-c * width // count), -(-(c + 1) * width // count)
-            _block_sums(values[line], packed, place, first, last, np.float32(gain), np.float32(average), row, block)
-        place += pitch
+            row[m, 0], row[m, 1] = rows[m, 0] + rows[m, 2] * i, rows[m, 1]
+            row[m, 2], row[m, 3] = rows[m, 3] + rows[m, 5] * i, rows[m, 4]
+        at = np.uint64(place + line * pitch)
+        _add_scores(values, np.uint64(line), packed, at, np.float32(half), np.float32(gain), average32, row, sums)
+        if (line + 1) * count // width > line * count // width:
+            for c in range(count):
+                b = line * count // width * count + c
+                x = y = turn = square = np.float32(0)
+                for k in range(-(-c * width // count), -(-(c + 1) * width // count)):
+                    x, y, turn, square = x + sums[0, k], y + sums[1, k], turn + sums[2, k], square + sums[3, k]
+                blocks[b, 0], blocks[b, 1], blocks[b, 2], blocks[b, 3] = x, y, turn, square
+            sums[:4] = 0.0
     covariance[:] = 0.0
     for b in range(count * count):
         x, y, turn = blocks[b, 0], blocks[b, 1], blocks[b, 2]
@@ -448,7 +510,10 @@ def _sandwich(
         covariance[3] += turn * turn
     _add_strips(values, layout, packed, rows, row, inverse, average, gain, covariance)
     squares = blocks[: count * count, 3]
-    nothing = max(level[1], 5.0 * np.median(squares) * count * count) / (count * count)
+    pattern = level[1] / (count * count)
+    if not np.max(squares) > pattern:
+        return 0.0
+    nothing = max(pattern, 5.0 * np.median(squares))
     return np.sum(squares > nothing) / (count * count)
 
 
@@ -463,6 +528,7 @@ def _converge(
     normal: Floats,
     inverse: Floats,
     tolerance: float,
+    capture: float,
     max_iterations: int,
     p: Floats,
     quality: Floats,
@@ -503,7 +569,7 @@ def _converge(
             step[a] *= relaxation
         compose_with_inverse(p, step, is_rigid)
         # Written so that NaN is beyond.
-        if not math.hypot(p[0] - start_x, p[3] - start_y) < CAPTURE:
+        if not math.hypot(p[0] - start_x, p[3] - start_y) < capture:
             return iteration + 1, NOT_CONVERGED, 0.0
         # Steps shrink by about a constant factor, so the next one can be foreseen.
         if math.sqrt(size2) * min(shrink, 1.0) < tolerance:
@@ -532,6 +598,7 @@ def solve_subsets(
     inflation: Floats,
     strain_seen: float,
     tolerance: float,
+    capture: float,
     max_iterations: int,
     motion: Floats,
     quality: Floats,
@@ -561,15 +628,15 @@ def solve_subsets(
             p[4] = math.sin(turn)
             p[2] = -p[4]
         evaluations, code, fall = _converge(
-            image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance, max_iterations, p,
-            quality[q], (sums, step, before), values,
+            image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance, capture,
+            max_iterations, p, quality[q], (sums, step, before), values,
         )  # fmt: skip
         if code == SOLVED and shape[n] == AUTO and affine[n, 0, 0] > 0.0:
             gained = _fall_of_affine(sums, level[n], moments[n], quality[q, 0], affine[n]) - fall
             if gained > strain_seen * inflation[n] * quality[q, 1] / max(level[n, 2] - 5.0, 1.0):
                 bread, is_rigid = affine[n], False
                 more, code, fall = _converge(
-                    image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance,
+                    image, layout[n], is_rigid, packed, level[n], moments[n], normal[n], bread, tolerance, capture,
                     max_iterations, p, quality[q], (sums, step, before), values,
                 )  # fmt: skip
                 evaluations += more

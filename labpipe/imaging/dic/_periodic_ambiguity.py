@@ -45,16 +45,17 @@ def best_repetition(image: Floats32, coefficients: Floats32, order: int, subsets
         area = image[top : min(rows, y + inner + reach + 1), left : min(columns, x + inner + reach + 1)]
         template = image[y - inner : y + inner + 1, x - inner : x + inner + 1]
         scores = cv2.matchTemplate(area, template, cv2.TM_CCOEFF_NORMED)
-        _, peaks = cv2.connectedComponents((scores > _HALF_MAXIMUM).astype(np.uint8))
+        count, peaks = cv2.connectedComponents((scores > _HALF_MAXIMUM).astype(np.uint8))
+        if count == 2:  # the background and its own place
+            continue
         scores[(peaks == 0) | (peaks == peaks[y - inner - top, x - inner - left])] = 0.0
         row, column = np.unravel_index(int(scores.argmax()), scores.shape)
         result[n] = scores[row, column]
         start[n, [0, 3]] = column + inner + left - x, row + inner + top - y
     chosen = np.flatnonzero(result > _WORTH)
     window = (-OVERHANG, columns - 1 + OVERHANG, -OVERHANG, rows - 1 + OVERHANG)
-    refined = solve(subsets, coefficients, order, chosen, start[chosen], origin=(0, 0), window=window)
-    stayed = np.hypot(*(refined.motion - start[chosen])[:, [0, 3]].T) < 1.0
-    result[chosen] = np.where((refined.code == SOLVED) & stayed, refined.zncc, result[chosen])
+    refined = solve(subsets, coefficients, order, chosen, start[chosen], origin=(0, 0), window=window, capture=1.0)
+    result[chosen] = np.where(refined.code == SOLVED, refined.zncc, result[chosen])
     return result
 
 

@@ -78,6 +78,7 @@ def solve(
     window: tuple[float, float, float, float],
     inflation: Floats | None = None,
     strain_seen: float = STRAIN_SEEN,
+    capture: float = 12.0,
 ) -> Solution:
     """Find the motions of chosen subsets in one frame.
 
@@ -103,6 +104,8 @@ def solve(
         blur and interpolation correlate it.
     strain_seen : float
         Chi-square of the three components of strain from which an ``AUTO`` subset is solved as an affine one.
+    capture : float [px]
+        A step that ends farther from the start has left the basin of convergence.
 
     References
     ----------
@@ -123,6 +126,7 @@ def solve(
             np.ones(len(subsets)) if inflation is None else inflation,
             strain_seen,
             TOLERANCE,
+            capture,
             _MOST_ITERATIONS,
             found,
             quality,

@@ -193,7 +193,8 @@ class Tracker:
     def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
         """Solve the tracked points from their predictions."""
         chosen = np.flatnonzero(self.is_tracked)
-        self._strain_seen = STRAIN_SEEN
+        # nothing strains in a static frame, which is the reference or a part of it
+        self._strain_seen = np.inf if self.is_static else STRAIN_SEEN
         found = self.solve(loaded, chosen, expected[chosen])
         if self._is_strained(chosen, found):
             self._strain_seen = 0.0
