@@ -28,10 +28,9 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def _sample_row(
-    coefficients: Floats32, order: int, x: float, y: float, step_x: float, step_y: float, width: int, line: int,
-    result: Floats32,
-) -> None:  # fmt: skip
-    """Interpolate into ``result[line]`` a row of pixels whose positions advance by (1 + step_x, step_y).
+    coefficients: Floats32, order: int, x: float, y: float, step_x: float, step_y: float, width: int, result: Floats32
+) -> None:
+    """Interpolate a row of pixels whose positions advance by (1 + step_x, step_y).
 
     The row is cut where the whole part of the position, less the pixel's number, changes: within
     such a run all taps lie side by side in memory and the loop becomes vector instructions.
@@ -59,11 +58,11 @@ def _sample_row(
         lanes = np.uint64((count + LANES - 1) // LANES * LANES)
         fx = np.float32(left_x)
         fy = np.float32(left_y)
-        here, place = np.uint64(line), np.uint64(done)
+        out = result[done:]
         if order == 3:
-            _sample_cubic(coefficients, row - 1, column - 1, fx, fy, dx, dy, lanes, result, here, place)
+            _sample_cubic(coefficients, row - 1, column - 1, fx, fy, dx, dy, lanes, out)
         else:
-            _sample_quintic(coefficients, row - 2, column - 2, fx, fy, dx, dy, lanes, result, here, place)
+            _sample_quintic(coefficients, row - 2, column - 2, fx, fy, dx, dy, lanes, out)
         done += count
 
 
@@ -90,42 +89,22 @@ def _sample_cubic(
     dy: np.float32,
     lanes: np.uint64,
     out: Floats32,
-    line: np.uint64,
-    place: np.uint64,
 ) -> None:
     """Evaluate the cubic spline for a run of pixels."""
-    top, left = np.uint64(row), np.uint64(column)
+    c0 = coefficients[row, column:]
+    c1 = coefficients[row + 1, column:]
+    c2 = coefficients[row + 2, column:]
+    c3 = coefficients[row + 3, column:]
     i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
     for k in range(lanes):
-        at = left + k
         step = np.float32(np.int32(k))
         a0, a1, a2, a3 = _cubic_weights(fx + dx * step)
         b0, b1, b2, b3 = _cubic_weights(fy + dy * step)
-        r0 = (
-            a0 * coefficients[top, at]
-            + a1 * coefficients[top, at + i1]
-            + a2 * coefficients[top, at + i2]
-            + a3 * coefficients[top, at + i3]
-        )
-        r1 = (
-            a0 * coefficients[top + i1, at]
-            + a1 * coefficients[top + i1, at + i1]
-            + a2 * coefficients[top + i1, at + i2]
-            + a3 * coefficients[top + i1, at + i3]
-        )
-        r2 = (
-            a0 * coefficients[top + i2, at]
-            + a1 * coefficients[top + i2, at + i1]
-            + a2 * coefficients[top + i2, at + i2]
-            + a3 * coefficients[top + i2, at + i3]
-        )
-        r3 = (
-            a0 * coefficients[top + i3, at]
-            + a1 * coefficients[top + i3, at + i1]
-            + a2 * coefficients[top + i3, at + i2]
-            + a3 * coefficients[top + i3, at + i3]
-        )
-        out[line, place + k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
+        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2] + a3 * c0[k + i3]
+        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2] + a3 * c1[k + i3]
+        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2] + a3 * c2[k + i3]
+        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2] + a3 * c3[k + i3]
+        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
@@ -162,71 +141,33 @@ def _sample_quintic(
     dy: np.float32,
     lanes: np.uint64,
     out: Floats32,
-    line: np.uint64,
-    place: np.uint64,
 ) -> None:
     """Evaluate the quintic spline for a run of pixels."""
-    top, left = np.uint64(row), np.uint64(column)
+    c0 = coefficients[row, column:]
+    c1 = coefficients[row + 1, column:]
+    c2 = coefficients[row + 2, column:]
+    c3 = coefficients[row + 3, column:]
+    c4 = coefficients[row + 4, column:]
+    c5 = coefficients[row + 5, column:]
     i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
     i4, i5 = np.uint64(4), np.uint64(5)
     for k in range(lanes):
-        at = left + k
         step = np.float32(np.int32(k))
         a0, a1, a2, a3, a4, a5 = _quintic_weights(fx + dx * step)
         b0, b1, b2, b3, b4, b5 = _quintic_weights(fy + dy * step)
-        r0 = a0 * coefficients[top, at] + a1 * coefficients[top, at + i1] + a2 * coefficients[top, at + i2]
-        r0 += a3 * coefficients[top, at + i3] + a4 * coefficients[top, at + i4] + a5 * coefficients[top, at + i5]
-        r1 = (
-            a0 * coefficients[top + i1, at]
-            + a1 * coefficients[top + i1, at + i1]
-            + a2 * coefficients[top + i1, at + i2]
-        )
-        r1 += (
-            a3 * coefficients[top + i1, at + i3]
-            + a4 * coefficients[top + i1, at + i4]
-            + a5 * coefficients[top + i1, at + i5]
-        )
-        r2 = (
-            a0 * coefficients[top + i2, at]
-            + a1 * coefficients[top + i2, at + i1]
-            + a2 * coefficients[top + i2, at + i2]
-        )
-        r2 += (
-            a3 * coefficients[top + i2, at + i3]
-            + a4 * coefficients[top + i2, at + i4]
-            + a5 * coefficients[top + i2, at + i5]
-        )
-        r3 = (
-            a0 * coefficients[top + i3, at]
-            + a1 * coefficients[top + i3, at + i1]
-            + a2 * coefficients[top + i3, at + i2]
-        )
-        r3 += (
-            a3 * coefficients[top + i3, at + i3]
-            + a4 * coefficients[top + i3, at + i4]
-            + a5 * coefficients[top + i3, at + i5]
-        )
-        r4 = (
-            a0 * coefficients[top + i4, at]
-            + a1 * coefficients[top + i4, at + i1]
-            + a2 * coefficients[top + i4, at + i2]
-        )
-        r4 += (
-            a3 * coefficients[top + i4, at + i3]
-            + a4 * coefficients[top + i4, at + i4]
-            + a5 * coefficients[top + i4, at + i5]
-        )
-        r5 = (
-            a0 * coefficients[top + i5, at]
-            + a1 * coefficients[top + i5, at + i1]
-            + a2 * coefficients[top + i5, at + i2]
-        )
-        r5 += (
-            a3 * coefficients[top + i5, at + i3]
-            + a4 * coefficients[top + i5, at + i4]
-            + a5 * coefficients[top + i5, at + i5]
-        )
-        out[line, place + k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
+        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2]
+        r0 += a3 * c0[k + i3] + a4 * c0[k + i4] + a5 * c0[k + i5]
+        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2]
+        r1 += a3 * c1[k + i3] + a4 * c1[k + i4] + a5 * c1[k + i5]
+        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2]
+        r2 += a3 * c2[k + i3] + a4 * c2[k + i4] + a5 * c2[k + i5]
+        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2]
+        r3 += a3 * c3[k + i3] + a4 * c3[k + i4] + a5 * c3[k + i5]
+        r4 = a0 * c4[k] + a1 * c4[k + i1] + a2 * c4[k + i2]
+        r4 += a3 * c4[k + i3] + a4 * c4[k + i4] + a5 * c4[k + i5]
+        r5 = a0 * c5[k] + a1 * c5[k + i1] + a2 * c5[k + i2]
+        r5 += a3 * c5[k + i3] + a4 * c5[k + i4] + a5 * c5[k + i5]
+        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
 
 
 @njit(cache=True, nogil=True)
@@ -328,10 +269,9 @@ def _sum_subset(
         i = float(row - half)
         x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
         y = layout[1] - corner[1] + i + p[3] - p[4] * half + p[5] * i
-        _sample_row(coefficients, order, x, y, p[1], p[4], width, row, values)
-        _accumulate(
-            values, np.uint64(row), np.float32(level), packed, np.uint64(place), half, np.uint64(pitch), i, sums
-        )
+        _sample_row(coefficients, order, x, y, p[1], p[4], width, values[row])
+        at, lanes = np.uint64(place), np.uint64(pitch)
+        _accumulate(values, np.uint64(row), np.float32(level), packed, at, half, lanes, i, sums)
         place += pitch
 
 
@@ -371,34 +311,32 @@ def _add_scores(
     line: np.uint64,
     packed: Floats32,
     place: np.uint64,
-    half: np.float32,
-    gain: np.float32,
-    average: np.float32,
+    light: tuple[np.float32, np.float32, np.float32],
     row: Floats32,
     sums: Floats32,
 ) -> None:
     """Add a row of pixels to the columns of ``sums``: influence on dx, dy and rotation times residual, its square.
 
-    ``row`` (4, 6) holds, constant along the row, the factors of (gx, gx j, gy, gy j, f, 1) in the last step and in
-    the influence functions; ``sums[4]`` receives the residual after the last step.
+    ``light``: half width, gain, mean level. ``row`` (4, 6): factors of (gx, gx j, gy, gy j, f, 1) in the last step
+    and in the influence functions, constant along the row. ``sums[4]`` receives the residual after the last step.
     """
+    half, gain, average = light
     lanes = np.uint64(sums.shape[1])
     a, b, c, d = row[0, 0], row[0, 1], row[0, 2], row[0, 3]
     for k in range(lanes):
         at = place + k
         j = np.float32(np.int32(k)) - half
         moved = packed[1, at] * (a + b * j) + packed[2, at] * (c + d * j)
-        sums[4, k] = (gain * (values[line, k] - average) - packed[0, at] - moved) * packed[3, at]
-    for m in range(3):
-        n = m + 1
+        r = (gain * (values[line, k] - average) - packed[0, at] - moved) * packed[3, at]
+        sums[4, k] = r
+        sums[3, k] += r * r
+    for n in range(1, 4):
         a, b, c, d, e, f = row[n, 0], row[n, 1], row[n, 2], row[n, 3], row[n, 4], row[n, 5]
         for k in range(lanes):
             at = place + k
             j = np.float32(np.int32(k)) - half
             influence = packed[1, at] * (a + b * j) + packed[2, at] * (c + d * j) + packed[0, at] * e + f
-            sums[m, k] += sums[4, k] * influence
-    for k in range(lanes):
-        sums[3, k] += sums[4, k] * sums[4, k]
+            sums[n - 1, k] += sums[4, k] * influence
 
 
 @njit(cache=True, nogil=True)
@@ -462,7 +400,7 @@ def _sandwich(
     average: float,
     gain: float,
     step: Floats,
-    blocks: Floats,
+    squares: Floats,
     covariance: Floats,
 ) -> float:
     """Covariance of (dx, dy, rotation) from the residual itself; share of the blocks that show nothing of the pattern.
@@ -480,36 +418,34 @@ def _sandwich(
         rows[1, a] = inverse[0, a]
         rows[2, a] = inverse[3, a]
         rows[3, a] = 0.5 * (inverse[4, a] - inverse[2, a])
-    average32 = np.float32(average)
     row, sums = np.zeros((4, 6), np.float32), np.zeros((5, pitch), np.float32)
     for m in range(1, 4):
         for a in range(6):
             row[m, 4] -= rows[m, a] * moments[1, a] / level[1]
             row[m, 5] -= rows[m, a] * moments[0, a] / level[2]
+    covariance[:] = 0.0
     for line in range(width):
         i = line - half
         for m in range(4):
             row[m, 0], row[m, 1] = rows[m, 0] + rows[m, 2] * i, rows[m, 1]
             row[m, 2], row[m, 3] = rows[m, 3] + rows[m, 5] * i, rows[m, 4]
         at = np.uint64(place + line * pitch)
-        _add_scores(values, np.uint64(line), packed, at, np.float32(half), np.float32(gain), average32, row, sums)
+        light = np.float32(half), np.float32(gain), np.float32(average)
+        _add_scores(values, np.uint64(line), packed, at, light, row, sums)
         if (line + 1) * count // width > line * count // width:
             for c in range(count):
                 b = line * count // width * count + c
                 x = y = turn = square = np.float32(0)
                 for k in range(-(-c * width // count), -(-(c + 1) * width // count)):
                     x, y, turn, square = x + sums[0, k], y + sums[1, k], turn + sums[2, k], square + sums[3, k]
-                blocks[b, 0], blocks[b, 1], blocks[b, 2], blocks[b, 3] = x, y, turn, square
+                squares[b] = square
+                covariance[0] += x * x
+                covariance[1] += y * y
+                covariance[2] += x * y
+                covariance[3] += turn * turn
             sums[:4] = 0.0
-    covariance[:] = 0.0
-    for b in range(count * count):
-        x, y, turn = blocks[b, 0], blocks[b, 1], blocks[b, 2]
-        covariance[0] += x * x
-        covariance[1] += y * y
-        covariance[2] += x * y
-        covariance[3] += turn * turn
     _add_strips(values, layout, packed, rows, row, inverse, average, gain, covariance)
-    squares = blocks[: count * count, 3]
+    squares = squares[: count * count]
     pattern = level[1] / (count * count)
     if not np.max(squares) > pattern:
         return 0.0
@@ -613,7 +549,7 @@ def solve_subsets(
     see :func:`.solve`.
     """
     layout, shape, packed, level, moments, normal, rigid, affine = subsets
-    sums, step, before, blocks = np.zeros(9), np.zeros(6), np.zeros(6), np.zeros((64, 4))
+    sums, step, before, squares = np.zeros(9), np.zeros(6), np.zeros(6), np.zeros(64)
     for q in range(len(chosen)):
         n = chosen[q]
         p = motion[q]
@@ -644,6 +580,6 @@ def solve_subsets(
         if code == SOLVED:
             average = level[n, 0] + sums[0] / level[n, 2]
             quality[q, 3] = _sandwich(
-                values, layout[n], packed, level[n], moments[n], bread, average, quality[q, 0], before, blocks,
+                values, layout[n], packed, level[n], moments[n], bread, average, quality[q, 0], before, squares,
                 covariance[q],
             )  # fmt: skip

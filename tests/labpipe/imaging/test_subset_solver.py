@@ -166,10 +166,10 @@ def test_samples_are_sums_of_splines(sample, order: int, fx: float, fy: float) -
     coefficients = random.uniform(10.0, 200.0, (order + 3, order + 9)).astype(np.float32)
     spline = BSpline.basis_element(np.arange(order + 2.0))
     dx, dy = 0.02, -0.01
-    out = np.zeros((1, lanes), np.float32)
+    out = np.zeros(lanes, np.float32)
     place = (np.float32(v) for v in (fx, fy, dx, dy))
-    sample(coefficients, 1, 2, *place, np.uint64(lanes), out, np.uint64(0), np.uint64(0))
+    sample(coefficients, 1, 2, *place, np.uint64(lanes), out)
     for k in range(lanes):
         a, b = (spline(np.arange(order, -1, -1) + f + d * k) for f, d in ((fx, dx), (fy, dy)))
         exact = b @ coefficients[1 : order + 2, 2 + k : order + 3 + k].astype(float) @ a
-        assert out[0, k] == pytest.approx(exact, rel=2e-6)
+        assert out[k] == pytest.approx(exact, rel=2e-6)
