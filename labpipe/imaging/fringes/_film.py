@@ -173,7 +173,9 @@ def _follow(reader: FilmReader, result: FilmResult, read: Flags, starts: dict[in
         fit = (
             None if likely is None else _fit_again(features.frame, result.view, likely, result.view.settings, math.inf)
         )
-        if fit is None and before is not None:  # unless it has changed by more than two pixels
+        earlier = fits.get(index - 2, before)
+        # unless it changes by more than two pixels from frame to frame
+        if fit is None and before is not None and earlier is not None and abs(before.radius - earlier.radius) < 2.0:
             quick = replace(result.view.settings, free=before.free, max_iterations=8)
             fit = _fit_again(features.frame, result.view, before, quick, 2.0)
         if fit is None:

@@ -238,7 +238,7 @@ def tabulate(
         Parameter.SPREAD: 1e-4,
         Parameter.FLAT: (0.3 * float(parameters[Parameter.RADIUS])) ** 4,
     }
-    used = [parameter for parameter in OPTICAL if parameter in active]
+    used = sorted(set(OPTICAL).intersection(map(int, active)))
     lines = np.zeros((len(OPTICAL) if used else 0, table.shape[1]))
     for parameter in used:
         moved = parameters.copy()
