@@ -67,14 +67,6 @@ def true_levels(session: Path, steps: xr.Dataset, approach: xr.Dataset) -> tuple
     return np.array(levels), np.array(creeps)
 
 
-def test_displacement_counts_from_the_zero_of_the_sensor(session: Path) -> None:
-    """As nothing else is stated: what the sensor shows, along the motion, downwards."""
-    shown, moved = stage(session, "readings")["out1"].values, stage(session, "displacement")
-    along = -settings(session).sensor.direction * shown / np.cos(float(moved["inclination"]))
-    assert float(moved["zero"]) == 0.0
-    np.testing.assert_allclose(moved["displacement"].values, along, rtol=1e-9, atol=1e-12)
-
-
 def test_the_loads_are_found_when_they_were_put_on(session: Path) -> None:
     found = stage(session, "steps")
     gap = found["begin"].values - np.array(truth(session)["load_times"])
