@@ -16,8 +16,7 @@ from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 _IMPACTS = 3
 _MOST_HEIGHTS = 4
 _SHOWN_RADIUS = 1250.0  # µm on either side of the centre that a frame shows
-_WHOLE_SHARE, _LEAST_SHARE = 0.3, 0.12
-"""Height over width from which on a frame shows more than a strip, and the least that is laid out."""
+_LEAST_SHARE = 0.12  # height over width that is laid out for a frame at least
 
 _BEFORE = 25.0  # ms before first contact that are shown
 _RADIUS: dict[str, Any] = {"color": "#00795a", "marker": "s", "markersize": 2.4, "linestyle": "none"}
