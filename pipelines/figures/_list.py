@@ -1,6 +1,6 @@
 """The list of the thesis's figures: number, title, function that draws it, and what it needs of a session."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 _HOME = "pipelines.figures"
 
@@ -30,8 +30,9 @@ class Figure:
     """One figure or table of the thesis.
 
     ``id`` is its number, for example ``2.6``; ``title`` what it shows; ``function`` the ``module:function`` that draws
-    it, "" when none does; ``need`` what it needs of a session, None when it is computed, and ``also`` what it needs
-    beside that; ``reason`` why it cannot be regenerated, "" for one that this version does not draw.
+    it, "" when none does, called with the inputs and with ``arguments``; ``need`` what it needs of a session, None when
+    it is computed, and ``also`` what it needs beside that; ``reason`` why it cannot be regenerated, "" for one that
+    this version does not draw.
     """
 
     id: str
@@ -40,6 +41,7 @@ class Figure:
     need: Need | None = None
     reason: str = ""
     also: tuple[Need, ...] = ()
+    arguments: tuple[str | float | bool, ...] = ()
 
     @property
     def needs(self) -> tuple[Need, ...]:
@@ -69,13 +71,16 @@ def _dma(material: str, *, is_optional: bool = True) -> Need:
     return Need("dma", ("master_curve",), material, is_optional)
 
 
-def _swept(number: str, material: str, word: str) -> Figure:
-    return _drawn(number, f"Master curve of {word}", f"sweeps:{material}", _dma(material, is_optional=False))
+def _swept(number: str, material: str, word: str, printed_T_ref: float, *more: str | bool) -> Figure:
+    """Return a figure of a master curve, with the reference temperature [degC] of the printed caption."""
+    needed = _drawn(number, f"Master curve of {word}", "sweeps:master_curve", _dma(material, is_optional=False))
+    return replace(needed, arguments=(printed_T_ref, *more))
 
 
-def _dropped(number: str, material: str, word: str) -> Figure:
+def _dropped(number: str, material: str, word: str, article: str = "a") -> Figure:
     need = Need("ball_drop", _DROP, material)
-    return _drawn(number, f"{word} sphere from four heights", f"drops:{material}", need)
+    needed = _drawn(number, f"{word[:1].upper()}{word[1:]} sphere from four heights", "drops:heights", need)
+    return replace(needed, arguments=(f"{article} {word}",))
 
 
 FIGURES: tuple[Figure, ...] = (
@@ -83,7 +88,7 @@ FIGURES: tuple[Figure, ...] = (
     _drawn("1.2", "Complex modulus with one relaxation time", "chapter1:one_relaxation_time"),
     _drawn("1.3", "Relaxation processes of a polymer", "chapter1:relaxation_processes"),
     _drawn("1.4", "Four classes of polymers", "chapter1:polymer_classes"),
-    _drawn("1.5", "Glass transition by volume and molecules", "apparatus:glass_transition"),
+    _drawn("1.5", "Glass transition by volume and molecules", "schematics:glass_transition"),
     _drawn("1.6", "Maxwell element", "schematics:maxwell_element"),
     _drawn("1.7", "Maxwell model", "chapter1:maxwell"),
     _drawn("1.8", "Springs and dashpot of the linear solid", "schematics:standard_linear_solid"),
@@ -91,9 +96,9 @@ FIGURES: tuple[Figure, ...] = (
     _drawn("1.10", "Generalised Maxwell model", "schematics:generalised_maxwell"),
     _photograph("2.1", "Dynamic mechanical analyser"),
     _photograph("2.2", "Indentation set-up"),
-    _swept("2.3", "nbr", "NBR"),
+    _swept("2.3", "nbr", "NBR", 20.0, "", True),
     _drawn("2.4", "Relaxation at three depths", "relaxations:relaxation",
-           Need("relaxation", ("loads", "ramps", "curves", "comparison"), "nbr", is_optional=True)),
+           Need("relaxation", ("loads", "ramps", "curves", "comparison"), "nbr")),
     _drawn("2.5", "Harmonic indentation: force and loops", "oscillations:loops",
            Need("harmonic", ("loads", "oscillations", "loops", "model", "comparison"))),
     _drawn("2.6", "Dissipated work and the tapping front", "chapter2:dissipation_map", _dma("nbr")),
@@ -103,16 +108,16 @@ FIGURES: tuple[Figure, ...] = (
     _photograph("3.1", "Ball-drop set-up"),
     _photograph("3.2", "Heated sphere and its thermal image"),
     _drawn("3.3", "Reduced gap and quantities of an impact", "chapter3:reduced_gap", _dma("acrylic")),
-    _swept("3.4", "peek", "PEEK"),
-    _swept("3.5", "nylon", "nylon"),
-    _swept("3.6", "acrylic", "acrylic"),
-    _swept("3.7", "ptfe", "PTFE"),
+    _swept("3.4", "peek", "PEEK", 129.93, "T_0 = 129.93 degC lies outside the stated sweeps (-40 to 120 degC)"),
+    _swept("3.5", "nylon", "nylon", 20.16),
+    _swept("3.6", "acrylic", "acrylic", 20.042),
+    _swept("3.7", "ptfe", "PTFE", 20.031),
     _drawn("3.8", "Line of subsets on the falling holder", "subsets:falling_line",
            Need("dic_validation", ("track", "motion", "bounces", "keys"))),
     _drawn("3.9", "Laser against image correlation", "films:laser_and_film",
            Need("dic_validation", ("bounces", "velocity", "comparison"))),
-    _dropped("3.10", "acrylic", "Acrylic"),
-    _dropped("3.11", "nylon", "Nylon"),
+    _dropped("3.10", "acrylic", "acrylic", "an"),
+    _dropped("3.11", "nylon", "nylon"),
     _dropped("3.12", "peek", "PEEK"),
     _drawn("3.13", "Bouncing, vibration and rest", "contacts:phases",
            Need("ball_drop", ("displacement", "bounces", "repeats"), "acrylic"), _ACRYLIC_FILM),
@@ -124,17 +129,17 @@ FIGURES: tuple[Figure, ...] = (
            Need("contact_area", (*_FILM, "keys"), "acrylic"),
            Need("contact_area", (*_FILM, "keys"), "acrylic", heated=True)),
     _drawn("3.17", "Sphere under stepwise load", "relaxations:stepwise_load",
-           Need("static_loading", _LOAD, "ptfe", is_optional=True)),
+           Need("static_loading", _LOAD, "ptfe")),
     _drawn("A.1", "Collision model of appendix A", "appendix:collision_model",
            Need("ball_drop", ("repeats",), "acrylic", is_optional=True)),
     _photograph("B.1a", "Laser on the plate"),
     _drawn("B.1b", "Vibration of the plate, qualitatively", "schematics:ringing_plate"),
     _drawn("B.2", "Vibration of the plate", "vibration:plate_vibration",
-           Need("plate_vibration", ("table", "plate", "comparison"), is_optional=True)),
+           Need("plate_vibration", ("table", "plate", "comparison"))),
     _drawn("C.1", "Displacement and contact radius at four heights", "contacts:four_heights",
            Need("ball_drop", ("repeats",), "acrylic"), _ACRYLIC_FILM),
     _drawn("D.1", "Subsets on the reference frame", "subsets:reference_frame",
            Need("dic_validation", ("track", "keys"))),
-    _drawn("D.2", "Ruler on the disc", "apparatus:ruler_on_disc"),
+    _drawn("D.2", "Ruler on the disc", "schematics:ruler_on_disc"),
     _drawn("table-D.1", "Pixel sizes of both cameras", "appendix:camera_table"),
 )  # fmt: skip

@@ -14,7 +14,7 @@ from labpipe.report import Role, line_arguments
 from labpipe.signals import nrmse
 from labpipe.units import Quantity
 from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
-from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _YIELD_DEPTH = 2.0e-5
@@ -47,16 +47,8 @@ class _Law:
     unloading: float = 1.0
     modulus: float = 3.2e9
 
-    def drop(self, height: float, duration: float) -> xr.Dataset:
+    def run(self, height: float, duration: float, **asked: Any) -> xr.Dataset:
         """Follow a drop from a height [m] for a time [s] from the release."""
-        return self._followed(height, duration=duration, rtol=_RTOL)
-
-    def impacts(self, height: float) -> xr.Dataset:
-        """Follow the impacts that are fitted, as exactly as a fit needs."""
-        duration = 2.0 * (_FITTED_IMPACTS + 0.5) * float(np.sqrt(2.0 * height / GRAVITY))  # holds them all
-        return self._followed(height, duration=duration, impacts=_FITTED_IMPACTS, rtol=_RTOL, time=[0.0])
-
-    def _followed(self, height: float, **asked: Any) -> xr.Dataset:
         return contact.collision(
             SPHERE_RADIUS,
             MASS,
@@ -66,8 +58,15 @@ class _Law:
             unloading_multiplier=self.unloading,
             youngs_modulus=self.modulus,
             as_printed=self.is_printed,
+            duration=duration,
+            rtol=_RTOL,
             **asked,
         )
+
+    def impacts(self, height: float) -> xr.Dataset:
+        """Follow the impacts that are fitted."""
+        duration = 2.0 * (_FITTED_IMPACTS + 0.5) * float(np.sqrt(2.0 * height / GRAVITY))  # holds them all
+        return self.run(height, duration, impacts=_FITTED_IMPACTS, time=[0.0])
 
 
 _PRINTED = _Law("as printed", "residual", True, float(np.mean(_DAMPING)), _YIELD_DEPTH)
@@ -92,7 +91,7 @@ def collision_model(inputs: Inputs | None) -> Drawing:
             axes[1, column].set_ylim(-0.25, 0.25)
             nearest = min(laws, key=lambda known: abs(known - height * 1e6)) if laws else None
             law = _ON_A_FLAT if nearest is None else laws[nearest]
-            runs = [(one, one.drop(height, 0.35)) for one in (_PRINTED, law)]
+            runs = [(one, one.run(height, 0.35)) for one in (_PRINTED, law)]
             _draw_run(axes[:, column], runs[0][1], _PRINTED)
             for curve in measured.get(round(height * 1e6), ()):
                 for place in axes[:, column]:
@@ -106,15 +105,12 @@ def collision_model(inputs: Inputs | None) -> Drawing:
             axes[row, 0].set_ylabel("displacement (mm)")
         legend_above(figure, axes[0, 0])
     laser = "laser displacement, mean of the repeats at each height, from first contact."
-    missing = [f"{h * 1e3:g}" for h in HEIGHTS if round(h * 1e6) not in measured]
-    lacking, of_fit = "", ""
+    of_fit = ""
     if laws:
         of_fit = "; with E = 3.2 GPa, which the text takes from the literature, contacts last too long"
     if len(laws) > 1:
         of_fit += "; a damping that must differ by height says that the solid is not that of (A.4), whose loss grows "
         of_fit += "with the fifth root of the speed"
-    if inputs is not None and missing:
-        lacking = beyond("four heights", f"{len(HEIGHTS) - len(missing)}", "the samples core and thesis do")
     return Drawing(
         "Displacement of an acrylic sphere after drops from four heights, and the first impact magnified (below).",
         figure,
@@ -128,7 +124,7 @@ def collision_model(inputs: Inputs | None) -> Drawing:
             "the text gives ranges of damping and unloading multiplier, not the values per "
             f"height, so the printed curves cannot be repeated exactly{of_fit}. The 'yield "
             "stress of 2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
-            "stays, and the sphere hardly bounces: the printed agreement requires a larger one." + lacking
+            "stays, and the sphere hardly bounces: the printed agreement requires a larger one."
         ),
         **(inputs.data_note(laser) if inputs is not None and measured else {}),
     )
@@ -204,15 +200,7 @@ def _agreement(height: float, made: xr.Dataset, curve: tuple[Floats, Floats]) ->
         inside = (since >= low) & (since <= min(high, time[-1])) & np.isfinite(moved)
         ours = np.interp(since[inside], time, made["displacement"].values * 1e3)
         notes.append(f"{100 * nrmse(moved[inside], ours):.1f} % {words}")
-    longer = 1e3 * (_until_back(time, made["displacement"].values) - _until_back(since, moved))
-    return f"{height * 1e3:g} mm: nRMSE {', '.join(notes)}, back at 0 {longer:+.0f} µs after the laser's first impact"
-
-
-def _until_back(time: Floats, moved: Floats) -> float:
-    """Return when [ms] the sphere is back where it touched, after its first impact at 0."""
-    inside = np.flatnonzero((time > 0.0) & (moved < 0.0))
-    last = inside[0] + int(np.argmax(moved[inside[0] :] >= 0.0))
-    return float(np.interp(0.0, moved[last - 1 : last + 1], time[last - 1 : last + 1]))
+    return f"{height * 1e3:g} mm: nRMSE {', '.join(notes)}"
 
 
 def _draw_run(places: Any, made: xr.Dataset, law: _Law) -> None:
@@ -223,30 +211,26 @@ def _draw_run(places: Any, made: xr.Dataset, law: _Law) -> None:
 
 def camera_table() -> Drawing:
     """Table D.1: pixel sizes of both cameras with their uncertainties."""
-    rows = [_scale("front (DIC)", 30e-3, 386.0, (1.0, 2.0)), _scale("under the disc", 1e-3, 461.0, (1.0, 1.0))]
     head = "view,frame rate (Hz),resolution (px),length (m),distance (px),pixel size (m/px)"
     lines = [f"{head},least relative uncertainty (%),largest relative uncertainty (%)"]
-    lines += [
-        f"{view},10000,1280 x 480,{length:g},{pixels:g},{size:.6g},{low:.3g},{high:.3g}"
-        for view, length, pixels, size, low, high in rows
-    ]
+    found = []
+    for view, length, pixels, errors in (
+        ("front (DIC)", 30e-3, 386.0, (1.0, 2.0)),
+        ("under the disc", 1e-3, 461.0, (1.0, 1.0)),
+    ):
+        sizes = [pixel_size(Quantity(length, 0.0, "m"), Quantity(pixels, u, "px")) for u in errors]
+        size, (low, high) = sizes[0].value, (100 * one.u / one.value for one in sizes)
+        lines.append(f"{view},10000,1280 x 480,{length:g},{pixels:g},{size:.6g},{low:.3g},{high:.3g}")
+        found.append((size, low, high))
+    (front, low, high), (disc, least, _) = found
     return Drawing(
         "Pixel size of both cameras from a known length and its distance in the image.",
         measured="lengths and distances as the thesis prints them.",
         computed="pixel sizes by eq. (D.1) and the share of 1 to 2 px (front) and 1 px (disc).",
         difference=(
-            f"front {rows[0][3] * 1e6:.2f} µm/px, {rows[0][4]:.2f} to {rows[0][5]:.2f} % (printed 77.7 and 0.3 to "
-            f"0.5); disc {rows[1][3] * 1e6:.3f} µm/px, {rows[1][4]:.2f} % (printed 2.17 and 0.2). The two differ by a "
-            f"factor {rows[0][3] / rows[1][3]:.1f}, not by about two orders of magnitude."
+            f"front {front * 1e6:.2f} µm/px, {low:.2f} to {high:.2f} % (printed 77.7 and 0.3 to 0.5); disc "
+            f"{disc * 1e6:.3f} µm/px, {least:.2f} % (printed 2.17 and 0.2). The two differ by a factor "
+            f"{front / disc:.1f}, not by about two orders of magnitude."
         ),
         table="\n".join(lines) + "\n",
     )
-
-
-def _scale(
-    view: str, length: float, pixels: float, u_pixels: tuple[float, float]
-) -> tuple[str, float, float, float, float, float]:
-    """Return view, length, distance, pixel size [m/px] and its least and largest share of u [%]."""
-    sizes = [pixel_size(Quantity(length, 0.0, "m"), Quantity(pixels, u, "px")) for u in u_pixels]
-    least, largest = (100 * size.u / size.value for size in sizes)
-    return view, length, pixels, sizes[0].value, least, largest

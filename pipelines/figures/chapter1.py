@@ -10,7 +10,7 @@ import numpy as np
 
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, decades, label_outside, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, decades, label_outside, legend_above, letter, panels, right_axis
 
 _ZENER = Prony(1.0, [9.0], [1.0], nu=0.5)
 """Standard linear solid, E_unrelaxed/E_relaxed = 10: the contrast of figures 1.2 and 1.9."""
@@ -108,7 +108,7 @@ def relaxation_processes() -> Drawing:
     peaks = x[1:-1][(factor[1:-1] > factor[:-2]) & (factor[1:-1] > factor[2:])]
     with panels(aspect=0.78) as (figure, grid):
         axes = grid[0, 0]
-        other = _second_axis(axes, "loss factor $\\tan\\delta$ (1)")
+        other = right_axis(axes, "loss factor $\\tan\\delta$ (1)")
         axes.loglog(x, modulus.real, label="storage $G'$", **_STORAGE)
         other.loglog(x, factor, label="loss factor $\\tan\\delta$", **_LOSS)
         axes.set(
@@ -136,15 +136,6 @@ def relaxation_processes() -> Drawing:
     )
 
 
-def _second_axis(axes: Any, label: str) -> Any:
-    """Open a right-hand axis whose colour is that of its curve."""
-    other = axes.twinx()
-    other.set_ylabel(label)
-    other.spines["right"].set_visible(True)
-    other.grid(visible=False)
-    return other
-
-
 def polymer_classes() -> Drawing:
     """Figure 1.4: amorphous and semi-crystalline thermoplastics, elastomers, thermosets."""
     classes = (
@@ -158,7 +149,7 @@ def polymer_classes() -> Drawing:
         others = []
         for place, (name, word, solid) in zip(axes.flat, classes, strict=True):
             is_right = name in "bd"
-            other = _second_axis(place, "loss factor $\\tan\\delta$ (1)" if is_right else "")
+            other = right_axis(place, "loss factor $\\tan\\delta$ (1)" if is_right else "")
             other.tick_params(labelright=is_right)
             place.loglog(x, solid.complex_modulus(x).real, label="storage $G'$", **_STORAGE)
             other.loglog(x, solid.loss_factor(x), label="loss factor $\\tan\\delta$", **_LOSS)

@@ -13,7 +13,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, decades, label_outside, letter, panels
+from pipelines.figures.drawing import Drawing, decades, label_outside, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs, solid_or_library, sweeps_note
 
 TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
@@ -202,14 +202,10 @@ def _state_panel(axes: Any, state: Any, near: Any, tip: Floats, *, is_right: boo
     x = state["x"].values * 1e3
     axes.plot(x, state["pressure"].values / 1e6, **line_arguments("measured"))
     axes.set_xlim(-2.0, 2.0)
-    other = axes.twinx()
+    other = right_axis(axes, "height (mm)" if is_right else "")
     other.plot(x, -state["surface"].values * 1e3, **line_arguments("model"))
     depth = float(state["displacement"])
     other.plot(x[near], (tip - depth) * 1e3, **line_arguments("reference"))
     other.set(xlim=(-2.0, 2.0), ylim=(-0.85, 0.85))
-    other.grid(visible=False)
     other.tick_params(labelright=is_right)
-    other.spines["right"].set_visible(True)
-    if is_right:
-        other.set_ylabel("height (mm)")
     return other

@@ -58,25 +58,12 @@ _PLATEAUS, _PEAKS = (12.2, 31.0, 55.5), (23.1, 44.7, 80.6)  # N, of section 2.3.
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One printed number.
+    """One printed number beside ours.
 
-    Attributes
-    ----------
-    place : str
-        Section, figure, table or equation of the thesis; "reference" for a number that follows
-        from the thesis's inputs but is not printed.
-    quantity : str
-    printed, ours : float
-        In ``unit``.
-    unit : str
-    within : float
-        Distance that still counts as agreement, in ``unit``.
-    why : str
-        Why ours differs, where it does.
-    differs_by : str
-        The verdict on a number that differs.
-    set_by : str
-        How ours was chosen to agree; empty where it follows from other numbers.
+    ``place`` is a section, figure, table or equation of the thesis, or "reference" for a number that follows from its
+    inputs but is not printed; ``printed`` and ``ours`` are in ``unit``, and ``within`` is the distance that still
+    counts as agreement. ``why`` says why ours differs, ``differs_by`` is the verdict then, and ``set_by`` says how ours
+    was chosen to agree; empty where it follows from other numbers.
     """
 
     place: str

@@ -3,47 +3,46 @@
 from typing import Any
 
 import numpy as np
+from matplotlib.patches import Circle
 
 from labpipe import signals
 from labpipe.arrays import Floats
+from labpipe.errors import InputError
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, beyond, label_outside, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels, right_axis
 from pipelines.figures.films import around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 
 _IMPACTS = 3
 _MOST_HEIGHTS = 4
 _SHOWN_RADIUS = 1250.0  # µm on either side of the centre that a frame shows
-_WHOLE_SHARE, _LEAST_SHARE = 0.3, 0.12
-"""Height over width from which on a frame shows more than a strip, and the least that is laid out."""
+_LEAST_SHARE = 0.12  # height over width that is laid out for a frame at least
 
 _BEFORE = 25.0  # ms before first contact that are shown
-_RADIUS = {"color": "#00795a", "marker": "s", "markersize": 2.4, "linestyle": "none"}
+_RADIUS: dict[str, Any] = {"color": "#00795a", "marker": "s", "markersize": 2.4, "linestyle": "none"}
 _SHADES = {"bouncing": "#dceaf5", "vibration": "#fbe9d3", "static": "#e4efe4"}
 _LETTERS = "abcd"
 
 
-def _since_contact(inputs: Inputs, film: str) -> Floats:
-    """Return the times of a film's frames in ms from first contact, which falls between two frames.
+def _first_contact(inputs: Inputs, film: str) -> float:
+    """Return the time [s] of first contact on a film's clock; it falls between two frames.
 
-    The largest radius of the first impact is seen well; the simulation tells how long after first
+    The largest radius of the first impact is seen well; the simulation says how long after first
     contact it comes.
     """
     made, impacts = inputs.result(film, "comparison"), inputs.result(film, "impacts")
-    model = inputs.result(film, "model")
-    rise = float(made["model_peak_time"][0]) - float(model["impact_time"][0])
-    start = float(impacts["peak_time"][0]) - rise
-    return np.asarray((inputs.result(film, "radius")["time"].values - start) * 1e3)
+    rise = float(made["model_peak_time"][0]) - float(inputs.result(film, "model")["impact_time"][0])
+    return float(impacts["peak_time"][0]) - rise
 
 
 def _pairs(inputs: Inputs) -> list[tuple[str, str, float]]:
-    """Laser experiment and film of the same drop height, from the lowest."""
+    """Return laser experiment and film of the same drop height, from the lowest."""
     films = {s.height.value: n for n, s in inputs.of_kind("contact_area").items()}
-    return [
-        (name, films[settings.height.value], settings.height.value)
-        for name, settings in inputs.of_kind("ball_drop").items()
-        if settings.height.value in films
-    ]
+    drops = inputs.of_kind("ball_drop").items()
+    pairs = [(name, films[s.height.value], s.height.value) for name, s in drops if s.height.value in films]
+    if not pairs:
+        raise InputError("no film under the disc and no laser recordings of acrylic share a drop height")
+    return pairs
 
 
 def _draw_both(
@@ -57,24 +56,22 @@ def _draw_both(
     moved, label = repeats["displacement_mean"].values[inside] * 1e3, f"displacement, laser, {inputs.origin}"
     place.plot(t[inside], moved, label=label, **(line_arguments("measured") | {"linewidth": 0.9}))
     place.set(xlabel="time $t_c$ (ms)", xlim=limits)
-    other = place.twinx()
-    time, a = _since_contact(inputs, film), seen["radius"].values * 1e6
+    other = right_axis(place)
+    time, a = (seen["time"].values - _first_contact(inputs, film)) * 1e3, seen["radius"].values * 1e6
     shown = seen["in_contact"].values.astype(bool) & np.isfinite(a)
     other.plot(time[shown], a[shown], label=f"contact radius, film, {inputs.origin} (right axis)", **_RADIUS)
     other.set(ylim=(0, highest), xlim=limits)
-    other.grid(visible=False)
-    other.spines["right"].set_visible(True)
     return other
 
 
 def phases(inputs: Inputs) -> Drawing:
     """Figure 3.13: bouncing, vibration and rest in displacement and contact radius."""
-    drop, film, height = pair = _first(inputs)
+    drop, film, height = pair = _pairs(inputs)[0]
     impacts, model = inputs.result(film, "impacts"), inputs.result(film, "model")
     events = inputs.result(drop, "bounces", inputs.experiments[drop].laser[0])
     first = float(events["first_contact_time"])
     edges = [0.0] + [(float(events[name]) - first) * 1e3 for name in ("settling_time", "rest_time")]
-    time = _since_contact(inputs, film)
+    time = (inputs.result(film, "radius")["time"].values - _first_contact(inputs, film)) * 1e3
     recorded = float(inputs.result(drop, "repeats")["time"].max() * 1e3)
     end = float(max(time.max(), recorded))
     is_at_rest = np.isfinite(edges[-1])
@@ -114,8 +111,7 @@ def phases(inputs: Inputs) -> Drawing:
             f"weight, with the creep from an impact's duration to the film's end, {hertz[0]:.0f} to "
             f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
         ),
-        difference="the thesis prints neither the times of the phases nor the radii."
-        + beyond("the laser's record until rest", f"{recorded:.0f} ms of it") * (not is_at_rest),
+        difference="the thesis prints neither the times of the phases nor the radii.",
         **inputs.data_note(
             f"the laser recordings {drop} and the film {film}. A film of reduced size is "
             "dense around the first three impacts and at rest only."
@@ -123,18 +119,8 @@ def phases(inputs: Inputs) -> Drawing:
     )
 
 
-def _first(inputs: Inputs) -> tuple[str, str, float]:
-    from labpipe.errors import InputError
-
-    pairs = _pairs(inputs)
-    if not pairs:
-        raise InputError("no film under the disc and no laser recordings of acrylic share a drop height")
-    return pairs[0]
-
-
 def four_heights(inputs: Inputs) -> Drawing:
     """Figure C.1: displacement and contact radius at each drop height."""
-    _first(inputs)
     pairs = _pairs(inputs)[:_MOST_HEIGHTS]
     top = 1.15e6 * max(float(np.nanmax(inputs.result(film, "radius")["radius"])) for _, film, _ in pairs)
     rows = (len(pairs) + 1) // 2
@@ -156,8 +142,7 @@ def four_heights(inputs: Inputs) -> Drawing:
         "Displacement by laser and contact radius by film of an acrylic sphere, over time from first contact.",
         figure,
         computed="each film is aligned with the laser's record at first contact only.",
-        difference="the thesis prints no numbers here."
-        + beyond("four heights", f"{len(pairs)}") * (len(pairs) < _MOST_HEIGHTS),
+        difference="the thesis prints no numbers here.",
         **inputs.data_note(
             "mean of the laser recordings and the radius fitted to the interference fringes; "
             "between the bursts around the impacts a film of reduced size has few frames."
@@ -200,10 +185,7 @@ def spots(inputs: Inputs) -> Drawing:
             "orange: contact circle of the simulated drop, centred on the fit; light blue, "
             f"dashed: circle fitted to the fringes. {'; '.join(notes)}."
         ),
-        difference=(
-            "the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not printed."
-            + _whole_frames(share)
-        ),
+        difference="the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not printed.",
         **inputs.data_note(f"frames of the film {name}, {size:.3f} µm per pixel."),
     )
 
@@ -220,26 +202,8 @@ def _shown_share(keys: Any, size: float) -> float:
     return rows * scale / min(columns * scale, 2 * _SHOWN_RADIUS)
 
 
-def _whole_frames(share: float) -> str:
-    """Say which sample shows the whole contact; nothing of frames that do."""
-    if share > _WHOLE_SHARE:
-        return ""
-    return (
-        " The film's frames are a strip through the contact; labpipe sample films --full-size writes films of the "
-        "camera's full size (1280 x 480 px, which cuts the largest contacts too)."
-    )
-
-
-def _first_contact(inputs: Inputs, film: str) -> float:
-    """Return the time of first contact in s on the film's clock, see :func:`_since_contact`."""
-    times = inputs.result(film, "radius")["time"].values
-    return float(times[0]) - float(_since_contact(inputs, film)[0]) * 1e-3
-
-
 def _spot(place: Any, at: Any, radius: float | None, size: float, reduction: float) -> None:
     """Draw one frame around the fitted centre, in µm, with the model's circle where there is one."""
-    from matplotlib.patches import Circle
-
     x, y = (float(at[f"circle_{axis}"]) for axis in "xy")
     rows, columns = at["image"].shape
     # Pixel centres are whole numbers: the image reaches half a pixel further on every side.
@@ -285,6 +249,7 @@ def heated(inputs: Inputs) -> Drawing:
         axes[0, _IMPACTS].margins(x=0.5, y=0.1)
         axes[0, _IMPACTS].set_ylabel("radius (µm)")
         legend_above(figure, axes[0, 0])
+    warming, larger = _warming(inputs, pair)
     return Drawing(
         "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
         f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three impacts, over a common "
@@ -294,13 +259,13 @@ def heated(inputs: Inputs) -> Drawing:
         figure,
         computed=(
             "simulated drops; the heated one with the material shifted by its law. A film is laid on the "
-            "simulation of its own impact in time. " + _warming(inputs, pair) + " " + _later(inputs, pair)
+            "simulation of its own impact in time. " + warming
         ),
         difference=(
             "the thesis prints no radii; it says that the heated contact is larger in every "
-            f"impact and at rest, and forms earlier. Here {_where_larger(inputs, pair)}: what is softer also "
+            f"impact and at rest, and forms earlier. Here {larger}: what is softer also "
             "bounces lower, and falls slower onto the next impact. A softer contact takes longer to its largest "
-            "radius; what comes earlier is the next impact." + _whole_frames(share)
+            "radius; what comes earlier is the next impact."
         ),
         **inputs.data_note(f"the films {pair[0][0]} and {pair[1][0]}."),
     )
@@ -342,18 +307,6 @@ def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[s
     place.plot([label], [rest], marker="_", markersize=14, color=look["color"])
 
 
-def _later(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
-    """Say how the heated impacts lie in time beside those at room temperature, by the simulation."""
-    cold, warm = (inputs.result(name, "model") for name, _ in pair)
-    rises = (_rises(inputs, pair[1][0]) - _rises(inputs, pair[0][0])) * 1e6
-    starts = [made["impact_time"].values[:_IMPACTS] - float(made["impact_time"][0]) for made in (cold, warm)]
-    gaps = (starts[0] - starts[1])[1:] * 1e3
-    return (
-        f"From touch to the largest radius the heated sphere takes {', '.join(f'{r:+.0f}' for r in rises)} µs more "
-        f"(impacts I to III); impacts II and III themselves come {', '.join(f'{g:.1f}' for g in gaps)} ms earlier."
-    )
-
-
 def _temperatures(inputs: Inputs) -> list[tuple[str, str]]:
     """Film at room temperature and heated film of the same height, with their labels."""
     films = inputs.of_kind("contact_area")
@@ -361,42 +314,25 @@ def _temperatures(inputs: Inputs) -> list[tuple[str, str]]:
     height = films[warm].height.value
     cold = [n for n, s in films.items() if not is_heated(s) and s.height.value == height]
     if not cold:
-        from labpipe.errors import InputError
-
         raise InputError(f"no film at room temperature shares the drop height of {warm}")
     return [(cold[0], "room"), (warm, f"{temperature_of(films[warm]):g} °C")]
 
 
-def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
-    """Say how much larger the heated contact is, by film and by model."""
+def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> tuple[str, str]:
+    """Say how much larger the heated contact is by film and by model, and in which impacts beyond two u of the film."""
     cold, warm = (inputs.result(name, "comparison") for name, _ in pair)
-    notes = []
+    notes: list[str] = []
+    words: dict[str, list[str]] = {"larger": [], "not told apart": [], "smaller": []}
     for number in range(_IMPACTS):
         film, model = (
             float(warm[f"peak_radius_{s}"][number] - cold[f"peak_radius_{s}"][number]) * 1e6 for s in ("film", "model")
         )
         u = 1e6 * float(np.linalg.norm([float(m["u_peak_radius_difference"][number]) for m in (cold, warm)]))
         notes.append(f"{'I' * (number + 1)} {film:+.1f} (model {model:+.1f}) ± {u:.1f} µm")
+        words["not told apart" if abs(film) < 2 * u else "larger" if film > 0 else "smaller"].append("I" * (number + 1))
     rest = [inputs.result(name, "impacts") for name, _ in pair]
     at_rest = " and ".join(
         f"{float(r['static_radius']) * 1e6:.1f} ± {float(r['u_static_radius']) * 1e6:.1f}" for r in rest
     )
-    swings = []
-    for (name, label), impacts in zip(pair, rest, strict=True):
-        drop, since = inputs.result(name, "model"), float(impacts["static_since"]) - _first_contact(inputs, name)
-        if float(drop["rest_time"]) - float(drop["impact_time"][0]) > since:
-            swings.append(label)
-    still = f" (the sphere still swings there: {', '.join(swings)})" if swings else ""
-    return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm{still}."
-
-
-def _where_larger(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
-    """Say in which impacts the film tells the heated contact to be larger, by two standard uncertainties."""
-    cold, warm = (inputs.result(name, "comparison") for name, _ in pair)
-    words: dict[str, list[str]] = {"larger": [], "not told apart": [], "smaller": []}
-    for number in range(_IMPACTS):
-        gap = float(warm["peak_radius_film"][number] - cold["peak_radius_film"][number])
-        u = float(np.linalg.norm([float(made["u_peak_radius_difference"][number]) for made in (cold, warm)]))
-        word = "not told apart" if abs(gap) < 2 * u else "larger" if gap > 0 else "smaller"
-        words[word].append("I" * (number + 1))
-    return ", ".join(f"{word} in {', '.join(found)}" for word, found in words.items() if found)
+    larger = ", ".join(f"{word} in {', '.join(found)}" for word, found in words.items() if found)
+    return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm.", larger

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from textwrap import fill
 from typing import Any, Literal
 
 import numpy as np
@@ -14,9 +15,6 @@ from labpipe.arrays import Floats
 from labpipe.report import figure_style
 
 _ABBREVIATIONS = ("nbr", "peek", "ptfe")
-
-DOUBLE_COLUMN_LINE = 100
-"""Characters in a line of a caption file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +44,6 @@ class Drawing:
 
     def caption(self, figure_id: str, title: str) -> str:
         """Return the caption file's content."""
-        from textwrap import fill
-
         rows = (
             ("Measured", self.measured),
             ("Synthetic", self.synthetic),
@@ -56,7 +52,7 @@ class Drawing:
         )
         paragraphs = [f"{figure_id}  {title}", self.shows]
         paragraphs += [f"{name}: {text or 'nothing.'}" for name, text in rows]
-        return "\n\n".join(fill(p, DOUBLE_COLUMN_LINE) for p in paragraphs) + "\n"
+        return "\n\n".join(fill(p, 100) for p in paragraphs) + "\n"
 
     def latex(self, figure_id: str, title: str) -> str:
         """Return the caption as LaTeX, with a label such as ``fig:3.10``."""
@@ -123,15 +119,13 @@ def legend_above(figure: Figure, axes: Axes | Sequence[Axes], columns: int = 4) 
     figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=columns, columnspacing=1.4)
 
 
-def beyond(printed: str, here: str, samples: str = "the sample thesis does") -> str:
-    """Say what the printed figure shows beyond a small session, and which sample shows it.
-
-    Examples
-    --------
-    >>> beyond("ten frequencies", "2")
-    ' The printed figure shows ten frequencies, as the sample thesis does; this session has 2.'
-    """
-    return f" The printed figure shows {printed}, as {samples}; this session has {here}."
+def right_axis(axes: Axes, label: str = "") -> Axes:
+    """Open a vertical axis on the right of a panel."""
+    other = axes.twinx()
+    other.set_ylabel(label)
+    other.grid(visible=False)
+    other.spines["right"].set_visible(True)
+    return other
 
 
 def spelled(material: str) -> str:

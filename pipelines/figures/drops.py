@@ -7,33 +7,18 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.report import kept_samples, line_arguments
-from pipelines.figures.drawing import Drawing, beyond, label_outside, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _BEFORE, _PAST_REST = 20.0, 1.05
 """Shown before first contact in ms, and until when, as a multiple of the time until rest."""
 
 _ZOOM = (-0.5, 2.0)
-_MOST_HEIGHTS, _REPEATS = 4, 5
+_MOST_HEIGHTS = 4
 _GREEN = "#bfe3c6"
 
 _DRAWN_POINTS = 4000
 """Of a band; a panel is some 800 points of a printer wide."""
-
-
-def acrylic(inputs: Inputs) -> Drawing:
-    """Figure 3.10."""
-    return heights(inputs, "an acrylic")
-
-
-def nylon(inputs: Inputs) -> Drawing:
-    """Figure 3.11."""
-    return heights(inputs, "a nylon")
-
-
-def peek(inputs: Inputs) -> Drawing:
-    """Figure 3.12."""
-    return heights(inputs, "a PEEK")
 
 
 def heights(inputs: Inputs, sphere: str) -> Drawing:
@@ -57,36 +42,25 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
             notes.append(f"{height * 1e3:g} mm: nRMSE {nrmse:.2f} %, first restitution {gap:+.4f} ± {u:.4f}")
         label_outside(axes, "time $t_c$ (ms)")
         legend_above(figure, axes[0, 0])
-    number, larger = int(results["repeats"].sizes["repeat"]), ""
-    if len(chosen) < _MOST_HEIGHTS or number < _REPEATS:
-        samples = "the samples core (acrylic) and thesis (every polymer) do"
-        larger = beyond("four heights and five repeats", f"{len(chosen)} and {number}", samples)
+    number = int(results["repeats"].sizes["repeat"])
+    is_at_rest = np.isfinite([_rest(inputs, name) for name in chosen]).all()
+    until = "rest" if is_at_rest else "rest or the end of the recordings"
     return Drawing(
         f"Displacement of {sphere} sphere after drops from {len(chosen)} {'heights' if len(chosen) > 1 else 'height'}, "
-        f"from {_BEFORE:g} ms before first contact to {_ends(inputs, chosen)} (left); green: the penetration, "
+        f"from {_BEFORE:g} ms before first contact to {until} (left); green: the penetration, "
         "magnified in all impacts (middle) and in the first (right).",
         figure,
         computed=(
             "lines: drop simulation with the material that the session names. Agreement with "
             f"the mean of the repeats: {'; '.join(notes)}."
         ),
-        difference="the printed figures give no number for the agreement." + larger,
+        difference="the printed figures give no number for the agreement.",
         **inputs.data_note(
             f"bands: the envelope of {number} laser recordings per height, from the lowest to the highest at "
             f"each time ({'; '.join(_widths(inputs, chosen))}; the left panels hold it within the line's width until "
             "the bounces run apart)."
         ),
     )
-
-
-def _ends(inputs: Inputs, chosen: list[str]) -> str:
-    """Say until when is drawn: to rest, or to the end of the recordings where one of them ends before."""
-    shown = {name: f"{inputs.experiments[name].height.value * 1e3:g}" for name in chosen}
-    ended = [height for name, height in shown.items() if not np.isfinite(_rest(inputs, name))]
-    if not ended:
-        return "rest"
-    until = "the end of the recordings, before rest"
-    return until if len(ended) == len(chosen) else f"rest, from {', '.join(ended)} mm to {until}"
 
 
 def _widths(inputs: Inputs, chosen: list[str]) -> list[str]:

@@ -6,12 +6,11 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, beyond, label_outside, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs, referred
 
 _IMPACTS = 3
 _MOST_HEIGHTS = 4
-_TO_REST = 150.0  # ms of recording after which the thesis calls the sphere at rest
 _AROUND_PEAK = 0.8
 """ms on either side of the largest radius in which the model is drawn."""
 
@@ -59,8 +58,6 @@ def laser_and_film(inputs: Inputs) -> Drawing:
             f"7 mm (37.8 ms of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins "
             f"before the release, from {drops.height.value * 1e3:g} mm. The text counts displacement from the "
             "release, -7 mm at first contact; here it is 0 there."
-            + beyond("the motion until rest", f"{t.max():.0f} ms of film")
-            * (float(t.max()) < _TO_REST)
         ),
         **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
     )
@@ -92,8 +89,7 @@ def contact_radius(inputs: Inputs) -> Drawing:
         "Contact radius of the first impacts (I, II, III) at each drop height, t_p = 0 at the largest radius.",
         figure,
         computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
-        difference="the thesis gives no number for the agreement."
-        + beyond("four heights", f"{len(chosen)}") * (len(chosen) < _MOST_HEIGHTS),
+        difference="the thesis gives no number for the agreement.",
         **inputs.data_note("contact radius from the interference fringes of films."),
     )
 

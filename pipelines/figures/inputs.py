@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.workflow.results import Results
@@ -16,37 +15,14 @@ if TYPE_CHECKING:
     from labpipe.materials import Prony
     from labpipe.workflow.plan import Plan
 
-_WARM = 30.0
-"""degC, from which on a sphere is a heated one."""
-
-_BODIES = ("sphere", "substrate", "sample", "specimen")
-
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What a drawing function is given: experiments by name and a way to read their results.
-
-    Attributes
-    ----------
-    plan : Plan
-        Of the whole session, made after the results were.
-    experiments : mapping
-        Typed settings by name of experiment.
-    """
+    """Settings of experiments by name, and a way to read their results; ``plan`` was made after the results were."""
 
     plan: "Plan"
     experiments: Mapping[str, Any]
     _read: "dict[tuple[str, str, str | None], xr.Dataset]" = field(default_factory=dict, repr=False)
-
-    @property
-    def folder(self) -> Path:
-        """The session's folder."""
-        return self.plan.session.root
-
-    @property
-    def is_synthetic(self) -> bool:
-        """Whether the session says that its data were made, not measured."""
-        return self.plan.session.synthetic
 
     def result(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
         """Return one stored result, of a stage per recording that of one file; it is read once.
@@ -65,7 +41,7 @@ class Inputs:
         """Return the solid that a sphere or a substrate of session.toml names, at its temperature."""
         from pipelines.experiments.shared.material_choice import resolve
 
-        file = None if body.material_file is None else self.folder / body.material_file
+        file = None if body.material_file is None else self.plan.session.root / body.material_file
         fitted = None
         if body.material_from is not None:
             fitted = self.result(referred(body.material_from), "master_curve")
@@ -87,7 +63,7 @@ class Inputs:
     @property
     def origin(self) -> str:
         """The word for the data: ``synthetic`` or ``measured``."""
-        return "synthetic" if self.is_synthetic else "measured"
+        return "synthetic" if self.plan.session.synthetic else "measured"
 
     def data_note(self, text: str) -> dict[str, str]:
         """Return ``text`` as the caption's entry that fits the data's origin."""
@@ -117,26 +93,20 @@ def referred(text: str) -> str:
     return text.removeprefix("experiment:")
 
 
-def material_of(settings: Any) -> str:
-    """Return the words by which an experiment names its material, in lower case."""
-    found = []
-    for holder in (settings, *(getattr(settings, body, None) for body in _BODIES)):
-        for name in ("material", "material_from", "material_file"):
-            text = getattr(holder, name, None)
-            if isinstance(text, str):
-                found.append(text)
-    return " ".join(found).lower()
-
-
 def matching(session: Session | None, need: Need) -> dict[str, Experiment]:
     """Return the experiments of a session that fit, in the session's order."""
-    if session is None:
-        return {}
-    return {
-        name: experiment
-        for name, experiment in session.experiments.items()
-        if experiment.kind == need.kind and _fits(need, name, experiment)
-    }
+    experiments = {} if session is None else session.experiments
+    return {name: e for name, e in experiments.items() if e.kind == need.kind and _fits(need, name, e.settings)}
+
+
+def _fits(need: Need, name: str, settings: Any) -> bool:
+    """Return whether an experiment has the temperature and the material; without a material its name counts."""
+    if need.heated is not None and is_heated(settings) != need.heated:
+        return False
+    holders = (settings, *(getattr(settings, body, None) for body in ("sphere", "substrate", "sample", "specimen")))
+    found = [getattr(h, key, None) for h in holders for key in ("material", "material_from", "material_file")]
+    words = " ".join(text for text in found if isinstance(text, str)) or name
+    return need.material is None or need.material in re.split(r"[^a-z]+", words.lower())
 
 
 def temperature_of(settings: Any) -> float | None:
@@ -146,18 +116,8 @@ def temperature_of(settings: Any) -> float | None:
 
 
 def is_heated(settings: Any) -> bool:
-    """Say whether the sphere was warmer than a room."""
-    return (temperature_of(settings) or 0.0) > _WARM
-
-
-def _fits(need: Need, name: str, experiment: Experiment) -> bool:
-    if need.heated is not None and is_heated(experiment.settings) != need.heated:
-        return False
-    if need.material is None:
-        return True
-    # An experiment that names no material (a DMA sweep) is identified by its own name.
-    words = material_of(experiment.settings) or name.lower()
-    return need.material in re.split(r"[^a-z]+", words)
+    """Say whether the sphere was warmer than a room, 30 °C."""
+    return (temperature_of(settings) or 0.0) > 30.0
 
 
 def result_keys(plan: "Plan", session: Session | None, needs: Iterable[Need]) -> dict[str, str | None]:

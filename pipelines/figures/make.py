@@ -11,7 +11,7 @@ import hashlib
 import importlib
 import json
 import logging
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -53,9 +53,6 @@ _IMPORTS = (
 )
 """What drawing needs, for workers to share."""
 
-_BEHIND = ("pipelines.experiments", "pipelines.rig")
-"""Packages that figures use in addition to their own."""
-
 _LONG = ("A.1", "2.6", "3.10", "3.11", "3.12", "2.8")
 """Figures that take longest: begun last, they would be waited for alone."""
 
@@ -64,16 +61,8 @@ _LONG = ("A.1", "2.6", "3.10", "3.11", "3.12", "2.8")
 class State:
     """Whether a figure can be drawn, and why not.
 
-    Attributes
-    ----------
-    figure : Figure
-    state : str
-        ``ready``, ``up to date``, ``needs a session``, ``cannot be regenerated`` or ``not drawn
-        by this version``.
-    detail : str
-        What is missing, or the reason.
-    experiments : tuple of str
-        Experiments of the session that it shows.
+    ``state`` is one of the words above; ``detail`` what is missing, or the reason; ``experiments`` are those of the
+    session that it shows.
     """
 
     figure: Figure
@@ -159,13 +148,6 @@ class Shelf:
         except (OSError, ValueError, KeyError, TypeError):
             return {}
 
-    def note(self, outcome: Outcome, entry: Mapping[str, Any]) -> None:
-        """Remember what was drawn; of a failure there is nothing."""
-        if entry:
-            kept = {"labpipe_figures": 1, "figures": self.record() | {outcome.id: dict(entry)}}
-            text = json.dumps(kept, indent=1, sort_keys=True) + "\n"
-            files.write_text(self.folder / RECORD, text)
-
     def state(self, figure: Figure, record: Mapping[str, Any]) -> State:
         """Say whether a figure can be drawn."""
         if not figure.function:
@@ -178,29 +160,21 @@ class Shelf:
                 return State(figure, NEEDS_SESSION, f"with {wanted}")
             names += tuple(name for name in found if name not in names)
         known = record.get(figure.id, {})
-        if known and known["key"] == self.key(figure, names) and self._is_intact(known):
+        written = {self.folder / name: digest for name, digest in known.get("files", {}).items()}
+        is_intact = all(path.is_file() and files.digest(path) == digest for path, digest in written.items())
+        if written and is_intact and known["key"] == self.key(figure, names):
             return State(figure, UP_TO_DATE, "", names)
         return State(figure, READY, ", ".join(names), names)
 
     def key(self, figure: Figure, names: tuple[str, ...]) -> str:
         """Return the key of a figure: everything on which it depends, as one digest."""
-        results: dict[str, str | None] = {}
-        if self.plan is not None and names:
-            results = result_keys(self.plan, self.session, figure.needs)
         parts = {
             "id": figure.id,
             "data": self.with_data,
-            "code": behind(figure.function, *_BEHIND, is_page=True),
-            "results": results,
+            "code": behind(figure.function, "pipelines.experiments", "pipelines.rig", is_page=True),
+            "results": result_keys(self.plan, self.session, figure.needs) if self.plan is not None and names else {},
         }
         return hashlib.sha256(files.canonical(parts).encode()).hexdigest()
-
-    def _is_intact(self, known: Mapping[str, Any]) -> bool:
-        found = known.get("files", {})
-        return bool(found) and all(
-            (self.folder / name).is_file() and files.digest(self.folder / name) == digest
-            for name, digest in found.items()
-        )
 
 
 def states(shelf: Shelf, figures: Iterable[Figure]) -> tuple[State, ...]:
@@ -219,68 +193,47 @@ def make(
     """Draw what is not up to date; what the figures need of the session is processed first.
 
     Experiments are processed, and figures drawn, side by side in ``jobs`` processes; 0 does all in this one. Every
-    outcome is told to ``progress``: drawn, up to date, needs a session, cannot be regenerated, failed.
+    outcome is given to ``progress`` as it comes: drawn, up to date, needs a session, cannot be regenerated, failed.
     """
-    found = states(shelf, figures)
-    ready = [state for state in found if state.state == READY]
-    now, failures = _process(shelf, ready, jobs)
-    outcomes = []
-    with contextlib.closing(_drawings(now, ready, failures, jobs)) as drawings:
-        for state in found:
-            if state.state == READY:
-                outcome, entry = next(drawings)
-                shelf.note(outcome, entry)
-            else:
-                outcome = Outcome(state.figure.id, state.state, state.detail)
-            progress(outcome)
-            outcomes.append(outcome)
-    return tuple(outcomes)
+    from labpipe.workflow.engines import Died, choose, side_by_side
+
+    found = {state.figure.id: state for state in states(shelf, figures)}
+    outcomes = {i: Outcome(i, s.state, s.detail) for i, s in found.items() if s.state != READY}
+    for outcome in outcomes.values():
+        progress(outcome)
+    ready = sorted(found.keys() - outcomes.keys(), key=lambda i: (i not in _LONG, list(found).index(i)))
+    shelf, failures = _processed(shelf, [found[i] for i in ready], jobs)
+    sent = replace(shelf, folder=shelf.folder.absolute())
+    tasks = {i: (sent, i, found[i].experiments, failures) for i in ready}
+    engine = choose(workers if (workers := min(jobs, len(tasks))) > 1 else 0)
+    with contextlib.closing(side_by_side(engine, f"{__name__}:drawn", tasks, imports=_IMPORTS)) as answers:
+        for i, answer in answers:
+            lost = Outcome(i, FAILED, f"{answer}; too little memory?")
+            outcomes[i], written = (lost, {}) if isinstance(answer, Died) else answer
+            if written:
+                entry = {"key": shelf.key(found[i].figure, found[i].experiments), "files": written}
+                kept = {"labpipe_figures": 1, "figures": shelf.record() | {i: entry}}
+                files.write_text(shelf.folder / RECORD, json.dumps(kept, indent=1, sort_keys=True) + "\n")
+            progress(outcomes[i])
+    return tuple(outcomes[i] for i in found)
 
 
-def _process(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[str, str]]:
+def _processed(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[str, str]]:
     """Run the stages behind the figures that have no result, and no other.
 
     Returned is a shelf with a plan of what there is now, and what failed, by experiment.
     """
-    targets = {
-        (name, stage): f"{name}/{stage}"
-        for state in ready
-        for need in state.figure.needs
-        for name in matching(shelf.session, need)
-        for stage in need.stages
-    }
+    needs = [need for state in ready for need in state.figure.needs]
+    targets = {(name, stage) for need in needs for name in matching(shelf.session, need) for stage in need.stages}
     to_run = () if shelf.plan is None else shelf.plan.to_run
-    if shelf.session is None or targets.keys().isdisjoint((row.experiment, row.stage) for row in to_run):
+    if shelf.session is None or targets.isdisjoint((row.experiment, row.stage) for row in to_run):
         return shelf, {}
     from pipelines import process
 
-    root = shelf.session.root
-    run = process.process(root, list(targets.values()), sorted({name for name, _ in targets}), jobs=jobs, keep=None)
+    root, names = shelf.session.root, sorted({name for name, _ in targets})
+    run = process.process(root, sorted(f"{n}/{stage}" for n, stage in targets), names, jobs=jobs, keep=None)
     failures = {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
     return replace(Shelf.of(shelf.folder, root), with_data=shelf.with_data), failures
-
-
-def _drawings(
-    shelf: Shelf, ready: list[State], failures: Mapping[str, str], jobs: int
-) -> Generator[tuple[Outcome, dict[str, Any]]]:
-    """Draw one figure after the other, or some side by side; they are given in the order of the states."""
-    from labpipe.workflow.engines import Died, choose, side_by_side
-
-    sent = replace(shelf, folder=shelf.folder.absolute())
-    longest_first = sorted(enumerate(ready), key=lambda one: one[1].figure.id not in _LONG)
-    tasks = {number: (sent, state.figure.id, state.experiments, dict(failures)) for number, state in longest_first}
-    workers = min(jobs, len(tasks))
-    engine = choose(workers if workers > 1 else 0)
-    found: dict[int, tuple[Outcome, dict[str, Any]]] = {}
-    done = 0
-    for number, answer in side_by_side(engine, f"{__name__}:drawn", tasks, imports=_IMPORTS):
-        figure, names = ready[number].figure, ready[number].experiments
-        lost = Outcome(figure.id, FAILED, f"{answer}; too little memory?")
-        outcome, written = (lost, {}) if isinstance(answer, Died) else answer
-        found[number] = outcome, {"key": shelf.key(figure, names), "files": written} if written else {}
-        while done in found:
-            yield found.pop(done)
-            done += 1
 
 
 def drawn(
@@ -290,14 +243,25 @@ def drawn(
 
     The shelf has a plan made after processing, in which experiments may have failed.
     """
+    from labpipe.report import save_figure
+
     # It remarks on the missing time stamps that make the same figure the same bytes.
     logging.getLogger("fontTools").setLevel(logging.ERROR)
     (figure,) = chosen([name])
     try:
-        written = _write(shelf, figure, draw(shelf, figure, experiments))
+        drawing = draw(shelf, figure, experiments)
+        paths = [] if drawing.figure is None else save_figure(drawing.figure, shelf.folder / name)
+        texts = {"csv": drawing.table} if drawing.table else {}
+        texts |= {"txt": drawing.caption(name, figure.title), "tex": drawing.latex(name, figure.title)}
+        named = {shelf.folder / f"{name}.{ending}": text for ending, text in texts.items()}
+        if shelf.with_data and drawing.figure is not None:
+            named[shelf.folder / f"{name}-data.csv"] = drawing.data()
+        for path, text in named.items():
+            files.write_text(path, text)
     except LabpipeError as error:
         why = next((failures[n] for n in experiments if n in failures), str(error))
         return Outcome(name, FAILED, why), {}
+    written = {path.name: files.digest(path) for path in (*paths, *named)}
     return Outcome(name, DRAWN, "", tuple(written)), written
 
 
@@ -310,23 +274,4 @@ def draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":
     if shelf.session is None or shelf.plan is None or not names:
         return function(None)
     experiments = {n: shelf.session.experiments[n].settings for n in names}
-    return function(Inputs(shelf.plan, experiments))
-
-
-def _write(shelf: Shelf, figure: Figure, drawing: "Drawing") -> dict[str, str]:
-    """Write a figure's files and return their digests by name."""
-    from labpipe.report import save_figure
-
-    paths: list[Path] = []
-    if drawing.figure is not None:
-        paths += save_figure(drawing.figure, shelf.folder / figure.id)
-    if drawing.table:
-        paths.append(shelf.folder / f"{figure.id}.csv")
-        files.write_text(paths[-1], drawing.table)
-    if shelf.with_data and drawing.figure is not None:
-        paths.append(shelf.folder / f"{figure.id}-data.csv")
-        files.write_text(paths[-1], drawing.data())
-    for ending, text in (("txt", drawing.caption), ("tex", drawing.latex)):
-        paths.append(shelf.folder / f"{figure.id}.{ending}")
-        files.write_text(paths[-1], text(figure.id, figure.title))
-    return {path.name: files.digest(path) for path in paths}
+    return function(Inputs(shelf.plan, experiments), *figure.arguments)

@@ -13,12 +13,11 @@ from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from pipelines.experiments.shared import mach1_readings
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME
-from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _SHOWN_CYCLES = 3
 _PRINTED_FREQUENCY = 0.5  # Hz, of panel (a)
-_PRINTED_FREQUENCIES = 10
 _PASSED = 0.5
 """Part of the filter's cutoff up to which harmonics of a loop are set right; beyond is noise."""
 
@@ -45,8 +44,7 @@ def loops(inputs: Inputs) -> Drawing:
     name, settings, solid = _only(inputs)
     parts = {stage: inputs.result(name, stage) for stage in ("loads", "oscillations", "loops", "comparison", "model")}
     punch = settings.punch
-    depth = punch.depth.value * punch.tips
-    scale = solid.E_relaxed * punch.period.value * depth
+    scale = solid.E_relaxed * punch.period.value * punch.depth.value * punch.tips
     touch = float(parts["model"]["contact_position"])
     radius = punch.radius.value
     with panels(2, 2, width=2, aspect=0.52, sharex="col") as (figure, axes):
@@ -54,7 +52,26 @@ def loops(inputs: Inputs) -> Drawing:
         right = figure.add_subplot(axes[0, 1].get_gridspec()[:, 1])
         for unused in axes[:, 1]:
             unused.remove()
-        frequency = _cycles_at(_PRINTED_FREQUENCY, (above, below), parts, (touch, radius, scale), inputs.origin)
+        table, loads = parts["oscillations"], parts["loads"]
+        nearest = int(np.argmin(np.abs(np.log(table["frequency"].values / _PRINTED_FREQUENCY))))
+        frequency, begin = (float(table[n][nearest]) for n in ("frequency", "begin"))
+        block = mach1_readings.rows(loads, int(table["block"][nearest]))
+        cycles = (loads["time"].values[block] - loads["time"].values[block][0] - begin) * frequency
+        inside = (cycles >= 0) & (cycles <= _SHOWN_CYCLES)
+        every, line = max(1, inside.sum() // (30 * _SHOWN_CYCLES)), line_arguments("measured", style="points")
+        depth, force, model = (
+            values[block][inside]
+            for values in (
+                (loads["position_z"].values - touch) / radius,
+                loads["force"].values / scale,
+                parts["comparison"]["simulated_force"].values / scale,
+            )
+        )
+        above.plot(cycles[inside][::every], depth[::every], **line)
+        above.set(ylabel="indentation $\\tilde\\Delta = \\Delta/R$ (1)")
+        below.plot(cycles[inside][::every], force[::every], label=f"force, {inputs.origin}", **line)
+        below.plot(cycles[inside], model, label="model", **line_arguments("model"))
+        below.set(xlabel="time $t f$ (1)", ylabel="force $\\tilde F = F/(E_0\\lambda d)$ (1)")
         drawn = _loop_panel(right, parts, (touch, radius, scale))
         letter(above, "a", f"$\\tilde f = {frequency * _AXIS:.2f}\\times 10^{{-10}}$")
         letter(right, "b", f"mean loops: lines {inputs.origin}, points model")
@@ -70,50 +87,9 @@ def loops(inputs: Inputs) -> Drawing:
             f"applied to its force. nRMSE {100 * np.nanmin(error):.2f} to "
             f"{100 * np.nanmax(error):.2f} % over {error.size} frequencies."
         ),
-        difference="f tau_0 = 0.78e-10 is 0.5 Hz; no number is printed for the agreement." + _frequencies(error.size),
+        difference="f tau_0 = 0.78e-10 is 0.5 Hz; no number is printed for the agreement.",
         **inputs.data_note("force and displacement of the Mach-1 tester, force tared."),
     )
-
-
-def _frequencies(count: int) -> str:
-    """Say which sample has all frequencies of the printed figures; nothing where this one has."""
-    if count >= _PRINTED_FREQUENCIES:
-        return ""
-    return beyond(f"{_PRINTED_FREQUENCIES} frequencies", f"{count}", "the samples indentation and thesis do")
-
-
-def _cycles_at(
-    wanted: float,
-    places: tuple[Any, Any],
-    parts: dict[str, xr.Dataset],
-    scales: tuple[float, float, float],
-    origin: str,
-) -> float:
-    """Draw some cycles, indentation and force, at the frequency nearest to ``wanted``; return it.
-
-    ``scales`` are the position of first touch [m], the tips' radius [m] and the unit of force [N].
-    """
-    above, axes = places
-    touch, radius, scale = scales
-    table, loads = parts["oscillations"], parts["loads"]
-    number = int(np.argmin(np.abs(np.log(table["frequency"].values / wanted))))
-    row = table.isel(oscillation=number)
-    frequency = float(row["frequency"])
-    block = mach1_readings.rows(loads, int(row["block"]))
-    time = loads["time"].values[block]
-    time = time - time[0] - float(row["begin"])
-    inside = (time >= 0) & (time <= _SHOWN_CYCLES / frequency)
-    force = loads["force"].values[block][inside] / scale
-    model = parts["comparison"]["simulated_force"].values[block][inside] / scale
-    cycles = time[inside] * frequency
-    every = max(1, inside.sum() // (30 * _SHOWN_CYCLES))
-    depth = (loads["position_z"].values[block][inside] - touch) / radius
-    above.plot(cycles[::every], depth[::every], **line_arguments("measured", style="points"))
-    above.set(ylabel="indentation $\\tilde\\Delta = \\Delta/R$ (1)")
-    axes.plot(cycles[::every], force[::every], label=f"force, {origin}", **line_arguments("measured", style="points"))
-    axes.plot(cycles, model, label="model", **line_arguments("model"))
-    axes.set(xlabel="time $t f$ (1)", ylabel="force $\\tilde F = F/(E_0\\lambda d)$ (1)")
-    return frequency
 
 
 def _loop_panel(axes: Any, parts: dict[str, xr.Dataset], scales: tuple[float, float, float]) -> str:
@@ -131,11 +107,16 @@ def _loop_panel(axes: Any, parts: dict[str, xr.Dataset], scales: tuple[float, fl
         axes.plot(
             depth, force / scale, label=f"{frequency * _AXIS:.3g}", color=shades[number], linewidth=1.2, linestyle="-"
         )
-        x, simulated = _simulated_loop(parts, number)
-        every = max(1, x.size // _DRAWN_POINTS)
+        loads, end = parts["loads"], float(table["end"][number])
+        block = mach1_readings.rows(loads, int(table["block"][number]))
+        grid = np.linspace(end - 1.0 / frequency, end, _DRAWN_POINTS + 1)  # the last evaluated cycle
+        x, simulated = (
+            np.interp(grid, loads["time"].values[block], values[block])
+            for values in (loads["position_z"].values, parts["model"]["force"].values)
+        )
         axes.plot(
-            (x[::every] - touch) / radius,
-            simulated[::every] / scale,
+            (x - touch) / radius,
+            simulated / scale,
             linestyle="none",
             marker="o",
             markersize=2.6,
@@ -172,17 +153,6 @@ def _without_lag(force: Floats, frequency: float, loads: xr.Dataset) -> Floats:
         waves[order] *= 0.0 if lag is None else np.exp(1j * lag.phase) / lag.gain
     whole = np.fft.irfft(waves, force.size - 1)
     return np.append(whole, whole[0])
-
-
-def _simulated_loop(parts: dict[str, xr.Dataset], number: int) -> tuple[Floats, Floats]:
-    """Return stage position [m] and simulated force [N] of the last evaluated cycle."""
-    at, loads = parts["oscillations"].isel(oscillation=number), parts["loads"]
-    block = mach1_readings.rows(loads, int(at["block"]))
-    time = loads["time"].values[block]
-    end = float(at["end"])
-    grid = np.linspace(end - 1.0 / float(at["frequency"]), end, 10 * _DRAWN_POINTS + 1)
-    position = np.interp(grid, time, loads["position_z"].values[block])
-    return position, np.interp(grid, time, parts["model"]["force"].values[block])
 
 
 def _work_of_a_sine(solid: Prony, settings: Any, mean: float, amplitude: float, frequency: float) -> float:
@@ -265,9 +235,6 @@ def dissipated_work(inputs: Inputs) -> Drawing:
             f"over {inputs.origin}: {100 * gap.min():+.1f} to {100 * gap.max():+.1f} %; eq. (2.31) over "
             f"{inputs.origin}: {100 * theory_gap.min():+.1f} to {100 * theory_gap.max():+.1f} %."
         ),
-        difference=(
-            "the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two are independent."
-            + _frequencies(frequency.size)
-        ),
+        difference="the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two are independent.",
         **inputs.data_note(f"work of the mean loops at {frequency.size} frequencies."),
     )

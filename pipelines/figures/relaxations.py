@@ -4,35 +4,24 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from matplotlib.patches import Circle
 
-from labpipe import contact, materials
+from labpipe import contact
 from labpipe.arrays import Floats
-from labpipe.contact.line import westergaard
-from labpipe.contact.sphere import hertz
 from labpipe.report import line_arguments
-from pipelines.figures.chapter2 import DEPTH, PERIOD, TIP_RADIUS
-from pipelines.figures.chapter3 import GRAVITY, SPHERE_RADIUS
-from pipelines.figures.drawing import Drawing, beyond, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs
 
 _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
 """Depth [m], peak and plateau force [N] of section 2.3.2."""
 
-_LOADS = (0.5, 2.5, 3.5, 4.5, 5.5)
-_STARTS_MIN = (0.0, 2.55, 18.20, 33.10, 47.55)
-_END_MIN = 63.0
-_MOST_TESTS, _DRAWN_POINTS, _HOLD = 3, 400, 600.0
+_MOST_TESTS, _DRAWN_POINTS = 3, 400
 _CREEP = 1e4
 """Time in s until which the last load is held in the simulation."""
 
 
-def relaxation(inputs: Inputs | None) -> Drawing:
-    """Figure 2.4: force of a ramp and a hold at three depths, recorded or computed."""
-    return _computed_relaxation() if inputs is None else _recorded_relaxation(inputs)
-
-
-def _recorded_relaxation(inputs: Inputs) -> Drawing:
-    """Draw recorded tests with the model that follows the recorded displacement."""
+def relaxation(inputs: Inputs) -> Drawing:
+    """Figure 2.4: force of a ramp and a hold at three depths, recorded and simulated."""
     name = next(iter(inputs.experiments))
     files = inputs.experiments[name].mach1[:_MOST_TESTS]
     punch = inputs.experiments[name].punch
@@ -60,7 +49,12 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
             clean, u_clean = (float(curves[f"{p}peak_force_unfiltered"][0]) for p in ("", "u_"))
             moved = loads["position_z"].values - float(ramps["contact_position"])
-            others.append(_depth_axis(place, since[inside][thin], moved[inside][thin] * 1e3, is_last=file == files[-1]))
+            other = right_axis(place, "indentation (mm)" if file == files[-1] else "")
+            line = line_arguments("reference")
+            other.semilogx(since[inside][thin], moved[inside][thin] * 1e3, label="indentation (right axis)", **line)
+            other.set_ylim(0.0, 0.42)
+            other.tick_params(labelright=file == files[-1])
+            others.append(other)
             place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.3 * peak))
             by_radius = "" if punch is None else f", $\\Delta/R$ = {depth / punch.radius.value:.3g}"
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3g} mm{by_radius}")
@@ -72,76 +66,18 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             )
         axes[0, 0].set_ylabel("force (N)")
         legend_above(figure, [axes[0, 0], others[0]])
-    longest, held = float(since[inside][-1]), ""
-    if longest < 0.9 * _HOLD:
-        held = beyond(f"holds of {_HOLD:g} s", f"{longest:.0f} s", "the samples indentation and thesis do")
     return Drawing(
         "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
         "indentation from the recorded position.",
         figure,
         computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
-        difference=f"{'; '.join(notes)}.{held}",
+        difference=f"{'; '.join(notes)}.",
         **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
     )
 
 
-def _computed_relaxation() -> Drawing:
-    """Draw the simulated tests beside the printed numbers."""
-    rubber = materials.load("nbr")
-    notes = []
-    with panels(1, 3, width=2, aspect=0.38) as (figure, axes):
-        others = []
-        for place, name, (depth, peak, plateau) in zip(axes[0], "abc", _PRINTED, strict=True):
-            ramp = np.linspace(0.0, depth / 1e-3, 81)
-            time = np.concatenate([ramp, ramp[-1] + np.geomspace(1e-3, 600.0, 160)])
-            moved = np.minimum(time * 1e-3, depth)
-            made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle", elements=512)
-            force = made["force"].values
-            place.semilogx(time[1:], force[1:], label="force, model", **line_arguments("model"))
-            line = line_arguments("measured", style="points")
-            place.plot([ramp[-1], 600.0], [peak, plateau], label="peak, plateau, printed", **line)
-            others.append(_depth_axis(place, time[1:], moved[1:] * 1e3, is_last=name == "c"))
-            place.set(xlabel="time (s)", ylim=(0.0, 1.3 * peak))
-            letter(place, name, f"$\\Delta/R$ = {depth / TIP_RADIUS:g}")
-            closed = DEPTH * float(westergaard.from_displacement(depth, TIP_RADIUS, PERIOD, 10.14e6, "cosine").force)
-            notes.append(
-                f"{depth * 1e3:g} mm: peak {force.max():.1f} N (printed {peak:g}), after 600 s "
-                f"{force[-1]:.1f} N, fully relaxed {closed:.1f} N (printed {plateau:g})"
-            )
-        axes[0, 0].set_ylabel("force (N)")
-        legend_above(figure, [axes[0, 0], others[0]])
-    return Drawing(
-        "Force while the punch is pressed in at 1 mm/s and held for 600 s, at three depths; right axis: imposed "
-        "indentation. Points: the peak and the plateau that the thesis prints.",
-        figure,
-        measured="the six printed forces.",
-        computed=(
-            "boundary-element simulation, circular tips, the library's nbr; it was tuned on these plateaus and peak "
-            "ratios, so this is a check of the geometry, not of the material."
-        ),
-        difference="; ".join(notes) + ".",
-    )
-
-
-def _depth_axis(axes: Any, time: Floats, moved: Floats, *, is_last: bool) -> Any:
-    other = axes.twinx()
-    other.semilogx(time, moved, label="indentation (right axis)", **line_arguments("reference"))
-    other.set_ylim(0.0, 0.42)
-    other.grid(visible=False)
-    other.spines["right"].set_visible(True)
-    other.tick_params(labelright=is_last)
-    if is_last:
-        other.set_ylabel("indentation (mm)")
-    return other
-
-
-def stepwise_load(inputs: Inputs | None) -> Drawing:
-    """Figure 3.17: contact radius of a sphere under five loads, recorded or computed."""
-    return _computed_loading() if inputs is None else _recorded_loading(inputs)
-
-
-def _recorded_loading(inputs: Inputs) -> Drawing:
-    """Draw the radius by the laser's approach, the viscoelastic model and Hertz's steps."""
+def stepwise_load(inputs: Inputs) -> Drawing:
+    """Figure 3.17: contact radius of a sphere under five loads, by approach, viscoelastic model and Hertz."""
     name = next(iter(inputs.experiments))
     measured, steps = inputs.result(name, "approach"), inputs.result(name, "steps")
     model, made = inputs.result(name, "model"), inputs.result(name, "comparison")
@@ -250,53 +186,8 @@ def _held_on(inputs: Inputs, name: str, force: Floats, begin: Floats, end: float
     return stretches[-1] - begin[-1], made["contact_radius"].values[-count:]
 
 
-def _computed_loading() -> Drawing:
-    """Draw a PTFE sphere under the printed loads, Hertz and viscoelastic."""
-    solid = materials.load("ptfe")
-    starts = np.array([*_STARTS_MIN, _END_MIN]) * 60.0
-    time, load, steps = [], [], []
-    for mass, start, end in zip(_LOADS, starts[:-1], starts[1:], strict=True):
-        inside = start + np.concatenate([[0.0], np.geomspace(0.05, end - start, 120)])
-        time.append(inside)
-        load.append(np.full(inside.size, mass * GRAVITY))
-    made = contact.load_sphere(solid, SPHERE_RADIUS, np.concatenate(time), np.concatenate(load), profile="sphere")
-    modulus = solid.E_relaxed * solid.factor("contact")
-    radii = hertz.static_load(np.array(_LOADS) * GRAVITY, SPHERE_RADIUS, modulus).contact_radius
-    ours = np.interp(starts[1:] - 1.0, made["time"].values, made["contact_radius"].values)
-    with panels(2, 1, width=1, aspect=1.25, height_ratios=(2.0, 1.0)) as (figure, grid):
-        axes, circles = grid[:, 0]
-        radius = made["contact_radius"].values * 1e6
-        axes.plot(made["time"].values / 60, radius, label="viscoelastic", **line_arguments("model"))
-        line = {name: line_arguments("reference")[name] for name in ("color", "linestyle")}
-        axes.stairs(np.asarray(radii) * 1e6, starts / 60, baseline=None, label="Hertz, relaxed", **line)
-        axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1000))
-        for mass, start, radius in zip(_LOADS, starts, np.asarray(radii) * 1e6, strict=False):
-            # Below its step; the first step is too short for its label, which stands beside it.
-            axes.text(max(start / 60, _STARTS_MIN[1]) + 0.8, radius - 75, f"{mass:g} kg", fontsize=7)
-        letter(axes, "a")
-        _circles(circles, np.asarray(radii) * 1e6)
-        letter(circles, "b")
-        legend_above(figure, axes)
-    steps = [f"{m:g} kg: {1e6 * h:.0f} and {1e6 * o:.0f} µm" for m, h, o in zip(_LOADS, radii, ours, strict=True)]
-    return Drawing(
-        "(a) Contact radius of a PTFE sphere, R = 9.525 mm, on a rigid flat while masses are "
-        "added at 2.55, 18.20, 33.10 and 47.55 min; (b) Hertz contact circles to scale.",
-        figure,
-        computed=(
-            "quasi-static viscoelastic contact with the library's ptfe, and Hertz with its relaxed modulus "
-            f"{solid.E_relaxed / 1e6:.0f} MPa; radius by Hertz and at the end of each step: {'; '.join(steps)}."
-        ),
-        difference=(
-            "the thesis prints the loads and times, not the radii. The first load is held 3 "
-            "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
-        ),
-    )
-
-
 def _circles(axes: Any, radii: Floats) -> None:
     """Draw the contact circles side by side, in µm."""
-    from matplotlib.patches import Circle
-
     gap = 120.0
     x = 0.0
     for radius in radii:

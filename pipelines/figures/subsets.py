@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.patches import Rectangle
 
+from labpipe.errors import InputError
 from pipelines.figures.drawing import Drawing, letter, panels
 from pipelines.figures.inputs import Inputs
 
@@ -22,15 +24,11 @@ def _film(inputs: Inputs) -> str:
     for name, settings in inputs.experiments.items():
         if settings.tracking.line is not None:
             return name
-    from labpipe.errors import InputError
-
     raise InputError("no film of the session tracks a line of subsets; give it tracking.line")
 
 
 def _reference(place: Any, keys: Any, track: Any, *, squares: bool) -> None:
     """Draw the first frame with the line and its subsets."""
-    from matplotlib.patches import Rectangle
-
     reduction = float(keys["reduction"])
     image = keys["image"].values[0]
     rows, columns = image.shape
@@ -49,17 +47,6 @@ def _reference(place: Any, keys: Any, track: Any, *, squares: bool) -> None:
     place.grid(visible=False)
 
 
-def _times(last: float) -> tuple[list[float], str]:
-    """Choose the times from release of panel (b), and say which they are."""
-    printed = [t for t in _PRINTED_TIMES if t <= last]
-    if len(printed) == len(_PRINTED_TIMES):
-        return printed, "the frames nearest to those printed in the thesis"
-    if len(printed) >= _FEW:
-        return printed, "the frames nearest to those printed in the thesis, up to the end of the film"
-    own = np.linspace(0.0, last, len(_PRINTED_TIMES)).tolist()
-    return own, "evenly spaced: the film is too short for those of the thesis, which the sample thesis shows"
-
-
 def falling_line(inputs: Inputs) -> Drawing:
     """Figure 3.8: the line on the holder, and where it is at chosen times."""
     name = _film(inputs)
@@ -69,7 +56,10 @@ def falling_line(inputs: Inputs) -> Drawing:
     time = track["time"].values
     # Times count from the release, as the printed ones from the beginning of the fall.
     since = time - float(events["release_time"])
-    wanted, told = _times(float(since[-1]))
+    wanted = [t for t in _PRINTED_TIMES if t <= since[-1]]
+    told = "the frames nearest to those printed in the thesis"
+    if len(wanted) < _FEW:
+        wanted, told = np.linspace(0.0, since[-1], len(_PRINTED_TIMES)).tolist(), "evenly spaced"
     chosen = [int(np.argmin(np.abs(since - t))) for t in wanted]
     with panels(1, 2, width=2, aspect=0.46, width_ratios=(1.0, 2.2)) as (figure, axes):
         _reference(axes[0, 0], keys, track, squares=False)

@@ -7,40 +7,14 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs
 
 _COVERAGE = 2.0
 _LEAST_DECADES = 0.5
 
 
-def nbr(inputs: Inputs) -> Drawing:
-    """Figure 2.3, with the spectrum."""
-    return master_curve(inputs, 20.0, with_spectrum=True)
-
-
-def peek(inputs: Inputs) -> Drawing:
-    """Figure 3.4."""
-    note = "T_0 = 129.93 degC lies outside the stated sweeps (-40 to 120 degC)"
-    return master_curve(inputs, 129.93, note)
-
-
-def nylon(inputs: Inputs) -> Drawing:
-    """Figure 3.5."""
-    return master_curve(inputs, 20.16)
-
-
-def acrylic(inputs: Inputs) -> Drawing:
-    """Figure 3.6."""
-    return master_curve(inputs, 20.042)
-
-
-def ptfe(inputs: Inputs) -> Drawing:
-    """Figure 3.7."""
-    return master_curve(inputs, 20.031)
-
-
-def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_spectrum: bool = False) -> Drawing:
+def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", with_spectrum: bool = False) -> Drawing:
     """Draw the master curve and the shift factors of the first fitting experiment, beside the caption's T_ref [degC].
 
     A note is a remark on the printed figure; with the spectrum the compliances over the retardation times are shown.
@@ -97,10 +71,7 @@ def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_spli
     x = made["reduced_frequency"].values
     scale = 1.0 / (2.0 * (1.0 + float(made["nu"]))) if is_shear else 1.0
     symbol = "G" if is_shear else "E"
-    right = left.twinx() if is_split else left
-    if is_split:
-        right.grid(visible=False)
-        right.spines["right"].set_visible(True)
+    right = right_axis(left) if is_split else left
     for axes, part, role, dashes in ((left, "storage", "measured", "'"), (right, "loss", "model", "''")):
         look = line_arguments(role)  # type: ignore[arg-type]
         points = line_arguments(role, style="points")  # type: ignore[arg-type]

@@ -1,15 +1,14 @@
 """Budgets of a dynamic mechanical analysis: a shift, the slow end of the modulus, the loss peak."""
 
 from collections.abc import Iterator
-from math import isfinite, sqrt
+from math import isfinite, prod, sqrt
 
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
 from labpipe.report import quantity
 from labpipe.uncertainty import Input
-from pipelines.experiments.dma._ends import still_falls
+from pipelines.experiments.dma.model import still_falls
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, summed
 
 _ABSENT = (
@@ -56,42 +55,30 @@ def quantities(
 
 
 def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:
-    """Return the largest shift; the temperatures of its sweep act by the slope of the shifts."""
-    shifts, levels = master["log10_aT"].values, master["temperature"].values
+    """Return the largest shift; the temperatures of its sweep act by the slope of the shifts.
+
+    The mean temperature is known from its range: the readings' own changes are noise of the moduli.
+    """
+    order = np.argsort(master["temperature"].values)
+    T, shifts, u = (master[name].values[order] for name in ("temperature", "log10_aT", "u_log10_aT"))
     far = int(np.nanargmax(np.abs(shifts)))
-    u_level = _temperature(sweeps, float(levels[far]))
-    slope = _slope(levels, shifts, far)
-    total = float(master["u_log10_aT"][far])
+    at = float(T[far])
+    slope = float(np.gradient(shifts, T)[far]) if T.size > 1 else 0.0
+    number = int(np.argmin(np.abs(sweeps["temperature"].values - at)))
+    count = max(int(np.isfinite(sweeps["storage"].values[number]).sum()), 1)
+    u_level = float(sweeps["temperature_spread"][number]) / sqrt(12.0 * count)
     return Quantity(
-        f"log10 a_T at {quantity(float(levels[far]), 'degC', 3)}",
+        f"log10 a_T at {quantity(at, 'degC', 3)}",
         "1",
-        lambda measured, noise, temperature: measured + noise + slope * (temperature - float(levels[far])),
+        lambda measured, noise, temperature: measured + noise + slope * (temperature - at),
         {
             MEASURED: Input(float(shifts[far]), 0.0),
-            "noise": Input(0.0, total),
-            "temperature": Input(float(levels[far]), u_level, "degC"),
+            "noise": Input(0.0, float(u[far])),
+            "temperature": Input(at, u_level, "degC"),
         },
         (*_SHIFT, *_ABSENT),
         "log10 a_T, the largest",
     )
-
-
-def _temperature(sweeps: xr.Dataset, at: float) -> float:
-    """Return how well the mean temperature [K] of a sweep is known, from its range.
-
-    The readings' own changes are noise of the moduli; the mean falls with the root of their number.
-    """
-    number = int(np.argmin(np.abs(sweeps["temperature"].values - at)))
-    count = max(int(np.isfinite(sweeps["storage"].values[number]).sum()), 1)
-    return float(sweeps["temperature_spread"][number]) / sqrt(12.0 * count)
-
-
-def _slope(levels: Floats, shifts: Floats, at: int) -> float:
-    """Return decades per K by the neighbours."""
-    order = np.argsort(levels)
-    if order.size < 2:
-        return 0.0
-    return float(np.gradient(shifts[order], levels[order])[np.flatnonzero(order == at)[0]])
 
 
 def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
@@ -102,15 +89,12 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
     factor = float(sweeps.attrs["u_modulus_factor"]) / float(sweeps.attrs["modulus_factor"])
     names = ("temperature", "the uncertainty of the shifts is included in the noise of the curve")
     inert = (*_MODULUS, names, *_ABSENT, *(() if factor else (_TENSION,)))
-    inputs = {"noise": Input(1.0, u_storage / storage)}
-    if scale := float(sweeps.attrs["u_scale"]):
-        inputs["scale"] = Input(1.0, scale)
-    if factor:
-        inputs["Poisson's_ratio"] = Input(1.0, factor)
+    factors = {"noise": u_storage / storage, "scale": float(sweeps.attrs["u_scale"]), "Poisson's_ratio": factor}
+    inputs = {name: Input(1.0, u) for name, u in factors.items() if u or name == "noise"}
     yield Quantity(
         f"storage modulus at {quantity(frequency, 'Hz', 2)}, the slow end",
         "Pa",
-        _product,
+        lambda **factors: prod(factors.values()),
         {MEASURED: Input(storage, 0.0, "Pa"), **inputs},
         inert,
         "storage modulus at the slow end",
@@ -120,7 +104,7 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
         yield Quantity(
             "modulus after an infinite time",
             "Pa",
-            lambda measured, extrapolation, **factors: _product(measured, **factors) + extrapolation,
+            lambda extrapolation, **factors: prod(factors.values()) + extrapolation,
             {
                 MEASURED: Input(float(master["E_relaxed"]), 0.0, "Pa"),
                 **inputs,
@@ -128,10 +112,3 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
             },
             inert,
         )
-
-
-def _product(measured: float, **factors: float) -> float:
-    made = measured
-    for factor in factors.values():
-        made *= factor
-    return made

@@ -54,17 +54,10 @@ _STAGES = (
         summary="fit all shifts and one spectrum",
     ),
     stage(
-        "dma.published:compared",
-        ("sweeps", "master_curve", "file:published.shifts"),
-        ("nu", "fit", "export", "published"),
-        name="published",
-        summary="compare the shifts with a published table",
-    ),
-    stage(
         "dma.measured:temperature_sweep", ("readings",), ("mode", "nu", "scale"), summary="find the glass transition"
     ),
-    judged("dma", ("readings", "sweeps", "master_curve", "published"), "is it believable?"),
-    reported("dma", ("readings", "sweeps", "master_curve", "published", "temperature_sweep")),
+    judged("dma", ("readings", "sweeps", "master_curve"), "is it believable?"),
+    reported("dma", ("readings", "sweeps", "master_curve", "temperature_sweep")),
 )
 
 KIND = Kind(
@@ -79,6 +72,6 @@ KIND = Kind(
     rows=derived("dma.comparison:rows", "master_curve"),
     budget=derived("dma.budget:quantities", "sweeps", "master_curve", "temperature_sweep"),
     prior=derived("dma.evidence:prior", "sweeps", "master_curve"),
-    material=derived("dma._material_files:deck", "master_curve"),
+    material=derived("dma.model:deck", "master_curve"),
     proposal=proposal("sweep", "dma.proposal:proposed", answers={"mode": MODES}),
 )

@@ -6,10 +6,11 @@ import numpy as np
 import xarray as xr
 
 import instruments
-from labpipe.errors import InputError
-from labpipe.materials import TableRun, gather_sweeps, modulus_factor, trusted_tables, with_responses
+from labpipe.arrays import Floats
+from labpipe.errors import InputError, SourceError
+from labpipe.materials import gather_sweeps, modulus_factor, trusted_tables, with_responses
 from labpipe.variables import variable
-from pipelines.experiments.dma import _glass_transition
+from pipelines.experiments.dma import glass_transition
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.settings import named_columns
 
@@ -68,7 +69,7 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
         readings, settings.mode, settings.nu.value, tolerance=options.tolerance,
         fewest=options.fewest, skip_first=options.skip_first,
     )  # fmt: skip
-    u_factor = 2.0 * settings.nu.u if settings.mode in ("shear", "torsion") else 0.0
+    u_factor = 2.0 * settings.nu.u if settings.is_shear else 0.0
     made.attrs["u_modulus_factor"] = u_factor
     scale = settings.scale
     for name in ("storage", "loss"):
@@ -80,23 +81,38 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
 def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Find the glass transition in sweeps of temperature at one frequency, if there are any."""
     factor = modulus_factor(settings.mode, settings.nu.value) * settings.scale.value
-    ramps = [
-        _glass_transition.Ramp(
-            float(np.median(run.values("frequency"))), run.values("temperature"),
-            factor * run.values("storage_modulus"), factor * run.values("loss_modulus"),
-        )
-        for dataset in readings
-        for run in trusted_tables(dataset)
-        if run.rows.size and _is_ramp(run)
-    ]  # fmt: skip
+    ramps = []
+    for run in (run for dataset in readings for run in trusted_tables(dataset) if run.rows.size):
+        frequency, T = run.values("frequency"), run.values("temperature")
+        constant = np.ptp(frequency) < _ONE_FREQUENCY * np.median(frequency)
+        if constant and np.ptp(T) >= _LEAST_RAMP and T.size >= glass_transition.FEWEST:
+            moduli = (factor * run.values(name) for name in ("storage_modulus", "loss_modulus"))
+            ramps.append(glass_transition.Ramp(float(np.median(frequency)), T, *moduli))
     if not ramps:
         return xr.Dataset(attrs={"absent": "the exports hold no temperature sweep at one frequency"})
-    return _glass_transition.transitions(ramps)
+    return glass_transition.transitions(ramps)
 
 
-def _is_ramp(run: TableRun) -> bool:
-    frequency, temperature = run.values("frequency"), run.values("temperature")
-    spread = float(np.ptp(frequency)) / float(np.median(frequency))
-    return bool(
-        spread < _ONE_FREQUENCY and np.ptp(temperature) >= _LEAST_RAMP and temperature.size >= _glass_transition.FEWEST
-    )
+def shift_table(path: Path, settings: Dma) -> tuple[Floats, Floats]:
+    """Read a table of temperatures [degC] and log10 a_T, ascending in temperature."""
+    options = settings.export
+    read = instruments.read_table(path, "sweep", "plain_table", encoding=options.encoding, decimal=options.decimal)
+    if "log10_aT" not in read:
+        text = "found no column log_aT; this is not a table of shift factors"
+        raise SourceError(path, text, line=1, hint="Begin the file with T,log_aT and a row of units such as C,-.")
+    T, shift = read["temperature"].values, read["log10_aT"].values
+    good = np.isfinite(T) & np.isfinite(shift)
+    ascending, first = np.unique(T[good], return_index=True)
+    return ascending, shift[good][first]
+
+
+def shifts_at(table: tuple[Floats, Floats], T: Floats) -> Floats:
+    """Interpolate a table of shifts; set temperatures are rounded, so half their spacing beyond the ends counts."""
+    x, y = table
+    if x.size < 2:
+        return np.full(T.size, np.nan)
+    reach = 0.5 * float(np.median(np.diff(x)))
+    low = y[0] - reach * (y[1] - y[0]) / (x[1] - x[0])
+    high = y[-1] + reach * (y[-1] - y[-2]) / (x[-1] - x[-2])
+    knots, values = np.concatenate([[x[0] - reach], x, [x[-1] + reach]]), np.concatenate([[low], y, [high]])
+    return np.asarray(np.interp(T, knots, values, left=np.nan, right=np.nan))

@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.materials import deck_text
+from labpipe.materials import ShiftLaw, deck_text
 from labpipe.report import (
     Band,
     Block,
@@ -21,21 +21,20 @@ from labpipe.report import (
     Paragraph,
     Section,
     Series,
-    Table,
     display_unit,
     listed,
     number,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines.experiments.dma import _material_files, _shift_section
 from pipelines.experiments.dma.budget import quantities
-from pipelines.experiments.dma.published import rms
+from pipelines.experiments.dma.model import deck
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
+_MODULI = {"storage": "Storage modulus", "loss": "Loss modulus"}
 _BAND = (
     "The band includes the uncertainty of the spectrum, the shifts, the vertical law and the delay; it assumes that "
     "superposition holds."
@@ -44,7 +43,12 @@ _COVERAGE = 1.96  # of the bands, 95 %
 # What a verdict on the model is called; the verdict on the record, above, has words of its own.
 _SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
 _CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violated"}
-_KIND = {"warn": "warning", "fail": "error"}
+_VERTICAL = {
+    "none": "none",
+    "rho_T": "b_T ∝ absolute temperature times density",
+    "linear": "linear in temperature",
+    "quadratic": "quadratic in temperature",
+}
 
 
 def _summary(
@@ -94,8 +98,8 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
         _end(curve, "relaxed"),
         _end(curve, "unrelaxed"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
-        _shift_section.law_row(json.loads(curve.attrs["law"])),
-        ("vertical shift", _vertical(curve), ""),
+        _law_row(json.loads(curve.attrs["law"])),
+        ("vertical shift", _VERTICAL[str(curve.attrs["vertical_law"])], ""),
     ]
 
 
@@ -116,16 +120,6 @@ def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str,
         f"{when}; with this loss the storage modulus {may}: the series' {_modulus(float(curve[f'E_{name}']))} "
         "is extrapolated",
     )
-
-
-def _vertical(curve: xr.Dataset) -> str:
-    """Name the vertical law for a reader."""
-    return {
-        "none": "none",
-        "rho_T": "b_T ∝ absolute temperature times density",
-        "linear": "linear in temperature",
-        "quadratic": "quadratic in temperature",
-    }[str(curve.attrs["vertical_law"])]
 
 
 def _celsius(T: Floats) -> str:
@@ -180,37 +174,80 @@ def _isotherms(
     return series
 
 
-def _sweeps(settings: Dma, readings: Sequence[xr.Dataset | None], sweeps: xr.Dataset | None) -> list[Block]:
-    if sweeps is None:
-        return []
-    blocks: list[Block] = []
-    factor = float(sweeps.attrs["modulus_factor"])
-    if factor != 1.0:
-        text = (
-            f"Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = "
-            f"{factor:.4g} with ν = {value_with_uncertainty(settings.nu.value, settings.nu.u)}."
-        )
-        if settings.nu.u:
-            relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
-            text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
-        blocks.append(Paragraph(text))
-    charts = [
-        pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
-        for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus"))
+def _shifts(master_curve: xr.Dataset) -> Section:
+    """Show the shift factors over temperature, and the laws through them."""
+    order = np.argsort(master_curve["temperature"].values)
+    rising = master_curve.isel(temperature=order)
+    T, y, u = (rising[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
+    fine = np.linspace(T.min(), T.max(), 161)
+    series = [Series("fitted", T, y, style="points", role="measured", u=u)]
+    laws = sorted(json.loads(master_curve.attrs["laws"]).items(), reverse=True)
+    holding = [(name, law) for name, law in laws if ShiftLaw.of(law).holds]
+    roles: tuple[Literal["model", "reference"], ...] = ("model", "reference")
+    for (name, law), role in zip(holding, roles, strict=False):
+        title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
+        series.append(Series(title, fine, ShiftLaw.of(law).log10_aT(fine), role=role))
+    caption = "Bars are standard uncertainties."
+    if laws and not holding:
+        caption += " No law is drawn, because none describes the shifts within their uncertainty."
+    pairs = [np.flatnonzero(np.isclose(rising["colder"].values, t)) for t in T]
+    overlap, determined = rising["overlap"].values, rising["determined"].values
+    columns = [
+        Listed("temperature / °C", T.tolist(), digits=3),
+        pages.column(rising, "log10_aT", "log₁₀ a_T"),
+        pages.column(rising, "b_T", "b_T"),
+        pages.column(rising, "level", "level"),
+        Listed("overlap with the next / decades", [float(overlap[p[0]]) if p.size else None for p in pairs], digits=3),
+        Listed("step", ["loose" if p.size and not determined[p[0]] else "" for p in pairs]),
     ]
-    blocks.append(Details("Moduli in tension over frequency, as measured", charts))
-    for reading in readings:
-        header = pages.raw_header(reading)
-        if header is not None:
-            blocks.append(header)
-    return blocks
+    chart = LineChart(
+        "Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, height_px=240, caption=caption
+    )
+    table = listed(
+        columns,
+        "A step is “loose” when the data alone do not determine it; there the shift "
+        "relies on the prior, the usual behaviour of polymers.",
+    )
+    titles = {"wlf": "law of WLF", "arrhenius": "law of Arrhenius"}
+    fits = [(titles[name], *_law(law)) for name, law in laws]
+    if float(master_curve["delay"]):
+        fits.append(("delay of the instrument's phase", pages.told(master_curve, "delay"), "removed"))
+    folded = Details(f"Laws, and the shift factors of {T.size} temperatures", (KeyValues(fits), table))
+    return Section("Shift factors", (chart, folded))
+
+
+def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
+    if law["name"] == "arrhenius" and law["u_activation_energy"] is None:
+        return "shift law", "none: a single temperature determines no shift", ""
+    if ShiftLaw.of(law).holds:
+        return "shift law", *_law(law)
+    text = "neither WLF nor Arrhenius holds over all temperatures"
+    return "shift law", text, "the shifts are free; a kink indicates a transition"
+
+
+def _law(law: dict[str, Any]) -> tuple[str, str]:
+    """Write the parameters of a law, and how well it describes the shifts."""
+
+    def shown(name: str, scale: float = 1.0) -> str:
+        return value_with_uncertainty(law[name] / scale, (law[f"u_{name}"] or 0.0) / scale)
+
+    if law["name"] == "arrhenius":
+        text = f"Arrhenius, activation energy {shown('activation_energy', 1e3)} kJ/mol"
+    elif law["C1"] is None or law["C2"] is None:
+        text = "WLF, a straight line over temperature"
+    else:
+        text = f"WLF, C₁ = {shown('C1')}, C₂ = {shown('C2')} K"
+    if law["chi_square"] is None or not law["freedom"]:
+        return text, ""
+    verdict = "" if ShiftLaw.of(law).holds else ": does not hold"
+    return text, f"χ² / degrees of freedom = {law['chi_square'] / law['freedom']:.3g}{verdict}"
 
 
 def _master(master_curve: xr.Dataset) -> Section:
     x = master_curve["reduced_frequency"].values
     label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
     blocks: list[Block] = []
-    for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus")):
+    for name, title in _MODULI.items():
         y, u = master_curve[f"master_{name}"].values * _MPA, master_curve[f"u_master_{name}"].values * _MPA
         low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
         curves: list[Series | Band] = [
@@ -227,107 +264,64 @@ def _master(master_curve: xr.Dataset) -> Section:
     return Section("Master curve", tuple(blocks))
 
 
-def _spectrum(curve: xr.Dataset) -> list[Block]:
-    outside = curve["extrapolated"].values.astype(bool)
-    rho, E = curve["rho"].values, curve["E"].values * _MPA
-    series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
-    if outside.any():
-        series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
-    title, x, y = "Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa"
-    blocks: list[Block] = [pages.log_log(title, x, y, series, group="spectrum")]
-    if "tau" in curve and curve.sizes.get("creep_term", 0):
-        tau, C = curve["tau"].values, curve["C"].values * 1e6
-        order = np.argsort(tau)
-        title, x, y = "Creep spectrum", "retardation time τ / s", "C_k / (1/MPa)"
-        series = [Series("C_k", tau[order], C[order], style="points", role="measured")]
-        caption = "J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series by exact interconversion."
-        blocks.append(pages.log_log(title, x, y, series, group="spectrum", caption=caption))
-    return blocks
-
-
 def _readings(
     settings: Dma,
     master_curve: xr.Dataset | None = None,
     readings: Sequence[xr.Dataset | None] = (),
     sweeps: xr.Dataset | None = None,
 ) -> Section | None:
-    how = (*_fit(master_curve), *_sweeps(settings, readings, sweeps))
-    return pages.folded("Readings and fit", "Readings, residuals, each modulus from the other", how) if how else None
-
-
-def _fit(curve: xr.Dataset | None) -> list[Block]:
-    """Say how well the curve fits the readings, and the two moduli each other; both in detail below."""
-    if curve is None:
-        return []
-    kk = json.loads(curve.attrs["kramers_kronig"])
-    missed = [100 * rms(curve[name].values) for name in ("storage_residual", "loss_residual")]
-    text = f"The spectrum misses the storage modulus by {missed[0]:.2g} %, the loss by {missed[1]:.2g} % (rms)."
-    said = f"Storage and loss modulus, Kramers–Kronig: {_CONSISTENT[kk['verdict']]}; {kk['reason']}."
-    consistent = Paragraph(said) if kk["verdict"] == "pass" else Notice(_KIND[kk["verdict"]], said)  # type: ignore[arg-type]
-    return [consistent, Paragraph(text), _residuals(curve), _kramers_kronig(curve)]
-
-
-def _kramers_kronig(curve: xr.Dataset) -> Details:
-    x = curve["kk_frequency"].values
-
-    def line(name: str, title: str, role: Any, style: Any = "line") -> Series:
-        return Series(title, x, curve[name].values * _MPA, role=role, style=style)
-
-    label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
-    storage = pages.log_log(
-        "Storage modulus predicted from the loss",
-        label,
-        "storage modulus / MPa",
-        [line("kk_storage", "measured", "measured", "points"), line("kk_storage_from_loss", "from E″", "model")],
-        group="kk",
-        height_px=240,
+    """Show how well the curve fits the readings and the two moduli each other, and the readings as measured."""
+    blocks: list[Block] = []
+    if master_curve is not None:
+        kk = json.loads(master_curve.attrs["kramers_kronig"])
+        said = f"Storage and loss modulus, Kramers–Kronig: {_CONSISTENT[kk['verdict']]}; {kk['reason']}."
+        is_violated: dict[str, Literal["warning", "error"]] = {"warn": "warning", "fail": "error"}
+        blocks.append(Paragraph(said) if kk["verdict"] == "pass" else Notice(is_violated[kk["verdict"]], said))
+        missed = [100 * _rms(master_curve[name]) for name in ("storage_residual", "loss_residual")]
+        text = f"The spectrum misses the storage modulus by {missed[0]:.2g} %, the loss by {missed[1]:.2g} % (rms)."
+        blocks += [Paragraph(text), *_residuals(master_curve)]
+    if sweeps is not None:
+        factor = float(sweeps.attrs["modulus_factor"])
+        if factor != 1.0:
+            text = (
+                f"Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = {factor:.4g} with "
+                f"ν = {pages.stated(settings.nu)}."
+            )
+            if settings.nu.u:
+                relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
+                text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
+            blocks.append(Paragraph(text))
+        charts = [
+            pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
+            for name, title in _MODULI.items()
+        ]
+        blocks.append(Details("Moduli in tension over frequency, as measured", charts))
+        blocks += pages.raw_headers(pages.present(readings))
+    return (
+        pages.folded("Readings and fit", "Readings, residuals, each modulus from the other", blocks) if blocks else None
     )
-    loss = pages.log_log(
-        "Loss modulus predicted from the storage",
-        label,
-        "loss modulus / MPa",
-        [
-            line("kk_loss", "measured", "measured", "points"),
-            line("kk_loss_from_storage", "from E′", "model"),
-            line("kk_loss_from_slope", "slope rule (π/2) dE′/d ln ω", "reference"),
-        ],
-        group="kk",
-        height_px=300,
-        caption="The slope rule is for orientation only: on noisy data it errs by tens of "
-        "percent. Near the ends the prediction lacks the data beyond the window.",
-    )
-    return Details("Each modulus predicted from the other", (storage, loss))
 
 
-def _residuals(curve: xr.Dataset) -> Details:
-    label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
-    blocks: list[Block] = [
-        LineChart(
-            title,
-            label,
-            "model / measured − 1 / %",
-            _isotherms(curve, name, "point_reduced_frequency", 100.0, "points"),
-            x_scale="log",
-            group="residuals",
-            height_px=240,
-        )
-        for name, title in (("storage_residual", "Residuals of E′"), ("loss_residual", "Residuals of E″"))
-    ]
-    storage, loss = curve["storage_residual"].values, curve["loss_residual"].values
-    columns = [
-        Listed("temperature / °C", curve["temperature"].values.tolist(), digits=3),
-        Listed("points", np.isfinite(storage).sum(axis=1).tolist()),
-    ]
-    for title, values in (("E′", storage), ("E″", loss)):
-        columns.append(Listed(f"{title} rms / %", [100 * rms(each) for each in values], digits=3))
-        columns.append(Listed(f"{title} max / %", [100 * _largest(each) for each in values], digits=3))
-    blocks.append(listed(columns))
-    return Details("Residuals by temperature", blocks)
+def _residuals(curve: xr.Dataset) -> list[Block]:
+    """Show the residuals of the fit, and each modulus predicted from the other by Kramers and Kronig."""
+    label, x = f"frequency at {float(curve['T_ref']):.4g} °C / Hz", curve["kk_frequency"].values
+    left: list[Block] = []
+    predicted: list[Block] = []
+    for (name, title), other, sign in zip(_MODULI.items(), ("loss", "storage"), ("E′", "E″"), strict=True):
+        drawn = _isotherms(curve, f"{name}_residual", "point_reduced_frequency", 100.0, "points")
+        chart = LineChart(f"Residuals of {sign}", label, "model / measured − 1 / %", drawn, x_scale="log")
+        left.append(replace(chart, group="residuals", height_px=240))
+        drawn = [
+            Series("measured", x, curve[f"kk_{name}"].values * _MPA, role="measured", style="points"),
+            Series(f"from the {other}", x, curve[f"kk_{name}_from_{other}"].values * _MPA, role="model"),
+        ]
+        text = f"{title} predicted from the {other}"
+        predicted.append(pages.log_log(text, label, f"{title.lower()} / MPa", drawn, group="kk", height_px=240))
+    return [Details("Residuals by temperature", left), Details("Each modulus predicted from the other", predicted)]
 
 
-def _largest(values: Floats) -> float:
-    good = np.abs(values[np.isfinite(values)])
-    return float(good.max()) if good.size else float("nan")
+def _rms(residual: xr.DataArray) -> float:
+    return float(np.sqrt(np.nanmean(residual.values**2)))
 
 
 def _transition(temperature_sweep: xr.Dataset) -> Section:
@@ -362,42 +356,38 @@ def _transition(temperature_sweep: xr.Dataset) -> Section:
 
 
 def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section:
-    name = context.experiment
+    """Show the spectrum, all terms, and the input of a simulation code."""
+    name, made = context.experiment, deck(master_curve, settings=settings, name=context.experiment)
     outside = master_curve["extrapolated"].values.astype(bool)
-    deck = _material_files.deck(master_curve, settings=settings, name=name)
-    few = deck.tension
     text = (
-        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {deck.T_ref:.4g} °C, in tension; other experiments of this session "
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {made.T_ref:.4g} °C, in tension; other experiments of this session "
         f"use the full series. `labpipe export SESSION --experiment {name} --format abaqus` (or ansys, comsol, lsdyna, "
-        f"json; --bulk says what the bulk modulus does) writes {few.E.size} terms, within {deck.error * 100:.2g} % of "
-        "the worse modulus inside the window (rms)."
+        f"json; --bulk says what the bulk modulus does) writes {made.tension.E.size} terms, within "
+        f"{made.error * 100:.2g} % of the worse modulus inside the window (rms)."
     )
-    relaxed = f"All terms; E_relaxed = {_modulus(float(master_curve['E_relaxed']))}."
-    caption = f"{relaxed} Terms outside the covered window are extrapolation."
-    full = _term_table(master_curve["rho"].values, master_curve["E"].values, outside, caption)
-    caption = f"The reduced series; E_relaxed = {_modulus(few.E_relaxed)}."
-    reduced = _term_table(few.rho, few.E, np.zeros(few.E.size, dtype=bool), caption)
-    warnings = [Notice("warning", _sentence(warning)) for warning in deck.warnings]
+    rho, E = master_curve["rho"].values, master_curve["E"].values * _MPA
+    series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
+    if outside.any():
+        series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
+    chart = pages.log_log("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, group="spectrum")
+    table = listed(
+        (
+            Listed("term", list(range(1, outside.size + 1))),
+            Listed("ρ / s", rho.tolist()),
+            Listed("E / MPa", E.tolist()),
+            Listed("remark", ["extrapolated" if is_outside else "" for is_outside in outside]),
+        ),
+        f"E_relaxed = {_modulus(float(master_curve['E_relaxed']))}. Terms outside the covered window are extrapolated.",
+    )
+    warnings = [Notice("warning", _sentence(warning)) for warning in made.warnings]
     warned = f" ({pages.counted(len(warnings), 'warning')})" if warnings else ""
     blocks: tuple[Block, ...] = (
-        Details("Relaxation and creep spectrum", _spectrum(master_curve)),
-        Details(f"For simulation codes, {few.E.size} terms", (*warnings, reduced)),
-        Details(f"All {outside.size} terms", (full,)),
-        Details("For Abaqus", text=deck_text(deck, "abaqus")),
-        Details("CSV, all terms and the shift factors", text=_material_files.as_csv(master_curve, few)),
+        Details("Relaxation spectrum", (chart,)),
+        Details(f"All {outside.size} terms", (table,)),
+        *warnings,
+        Details(f"For Abaqus, {made.tension.E.size} terms", text=deck_text(made, "abaqus")),
     )
     return Section("Spectrum and terms", (Paragraph(text), Details(f"Spectrum, terms, files{warned}", blocks)))
-
-
-def _term_table(rho: Floats, E: Floats, outside: NDArray[np.bool_], caption: str) -> Table:
-    columns = [
-        Listed("term", list(range(1, len(rho) + 1))),
-        Listed("ρ / s", rho.tolist()),
-        Listed("E / MPa", (E * _MPA).tolist()),
-    ]
-    if outside.any():
-        columns.append(Listed("remark", ["extrapolated" if is_outside else "" for is_outside in outside]))
-    return listed(columns, caption)
 
 
 def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
@@ -409,7 +399,7 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         if asked == "free"
         else f"the shifts followed the {asked.upper() if asked == 'wlf' else 'Arrhenius'} law"
     )
-    missed = [rms(master_curve[name].values) for name in ("storage_residual", "loss_residual")]
+    missed = [_rms(master_curve[name]) for name in ("storage_residual", "loss_residual")]
     text = (
         f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
         f"{_celsius(T)}. "
@@ -420,15 +410,15 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         "The isotherms were joined by time–temperature superposition in one fit of all horizontal shifts and one "
         "non-negative relaxation spectrum to both moduli (variable projection, regularisation by generalised "
         f"cross-validation); {shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
-        f"law: {_vertical(master_curve)}. {_shift_section.law_row(law)[1]}. The fit left {missed[0] * 100:.2f} % (E′) "
-        f"and {missed[1] * 100:.2f} % (E″) rms."
+        f"law: {_VERTICAL[str(master_curve.attrs['vertical_law'])]}. {_law_row(law)[1]}. "
+        f"The fit left {missed[0] * 100:.2f} % (E′) and {missed[1] * 100:.2f} % (E″) rms."
     )
     return pages.methods(text)
 
 
 page = Report(
     "Dynamic mechanical analysis",
-    ("readings", "sweeps", "master_curve", "published", "temperature_sweep"),
-    (_summary, _master, _shift_section.shifts, _transition, _readings, budgets(quantities), _terms, _methods),
-    counts={"published": is_there, "temperature_sweep": is_there},
+    ("readings", "sweeps", "master_curve", "temperature_sweep"),
+    (_summary, _master, _shifts, _transition, _readings, budgets(quantities), _terms, _methods),
+    counts={"temperature_sweep": is_there},
 )

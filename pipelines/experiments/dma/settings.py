@@ -70,17 +70,6 @@ class Melt(Table, frozen=True, kw_only=True):
     fox_flory: Annotated[float, POSITIVE]  # K kg/mol
 
 
-class Published(Table, frozen=True, kw_only=True):
-    """Shift factors that others found for the same readings, to compare with.
-
-    ``shifts`` is a table of temperature and log_aT with a row of units; ``source`` says where it
-    is from. The published reference temperature does not matter.
-    """
-
-    shifts: File
-    source: str = ""
-
-
 class Dma(Table, frozen=True, kw_only=True):
     """Exports of one specimen: of an Anton Paar rheometer, or tables of another analyser.
 
@@ -106,4 +95,8 @@ class Dma(Table, frozen=True, kw_only=True):
     sweeps: Sweeps = Sweeps()
     fit: Fit = Fit()
     melt: Melt | None = None
-    published: Published | None = None
+
+    @property
+    def is_shear(self) -> bool:
+        """Whether a shear modulus is measured."""
+        return self.mode in ("shear", "torsion")

@@ -1,7 +1,5 @@
 """Whether a harmonic indentation can be believed: commands, columns, cell, punch and phase."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 
@@ -42,7 +40,10 @@ def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context
     if loads is not None:
         checks += mach1_checks.of_cell(settings.load_cell, loads)
     if oscillations is not None:
-        checks.append(_phase(name, oscillations, settings))
+        lag, u, frequency = (oscillations[n].values for n in ("phase_lag", "u_phase_lag", "frequency"))
+        worst = int(np.argmax(np.abs(lag - np.pi / 4)))  # the loss angle that lies furthest outside
+        at, u_at, hertz = (float(each[worst]) for each in (lag, u, frequency))
+        checks.append(mach1_checks.phase(name, at, u_at, hertz, settings.load_cell.record))
     if mach1_checks.knows_depth(checks):
         depth, force, expected = given.ask(_worked)
         deepest = depth + (0.0 if oscillations is None else float(oscillations["amplitude"].max()))
@@ -62,14 +63,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context
     return Scene(checks, causes, given.each([rows]), inputs, shared, basis)
 
 
-def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:
-    """Check the loss angle that lies furthest outside."""
-    lag, u = oscillations["phase_lag"].values, oscillations["u_phase_lag"].values
-    worst = int(np.argmax(np.abs(lag - np.pi / 4)))
-    frequency = float(oscillations["frequency"][worst])
-    return mach1_checks.phase(name, float(lag[worst]), float(u[worst]), frequency, settings.load_cell.record)
-
-
 def _worked(
     loads: xr.Dataset | None = None,
     hold: xr.Dataset | None = None,
@@ -87,10 +80,7 @@ def _worked(
                 expected = force - float(comparison["bias"][0])
             return depth, force, expected
     if hold is not None and "depth" in hold:
-        return _last(hold, "depth"), _last(hold, "plateau_force"), np.nan
+        names = ("depth", "plateau_force")
+        depth, force = (float(hold[name].values[-1]) if hold[name].size else np.nan for name in names)
+        return depth, force, np.nan
     return np.nan, np.nan, np.nan
-
-
-def _last(result: xr.Dataset, variable: str) -> float:
-    values: Sequence[float] = result[variable].values.tolist()
-    return float(values[-1]) if len(values) else np.nan

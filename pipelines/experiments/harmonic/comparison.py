@@ -84,22 +84,17 @@ DELAY = "delay of the force"
 """Input of the rows where the load cell's filter was taken out: it turns the phases of all frequencies."""
 
 
-def _by_delay(oscillations: xr.Dataset) -> dict[str, Any]:
-    """Return the change (oscillation,) of stiffness and work per second by which the delay is stated too long."""
-    omega = 2.0 * np.pi * oscillations["frequency"].values
-    by_storage = omega * oscillations["storage_stiffness"].values
-    return {
-        "storage_stiffness": -omega * oscillations["loss_stiffness"].values,
-        "work_per_cycle": np.pi * oscillations["amplitude"].values ** 2 * by_storage,
-    }
-
-
 def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where nothing is simulated."""
     if "nrmse" not in comparison:
         return
     inputs = inputs_of(model)
-    late = _by_delay(oscillations) if bool(oscillations.attrs["is_filter_corrected"]) else {}
+    late: dict[str, Any] = {}
+    if bool(oscillations.attrs["is_filter_corrected"]):  # change by which the delay is stated too long
+        omega = 2.0 * np.pi * oscillations["frequency"].values
+        storage, loss = (oscillations[f"{part}_stiffness"].values for part in ("storage", "loss"))
+        work = np.pi * oscillations["amplitude"].values ** 2 * omega * storage
+        late = {"storage_stiffness": -omega * loss, "work_per_cycle": work}
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
         nrmse, bias, told = comparison["nrmse"][i], comparison["bias"][i], of_curve(comparison.isel(oscillation=i))

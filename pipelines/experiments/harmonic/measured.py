@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from labpipe import signals
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
-from labpipe.signals import CommonFit, common_fit, quantisation_step
+from labpipe.signals import common_fit, quantisation_step
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
@@ -70,14 +70,6 @@ def hold(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     return ramps_and_holds.measured(loads, touch, settings.plateau.value)
 
 
-def _sinusoids(loads: xr.Dataset) -> list[int]:
-    found = [i for i, f in enumerate(loads["function"].values) if str(f) == _SINUSOID]
-    if not found:
-        functions = ", ".join(sorted({str(f) for f in loads["function"].values}))
-        raise InputError(f"the file holds no Sinusoid block; its blocks are: {functions}")
-    return found
-
-
 def counted(time: Floats, position: Floats, declared: float, skip: int) -> tuple[float, float, float, int]:
     """Return begin and end of the evaluated cycles, the frequency, and how many cycles ran.
 
@@ -104,11 +96,13 @@ def counted(time: Floats, position: Floats, declared: float, skip: int) -> tuple
 
 def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     """Fit every Sinusoid block: frequency, stiffness, work; one row per block."""
+    functions = list(map(str, loads["function"].values))
+    if _SINUSOID not in functions:
+        raise InputError(f"the file holds no Sinusoid block; its blocks are: {', '.join(sorted(set(functions)))}")
     declared = mach1_readings.declared_filter(loads)
     correct = settings.load_cell.correct_filter_lag and declared is not None
-    rows = [
-        _oscillation(loads, block, settings.cycles.skip, declared if correct else None) for block in _sinusoids(loads)
-    ]
+    blocks = [i for i, name in enumerate(functions) if name == _SINUSOID]
+    rows = [_oscillation(loads, block, settings.cycles.skip, is_late=correct) for block in blocks]
     others = {
         "declared_frequency": ("Hz", "frequency in the header"),
         "declared_amplitude": ("m", "amplitude in the header"),
@@ -137,7 +131,8 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     )
 
 
-def _oscillation(loads: xr.Dataset, block: int, skip: int, declared: dict[str, float] | None) -> dict[str, float]:
+def _oscillation(loads: xr.Dataset, block: int, skip: int, *, is_late: bool) -> dict[str, float]:
+    """Return stiffness and work of one block; ``is_late``: the cell's filter is taken out, and counts in u."""
     part = loads.isel(sample=mach1_readings.rows(loads, block))
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
     stated = float(loads["declared_frequency"][block])
@@ -145,51 +140,26 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int, declared: dict[str, f
     interval = float(np.median(np.diff(time)))
     # one sample beyond either end, so that whole cycles can be cut by interpolation
     used = (time >= begin - interval) & (time <= end + interval)
-    lag = None
-    response = None
-    if declared is not None:
-        lag = mach1_readings.force_lag(loads, frequency)
 
-        def response(f: float) -> complex:
-            at = mach1_readings.force_lag(loads, f)
-            if at is None:
-                return 1.0 + 0.0j
-            return at.gain * complex(np.exp(-1j * at.phase))
+    def response(f: float) -> complex:
+        at = mach1_readings.force_lag(loads, f)
+        return 1.0 + 0.0j if at is None else at.gain * complex(np.exp(-1j * at.phase))
 
     # A fast stage skips so many steps that they do not show; the file's decimals remain.
-    finest = max(quantisation_step(position[used]), mach1_readings.LAST_DECIMAL)
-    steps = (finest, float(loads.attrs["resolution"]))
-    fit = common_fit(time[used], position[used], force[used], frequency, response=response, resolutions=steps)
-    cut = signals.hysteresis_loops(time, position, force, fit.position.frequency, start=begin, end=end)
-    areas = cut["work"].values
+    steps = max(quantisation_step(position[used]), mach1_readings.LAST_DECIMAL), float(loads.attrs["resolution"])
+    passed = response if is_late else None
+    fit = common_fit(time[used], position[used], force[used], frequency, response=passed, resolutions=steps)
+    x, f = fit.position, fit.force
+    areas = signals.hysteresis_loops(time, position, force, x.frequency, start=begin, end=end)["work"].values
+    lag = mach1_readings.force_lag(loads, frequency) if is_late else None
     u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
     cell = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
     u_gain = float(np.hypot(lag.u_gain / lag.gain if lag else 0.0, cell))
-    return _row(fit, areas, u_phase, u_gain) | {
-        "declared_frequency": stated,
-        "declared_amplitude": float(loads["declared_amplitude"][block]),
-        "mean_force": fit.force.offset,
-        "mean_position": fit.position.offset,
-        "filter_phase": lag.phase if lag else 0.0,
-        "filter_gain": lag.gain if lag else 1.0,
-        "n_skipped": float(cycles - areas.size),
-        "begin": begin,
-        "end": end,
-        "block": float(block),
-    }
-
-
-def _row(fit: CommonFit, areas: Floats, u_phase: float, u_gain: float) -> dict[str, float]:
-    """Return stiffness and work of one oscillation; u holds noise and the filter's unknown type."""
-    x, f = fit.position, fit.force
-    modulus = float(np.hypot(fit.storage_stiffness, fit.loss_stiffness))
-    cosine, sine = fit.storage_stiffness / modulus, fit.loss_stiffness / modulus
-    u_relative = float(np.hypot(np.hypot(f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude), u_gain))
-    u_storage = modulus * float(np.hypot(u_relative * cosine, u_phase * sine))
-    u_loss = modulus * float(np.hypot(u_relative * sine, u_phase * cosine))
-    work = np.pi * fit.loss_stiffness * x.amplitude**2
+    storage, loss = fit.storage_stiffness, fit.loss_stiffness
+    u_relative = float(np.linalg.norm([f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude, u_gain]))
+    u_storage, u_loss = np.hypot(u_relative * storage, u_phase * loss), np.hypot(u_relative * loss, u_phase * storage)
     spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
-    u_work = float(np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1))))
+    u_work = np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1)))
     return {
         "frequency": x.frequency,
         "u_frequency": x.u_frequency,
@@ -199,15 +169,25 @@ def _row(fit: CommonFit, areas: Floats, u_phase: float, u_gain: float) -> dict[s
         "u_force_amplitude": float(np.hypot(f.u_amplitude, u_gain * f.amplitude)),
         "phase_lag": fit.phase_lag,
         "u_phase_lag": u_phase,
-        "storage_stiffness": fit.storage_stiffness,
-        "u_storage_stiffness": u_storage,
-        "loss_stiffness": fit.loss_stiffness,
-        "u_loss_stiffness": u_loss,
-        "work_per_cycle": work,
-        "u_work_per_cycle": u_work,
+        "storage_stiffness": storage,
+        "u_storage_stiffness": float(u_storage),
+        "loss_stiffness": loss,
+        "u_loss_stiffness": float(u_loss),
+        "work_per_cycle": np.pi * loss * x.amplitude**2,
+        "u_work_per_cycle": float(u_work),
         "work_sd": spread,
         "loop_area": float(areas.mean()),
         "n_cycles": float(areas.size),
+        "declared_frequency": stated,
+        "declared_amplitude": float(loads["declared_amplitude"][block]),
+        "mean_force": f.offset,
+        "mean_position": x.offset,
+        "filter_phase": lag.phase if lag else 0.0,
+        "filter_gain": lag.gain if lag else 1.0,
+        "n_skipped": float(cycles - areas.size),
+        "begin": begin,
+        "end": end,
+        "block": float(block),
     }
 
 

@@ -9,12 +9,10 @@ import xarray as xr
 from labpipe.report import (
     Band,
     Block,
-    Cell,
     KeyValues,
     LineChart,
     Listed,
     Notice,
-    Paragraph,
     ScatterChart,
     Section,
     Series,
@@ -26,13 +24,12 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.budget import quantities
 from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
-from pipelines.experiments.shared import mach1_readings, pages, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.judgements import capitalised
 from pipelines.experiments.shared.punch_sections import blocks_table, cell, punch_rows, substrate_name
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _UM = 1e6
-_POINTS_PER_DECADE = 12  # of a hold
 
 
 def _summary(context: Context, oscillations: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
@@ -55,10 +52,21 @@ def _summary(context: Context, oscillations: xr.Dataset | None = None, compariso
 
 
 def _measured(
-    settings: Harmonic, context: Context, readings: xr.Dataset | None = None, loads: xr.Dataset | None = None
+    settings: Harmonic,
+    context: Context,
+    readings: xr.Dataset | None = None,
+    loads: xr.Dataset | None = None,
+    model: xr.Dataset | None = None,
 ) -> Section:
-    rows = [("file", settings.mach1, ""), *punch_rows(settings.punch)]
-    blocks: list[Block] = [KeyValues([r for r in (*rows, *pages.remarks(context)) if r[1]])]
+    rows = [("file", settings.mach1, ""), *punch_rows(settings.punch), *pages.remarks(context)]
+    if model is not None:
+        rows += [
+            ("material", substrate_name(settings.substrate), ""),
+            ("first touch", pages.told(model, "contact_position"), model.attrs["contact"]),
+            ("solver", model.attrs["solver"], model.attrs["solver_reason"]),
+            ("datum of displacement", model.attrs["datum"], ""),
+        ]
+    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
     if readings is not None:
         blocks.append(blocks_table(readings))
     if loads is not None:
@@ -93,25 +101,20 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
         lag = oscillations["filter_phase"].values
         low_pass = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz)"
         delay = f"{np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°"
-        text = f"{low_pass} delays the force by {delay}. This was removed, {_source_of_lag(oscillations)}. "
+        known = json.loads(oscillations.attrs.get("filter_delay", "null"))
+        source = (
+            "assuming a causal Butterworth filter; the uncertainty covers the other usual types, "
+            "and shrinks if the load cell's record states a filter_delay"
+            if known is None
+            else f"by the delay in the load cell's record, {value_with_uncertainty(known[0], known[1], 's')}"
+        )
+        text = f"{low_pass} delays the force by {delay}. This was removed, {source}. "
         notes.append(Notice("info", text + "Switch it off with load_cell.correct_filter_lag = false."))
     elif declared is not None:
         notes.append(
             Notice("warning", "The load cell's low-pass was not corrected: phase lags and work are too small.")
         )
     return Section("Frequencies", tuple(notes))
-
-
-def _source_of_lag(oscillations: xr.Dataset) -> str:
-    """Say where the lag that was removed is known from."""
-    measured = json.loads(oscillations.attrs.get("filter_delay", "null"))
-    if measured is None:
-        return (
-            "assuming a causal Butterworth filter; the uncertainty covers the other usual types, "
-            "and shrinks if the load cell's record states a filter_delay"
-        )
-    value, u = measured
-    return f"by the delay in the load cell's record, {value_with_uncertainty(value, u, 's')}"
 
 
 def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None) -> Section:
@@ -158,7 +161,6 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
     labels = ("Dissipated work, dimensionless", "frequency f τ₀ / 10⁻¹⁰", "work W/(E λ R d) / 10⁻⁶")
     chart = LineChart(*labels, series, x_scale="log", height_px=280, caption=caption)
     scale = float(theory["work_scale"])
-    none: list[Cell] = [None] * x.size
     table = listed(
         (
             Listed("f τ₀", x.tolist()),
@@ -166,10 +168,8 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
             replace(pages.column(theory, "dimensionless_work_measured", "work, measured", scale), unit="J"),
             pages.column(theory, "dissipated_work", "work, eq. (2.31)"),
             pages.column(theory, "tapping_amplitude", "tapping front"),
-            Listed("least force", none) if loops is None else pages.column(loops, "least_force", "least force"),
-            Listed("contact lost / %", none)
-            if loops is None
-            else pages.plain(loops, "contact_loss", "contact lost / %", 100),
+            *([pages.column(loops, "least_force", "least force")] if loops is not None else []),
+            *([pages.plain(loops, "contact_loss", "contact lost / %", 100)] if loops is not None else []),
         ),
         "Contact is lost where the mean loop's force does not exceed twice its uncertainty; theory predicts loss of "
         "contact at amplitudes beyond the tapping front (2.34).",
@@ -177,7 +177,7 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
     return Section("Dissipation and detachment", (chart, table))
 
 
-def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None = None) -> Section:
+def _hold(hold: xr.Dataset, oscillations: xr.Dataset | None = None) -> Section:
     """Show the relaxation before the oscillations, and whether it was long enough."""
     if not is_there(hold):
         return Section("Relaxation before", (Notice("info", f"{hold.attrs['absent']}."),))
@@ -189,20 +189,10 @@ def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None =
             ("plateau_force", "plateau", f"after {float(hold['duration'][-1]):.0f} s"),
         )
     ]
-    blocks: list[Block] = []
     if oscillations is not None:
         last = float(oscillations["mean_force"][-1])
         rows.append(("mean force of the last oscillation", f"{last:.3f} N", ""))
-    found = ramps_and_holds.find(loads)[-1]
-    time = loads["time"].values[found.rows] - found.end
-    first = float(time[time > 0].min())
-    count = int(np.log10(time[-1] / first) * _POINTS_PER_DECADE) + 2
-    edges = np.geomspace(0.99 * first, 1.001 * float(time[-1]), count)
-    lag, mean, _, _ = ramps_and_holds.binned(time, loads["force"].values[found.rows], edges)
-    labels = ("Force in the hold", "time since the stage arrived / s", "force / N")
-    drawn = (Series("measured", lag, mean, style="points", role="measured"),)
-    blocks += [KeyValues(rows), LineChart(*labels, drawn, x_scale="log", height_px=200)]
-    return Section("Relaxation before the oscillations", tuple(blocks))
+    return Section("Relaxation before the oscillations", (KeyValues(rows),))
 
 
 def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
@@ -254,20 +244,6 @@ def _loops(
     return Section("Loops", (chart,))
 
 
-def _model(settings: Harmonic, model: xr.Dataset) -> Section:
-    rows = [
-        ("material", substrate_name(settings.substrate), ""),
-        ("first touch", pages.told(model, "contact_position"), model.attrs["contact"]),
-        ("solver", model.attrs["solver"], model.attrs["solver_reason"]),
-        ("datum of displacement", model.attrs["datum"], ""),
-    ]
-    text = (
-        "Boundary elements of a periodic line contact with exact exponential memory, driven by the "
-        "measured displacement of the whole file, approach and hold included."
-    )
-    return Section("Model", (Paragraph(text), KeyValues([r for r in rows if r[1]])))
-
-
 def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     frequency = oscillations["frequency"].values
     text = (
@@ -302,7 +278,6 @@ page = Report(
         _hold,
         _curves,
         _loops,
-        _model,
         budgets(quantities),
         _methods,
     ),

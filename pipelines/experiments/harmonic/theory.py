@@ -94,17 +94,11 @@ def theory(
         ("work_scale", solid.E_relaxed * period * depth * radius, "J", "scale of the work (2.40)"),
     ):
         made[name] = variable((), float(value), units, text)
-    _warn_of_loss(loops, made, amplitude, front)
-    return made
-
-
-def _warn_of_loss(loops: xr.Dataset, made: xr.Dataset, amplitude: Floats, front: Floats) -> None:
-    """Say where contact is lost, or should be: the theory does not hold there."""
-    frequency = made["dimensionless_frequency"].values / float(made["characteristic_time"])
     for label, where in (
         ("contact is lost in part of the cycle", loops["contact_loss"].values > 0),
         ("the amplitude lies beyond the tapping front (2.34)", amplitude > front),
     ):
         if where.any():
             shown = ", ".join(f"{f:.3g}" for f in frequency[where])
-            warnings.warn(f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=3)
+            warnings.warn(f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=2)
+    return made

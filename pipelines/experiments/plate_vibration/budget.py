@@ -1,7 +1,7 @@
 """Budgets of a plate vibration: natural frequency, damping ratio, modal mass."""
 
 from collections.abc import Iterator, Sequence
-from math import cos, isfinite
+from math import cos, hypot, isfinite
 
 import numpy as np
 import xarray as xr
@@ -63,14 +63,19 @@ def _ringing(name: str, text: str, unit: str, moved: xr.Dataset, table: xr.Datas
 
 
 def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, plate: xr.Dataset) -> Quantity:
-    mass = float(plate["mass"])
-    angle = float(moved["inclination"])
+    mass, angle = float(plate["mass"]), float(moved["inclination"])
     gain = float(moved["u_gain"]) / float(moved["gain"])
     tilt = Input(angle, float(moved["u_inclination"]), "rad")
-    shared = mass * np.array([gain, np.tan(angle) * tilt.u, ball.mass.u / ball.mass.value])
-    by_height, count = _by_heights(settings, plate)
-    solids = _by_solids(plate)
-    rest = excess_uncertainty(float(plate["u_mass"]), *map(float, shared), by_height, *solids.values())
+    parts = (mass * gain, mass * np.tan(angle) * tilt.u, mass * ball.mass.u / ball.mass.value)
+    # the momentum goes with the root of the height, and the mass is a weighted mean over the drops
+    each, weights = plate["modal_mass"].values, plate["u_modal_mass"].values ** -2.0
+    relative = np.array([0.5 * drops.height.u / drops.height.value for drops in settings.drops])
+    heights = float(np.sqrt(np.nansum((weights * each * relative) ** 2)) / np.nansum(weights))
+    solids: dict[str, float] = {}
+    for name, (given, _) in of_solids(plate).items():
+        kind = next((k for k in (TEMPERATURE, POISSONS_RATIO) if name.startswith(k)), _RHEOMETER)
+        solids[kind] = hypot(solids.get(kind, 0.0), given.u * float(plate["solid_mass"].sel(solid_input=name)))
+    rest = excess_uncertainty(float(plate["u_mass"]), *map(float, parts), heights, *solids.values())
     silent = [name for name in (POISSONS_RATIO, TEMPERATURE) if name not in solids]
     inert = [("noise", "included in the repeatability"), *_OF_MASS, ("radius", _RADIUS)]
     inert += [(", ".join(silent), _NOT_STATED)] if silent else []
@@ -85,33 +90,9 @@ def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, 
             "gain": Input(1.0, gain),
             "inclination": tilt,
             "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg"),
-            "heights": Input(0.0, by_height, "kg"),
-            "repeatability": Input(0.0, rest, "kg", max(count - 1.0, 1.0)),
+            "heights": Input(0.0, heights, "kg"),
+            "repeatability": Input(0.0, rest, "kg", max(float(np.isfinite(each).sum()) - 1.0, 1.0)),
         }
         | {name: Input(0.0, u, "kg") for name, u in solids.items()},
         tuple(inert),
     )
-
-
-def _by_solids(plate: xr.Dataset) -> dict[str, float]:
-    """Return what temperature, Poisson's ratio and the rheometer leave uncertain of the mass [kg]."""
-    found: dict[str, float] = {}
-    if not of_solids(plate):
-        return found
-    for name, (given, _) in of_solids(plate).items():
-        kind = next((k for k in (TEMPERATURE, POISSONS_RATIO) if name.startswith(k)), _RHEOMETER)
-        part = given.u * float(plate["solid_mass"].sel(solid_input=name))
-        found[kind] = float(np.hypot(found.get(kind, 0.0), part))
-    return found
-
-
-def _by_heights(settings: PlateVibration, plate: xr.Dataset) -> tuple[float, int]:
-    """Return what the heights leave uncertain of the weighted mean [kg], and of how many drops."""
-    each, u = plate["modal_mass"].values, plate["u_modal_mass"].values
-    known = np.isfinite(each)
-    heights = [drops.height for drops in settings.drops]
-    # the momentum goes with the root of the height
-    relative = np.array([0.5 * h.u / h.value for h in heights])[known]
-    weights = 1.0 / u[known] ** 2
-    parts = weights / weights.sum() * each[known] * relative
-    return float(np.sqrt(np.sum(parts**2))), int(known.sum())

@@ -39,7 +39,8 @@ def comparison(
         first += count
     measured = np.array(curves)
     theirs = model["displacement"].values
-    errors = np.array([_error(a, b) for a, b in zip(measured, theirs, strict=True)])
+    both = np.isfinite(measured) & np.isfinite(theirs)
+    errors = [signals.nrmse(a[k], b[k]) if k.any() else np.nan for a, b, k in zip(measured, theirs, both, strict=True)]
     bias = np.nanmean(measured - theirs, axis=1)
     return xr.Dataset(
         {
@@ -51,11 +52,6 @@ def comparison(
         },
         coords={"series": table["series"], "time": model["time"]},
     )
-
-
-def _error(measured: Floats, theirs: Floats) -> float:
-    both = np.isfinite(measured) & np.isfinite(theirs)
-    return signals.nrmse(measured[both], theirs[both]) if both.any() else np.nan
 
 
 SERIES = "drop"

@@ -20,7 +20,6 @@ from labpipe.arrays import Floats
 from labpipe.variables import described, variable, with_u
 from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
 
-_PER_DROP = ("natural_frequency", "damping_ratio", "amplitude")
 _UNITS = {"natural_frequency": "Hz", "damping_ratio": "1", "amplitude": "m", "modal_mass": "kg"}
 NAMES = {
     "natural_frequency": "natural frequency",
@@ -69,8 +68,9 @@ def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset
 
 
 def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
-    """Gather the repeats by material and height, and pool what belongs to the plate."""
-    groups = _groups(ringing, settings)
+    """Gather the repeats by material and height, and pool the frequency and damping of the plate."""
+    remaining = iter(ringing)
+    groups = [[next(remaining) for _ in drops.laser] for drops in settings.drops]
     made = xr.Dataset(coords={"series": np.arange(1, len(groups) + 1)})
     made["series"].attrs = described("1", "number of the drops")
     heights = [drops.height for drops in settings.drops]
@@ -79,51 +79,32 @@ def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
         with_u("height", "series", [h.value for h in heights], [h.u for h in heights], "m", "drop height")
     )
     made["n"] = variable("series", [len(group) for group in groups], "1", "recordings")
-    relative = float(ringing[0].attrs["u_systematic_relative"])
-    for name in _PER_DROP:
-        pairs = [_mean(group, name) for group in groups]
-        value, u = (np.array(part) for part in zip(*pairs, strict=True))
+    relative, u_clock = (float(ringing[0].attrs[name]) for name in ("u_systematic_relative", "u_clock_relative"))
+    for name in ("natural_frequency", "damping_ratio", "amplitude"):
+        means, units, text = np.array([_mean(group, name) for group in groups]), _UNITS[name], NAMES[name]
+        value, u = means.T
         if name == "amplitude":  # inclination and gain are the same in every recording
             u = np.hypot(u, relative * value)
-        made = made.assign(with_u(name, "series", value, u, _UNITS[name], f"{NAMES[name]}, mean of the repeats"))
-    for name in ("natural_frequency", "damping_ratio"):
-        made = made.merge(_pooled(made[name].values, made[f"u_{name}"].values, name))
-    # the sensor's clock is the same in all recordings
-    u_clock = float(ringing[0].attrs["u_clock_relative"])
-    own = made["u_plate_natural_frequency"]
-    made["u_plate_natural_frequency"] = own.copy(
-        data=np.hypot(own.values, u_clock * made["plate_natural_frequency"].values)
-    )
+        made = made.assign(with_u(name, "series", value, u, units, f"{text}, mean of the repeats"))
+        if name == "amplitude":
+            continue
+        mean, u_mean, ratio = weighted_mean(value, u)
+        if name == "natural_frequency":  # the sensor's clock is the same in all recordings
+            u_mean = float(np.hypot(u_mean, u_clock * mean))
+        made = made.assign(with_u(f"plate_{name}", (), mean, u_mean, units, f"{text}, all drops"))
+        freedom = len(value) - 1
+        chance = float(chdtrc(freedom, ratio * freedom)) if freedom else 1.0
+        text = f"probability of so large a difference by chance: {text}"
+        made[f"probability_{name}"] = variable((), chance, "1", text)
     return made.assign_attrs(u_systematic_relative=relative)
 
 
-def _groups(ringing: list[xr.Dataset], settings: PlateVibration) -> list[list[xr.Dataset]]:
-    """Deal the recordings out to their drops."""
-    remaining = iter(ringing)
-    return [[next(remaining) for _ in drops.laser] for drops in settings.drops]
-
-
 def _mean(group: list[xr.Dataset], name: str) -> tuple[float, float]:
-    """Mean of the repeats; its uncertainty is never less than what each repeat states."""
+    """Return the mean of the repeats; its uncertainty is never less than what each repeat states."""
     values = np.array([float(one[name]) for one in group])
     stated = np.sqrt(np.mean([float(one[f"u_{name}"]) ** 2 for one in group]))
     scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     return float(values.mean()), float(max(scatter, stated) / np.sqrt(len(values)))
-
-
-def _pooled(values: Floats, u: Floats, name: str) -> xr.Dataset:
-    """Weighted mean over all drops, and the probability that they differ as much by chance."""
-    mean, u_mean, ratio = weighted_mean(values, u)
-    probability = float(chdtrc(len(values) - 1, ratio * (len(values) - 1))) if len(u) > 1 else 1.0
-    units, text = _UNITS[name], NAMES[name]
-    return xr.Dataset(
-        {
-            **with_u(f"plate_{name}", (), mean, u_mean, units, f"{text}, all drops"),
-            f"probability_{name}": variable(
-                (), probability, "1", f"probability of so large a difference by chance: {text}"
-            ),
-        }
-    )
 
 
 def weighted_mean(values: Floats, u: Floats) -> tuple[float, float, float]:

@@ -17,7 +17,7 @@ from labpipe.units import Quantity
 from labpipe.variables import described, with_u
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, weighted_mean
-from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
+from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.material_choice import (
     IMPACT_TIMES,
     POISSONS_RATIO,
@@ -46,7 +46,7 @@ class Solid(NamedTuple):
 def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: PlateVibration) -> xr.Dataset:
     """Find the plate's modal mass from amplitude and momentum: m = J / (A omega).
 
-    J is the part of the simulated force that the plate listens to, the modulus of its transform at
+    J is the part of the simulated force that the plate responds to, the modulus of its transform at
     the plate's damped frequency; the plate's own yielding is part of the simulation. What is
     uncertain of the solids moves the masses of all drops of one solid together. ``fitted`` are for
     each of the drops the master curve of its DMA experiment, where it names one.
@@ -62,24 +62,27 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     if settings.sphere is None or not known:
         return made.assign(with_u("mass", (), np.nan, np.nan, "kg", NAMES["modal_mass"]))
     frequency, zeta = float(made["frequency"]), float(made["damping_ratio"])
-    amplitude = table["amplitude"].values[list(known)]
-    damped = 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
-    mass, solves = np.inf, 0
+    places = list(known)
+    scale = table["amplitude"].values[places] * 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
+    relative = relative_uncertainty(table, settings).total[places]
+    mass, substrate = np.inf, None
+
+    def heard(i: int, solid: Prony) -> float:
+        return _heard(settings, solid, settings.drops[i].height.value, substrate, frequency, zeta)[0]
+
     for _ in range(_ROUNDS):
         substrate = None if np.isinf(mass) else contact.Plate(mass, frequency, zeta)
-        heard = np.array(
-            [
-                _heard(settings, solid.best, settings.drops[i].height.value, substrate, frequency, zeta)[0]
-                for i, solid in known.items()
-            ]
-        )
-        solves += len(known)
-        each = heard / (amplitude * damped)
-        own = each * relative_uncertainty(table, settings).total[list(known)]
+        momenta = np.array([heard(i, solid.best) for i, solid in known.items()])
+        each = momenta / scale
+        own = each * relative
         mass, *_ = weighted_mean(each, own)
-    inputs, slopes = _slopes(known, heard, settings, substrate, frequency, zeta)
-    solves += int(np.count_nonzero(np.isfinite(slopes)))
-    slopes = np.nan_to_num(slopes)
+    inputs = {name: varied.given for solid in known.values() for name, varied in solid.uncertain.items()}
+    slopes, solves = np.zeros((len(inputs), len(known))), _ROUNDS * len(known)  # relative change of every momentum
+    for place, (i, solid) in enumerate(known.items()):
+        for row, name in enumerate(inputs):
+            if (varied := solid.uncertain.get(name)) is not None:
+                slopes[row, place] = (heard(i, varied.solid) / momenta[place] - 1.0) / varied.change
+                solves += 1
     sizes = np.array([given.u for given in inputs.values()])
     u_each = np.hypot(own, each * np.sqrt(np.sum((slopes * sizes[:, None]) ** 2, axis=0)))
     mass, _, ratio = weighted_mean(each, u_each)
@@ -92,7 +95,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     made = made.assign(with_u("mass", (), mass, u_mass, "kg", NAMES["modal_mass"]))
     if inputs:
         whole = np.zeros((len(inputs), table.sizes["series"]))
-        whole[:, list(known)] = slopes
+        whole[:, places] = slopes
         made = made.assign_coords(solid_input=np.array(list(inputs), dtype=str))
         for name, values, text in (
             ("solid_value", [given.value for given in inputs.values()], "value of an input of the solids, SI"),
@@ -104,73 +107,35 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
         made["solid_momentum"] = (("solid_input", "series"), whole, described("1", text))
         made.attrs["solid_units"] = json.dumps([given.si for given in inputs.values()])
     full = np.full((2, table.sizes["series"]), np.nan)
-    full[0, list(known)], full[1, list(known)] = each, u_each
+    full[:, places] = each, u_each
     made = made.assign(with_u("modal_mass", "series", full[0], full[1], "kg", "modal mass by each of the drops"))
     return made.assign_attrs(work=json.dumps({"simulated_impacts": solves}))
 
 
 def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dict[int, Solid]:
-    """Solids of those drops that name a DMA experiment or whose material the library knows, by number."""
+    """Return the solids of those drops that name a DMA experiment or a material of the library, by number."""
     found: dict[int, Solid] = {}
-    solids: dict[str, Solid] = {}
+    solids: dict[tuple[str, Quantity | None], Solid] = {}
     for i, (drops, curve) in enumerate(zip(settings.drops, fitted, strict=True)):
         if drops.material_from is not None and curve is None:
             continue  # the DMA experiment failed
-        key = f"{_source(drops)} {drops.temperature}"
+        source = drops.material if drops.material_from is None else drops.material_from.removeprefix(REFERENCE)
+        key = source, drops.temperature
         try:
             if key not in solids:
-                solids[key] = _solid(drops, curve)
+                at = "" if drops.temperature is None else f"{drops.temperature.value:g} °C"
+                # a thermometer is one for all solids, Poisson's ratio and specimen are one for all temperatures
+                shared = {TEMPERATURE: at, POISSONS_RATIO: source, SPECIMEN: source}
+                other = f"{source} at {at}" if at else source
+                uncertain = variations(drops.choice, None, curve, IMPACT_TIMES)
+                named = {f"{name}, {shared.get(name, other)}": each for name, each in uncertain.items()}
+                solids[key] = Solid(resolve(drops.choice, None, curve), named)
             found[i] = solids[key]
         except InputError as error:
             if drops.material_from is not None:
                 raise
             warnings.warn(f"{drops_label(drops)}: {error}", UserWarning, stacklevel=3)
     return found
-
-
-def _source(drops: Drops) -> str:
-    """Name where the solid comes from: the DMA experiment, or the material of the library."""
-    return drops.material if drops.material_from is None else drops.material_from.removeprefix(REFERENCE)
-
-
-def _solid(drops: Drops, fitted: xr.Dataset | None) -> Solid:
-    uncertain = variations(drops.choice, None, fitted, IMPACT_TIMES)
-    at = "" if drops.temperature is None else f" at {drops.temperature.value:g} °C"
-    named = {}
-    for name, variation in uncertain.items():
-        # a thermometer is one for all solids, Poisson's ratio and specimen are one for all temperatures
-        if name == TEMPERATURE:
-            label = f"{name}, {at.removeprefix(' at ')}"
-        elif name in (POISSONS_RATIO, SPECIMEN):
-            label = f"{name}, {_source(drops)}"
-        else:
-            label = f"{name}, {_source(drops)}{at}"
-        named[label] = variation
-    return Solid(resolve(drops.choice, None, fitted), named)
-
-
-def _slopes(
-    known: dict[int, Solid],
-    heard: Floats,
-    settings: PlateVibration,
-    substrate: contact.Plate | None,
-    frequency: float,
-    zeta: float,
-) -> tuple[dict[str, Quantity], Floats]:
-    """Return what is uncertain of the solids, and the relative change (input, known) of every momentum.
-
-    NaN where an input is not one of a solid.
-    """
-    inputs = {name: each.given for solid in known.values() for name, each in solid.uncertain.items()}
-    slopes = np.full((len(inputs), len(known)), np.nan)
-    for place, (i, solid) in enumerate(known.items()):
-        for row, name in enumerate(inputs):
-            if name in solid.uncertain:
-                changed = solid.uncertain[name]
-                height = settings.drops[i].height.value
-                moved = _heard(settings, changed.solid, height, substrate, frequency, zeta)[0]
-                slopes[row, place] = (moved / heard[place] - 1.0) / changed.change
-    return inputs, slopes
 
 
 def of_solids(plate: xr.Dataset) -> dict[str, tuple[Quantity, Floats]]:
@@ -284,7 +249,7 @@ def model(
         )
     found = contact.Plate(mass, float(plate["frequency"]), float(plate["damping_ratio"]))
     time = np.arange(-_BEFORE, _AFTER, _STEP)
-    best, u = np.full((2, table.sizes["series"], time.size + 2), np.nan)
+    best, u = np.full((2, table.sizes["series"], time.size + 1), np.nan)
     masses = dict(zip(of_solids(plate), plate["solid_mass"].values, strict=True)) if of_solids(plate) else {}
     for i, solid in _known(settings, fitted).items():
         height = settings.drops[i].height.value
@@ -298,9 +263,8 @@ def model(
             u[i] = np.hypot(u[i], off / change * given.u)
     made = xr.Dataset(coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))})
     for name, dims, at, units, text in (
-        ("displacement", ("series", "time"), slice(None, -2), "m", "simulated displacement of the plate"),
-        ("second_touch", "series", -2, "s", "time from the blow to the second touch"),
-        ("contact_duration", "series", -1, "s", "duration of the first contact"),
+        ("displacement", ("series", "time"), slice(None, -1), "m", "simulated displacement of the plate"),
+        ("second_touch", "series", -1, "s", "time from the blow to the second touch"),
     ):
         made = made.assign(with_u(name, dims, best[:, at], u[:, at], units, text, "by the solids"))
     return made
@@ -316,14 +280,10 @@ def _seen(
     *,
     full: bool,
 ) -> Floats:
-    """Return the displacement [m] at times since the blow, the second touch and the contact's duration [s].
-
-    The two numbers stand behind the displacements; NaN where there is none.
-    """
+    """Return the displacement [m] at times since the blow, and after them the second touch [s]; NaN for none."""
     _, blow = _heard(settings, solid, height, found, found.frequency, found.damping_ratio)
     start = float(np.sqrt(2 * height / settings.model.gravity.value)) + blow
     made = _dropped(settings, solid, height, found, time + start, rtol, full=full)
     touches = made["impact_time"].values
     again = float(touches[1]) - start if touches.size > 1 else np.nan
-    lasts = float(made["contact_duration"][0]) if touches.size else np.nan
-    return np.concatenate([-made["plate_displacement"].values, [again, lasts]])
+    return np.append(-made["plate_displacement"].values, again)

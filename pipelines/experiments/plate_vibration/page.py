@@ -15,7 +15,6 @@ from labpipe.report import (
     Listed,
     Notice,
     Paragraph,
-    ScatterChart,
     Section,
     Series,
     listed,
@@ -24,23 +23,12 @@ from labpipe.report import (
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
-from pipelines.experiments.plate_vibration.measured import drops_label
+from pipelines.experiments.plate_vibration.measured import NAMES, drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.reports import Report, budgets
 
 _UM = 1e6
-_BESIDE = 0.06  # mm by which the materials are drawn apart, so that their error bars can be told
-_SHOWN = {"natural_frequency": ("natural frequency", "Hz"), "damping_ratio": ("damping ratio", "1")}
-
-
-def _of_materials(settings: PlateVibration) -> str:
-    """Say what of the solids stands in the uncertainty of the modal mass."""
-    measured = sorted({drops.material for drops in settings.drops if drops.material_from is not None})
-    library = sorted({drops.material for drops in settings.drops if drops.material_from is None})
-    parts = [f"the uncertainty of the DMA of {' and '.join(measured)} is included"] if measured else []
-    parts += [f"the uncertainty of the library's moduli of {' and '.join(library)} is not included"] if library else []
-    return "; ".join(parts)
 
 
 def _summary(
@@ -54,11 +42,14 @@ def _summary(
     blocks: list[Block] = []
     if table is not None:
         count = int(table["n"].sum())
-        for name, (title, _) in _SHOWN.items():
-            shown = pages.told(table, f"plate_{name}")
-            rows.append((title, shown, f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty"))
+        remark = f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty"
+        both = ("natural_frequency", "damping_ratio")
+        rows += [(NAMES[name], pages.told(table, f"plate_{name}"), remark) for name in both]
     if plate is not None and np.isfinite(float(plate["mass"])):
-        remark = f"from amplitude and simulated momentum; {_of_materials(settings)}"
+        remark = "from amplitude and simulated momentum"
+        for has_dma, text in ((True, "DMA of {} is included"), (False, "library's moduli of {} is not included")):
+            names = sorted({d.material for d in settings.drops if (d.material_from is not None) == has_dma})
+            remark += f"; the uncertainty of the {text.format(' and '.join(names))}" if names else ""
         rows.append(("modal mass", pages.told(plate, "mass"), remark))
     if comparison is not None:
         worst = float(comparison["nrmse"].max()) * 100
@@ -107,7 +98,9 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
             curves.append(Series(drops.material, time, at["measured"].values * _UM, role="measured"))
             if np.isfinite(at["model"].values).any():
                 if drops.material_from is not None:
-                    curves.append(_by_the_dma(drops.material, at))
+                    centre, wide = at["model"].values * _UM, 2.0 * at["u_model"].values * _UM
+                    label = f"{drops.material}, model ± 2 u of its DMA"
+                    curves.append(Band(label, time, centre - wide, centre + wide, role="model"))
                 curves.append(Series(f"{drops.material}, model", time, at["model"].values * _UM, role="model"))
         labels = (
             f"Plate after a drop from {height * 1e3:g} mm",
@@ -121,13 +114,6 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
         "the verdict. Times are counted from the instantaneous impulse that would start the same vibration."
     )
     return Section("Motion", (Paragraph(text), *charts))
-
-
-def _by_the_dma(material: str, at: xr.Dataset) -> Band:
-    """Return what the DMA leaves uncertain of a simulated motion, twice to either side."""
-    wide, centre = 2.0 * at["u_model"].values, at["model"].values
-    low, high = (centre - wide) * _UM, (centre + wide) * _UM
-    return Band(f"{material}, model ± 2 u of its DMA", at["time"].values * 1e3, low, high, role="model")
 
 
 def _table(
@@ -150,45 +136,6 @@ def _table(
         "impact; its uncertainty includes that of the calibration, common to all rows."
     )
     return Section("By material and height", (listed(columns, caption),))
-
-
-def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section | None:
-    if len({drops.height.value for drops in settings.drops}) < 2:
-        return None  # of a single height the table says all; a chart over the height would be of one place
-    numbers: dict[str, list[int]] = {}
-    for i, drops in enumerate(settings.drops):
-        numbers.setdefault(drops.material, []).append(i)
-
-    def curves(name: str, factor: float) -> tuple[Series, ...]:
-        made = []
-        for place, (material, chosen) in enumerate(numbers.items()):
-            at = table.isel(series=sorted(chosen, key=lambda i: float(table["height"][i])))
-            beside = _BESIDE * (place - 0.5 * (len(numbers) - 1))
-            x, y, u = at["height"].values * 1e3 + beside, at[name].values * factor, at[f"u_{name}"].values * factor
-            made.append(Series(material, x, y, style="points", u=u))
-        return tuple(made)
-
-    charts = tuple(
-        ScatterChart(
-            title,
-            "drop height / mm",
-            label,
-            curves(name, factor),
-            height_px=300,
-            caption="Materials of one height are drawn slightly offset.",
-        )
-        for title, label, name, factor in (
-            ("Amplitude", "amplitude / µm", "amplitude", _UM),
-            ("Natural frequency", "natural frequency / Hz", "natural_frequency", 1.0),
-            ("Damping ratio", "damping ratio / %", "damping_ratio", 100.0),
-        )
-    )
-    several = (
-        ("height", {drop.height.value for drop in settings.drops}),
-        ("material", {drop.material for drop in settings.drops}),
-    )
-    on = " and ".join(word for word, found in several if len(found) > 1)
-    return Section(f"Dependence on {on}" if on else "Series side by side", charts)
 
 
 def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
@@ -236,6 +183,6 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
 page = Report(
     "Vibration of the plate",
     ("readings", "displacement", "ringing", "table", "plate", "comparison"),
-    (_summary, _measured, _calibration, _motion, _table, _dependence, _recordings, budgets(quantities), _methods),
+    (_summary, _measured, _calibration, _motion, _table, _recordings, budgets(quantities), _methods),
     compared_rows,
 )

@@ -1,6 +1,6 @@
 """Checks of a static loading: steps and times of the loads, one creep law, creep, stiffness, and the record itself."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import hypot, log, nan, sqrt
@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import minimize_scalar
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.judging import (
     SLIPS,
     Cause,
@@ -36,16 +36,16 @@ from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULU
 from pipelines.experiments.static_loading.load_steps import (
     SIDE,
     TouchFit,
+    clear_steps,
     creep_design,
     settled,
-    steps_anywhere,
     touch_apart,
     valid,
 )
 from pipelines.experiments.static_loading.measured import spans
 from pipelines.experiments.static_loading.settings import StaticLoading
 
-MATERIAL, RADIUS_GIVEN = "approach against the material", "contact radius that is given"
+MATERIAL = "approach against the material"
 _SMALL_STEP = 0.3  # of the smallest step of a load, below which one more may be a knock
 _FIT = 0.25  # of the noise: a misfit that a creep law of few terms may leave
 _PLAUSIBLE = (1e6, 5e10)  # Pa, contact moduli of solids
@@ -69,7 +69,7 @@ TITLES = {
     "creep": Title("Under a constant load a contact only grows.", ("direction of creep",)),
     "stiffness": Title(
         "Approach = (3 F J*/4)^(2/3) R^(-1/3) for the stated sphere, loads and material.",
-        ("stiffness of the sphere", MATERIAL, RADIUS_GIVEN),
+        ("stiffness of the sphere", MATERIAL),
     ),
     **record_checks.OF_LASER,
 }
@@ -92,7 +92,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
         checks.append(not_made("steps of the record", "steps that were found"))
     else:
         checks += given.each((_unstated, _misfit, _forwards, _compliance, _times))
-    checks += given.each((_of_material, _given_radius))
+    checks += given.each((_of_material,))
     causes = _causes(settings)
     if not any(MATERIAL in found.checks for found in explain(checks, causes)):
         checks = [_another_material(check) if check.name == MATERIAL else check for check in checks]
@@ -125,61 +125,55 @@ def _explained(
     failed = record_checks.placed(failed, settings.calibration, settings.laser)
     if not failed.is_made or failed.line is not None or failed.name != "step steps" or displacement is None:
         return failed
-    at, sizes = steps_anywhere(displacement)
-    _, up = steps_anywhere(displacement, -1)
+    at, sizes = clear_steps(displacement)
+    _, up = clear_steps(displacement, -1)
     wanted, times = len(settings.loads) - 1, ", ".join(f"{t:.0f}" for t in at)
+    setting = "loads"
+    ratios = np.full(1, nan)
+    if at.size == wanted:
+        ratios = at / np.array([nan if load.time is None else load.time.value for load in settings.loads[1:]])
+        ratios = ratios[np.isfinite(ratios)]
+    factor = float(np.median(ratios)) if ratios.size and np.ptp(np.log(ratios)) <= _SAME else nan
     if up.size >= wanted and (up.size > sizes.size or up.sum() > sizes.sum()):
-        cause = (
-            "the body rises where loads are added: sensor.direction in session.toml has the wrong sign, or the record "
-        )
-        return replace(failed, cause=f"{cause}was reversed in time", setting="sensor.direction")
-    if at.size != wanted:
-        cause = (
-            f"the record shows {at.size} steps{f' at {times} s' * bool(at.size)}, session.toml states {wanted} loads "
-        )
-        return replace(failed, cause=f"{cause}after the first: one is left out or too many", setting="loads")
-    ratios = at / np.array([nan if load.time is None else load.time.value for load in settings.loads[1:]])
-    ratios = ratios[np.isfinite(ratios)]
-    if not ratios.size or np.ptp(np.log(ratios)) > _SAME:
-        return replace(failed, cause=f"the record steps at {times} s, not when session.toml says", setting="loads")
-    factor = float(np.median(ratios))
-    if min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
+        cause = "the body rises where loads are added: sensor.direction in session.toml has the wrong sign, or the "
+        cause, setting = f"{cause}record was reversed in time", "sensor.direction"
+    elif at.size != wanted:
+        cause = f"the record shows {at.size} steps{f' at {times} s' * bool(at.size)}, session.toml states {wanted} "
+        cause += "loads after the first: one is left out or too many"
+    elif not np.isfinite(factor):
+        cause = f"the record steps at {times} s, not when session.toml says"
+    elif min(abs(log(factor / k)) for k in (60.0, 1 / 60, 3600.0, 1 / 3600)) < _SAME:
         cause = f"the times of the loads are {in_words(factor)} times too short: "
         cause += "seconds and minutes were probably exchanged"
-        return replace(failed, cause=cause, setting="loads")
-    interval = nan if readings is None else float(readings.attrs["sampling_interval"])
-    cause = f"all steps come at {in_words(factor)} times the stated times: the sampling interval is probably "
-    cause += f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
-    if settings.keyence.cycle is not None:
-        return replace(failed, cause=cause, file="", setting="keyence.cycle")
-    header = "" if readings is None else str(readings.attrs.get("header", ""))
-    return replace(failed, cause=cause, file=settings.laser, line=line_of(header, "cycle", "period", "周期"))
+    else:
+        interval = nan if readings is None else float(readings.attrs["sampling_interval"])
+        cause = f"all steps come at {in_words(factor)} times the stated times: the sampling interval is probably "
+        cause += f"{quantity(interval / factor, 's')}, not {quantity(interval, 's')}"
+        if settings.keyence.cycle is None:
+            header = "" if readings is None else str(readings.attrs.get("header", ""))
+            return replace(failed, cause=cause, file=settings.laser, line=line_of(header, "cycle", "period", "周期"))
+        failed, setting = replace(failed, file=""), "keyence.cycle"
+    return replace(failed, cause=cause, setting=setting)
 
 
 def _unstated(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
     """Look for steps of the record where no load is stated."""
-    name = "steps of the record"
-    time, _ = valid(displacement)
+    name, (time, _) = "steps of the record", valid(displacement)
     near = 2 * SIDE * float(np.median(np.diff(time)))
-    at, sizes = steps_anywhere(displacement)
-    others = np.array([np.abs(steps["begin"].values - t).min() > near for t in at], bool)
-    least = float(np.nanmin(steps["jump"].values))
-    if not others.any():
+    at, sizes = clear_steps(displacement)
+    is_other = np.array([np.abs(steps["begin"].values - t).min() > near for t in at], bool)
+    if not is_other.any():
         text = f"{settings.laser}: {steps.sizes['load'] - 1} steps, one for each load that was added"
         return stated(name, text, None, file=settings.laser)
-    worst = int(np.argmax(np.where(others, sizes, -np.inf)))
+    worst, least = int(np.argmax(np.where(is_other, sizes, -np.inf))), float(np.nanmin(steps["jump"].values))
     text = (
         f"{settings.laser}: the readings step by {quantity(float(sizes[worst]), 'm')} at {at[worst]:.0f} s, where no "
         f"load is stated; the smallest step of a load is {quantity(least, 'm')}"
     )
-    is_load = sizes[worst] > _SMALL_STEP * least
-    cause = (
-        f"a load that was put on at {at[worst]:.0f} s is missing in session.toml, and the masses belong to other "
-        "steps; or the stand was knocked"
-        if is_load
-        else "the stand or the sensor was knocked"
-    )
-    return stated(name, text, "impossible" if is_load else "doubtful", cause=cause, setting="loads")
+    if sizes[worst] < _SMALL_STEP * least:
+        return stated(name, text, "doubtful", cause="the stand or the sensor was knocked", setting="loads")
+    cause = f"a load that was put on at {at[worst]:.0f} s is missing in session.toml, and the masses belong to other "
+    return stated(name, text, "impossible", cause=f"{cause}steps; or the stand was knocked", setting="loads")
 
 
 def _misfit(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Check:
@@ -222,29 +216,27 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
         found = minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * (high - low)})
         return float(found.fun), float(found.x)
 
-    def with_load(i: int, decade: float) -> float:
-        return misfit(np.where(np.arange(force.size) == i, 10.0**decade, force), readings)
+    def with_load(which: Flags, decade: float) -> float:
+        return misfit(np.where(which, 10.0**decade, force), readings)
 
     def drifted(share: Floats, by: float) -> float:
         return misfit(force, readings - by * share)
 
-    def freed() -> Iterator[tuple[float, str, str]]:
-        extent, gravity = 0.3 * float(np.ptp(readings)), settings.model.gravity.value
-        for i, load in enumerate(settings.loads):
-            low = max(1.01 * force[i - 1] if i else 0.0, force[i] / _FREED)
-            high = 0.99 * force[i + 1] if i + 1 < force.size else _FREED * force[i]
-            left, decade = least(partial(with_load, i), *np.log10([low, high]))
-            said = (
-                f"load {i + 1} is probably {10.0**decade / gravity:.3g} kg, not {load.mass.value:g} kg: all others fit "
-            )
-            yield left, f"{said}the record then (loads in session.toml)", f"loads[{i}].mass"
-            share = np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
-            left, way = least(partial(drifted, share), -extent, extent)
-            said = f"the readings probably drifted by {quantity(way, 'm')} while load {i + 1} ({load.mass.value:g} kg) "
-            yield left, f"{said}was held: the temperature changed, or the stand settled", ""
-
+    freed: list[tuple[float, str, str]] = []
+    extent, gravity, others = 0.3 * float(np.ptp(readings)), settings.model.gravity.value, np.arange(force.size)
+    for i, load in enumerate(settings.loads):
+        low = max(1.01 * force[i - 1] if i else 0.0, force[i] / _FREED)
+        high = 0.99 * force[i + 1] if i + 1 < force.size else _FREED * force[i]
+        ends = np.log10([low, high])
+        left, decade = least(partial(with_load, others == i), *ends)
+        said = f"load {i + 1} is probably {10.0**decade / gravity:.3g} kg, not {load.mass.value:g} kg: all others fit "
+        freed.append((left, f"{said}the record then (loads in session.toml)", f"loads[{i}].mass"))
+        share = np.clip((elapsed - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
+        left, way = least(partial(drifted, share), -extent, extent)
+        said = f"the readings probably drifted by {quantity(way, 'm')} while load {i + 1} ({load.mass.value:g} kg) was "
+        freed.append((left, f"{said}held: the temperature changed, or the stand settled", ""))
     noise = float(steps["noise"]) ** 2 * used.size
-    left, cause, setting = min(freed())
+    left, cause, setting = min(freed)
     if left - noise < _LEFT * (misfit(force, readings) - noise):
         return cause, setting
     return "a load, a time or the zero is wrong, or something other than the contact moved", ""
@@ -341,20 +333,6 @@ def _another_material(check: Check) -> Check:
     return replace(check, cause=cause, setting="sphere")
 
 
-def _given_radius(settings: StaticLoading, comparison: xr.Dataset | None = None) -> Check:
-    """Hold the contact radius from the approach against one that was measured otherwise."""
-    known = np.zeros(0, bool) if comparison is None else np.isfinite(comparison["given_difference"].values)
-    if comparison is None or not known.any():
-        return not_made(RADIUS_GIVEN, "a contact radius under a load that was measured otherwise")
-    difference, u = comparison["given_difference"].values, comparison["u_given_difference"].values
-    worst = int(np.argmax(np.where(known, np.abs(difference) / u, -1.0)))
-    given = float(comparison["given_radius"][worst])
-    seen = given + float(difference[worst])
-    message = f"load {worst + 1}: {quantity(seen, 'm')} from the approach, {quantity(given, 'm')} given"
-    where = f"loads[{worst}].radius"
-    return compared(RADIUS_GIVEN, message, seen, float(u[worst]), given, 0.0, setting=where)
-
-
 def _causes(settings: StaticLoading) -> Sequence[Cause]:
     radius = settings.sphere.radius.value
     return (
@@ -369,14 +347,14 @@ def _causes(settings: StaticLoading) -> Sequence[Cause]:
             setting="loads",
         ),
         Cause(
-            {MATERIAL: 1 / 3, RADIUS_GIVEN: 0.5},
+            {MATERIAL: 1 / 3},
             lambda k: f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}",
             SLIPS["gain"] + _LENGTHS,
             only_usual=True,
             setting="sphere.radius",
         ),
         Cause(
-            {MATERIAL: 1.0, RADIUS_GIVEN: 0.5},
+            {MATERIAL: 1.0},
             lambda k: (
                 f"lengths come out {too_large(k)}: the unit, the display factor or the gain of "
                 f"{settings.laser} is not what it says"

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
-from labpipe.variables import from_rows, variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.shared.comparison_rows import Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.material_inputs import material_slopes
 from pipelines.experiments.static_loading.load_steps import touch_apart, touch_weights
@@ -48,58 +49,40 @@ def comparison(
 
 
 def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settings: StaticLoading) -> dict[str, Any]:
-    """Compare levels and creep under each load, and the radii that session.toml gives."""
-    time = approach["time"].values
-    rows = []
-    for number, step in enumerate(spans(steps)):
-        first, last = windows(time, step, settings)
-        at = approach.isel(load=number)
-        depth, a = model["approach"].values, model["contact_radius"].values
-        u_a = float(model["u_contact_radius"].values[last].mean())
-        given = settings.loads[number].radius
-        level, u = float(at["level_contact_radius"]), float(at["u_level_contact_radius"])
-        # the zero has wandered up to here, and moved the touch that the whole record tells
-        wander = settings.steps.drift.value * float(time[last].mean()) / float(time[-1])
-        drifted = wander - float(steps["touch_by_drift"])
-        steep = settings.sphere.radius.value / (2 * level) if level > 0.0 else 0.0
-        hertzian = float(model["hertz_radius_relaxed"][number])
-        radius = settings.sphere.radius
-        # the radius of the sphere stands in both: with its root in one, its third root in the other
-        twice = 2 * (0.5 * level) * (float(a[last].mean()) / 3) * (radius.u / radius.value) ** 2
-        rows.append(
-            {
-                "creep_model": float(depth[last].mean() - depth[first].mean()),
-                "radius_model": float(a[last].mean()),
-                "u_radius_model": u_a,
-                "radius_measured": level,
-                "u_radius_measured": u,
-                "radius_difference": level - float(a[last].mean()),
-                "u_radius_difference": float(np.sqrt(u**2 + u_a**2 - twice)),
-                "radius_drift": steep * drifted,
-                "radius_touch": -steep * (1.0 - float(at["touch_follows"])),
-                "hertz_difference": level - hertzian,
-                "given_radius": np.nan if given is None else given.value,
-                "u_given_radius": np.nan if given is None else given.u,
-                "given_difference": np.nan if given is None else level - given.value,
-                "u_given_difference": np.nan if given is None else float(np.hypot(u, given.u)),
-            }
-        )
-    texts = {
-        "creep_model": "growth of the approach under the load, model",
-        "radius_model": "contact radius at the end of the load, model",
-        "radius_measured": "contact radius at the end of the load, from the approach",
-        "radius_difference": "contact radius, measured minus model",
-        "radius_drift": "change of the contact radius by the drift of the zero, one standard uncertainty",
-        "hertz_difference": "contact radius, measured minus Hertz",
-        "given_radius": "contact radius that session.toml gives",
-        "given_difference": "contact radius, from the approach minus given",
+    """Compare levels and creep under each load."""
+    time, radius = approach["time"].values, settings.sphere.radius
+    ends = [windows(time, step, settings) for step in spans(steps)]
+
+    def mean(values: Floats, at: int = 1) -> Floats:
+        return np.array([values[both[at]].mean() for both in ends])
+
+    level, u = (approach[f"{part}level_contact_radius"].values for part in ("", "u_"))
+    theirs, u_theirs = (mean(model[f"{part}contact_radius"].values) for part in ("", "u_"))
+    depth = model["approach"].values
+    # the zero has wandered up to here, and moved the touch that is determined from the whole record
+    drifted = settings.steps.drift.value * mean(time) / float(time[-1]) - float(steps["touch_by_drift"])
+    steep = np.where(level > 0.0, radius.value / (2 * np.where(level > 0.0, level, 1.0)), 0.0)
+    # the radius of the sphere counts in both: with its root in one, its third root in the other
+    twice = 2 * (0.5 * level) * (theirs / 3) * (radius.u / radius.value) ** 2
+    u_gap = np.sqrt(u**2 + u_theirs**2 - twice)
+    columns = {
+        "creep_model": (mean(depth) - mean(depth, 0), "growth of the approach under the load, model"),
+        "radius_drift": (
+            steep * drifted,
+            "change of the contact radius by the drift of the zero, one standard uncertainty",
+        ),
+        "hertz_difference": (level - model["hertz_radius_relaxed"].values, "contact radius, measured minus Hertz"),
     }
-    columns = {name: ("m", text) for name, text in texts.items()}
-    columns["radius_touch"] = (
-        "1",
-        "change of the contact radius by first touch, and by what the readings share with it",
-    )
-    return from_rows("load", rows, columns)
+    table = {name: variable("load", values, "m", text) for name, (values, text) in columns.items()}
+    text = "change of the contact radius by first touch, and by what the readings share with it"
+    table["radius_touch"] = variable("load", -steep * (1.0 - approach["touch_follows"].values), "1", text)
+    for name, values, own, text in (
+        ("radius_model", theirs, u_theirs, "contact radius at the end of the load, model"),
+        ("radius_measured", level, u, "contact radius at the end of the load, from the approach"),
+        ("radius_difference", level - theirs, u_gap, "contact radius, measured minus model"),
+    ):
+        table |= with_u(name, "load", values, own, "m", text)
+    return table
 
 
 def _along(

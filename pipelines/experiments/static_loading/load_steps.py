@@ -15,6 +15,7 @@ https://doi.org/10.1115/1.3644020.
 
 import json
 import warnings
+from math import hypot
 
 import numpy as np
 import xarray as xr
@@ -43,7 +44,7 @@ def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
     """Find when each load was put on, and the reading at first touch."""
     time, moved = valid(displacement)
     noise = _noise(moved)
-    starts, sizes = _starts(time, moved, noise, settings)
+    starts, sizes = _starts(displacement, settings)
     masses = [load.mass for load in settings.loads]
     gravity = settings.model.gravity
     force = np.array([m.value for m in masses]) * gravity.value
@@ -103,90 +104,69 @@ def _noise(moved: Floats) -> float:
     return float(max(found.sigma, found.step / np.sqrt(12)))
 
 
-def _starts(time: Floats, moved: Floats, noise: float, settings: StaticLoading) -> tuple[Floats, Floats]:
-    """Return begin and size of every step; the first load is on from the beginning."""
-    place, jump = _jumps(moved)
-    gap = SIDE * 2
-    starts, sizes = [float(time[0])], [np.nan]
-    free = np.ones(place.size, dtype=bool)
-    wanted = settings.loads[1:]
-    # steps with a given time first: their places are then taken
-    for load in sorted(wanted, key=lambda each: each.time is None):
-        inside = free.copy()
-        if load.time is not None:
-            inside &= np.abs(time[place] - load.time.value) <= settings.steps.search.value
-        best = int(np.argmax(np.where(inside, jump, -np.inf)))
-        if not inside.any() or jump[best] < _CLEAR * noise:
-            where = (
-                f"within {settings.steps.search.value:g} s of {load.time.value:g} s"
-                if load.time is not None
-                else "in the record"
-            )
-            raise InputError(
-                f"no step of the displacement was found {where} for the load {load.mass.value:g} kg; check times and "
-                "number of the loads, and the sensor's direction"
-            )
-        at = _sharpened(moved, int(place[best]))
-        # the load came between two readings
-        starts.append(0.5 * float(time[at - 1] + time[at]))
-        sizes.append(float(jump[best]))
-        free[max(0, best - gap) : best + gap + 1] = False
-    _warn_of_more(time[place[free]], jump[free], sizes[1:], noise)
-    order = np.argsort(starts)
-    tolerance = 0.5 * settings.steps.search.value
-    late = [
-        f"{load.mass.value:g} kg: {start:.0f} s, given {load.time.value:.0f} s"
-        for load, start in zip(settings.loads, np.array(starts)[order], strict=True)
-        if load.time is not None and abs(start - load.time.value) > tolerance
-    ]
-    if late:
-        warnings.warn(
-            "the loads were applied at other times than given; the detected times are used: " + "; ".join(late),
-            stacklevel=2,
-        )
-    return np.array(starts)[order], np.array(sizes)[order]
+def clear_steps(displacement: xr.Dataset, sign: int = 1, least: float = _MORE) -> tuple[Floats, Floats]:
+    """Return time [s] and size [m] of all steps that stand out of the noise, whatever loads and times are stated.
 
-
-def _jumps(moved: Floats) -> tuple[NDArray[np.intp], Floats]:
-    """Return places and, at each, how far the readings behind it lie above those before."""
-    level = np.median(np.lib.stride_tricks.sliding_window_view(moved, SIDE), axis=1)
-    place = np.arange(SIDE, moved.size - SIDE + 1)
-    return place, level[place] - level[place - SIDE]
-
-
-def steps_anywhere(displacement: xr.Dataset, sign: int = 1) -> tuple[Floats, Floats]:
-    """Return time [s] and size [m] of all clear steps, whatever loads and times are stated.
-
-    With ``sign`` 1 they are steps downwards, as a load makes them; with -1 those upwards.
+    With ``sign`` 1 they are steps downwards, as a load makes them; with -1 those upwards. Steps smaller than ``least``
+    of the largest are left out.
     """
     time, moved = valid(displacement)
     noise = _noise(moved)
-    place, jump = _jumps(sign * moved)
+    level = np.median(np.lib.stride_tricks.sliding_window_view(sign * moved, SIDE), axis=1)
+    jump = level[SIDE:] - level[:-SIDE]
     found: list[tuple[float, float]] = []
-    free = np.ones(place.size, dtype=bool)
+    free = np.ones(jump.size, dtype=bool)
     while free.any():
         best = int(np.argmax(np.where(free, jump, -np.inf)))
-        largest = max((size for _, size in found), default=0.0)
-        if jump[best] < max(_CLEAR * noise, _MORE * largest):
+        if jump[best] < max(_CLEAR * noise, least * max((size for _, size in found), default=0.0)):
             break
-        at = _sharpened(moved, int(place[best]))
-        found.append((0.5 * float(time[at - 1] + time[at]), float(jump[best])))
+        at = _sharpened(moved, best + SIDE)
+        found.append((0.5 * float(time[at - 1] + time[at]), float(jump[best])))  # the load came between two readings
         free[max(0, best - 2 * SIDE) : best + 2 * SIDE + 1] = False
     found.sort()
     return np.array([at for at, _ in found]), np.array([size for _, size in found])
 
 
-def _warn_of_more(time: Floats, jump: Floats, found: list[float], noise: float) -> None:
-    """Say that the record steps where no load is stated; a load left out spoils all others."""
-    if not (found and jump.size):
-        return
-    largest = int(np.argmax(jump))
-    if jump[largest] > max(_CLEAR * noise, _MORE * min(found)):
+def _starts(displacement: xr.Dataset, settings: StaticLoading) -> tuple[Floats, Floats]:
+    """Return begin and size of every step of a load; the first load is on from the beginning."""
+    at, jump = clear_steps(displacement, least=0.0)
+    search = settings.steps.search.value
+    starts, sizes = [float(valid(displacement)[0][0])], [np.nan]
+    free = np.ones(at.size, dtype=bool)
+    # steps with a given time first: their places are then taken
+    for load in sorted(settings.loads[1:], key=lambda each: each.time is None):
+        inside, where = free, "in the record"
+        if load.time is not None:
+            inside = free & (np.abs(at - load.time.value) <= search)
+            where = f"within {search:g} s of {load.time.value:g} s"
+        if not inside.any():
+            raise InputError(
+                f"no step of the displacement was found {where} for the load {load.mass.value:g} kg; check times and "
+                "number of the loads, and the sensor's direction"
+            )
+        best = int(np.argmax(np.where(inside, jump, -np.inf)))
+        starts.append(float(at[best]))
+        sizes.append(float(jump[best]))
+        free[best] = False
+    if free.any() and jump[free].max() > _MORE * min(sizes[1:]):
+        largest = int(np.argmax(np.where(free, jump, -np.inf)))
         warnings.warn(
-            f"the displacement steps by {jump[largest]:.3g} m at {time[largest]:.0f} s, where no "
-            f"load is stated ({len(found) + 1} are); state every load in its own [[loads]]",
+            f"the displacement steps by {jump[largest]:.3g} m at {at[largest]:.0f} s, where no "
+            f"load is stated ({len(sizes)} are); state every load in its own [[loads]]",
             stacklevel=3,
         )
+    order = np.argsort(starts)
+    late = [
+        f"{load.mass.value:g} kg: {start:.0f} s, given {load.time.value:.0f} s"
+        for load, start in zip(settings.loads, np.array(starts)[order], strict=True)
+        if load.time is not None and abs(start - load.time.value) > 0.5 * search
+    ]
+    if late:
+        warnings.warn(
+            "the loads were applied at other times than given; the detected times are used: " + "; ".join(late),
+            stacklevel=3,
+        )
+    return np.array(starts)[order], np.array(sizes)[order]
 
 
 def _sharpened(moved: Floats, near: int) -> int:
@@ -256,33 +236,24 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
     """
     time, moved = valid(displacement)
     used = settled(time, table, settings)
-    elapsed, rows = time[used], moved[used]
-    design, tau = creep_design(elapsed, table, settings.sphere.radius.value)
-    fit = TouchFit(rows, design)
-    if settings.zero is None:
-        touch = fit.best()
-        weights, misfit = fit.solve(touch)
-        scatter = _scatter(misfit, weights, rows.size)
-        drift = settings.steps.drift.value * elapsed / float(time[-1])
-        drifts = settings.steps.drift.value > 0.0
-        by_drift = TouchFit(rows + drift, design).best() - touch if drifts else 0.0
-        changes = []
-        for i, u in enumerate(table["u_force"].values):
-            if u > 0:
-                force = table["force"].values.copy()
-                force[i] += u
-                other = table.assign(force=("load", force))
-                again, _ = creep_design(elapsed, other, settings.sphere.radius.value)
-                changes.append(TouchFit(rows, again).best())
-        own = _u_from_curvature(fit, touch, max(noise, scatter))
-        by_loads = float(np.sqrt(sum((c - touch) ** 2 for c in changes)))
-        u, how = float(np.sqrt(own**2 + by_drift**2 + by_loads**2)), "from the loads"
+    elapsed, rows, radius = time[used], moved[used], settings.sphere.radius.value
+    design, tau = creep_design(elapsed, table, radius)
+    fit, is_given = TouchFit(rows, design), settings.zero is not None
+    touch = 0.0 if is_given else fit.best()
+    weights, misfit = fit.solve(touch)
+    scatter = float(np.sqrt(misfit / max(rows.size - int((weights > 0).sum()) - 1, 1)))
+    by_loads = by_drift = 0.0
+    if settings.zero is not None:
+        u = settings.zero.u * float(displacement["gain"]) / float(np.cos(float(displacement["inclination"])))
     else:
-        touch, how = 0.0, "given in session.toml"
-        factor = float(displacement["gain"]) / np.cos(float(displacement["inclination"]))
-        u, by_loads, by_drift = settings.zero.u * factor, 0.0, 0.0
-        weights, misfit = fit.solve(touch)
-        scatter = _scatter(misfit, weights, rows.size)
+        if settings.steps.drift.value > 0.0:
+            drift = settings.steps.drift.value * elapsed / float(time[-1])
+            by_drift = TouchFit(rows + drift, design).best() - touch
+        force, u_force = table["force"].values, table["u_force"].values
+        for i in np.flatnonzero(u_force > 0):
+            other = table.assign(force=("load", force + np.where(np.arange(force.size) == i, u_force, 0.0)))
+            by_loads = hypot(by_loads, TouchFit(rows, creep_design(elapsed, other, radius)[0]).best() - touch)
+        u = hypot(_u_from_curvature(fit, touch, max(noise, scatter)), by_drift, by_loads)
     if scatter > _MISFIT * noise:
         warnings.warn(
             f"the record differs from the best creep fit for these loads by {scatter * 1e6:.2g} µm, "
@@ -298,27 +269,21 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
         "scatter": (scatter, "m", "root mean square misfit of the creep fit"),
         "noise": (noise, "m", "noise of a reading"),
     }
+    work = {"fit_rows": int(rows.size), "fit_terms": int(tau.size + 1)}
     return xr.Dataset(
         {n: variable((), v, unit, t) for n, (v, unit, t) in scalars.items()}
         | with_u("touch", (), touch, u, "m", "displacement at first touch")
         | {"compliance": variable("elapsed", terms @ weights, "1/Pa", "reduced creep compliance, from the record")},
         coords={"elapsed": variable("elapsed", lag, "s", "time under load")},
-        attrs={"touch": how, "work": json.dumps({"fit_rows": int(rows.size), "fit_terms": int(tau.size + 1)})},
+        attrs={"touch": "given in session.toml" if is_given else "from the loads", "work": json.dumps(work)},
     )
-
-
-def _scatter(misfit: float, weights: Floats, n_rows: int) -> float:
-    return float(np.sqrt(misfit / max(n_rows - int((weights > 0).sum()) - 1, 1)))
 
 
 def _u_from_curvature(fit: TouchFit, touch: float, noise: float) -> float:
     """Return the shift at which the misfit has grown by one variance, the mean of both sides."""
-    least = fit.solve(touch)[1]
-    step = noise
-    sides = []
+    least, sides = fit.solve(touch)[1], []
     for sign in (-1.0, 1.0):
-        rise = 0.0
-        width = step
+        rise, width = 0.0, noise
         while rise < noise**2 and width < _WIDEST * noise:
             width *= 2.0
             rise = fit.solve(touch + sign * width)[1] - least

@@ -9,7 +9,6 @@ References
 Thesis section 3.3.4.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,8 @@ from numpy.typing import NDArray
 
 import calibration
 from calibration import laser
-from labpipe import uncertainty
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.shared import laser_readings
@@ -68,55 +65,53 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     """Return approach and contact radius over time, and their levels and creep under each load."""
     time, moved = valid(displacement)
     depth = moved - float(steps["touch"])
-    radius = settings.sphere.radius
-    relative = float(displacement.attrs["u_systematic_relative"])
+    radius, relative = settings.sphere.radius, float(displacement.attrs["u_systematic_relative"])
     noise, (u_touch, by_drift) = float(steps["noise"]), touch_apart(steps)
     wander = settings.steps.drift.value * time / float(time[-1])
     u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + (wander - by_drift) ** 2)
-    a = np.sqrt(radius.value * np.maximum(depth, 0.0))
-    # the touch follows the readings that it is told by, the first load's above all
+    # the touch follows the readings from which it is determined, the first load's above all
     together = noise**2 * touch_weights(displacement, steps, settings)
-    rows = [_levels(time, depth, u_depth, wander, step, noise, relative, together, settings) for step in spans(steps)]
-    for row in rows:
-        row["touch_follows"] = row["touch_follows"] / u_touch**2 if u_touch > 0.0 else 0.0
+    smooth, settle = np.empty_like(depth), settings.steps.settle.value
+    rows: list[dict[str, float]] = []
+    a = np.sqrt(radius.value * np.maximum(depth, 0.0))
+    for begin, end in spans(steps):
+        first, last = windows(time, (begin, end), settings)
+        shared, level = float(together[last].mean()), float(depth[last].mean())
+        random = noise**2 / last.sum() - 2.0 * shared
+        u_level = float(np.sqrt(max(random + u_depth[last].mean() ** 2, 0.0)))
+        creep = level - float(depth[first].mean())
+        drifted = float(wander[last].mean() - wander[first].mean())
+        u_creep = np.sqrt(noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + drifted**2)
+        inside = (time > begin + settle) & (time < end)
+        mean, u_mean = float(depth[inside].mean()), np.hypot(noise / np.sqrt(inside.sum()), u_depth[inside].mean())
+        row = {"level_approach": level, "u_level_approach": u_level, "creep": creep, "u_creep": float(u_creep)}
+        row["touch_follows"] = shared / u_touch**2 if u_touch > 0.0 else 0.0
+        for name, height, u in (("level_contact_radius", level, u_level), ("mean_radius", mean, float(u_mean))):
+            row[name], row[f"u_{name}"] = map(float, _radius(height, u, radius))
+        rows.append(row)
+        near = np.flatnonzero((time >= begin) & (time <= end))  # a moving average that does not cross a step
+        smooth[near] = [a[near[np.abs(time[near] - t) <= 0.5 * _SMOOTH]].mean() for t in time[near]]
     u_each = np.hypot(u_depth, noise)
-    u_a = _u_radius(a, depth, u_each, radius)
     table: dict[str, Any] = {
         **with_u("approach", "time", depth, u_each, "m", "approach from first touch"),
-        **with_u("contact_radius", "time", a, u_a, "m", "contact radius, root of R times approach"),
-        "smooth_radius": variable(
-            "time", _smoothed(time, a, steps), "m", "contact radius, moving average inside each load"
+        **with_u(
+            "contact_radius", "time", *_radius(depth, u_each, radius), "m", "contact radius, root of R times approach"
         ),
+        "smooth_radius": variable("time", smooth, "m", "contact radius, moving average inside each load"),
         "is_settled": variable(
             "time", settled(time, steps, settings), "1", "whether the reading is away from every load step"
         ),
     }
     table |= from_rows("load", rows, _LEVELS)
-    return xr.Dataset(
-        table,
-        coords={"time": variable("time", time, "s", "time from the first point"), "load": steps["load"]},
-        attrs={"budget": json.dumps(_budget(float(depth.max()), displacement, steps, settings))},
-    )
+    return xr.Dataset(table, {"time": variable("time", time, "s", "time from the first point"), "load": steps["load"]})
 
 
-def _budget(largest: float, displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> list[Row]:
-    """Return what makes a reading of the largest approach uncertain.
-
-    Inclination and gain scale the approach alone: the way from the sensor's zero cancels.
-    """
-    angle, gain = float(displacement["inclination"]), float(displacement["gain"])
-    u_touch, by_drift = touch_apart(steps)
-    return uncertainty.budget_rows(
-        [
-            Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
-            Source("first touch", float(steps["touch"]), u_touch, "m", -1.0, "systematic"),
-            Source("drift of the zero", 0.0, settings.steps.drift.value - by_drift, "m", 1.0, "systematic"),
-            Source(
-                "inclination", angle, float(displacement["u_inclination"]), "rad", largest * np.tan(angle), "systematic"
-            ),
-            Source("gain", gain, float(displacement["u_gain"]), "1", largest / gain, "systematic"),
-        ]
-    )
+def _radius(depth: Any, u_depth: Any, radius: Quantity) -> tuple[Any, Any]:
+    """Return a = √(R δ) and its standard uncertainty."""
+    a = np.sqrt(radius.value * np.maximum(depth, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(depth > 0, u_depth / np.maximum(depth, 1e-12), np.nan)
+    return a, 0.5 * a * np.hypot(relative, radius.u / radius.value)
 
 
 def spans(steps: xr.Dataset) -> list[tuple[float, float]]:
@@ -145,58 +140,3 @@ def windows(
             f"{chosen.window.value:g} s after {chosen.settle.value:g} s; lower steps.window"
         )
     return first, last
-
-
-def _levels(
-    time: Floats,
-    depth: Floats,
-    u_depth: Floats,
-    wander: Floats,
-    step: tuple[float, float],
-    noise: float,
-    relative: float,
-    together: Floats,
-    settings: StaticLoading,
-) -> dict[str, float]:
-    """Return level, radius and creep of one load with their uncertainties."""
-    first, last = windows(time, step, settings)
-    radius = settings.sphere.radius
-    level = float(depth[last].mean())
-    random, shared = noise / np.sqrt(last.sum()), float(together[last].mean())
-    u_level = float(np.sqrt(max(random**2 - 2.0 * shared + u_depth[last].mean() ** 2, 0.0)))
-    creep = level - float(depth[first].mean())
-    moved = float(wander[last].mean() - wander[first].mean())
-    u_creep = float(np.sqrt(noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + moved**2))
-    inside = (time > step[0] + settings.steps.settle.value) & (time < step[1])
-    mean = np.sqrt(radius.value * max(float(depth[inside].mean()), 0.0))
-    u_mean = np.hypot(noise / np.sqrt(inside.sum()), float(u_depth[inside].mean()))
-    a = np.sqrt(radius.value * max(level, 0.0))
-    return {
-        "level_approach": level,
-        "u_level_approach": u_level,
-        "touch_follows": shared,
-        "level_contact_radius": float(a),
-        "u_level_contact_radius": float(_u_radius(a, level, u_level, radius)),
-        "mean_radius": float(mean),
-        "u_mean_radius": float(_u_radius(mean, mean**2 / radius.value, u_mean, radius)),
-        "creep": creep,
-        "u_creep": u_creep,
-    }
-
-
-def _u_radius(a: Any, depth: Any, u_depth: Any, radius: Quantity) -> Any:
-    """Propagate through a = √(R δ)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(depth > 0, u_depth / np.maximum(depth, 1e-12), np.nan)
-    return 0.5 * a * np.hypot(relative, radius.u / radius.value)
-
-
-def _smoothed(time: Floats, a: Floats, steps: xr.Dataset) -> Floats:
-    """Return a moving average that does not cross a step."""
-    made = np.empty_like(a)
-    for begin, end in spans(steps):
-        inside = np.flatnonzero((time >= begin) & (time <= end))
-        for n in inside:
-            near = inside[np.abs(time[inside] - time[n]) <= 0.5 * _SMOOTH]
-            made[n] = a[near].mean()
-    return made

@@ -1,7 +1,6 @@
 """Simulation of the creeping contact, and Hertz's radius under each load."""
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,9 @@ import xarray as xr
 from labpipe import contact, uncertainty
 from labpipe.arrays import Floats
 from labpipe.contact.sphere import hertz
-from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.variables import described, variable
-from pipelines.experiments.shared.material_choice import Variation, resolve, variations
+from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.material_inputs import kept_in
 from pipelines.experiments.static_loading.load_steps import valid
 from pipelines.experiments.static_loading.measured import spans
@@ -57,8 +55,16 @@ def model(
     spread = relative_force[np.maximum(held, 0)]
     size = radius.u / radius.value
     lasted = float(time[-1])
-    varied = variations(settings.sphere, material_file, fitted, (lasted, lasted))
-    softer = _softer(varied, solid, lasted)
+    # of loads that only grow the cube of the radius is the hereditary integral with the creep compliance (Lee & Radok)
+    nodes = made["time"].values
+    lag = np.maximum(nodes[:, None] - steps["begin"].values, 0.0)
+    added = np.where(nodes[:, None] >= steps["begin"].values, np.diff(force, prepend=0.0), 0.0)
+    whole, cube = float(solid.creep(lasted)), np.sum(added * solid.creep(lag), axis=1)
+    softer: list[Source] = []  # relative change of the compliance
+    wider: list[Floats] = []  # relative change of the contact radius by one u
+    for name, (given, step, other) in variations(settings.sphere, material_file, fitted, (lasted, lasted)).items():
+        softer.append(Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step))
+        wider.append(given.u / step / 3.0 * np.log(np.sum(added * other.creep(lag), axis=1) / cube))
     of_material = uncertainty.combined_uncertainty(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
@@ -90,14 +96,10 @@ def model(
         table[f"hertz_approach_{name}"] = variable(
             "load", np.asarray(state.approach), "m", f"approach by Hertz, {words}"
         )
-    lag = steps["elapsed"].values
-    table["compliance"] = variable(
-        "elapsed", np.asarray(solid.creep(lag)) / factor, "1/Pa", "reduced creep compliance of the material"
-    )
-    nodes = made["time"].values
-    wider = _wider(varied, solid, nodes, steps["begin"].values, np.diff(force, prepend=0.0))
-    table["effect"] = variable(("input", "node"), wider, "1", "relative change of the contact radius by one u")
-    work = json.loads(made.attrs["work"])
+    elapsed = np.asarray(solid.creep(steps["elapsed"].values))
+    table["compliance"] = variable("elapsed", elapsed / factor, "1/Pa", "reduced creep compliance of the material")
+    effect = np.array(wider).reshape(-1, nodes.size)
+    table["effect"] = variable(("input", "node"), effect, "1", "relative change of the contact radius by one u")
     return xr.Dataset(
         table,
         coords={
@@ -108,34 +110,9 @@ def model(
         },
         attrs={
             "reference": reference,  # of Hertz's steps
-            "work": json.dumps(work),
+            "work": made.attrs["work"],
             "budget": json.dumps(uncertainty.budget_rows(sources)),
             # a ~ J^(1/3)
             **kept_in([[s._replace(sensitivity=s.sensitivity / 3) for s in softer]]),
         },
     )
-
-
-def _softer(varied: Mapping[str, Variation], solid: Prony, lasted: float) -> list[Source]:
-    """Return what is uncertain of the solid, relative to its compliance."""
-    whole = float(solid.creep(lasted))
-    return [
-        Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step)
-        for name, (given, step, other) in varied.items()
-    ]
-
-
-def _wider(varied: Mapping[str, Variation], solid: Prony, time: Floats, begin: Floats, added: Floats) -> Floats:
-    """Return the relative change of the contact radius (input, time) by one u of each of them.
-
-    Under loads that only grow, the cube of the radius is their hereditary integral with the creep
-    compliance (Lee and Radok, https://doi.org/10.1115/1.3644020).
-    """
-    lag = time[:, None] - begin
-    loaded = np.where(lag >= 0.0, added, 0.0)
-    cube = np.sum(loaded * solid.creep(np.maximum(lag, 0.0)), axis=1)
-    changes = [
-        given.u / step / 3.0 * np.log(np.sum(loaded * other.creep(np.maximum(lag, 0.0)), axis=1) / cube)
-        for given, step, other in varied.values()
-    ]
-    return np.array(changes).reshape(-1, time.size)

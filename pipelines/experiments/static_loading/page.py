@@ -1,12 +1,11 @@
 """The report of a static loading."""
 
-import json
 from itertools import pairwise
 
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, Block, KeyValues, LineChart, Listed, Paragraph, Section, Series, budget_table, listed
+from labpipe.report import Band, Block, KeyValues, LineChart, Listed, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.ramps_and_holds import binned
@@ -45,7 +44,6 @@ def _measured(
     context: Context,
     readings: xr.Dataset | None = None,
     displacement: xr.Dataset | None = None,
-    approach: xr.Dataset | None = None,
 ) -> Section:
     ball = settings.sphere
     rows = [("file", settings.laser, ""), ("radius of the sphere", pages.stated(ball.radius), "")]
@@ -53,17 +51,12 @@ def _measured(
     blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
     if displacement is not None:
         blocks.append(pages.calibration_rows(displacement.attrs["calibration"]))
-    if approach is not None:
-        caption = "Budget of a single reading of the approach, at the largest load"
-        blocks += budget_table(json.loads(approach.attrs["budget"]), caption, "m")
     header = pages.raw_header(readings)
     inside = (*blocks, *([header] if header is not None else []))
     return pages.folded("What was measured, and its calibration", "File, sphere and calibration record", inside)
 
 
-def _radii(
-    steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None
-) -> Section:
+def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     time = approach["time"].values * _MIN
     series: list[Series | Band] = [
         Series("readings", time, approach["contact_radius"].values * _UM, role="repeat"),
@@ -83,16 +76,11 @@ def _radii(
                 role="reference",
             )
         )
-    if comparison is not None and np.isfinite(comparison["given_radius"].values).any():
-        kept = np.isfinite(comparison["given_radius"].values)
-        radius, u = (comparison[name].values[kept] * _UM for name in ("given_radius", "u_given_radius"))
-        series.append(Series("given radius", steps["end"].values[kept] * _MIN, radius, style="points", u=u))
-    lines = [(f"load {i + 1}", float(t)) for i, t in enumerate(edges[:-1])]
-    views = [(f"load {i + 1}", float(a), float(b)) for i, (a, b) in enumerate(pairwise(edges))]
-    title, marks, ranges = "Contact radius, a = √(R δ)", tuple(lines), tuple(views)
+    lines = tuple((f"load {i + 1}", float(t)) for i, t in enumerate(edges[:-1]))
+    views = tuple((f"load {i + 1}", float(a), float(b)) for i, (a, b) in enumerate(pairwise(edges)))
+    labels = ("Contact radius, a = √(R δ)", "time / min", "contact radius / µm")
     caption = "Moving average over one minute, not across a load step."
-    shape = (title, "time / min", "contact radius / µm", tuple(series))
-    chart = LineChart(*shape, vlines=marks, views=ranges, height_px=340, caption=caption)
+    chart = LineChart(*labels, tuple(series), vlines=lines, views=views, height_px=340, caption=caption)
     return Section("Contact radius", (chart,))
 
 
@@ -125,33 +113,27 @@ def _creep(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, mod
 def _loads(
     settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None = None
 ) -> Section:
-    loads = Listed("load / kg", [load.mass.value for load in settings.loads])
-    columns = (
-        loads,
+    columns = [
+        Listed("load / kg", [load.mass.value for load in settings.loads]),
         Listed("found / min", (steps["begin"].values * _MIN).tolist()),
         pages.column(approach, "level_approach", "approach"),
-        pages.column(approach, "level_contact_radius", "contact radius"),
-        pages.column(approach, "mean_radius", "mean radius"),
         pages.column(approach, "creep", "creep"),
-    )
+        pages.column(approach, "level_contact_radius", "contact radius"),
+    ]
     chosen = settings.steps
     caption = (
         f"Approach and radius: means over the last {chosen.window.value:g} s of a load. Creep: "
         f"from the first {chosen.window.value:g} s, {chosen.settle.value:g} s after the load was "
-        f"applied, to the last. Hertz does not creep."
+        f"applied, to the last."
     )
-    tables: list[Block] = [listed(columns, caption, sortable=False)]
     if comparison is not None:
-        gaps = (
-            loads,
-            pages.plain(comparison, "creep_model", "creep, model"),
-            pages.plain(comparison, "radius_model", "radius, model"),
-            pages.column(comparison, "radius_difference", "measured − model"),
+        columns += [
+            pages.column(comparison, "radius_difference", "radius, measured − model"),
             pages.plain(comparison, "hertz_difference", "measured − Hertz"),
-        )
-        told = f"Radius at the end of each load; Hertz with the {comparison.attrs['reference']}."
-        tables.append(listed(gaps, told, sortable=False))
-    return Section("Loads", tuple(tables))
+            pages.plain(comparison, "creep_model", "creep, model"),
+        ]
+        caption += f" Hertz with the {comparison.attrs['reference']} does not creep."
+    return Section("Loads", (listed(columns, caption, sortable=False),))
 
 
 def _touch(steps: xr.Dataset, model: xr.Dataset | None = None) -> Section:
@@ -172,20 +154,6 @@ def _touch(steps: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     title, x, y = "Reduced creep compliance", "time under load / s", "compliance / GPa⁻¹"
     chart = LineChart(title, x, y, tuple(series), x_scale="log", height_px=240)
     return Section("First touch and compliance", (Paragraph(text), KeyValues(rows), chart))
-
-
-def _residual(steps: xr.Dataset, comparison: xr.Dataset, model: xr.Dataset | None = None) -> Section:
-    time = comparison["time"].values * _MIN
-    lines = [(f"load {i + 1}", float(t) * _MIN) for i, t in enumerate(steps["begin"].values)]
-    gap = comparison["approach_residual"].values * _UM
-    drawn: list[Series | Band] = [Series("measured − model", time, gap, style="points", role="residual")]
-    if model is not None:
-        wide = 2.0 * model["u_approach"].values * _UM
-        drawn.append(Band("model ± 2 u", model["time"].values * _MIN, -wide, wide, role="model"))
-    labels, caption = ("time / min", "difference / µm"), "Readings next to a step are left out."
-    title, marks = "Approach, measured minus model", tuple(lines)
-    chart = LineChart(title, *labels, tuple(drawn), vlines=marks, height_px=200, caption=caption)
-    return Section("Difference", (chart,))
 
 
 def _methods(
@@ -214,6 +182,6 @@ def _methods(
 page = Report(
     "Static loading",
     ("readings", "displacement", "steps", "approach", "model", "comparison"),
-    (_summary, _measured, _radii, _creep, _loads, _touch, _residual, budgets(quantities), _methods),
+    (_summary, _measured, _radii, _creep, _loads, _touch, budgets(quantities), _methods),
     compared_rows,
 )

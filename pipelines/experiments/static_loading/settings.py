@@ -15,13 +15,11 @@ class Load(Table, frozen=True, kw_only=True):
     """One load: the whole ``mass`` that rests on the disc, holder included.
 
     ``time`` is when it was put on, counted from the record's first point; without it the record is
-    searched for the step. ``radius`` is a contact radius that was measured otherwise under this
-    load, for example from a film through the disc.
+    searched for the step.
     """
 
     mass: Annotated[Mass, POSITIVE]
     time: Annotated[Time, NOT_NEGATIVE] | None = None
-    radius: Annotated[Length, POSITIVE] | None = None
 
 
 class Ball(MaterialChoice, frozen=True, kw_only=True):

@@ -2,11 +2,8 @@
 
 import json
 
-import numpy as np
 import pytest
 
-from labpipe import contact
-from labpipe.materials import Prony
 from pipelines.cli import main
 from pipelines.figures import check
 
@@ -24,13 +21,6 @@ def test_there_are_forty_rows_and_each_difference_has_a_reason(table: Rows) -> N
         assert bool(row.reason) != (row.verdict == "agrees"), row
 
 
-def test_rows_that_agree_because_ours_was_chosen_say_so(table: Rows) -> None:
-    chosen = {row.quantity for row in table.values() if row.verdict == "agrees, set to it"}
-    assert {f"plateau force at {depth} mm" for depth in ("0.1", "0.2", "0.3")} <= chosen
-    assert "last lift-off is over, PTFE from 7 mm" in chosen
-    assert all(row.reason for row in table.values() if row.set_by)
-
-
 def test_no_spectrum_gives_the_printed_peaks(table: Rows) -> None:
     rows = [table["2.3.2", f"peak over plateau less 1 at {depth} mm"] for depth in ("0.1", "0.2", "0.3")]
     # Printed, the excess rises from the second depth to the third; of any spectrum it falls.
@@ -42,39 +32,12 @@ def test_no_spectrum_gives_the_printed_peaks(table: Rows) -> None:
     assert abs(best[2] - (80.55 / 55.55 - 1)) + abs(best[1] - (44.75 / 30.95 - 1)) > 0.01
 
 
-def test_of_every_term_less_is_left_after_a_longer_ramp() -> None:
-    # So is the excess of any sum of terms without negative weights: it falls from depth to depth.
-    left = check.left_of_terms(np.geomspace(1e-5, 1e6, 400))
-    assert np.all(np.diff(left, axis=0) < 0.0)
-    # The printed forces at their most favourable half digits still rise from 0.2 to 0.3 mm.
-    most, least = 44.75 / 30.95 - 1.0, 80.55 / 55.55 - 1.0
-    assert least > most
-
-
-@pytest.mark.parametrize("rho", [1e-3, 0.1, 30.0])
-def test_a_solid_of_one_term_is_found_again(rho: float) -> None:
-    term = check.best_excesses(tuple(check.best_excesses((1.0, 1.0, 1.0))))
-    assert term[0] >= term[1] >= term[2]
-    solid = Prony(1e6, [1e6], [rho], nu=0.5)
-    excess = []
-    for depth in (0.1e-3, 0.2e-3, 0.3e-3):
-        time = np.linspace(0.0, depth / 1e-3, 400)
-        made = contact.indent(solid, 2e-3, 8e-3, 1.0, time, time * 1e-3, "cosine", elements=256)
-        relaxed = contact.indent(Prony(1e6, [], [], nu=0.5), 2e-3, 8e-3, 1.0, time, time * 1e-3, "cosine", elements=256)
-        excess.append(float(made["force"][-1] / relaxed["force"][-1]) - 1.0)
-    assert check.best_excesses(tuple(excess)) == pytest.approx(excess, rel=5e-3)
-
-
 @pytest.mark.parametrize(
     ("place", "quantity", "expected"),
     [
-        ("reference", "impact speed from 10 mm", (2 * 9.81 * 0.010) ** 0.5),
         ("3.3.2", "first contact of PTFE from 7 mm", (2 * 0.007 / 9.81) ** 0.5),
-        ("D.2", "front camera, in um", 30e3 / 386),
-        ("3.1", "camera under the disc", 1e3 / 461),
         ("table D.1", "uncertainty of the front camera, 2 px", 200 / 386),
         ("2.5", "f tau_0 at 0.5 Hz", 0.5 * 1.56e-10),
-        ("2.4", "Delta/R at 0.3 mm", 0.3 / 2),
         ("3.3.4", "load 5 from the masses of 3.1", 5.505),
         # (3 F R / 4 E*)^(1/3) with F = 0.505 kg g, R = 9.525 mm, E* = 3.2 GPa / (1 - 0.35^2)
         (

@@ -53,12 +53,6 @@ def test_one_file_per_temperature_without_a_column_of_it(tmp_path):
     np.testing.assert_allclose(sweeps.storage.values[0], truth.real, rtol=1e-9)
 
 
-def test_one_stated_temperature_is_that_of_every_file(tmp_path):
-    names = write(tmp_path)[:1]
-    found = measured.readings(tmp_path / names[0], settings=settings_for(names, temperature=degrees(25.0)))
-    assert set(found.temperature.values.tolist()) == {25.0}
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -122,12 +116,6 @@ def written_for_simulation(folder):
     assert {"pi.material.json", "pi.master_curve.json"} <= both
     with pytest.raises(UsageError, match="ansys writes the materials of a whole session"):
         export(folder / "pi_20C.osc", "ansys")
-
-
-def test_temperatures_in_the_names_are_proposed(tmp_path):
-    write(tmp_path)
-    text = init(tmp_path).path.read_text("utf-8")
-    assert 'temperatures = ["20 degC", "40 degC", "60 degC"]  # of each file, in their order; proposed' in text
 
 
 def made_curve(folder, **changes):

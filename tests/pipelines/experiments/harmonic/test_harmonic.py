@@ -13,7 +13,6 @@ import xarray as xr
 
 from labpipe import contact, files, materials
 from labpipe.materials import Prony
-from labpipe.units import Quantity
 from pipelines.experiments.harmonic import comparison, measured as harmonic, model, theory
 from pipelines.process import open_session, process, result
 from pipelines.rig.indentation_session import oscillation_section
@@ -139,14 +138,6 @@ def test_without_a_punch_no_sentence_speaks_of_a_model(session: Path, tmp_path: 
     assert not any("model" in text for text in texts_between(page, "frequencies", "uncertainty-budgets"))
 
 
-def test_without_a_characteristic_time_it_is_the_shortest_of_the_material(session: Path) -> None:
-    chosen = msgspec.structs.replace(settings(session), characteristic_time=None)
-    parts = (stage(session, name) for name in ("oscillations", "loops", "model"))
-    found = theory.theory(*parts, None, None, settings=chosen)
-    shortest = materials.load("nbr").creep_terms()[1].min()
-    assert float(found["characteristic_time"]) == pytest.approx(float(shortest))
-
-
 def test_where_the_theory_does_not_apply_it_says_so_and_nothing_fails(session: Path) -> None:
     given = settings(session)
     wide = msgspec.structs.replace(given.punch, radius=given.punch.radius._replace(value=20e-3))
@@ -177,30 +168,6 @@ def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.M
     stiff = Prony(float(rubber.E_relaxed) * 1.1, np.asarray(rubber.E) * 1.1, rubber.rho, nu=rubber.nu)
     monkeypatch.setattr(model, "resolve", lambda *_: stiff)
     assert float(modelled(session, settings(session))["nrmse"].min()) > 0.2
-
-
-@pytest.mark.slow
-def test_a_first_touch_two_micrometres_off_shows(session: Path) -> None:
-    touch = truth(session)["surface"] + 2e-6
-    chosen = msgspec.structs.replace(settings(session), contact=Quantity(touch, 1e-7, "m"))
-    assert float(modelled(session, chosen)["nrmse"].min()) > 0.04
-
-
-def test_an_elastic_material_dissipates_nothing(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rubber = materials.load("nbr")
-    elastic = Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
-    monkeypatch.setattr(model, "resolve", lambda *_: elastic)
-    found = modelled(session, settings(session))
-    table = stage(session, "oscillations")
-    z = found["work_per_cycle_difference"] / found["u_work_per_cycle_difference"]
-    assert float(z.min()) > 5
-    np.testing.assert_allclose(found["work_per_cycle_difference"], table["work_per_cycle"], rtol=0.05)
-
-
-def test_an_untared_file_cannot_tell_contact(session: Path) -> None:
-    loads = stage(session, "loads").assign_attrs(is_tared=0)
-    found = harmonic.loops(loads, stage(session, "oscillations"), settings=settings(session))
-    assert np.isnan(found["contact_loss"]).all()
 
 
 @pytest.fixture(scope="module")

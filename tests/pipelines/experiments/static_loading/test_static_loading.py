@@ -1,8 +1,6 @@
 """Static loading: approach, radius, creep and first touch against the rig's truth."""
 
 import json
-import re
-import warnings
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -67,14 +65,6 @@ def true_levels(session: Path, steps: xr.Dataset, approach: xr.Dataset) -> tuple
         levels.append(depth[last].mean())
         creeps.append(depth[last].mean() - depth[first].mean())
     return np.array(levels), np.array(creeps)
-
-
-def test_displacement_counts_from_the_zero_of_the_sensor(session: Path) -> None:
-    """As nothing else is stated: what the sensor shows, along the motion, downwards."""
-    shown, moved = stage(session, "readings")["out1"].values, stage(session, "displacement")
-    along = -settings(session).sensor.direction * shown / np.cos(float(moved["inclination"]))
-    assert float(moved["zero"]) == 0.0
-    np.testing.assert_allclose(moved["displacement"].values, along, rtol=1e-9, atol=1e-12)
 
 
 def test_the_loads_are_found_when_they_were_put_on(session: Path) -> None:
@@ -151,21 +141,6 @@ def test_a_solid_without_a_plateau_is_held_against_hertz_at_the_end(
     assert np.isfinite(float(found["curve_p"]))
 
 
-def test_another_material_shows(session: Path) -> None:
-    ball = msgspec.structs.replace(settings(session).sphere, material="nylon")
-    chosen = msgspec.structs.replace(settings(session), sphere=ball)
-    assert float(compared(session, chosen)["nrmse_contact_radius_model"]) > 0.3
-
-
-def test_loads_fifteen_per_cent_too_large_show(session: Path) -> None:
-    steps, found = stage(session, "steps"), stage(session, "approach")
-    chosen = settings(session)
-    wrong = steps.assign(force=steps["force"] * 1.15)
-    made = model.model(stage(session, "displacement"), wrong, None, None, settings=chosen)
-    gap = comparison.comparison(stage(session, "displacement"), found, wrong, made, settings=chosen)
-    assert float(gap["nrmse_contact_radius_model"]) > 0.03
-
-
 def test_a_wrong_inclination_shows(session: Path, tmp_path: Path) -> None:
     """30 instead of 12 degrees stretch every approach by 13 %, every radius by 6 %."""
     text = (session / "calibration/laser.toml").read_text("utf-8")
@@ -196,33 +171,6 @@ def test_a_time_that_is_half_a_minute_off_is_told(session: Path) -> None:
         load_steps.steps(stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads))
 
 
-def test_a_load_too_many_is_refused(session: Path) -> None:
-    chosen = settings(session)
-    more = msgspec.structs.replace(chosen.loads[-1], mass=quantity("6.5 kg"), time=None)
-    changed = msgspec.structs.replace(chosen, loads=[*chosen.loads, more])
-    with pytest.raises(InputError, match=r"no step .* for the load 6.5 kg"):
-        load_steps.steps(stage(session, "displacement"), settings=changed)
-
-
-def test_a_load_that_nobody_stated_is_noticed(session: Path) -> None:
-    stated = settings(session)
-    fewer = msgspec.structs.replace(stated, loads=stated.loads[:2])
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        load_steps.steps(stage(session, "displacement"), settings=fewer)
-    found = [str(w.message) for w in caught if "where no load is stated (2 are)" in str(w.message)]
-    assert len(found) == 1
-    at = float(re.search(r"at (\d+) s", found[0])[1])
-    assert np.abs(stage(session, "steps")["begin"].values - at).min() < 30
-
-
-def test_a_sensor_that_counts_the_other_way_is_noticed(session: Path) -> None:
-    moved = stage(session, "displacement")
-    turned = moved.assign(displacement=-moved["displacement"])
-    with pytest.raises(InputError, match="the sensor's direction"):
-        load_steps.steps(turned, settings=settings(session))
-
-
 def test_a_given_zero_replaces_the_fit(session: Path) -> None:
     chosen = msgspec.structs.replace(settings(session), zero=Quantity(RIG.sensor.zero, 0.05e-6, "m"))
     readings = stage(session, "readings")
@@ -232,15 +180,6 @@ def test_a_given_zero_replaces_the_fit(session: Path) -> None:
     level, _ = true_levels(session, steps, found)
     assert np.abs(found["level_approach"].values - level).max() < 0.4e-6
     assert float(steps["u_touch"]) == pytest.approx(0.05e-6, rel=0.05)
-
-
-def test_radii_that_were_measured_otherwise_are_compared(session: Path) -> None:
-    chosen = settings(session)
-    loads = list(chosen.loads)
-    loads[4] = msgspec.structs.replace(loads[4], radius=quantity("915 ± 3 um"))
-    found = compared(session, msgspec.structs.replace(chosen, loads=loads))
-    assert np.isnan(found["given_difference"].values[:4]).all()
-    assert abs(float(found["given_difference"][4])) < 5e-6
 
 
 def test_a_load_too_short_for_its_windows_is_refused(session: Path) -> None:

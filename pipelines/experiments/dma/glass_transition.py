@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.uncertainty import propagated_u
@@ -38,28 +37,28 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
     ``frequency``, ``T_peak`` (maximum of tan δ), ``T_loss`` (maximum of E″), ``T_drop`` (steepest fall of ln E′), each
     with its uncertainty, NaN where there is none.
     """
-    ordered = [_ascending(ramp) for ramp in ramps]
+    ordered = []
+    for ramp in ramps:
+        order = np.argsort(ramp.temperature, kind="stable")
+        ordered.append(Ramp(ramp.frequency, ramp.temperature[order], ramp.storage[order], ramp.loss[order]))
+    T, storage, loss = (np.concatenate([getattr(r, n) for r in ordered]) for n in ("temperature", "storage", "loss"))
     counts = [r.temperature.size for r in ordered]
-    columns = {
-        "ramp_of": (np.repeat(np.arange(len(ordered)), counts), "1", "number of the ramp"),
-        "temperature": (_joined(ordered, "temperature"), "degC", "measured temperature"),
-        "storage": (_joined(ordered, "storage"), "Pa", "storage modulus, tension"),
-        "loss": (_joined(ordered, "loss"), "Pa", "loss modulus, tension"),
-        "loss_factor": (_joined(ordered, "loss") / _joined(ordered, "storage"), "1", "loss factor"),
+    variables = {
+        "ramp_of": variable("point", np.repeat(np.arange(len(ordered)), counts), "1", "number of the ramp"),
+        "temperature": variable("point", T, "degC", "measured temperature"),
+        "storage": variable("point", storage, "Pa", "storage modulus, tension"),
+        "loss": variable("point", loss, "Pa", "loss modulus, tension"),
+        "loss_factor": variable("point", loss / storage, "1", "loss factor"),
     }
-    found = [_transition(r) for r in ordered]
+    found = np.array([_transition(r) for r in ordered])
     texts = {
         "T_peak": "glass transition: maximum of the loss factor",
         "T_loss": "glass transition: maximum of the loss modulus",
         "T_drop": "glass transition: steepest fall of the storage modulus",
     }
-    variables = {name: variable("point", values, units, text) for name, (values, units, text) in columns.items()}
     for i, (name, text) in enumerate(texts.items()):
-        values = [f[i] for f in found]
-        variables[name] = variable("ramp", np.array([v for v, _ in values]), "degC", text)
-        variables[f"u_{name}"] = variable(
-            "ramp", np.array([u for _, u in values]), "K", f"standard uncertainty: {text}"
-        )
+        variables[name] = variable("ramp", found[:, i, 0], "degC", text)
+        variables[f"u_{name}"] = variable("ramp", found[:, i, 1], "K", f"standard uncertainty: {text}")
     drop = np.array([float(r.storage[0] / r.storage[-1]) for r in ordered])
     variables["drop"] = variable("ramp", drop, "1", "storage modulus, cold end over warm end")
     variables["frequency"] = variable("ramp", np.array([r.frequency for r in ordered]), "Hz", "frequency of the sweep")
@@ -67,29 +66,15 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
     return xr.Dataset(variables, attrs={"work": json.dumps(work)})
 
 
-def _ascending(ramp: Ramp) -> Ramp:
-    order = np.argsort(ramp.temperature, kind="stable")
-    return Ramp(ramp.frequency, ramp.temperature[order], ramp.storage[order], ramp.loss[order])
-
-
-def _joined(ramps: Sequence[Ramp], name: str) -> Floats:
-    return np.concatenate([getattr(r, name) for r in ramps])
-
-
 def _transition(ramp: Ramp) -> list[tuple[float, float]]:
     """Return maximum of tan δ, maximum of E″ and steepest fall of ln E′, each with its u."""
     T = ramp.temperature
     if ramp.storage[0] / ramp.storage[-1] < _LEAST_DROP or np.any(ramp.storage <= 0):
         return [(np.nan, np.nan)] * 3
-    slope = -_smooth_slope(T, np.log(ramp.storage))
-    return [peak(T, ramp.loss / ramp.storage), peak(T, ramp.loss), _of_slope(T, slope)]
-
-
-def _of_slope(T: Floats, slope: Floats) -> tuple[float, float]:
-    """Return the steepest fall; neighbouring slopes share readings, so their noise is common."""
-    where, u = peak(T, slope)
-    shared = 2 * _HALF_WINDOW / max(float(np.median(np.diff(T))), 1e-3)
-    return where, u * float(np.sqrt(max(shared, 1.0)))
+    where, u = peak(T, -_smooth_slope(T, np.log(ramp.storage)))
+    # neighbouring slopes share readings, so their noise is common
+    shared = max(2 * _HALF_WINDOW / max(float(np.median(np.diff(T))), 1e-3), 1.0)
+    return [peak(T, ramp.loss / ramp.storage), peak(T, ramp.loss), (where, u * float(np.sqrt(shared)))]
 
 
 def _smooth_slope(T: Floats, y: Floats) -> Floats:
@@ -123,9 +108,14 @@ def peak(T: Floats, y: Floats) -> tuple[float, float]:
     edge = _MEAN_OF // 2
     top = int(np.argmax(smooth)) + edge
     centre = float(T[top])
-    near = _crest(T, smooth, top - edge, edge)
-    below, above = int((T[near] - centre < 0).sum()), int((T[near] - centre > 0).sum())
-    if near.sum() < _LEAST_IN_WINDOW or min(below, above) < _LEAST_ON_A_SIDE:
+    height, base = smooth[top - edge], float(smooth.min())
+    low = np.flatnonzero(smooth < base + _CREST * (height - base))
+    first, last = low[low < top - edge][-1:] + 1, low[low > top - edge][:1] - 1
+    # the moving mean does not reach the ends of the sweep; a crest that does goes on to them
+    begin = int(first[0]) + edge if first.size else 0
+    near = slice(begin, int(last[0]) + edge + 1 if last.size else T.size)
+    below, above = int((T[near] < centre).sum()), int((T[near] > centre).sum())
+    if T[near].size < _LEAST_IN_WINDOW or min(below, above) < _LEAST_ON_A_SIDE:
         return np.nan, np.nan  # the maximum lies at an end of the sweep, or beyond
     cubic, parabola = (_summit(T[near] - centre, y[near], degree) for degree in (3, 2))
     if cubic is None or parabola is None:
@@ -155,21 +145,3 @@ def _summit(x: Floats, y: Floats, degree: int) -> tuple[float, float] | None:
     if abs(curvature) < _SIGNIFICANT * propagated_u(rows, covariance):
         return None
     return top, float(propagated_u(gradient, covariance)) / abs(curvature)
-
-
-def _crest(T: Floats, smooth: Floats, top: int, edge: int) -> NDArray[np.bool_]:
-    """Return the points about a maximum that lie above the share ``_CREST`` of its height."""
-    height = smooth[top]
-    base = min(float(smooth.min()), float(height))
-    is_high = smooth >= base + _CREST * (height - base)
-    first, last = top, top
-    while first > 0 and is_high[first - 1]:
-        first -= 1
-    while last < smooth.size - 1 and is_high[last + 1]:
-        last += 1
-    near = np.zeros(T.size, dtype=bool)
-    # The moving mean does not reach the ends of the sweep; a crest that does goes on to them.
-    begin = 0 if first == 0 else first + edge
-    end = T.size if last == smooth.size - 1 else last + edge + 1
-    near[begin:end] = True
-    return near
