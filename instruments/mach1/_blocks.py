@@ -16,7 +16,6 @@
 Everything that departs from it is refused with file, line and column.
 """
 
-import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -26,7 +25,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.text import Separators, TextFile, not_a_number, parse_rows, plain_number, shorten
+from labpipe.text import TextFile, not_a_number, parse_rows, plain_number, shorten
 from labpipe.units import Unit, unit
 
 TITLE = "<Mach-1 File>"
@@ -34,7 +33,6 @@ DIVIDER = "<divider>"
 _STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
 END_DATA = "<END DATA>"
 _TAG = re.compile(r"<([^<>\t]+)>\s*")
-_SEPARATED = re.compile(r'"?<Mach-1 File>"?([,;])')
 _COPY_AGAIN = (
     "The recording stopped, or the file was copied before it was complete: copy it again, or "
     "read the readings that are there with allow_incomplete=True."
@@ -141,9 +139,8 @@ class Block:
 
 
 class Options(NamedTuple):
-    """Departures that the caller allows: a decimal comma, a file cut short, rows missing inside."""
+    """Departures that the caller allows: a file cut short, rows missing inside."""
 
-    decimal: str = "."
     allow_incomplete: bool = False
     allow_gaps: bool = False
 
@@ -157,7 +154,6 @@ class Cursor:
         self.number = 0
         self.line: str | None = None
         self._lines = source.lines()
-        self._delimiter = "\t"
         self.advance()
 
     def advance(self) -> None:
@@ -166,22 +162,10 @@ class Cursor:
         if self.line is None:
             return
         self.number += 1
-        if self.number == 1 and (separated := _SEPARATED.match(self.line)):
-            self._delimiter = separated[1]
-        if self._delimiter != "\t" or '"' in self.line:
-            self.line = self._as_written(self.line)
         is_last = self.number == self.source.n_lines
         if is_last and not self.source.is_ended and self.line.rstrip() != END_DATA:
             # A number that lost its last digits still reads as a number: never use such a line.
             self.cut, self.line = self.line, None
-
-    def _as_written(self, line: str) -> str:
-        """Undo the changes of a spreadsheet: quotes around cells, other signs between them, empty cells at the end."""
-        try:
-            cells = next(csv.reader([line], delimiter=self._delimiter, strict=True), [])
-        except csv.Error:  # a lone quote is damage, to be found where the cell is read
-            return line
-        return "\t".join(cells).rstrip("\t")
 
     def rows(self) -> Iterator[str]:
         """Go on to the next line that starts with a tag."""
@@ -245,7 +229,8 @@ def parse(source: TextFile, options: Options) -> list[Block]:
     if tag_of(cursor.line) != "Mach-1 File":
         raise cursor.error(
             f"found {shorten(cursor.line or cursor.cut or '')}, expected {TITLE}",
-            hint="Mach-1 Motion text files begin with this line; the file is something else.",
+            hint="Mach-1 Motion text files begin with this line; take the file as the program wrote it, not one that "
+            "a spreadsheet saved.",
         )
     cursor.advance()
     blocks: list[Block] = []
@@ -287,7 +272,7 @@ def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
             raise cursor.error(f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>")
         # a header number that is none would be passed over later without a word
         key, text = pair_of(cursor.line) or ("", "")
-        number = plain_number(text, Separators(options.decimal, ""))
+        number = plain_number(text)
         if key in _INFO_NUMBERS and number is None:
             column = cursor.line.find("\t") + 2
             raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
@@ -308,7 +293,7 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], opti
         # Functions that are not known may hold tables of coordinates; they are kept as they are.
         if pair is None and function in RECORDING:
             raise cursor.error(f"found {shorten(line)}, expected 'Key:', a tab and a value")
-        parameters += [_parameter(cursor, *pair, options)] if pair else []
+        parameters += [_parameter(cursor, *pair)] if pair else []
     block = Block(function, info_lines, tuple(lines), info, tuple(parameters), (), np.empty((0, 0)), has_data=False)
     if tag_of(cursor.line) == "DATA":
         return _read_data(cursor, block, options)
@@ -320,12 +305,12 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], opti
     return block
 
 
-def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Parameter:
+def _parameter(cursor: Cursor, key: str, text: str) -> Parameter:
     name, separator, unit_text = key.rpartition(", ")
     if not separator:
         name, unit_text = key, "1"
     is_declared = name in DECLARED
-    value = plain_number(text, Separators(options.decimal, ""))
+    value = plain_number(text)
     if is_declared and text not in _NOT_SET and value is None:
         column = (cursor.line or "").find("\t") + 2
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
@@ -356,7 +341,7 @@ def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
         if cursor.line.startswith("<") or not columns:
             raise cursor.error(f"found {shorten(cursor.line)}, expected a row, {DIVIDER} or {END_DATA}")
         starts.append((n_rows, cursor.number))
-        part = _read_batch(cursor, len(columns), options)
+        part = _read_batch(cursor, len(columns))
         n_rows += len(part)
         parts.append(part)
     is_complete = cursor.line is not None
@@ -404,7 +389,7 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> Floats:
+def _read_batch(cursor: Cursor, n_columns: int) -> Floats:
     first = cursor.number
     lines: list[str] = []
     for line in cursor.rows():
@@ -412,11 +397,7 @@ def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> Floats:
         if len(lines) == _BATCH:
             cursor.advance()
             break
-    if lines[0].endswith("\t"):  # a spreadsheet pads short rows with empty cells
-        lines = [line.rstrip("\t") for line in lines]
-    return parse_rows(
-        lines, n_columns, "\t", path=cursor.source.path, first_line=first, signs=Separators(options.decimal, "")
-    )
+    return parse_rows(lines, n_columns, "\t", path=cursor.source.path, first_line=first)
 
 
 def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]], options: Options) -> None:
