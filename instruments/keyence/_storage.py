@@ -143,12 +143,15 @@ def _with_times(
         text = f"the rows carry times of day, or times and {len(header.outputs)} outputs"
         hint = 'Name the columns that are wanted: columns = { time = "Time (s)", displacement = "OUT1 (mm)" }.'
         raise SourceError(path, text, line=header.n_lines + 1, hint=hint)
-    stated = _stated_cycle(path, header, given.cycle) if "cycle" in header.entries or given.cycle is not None else None
+    cycle = None
+    if given.cycle is not None or {"cycle", "storage"} <= header.entries.keys():
+        stated = _stated_cycle(path, header, given.cycle)
+        factor = _stated_storage(path, header, given.storage_factor, stated, is_cycle_given=True)
+        cycle = Quantity(stated * factor, 0.0, "s")
     columns = {
         "time": {"column": place + 1, "unit": header.time_unit},
         "displacement": {"column": header.kept[-1] + 1, "unit": unit_texts[0]},
     }
-    cycle = None if stated is None else Quantity(stated * (given.storage_factor or 1), 0.0, "s")
     return tables.read(path, columns=columns, cycle=cycle, decimal=given.decimal, allow_incomplete=allow_incomplete)
 
 

@@ -18,6 +18,7 @@ else:
 class Options(TypedDict, total=False):
     """Options for a file that was changed or cut; see :func:`read`."""
 
+    decimal: str | None
     allow_incomplete: bool
     allow_gaps: bool
     limits: Limits | None

@@ -25,7 +25,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.text import TextFile, not_a_number, parse_rows, plain_number, shorten
+from labpipe.text import Separators, TextFile, not_a_number, parse_rows, plain_number, shorten
 from labpipe.units import Unit, unit
 
 TITLE = "<Mach-1 File>"
@@ -139,8 +139,9 @@ class Block:
 
 
 class Options(NamedTuple):
-    """Departures that the caller allows: a file cut short, rows missing inside."""
+    """Departures that the caller allows: a decimal comma, a file cut short, rows missing inside."""
 
+    decimal: str = "."
     allow_incomplete: bool = False
     allow_gaps: bool = False
 
@@ -272,7 +273,7 @@ def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
             raise cursor.error(f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>")
         # a header number that is none would be passed over later without a word
         key, text = pair_of(cursor.line) or ("", "")
-        number = plain_number(text)
+        number = plain_number(text, Separators(options.decimal, ""))
         if key in _INFO_NUMBERS and number is None:
             column = cursor.line.find("\t") + 2
             raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
@@ -293,7 +294,7 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], opti
         # Functions that are not known may hold tables of coordinates; they are kept as they are.
         if pair is None and function in RECORDING:
             raise cursor.error(f"found {shorten(line)}, expected 'Key:', a tab and a value")
-        parameters += [_parameter(cursor, *pair)] if pair else []
+        parameters += [_parameter(cursor, *pair, options)] if pair else []
     block = Block(function, info_lines, tuple(lines), info, tuple(parameters), (), np.empty((0, 0)), has_data=False)
     if tag_of(cursor.line) == "DATA":
         return _read_data(cursor, block, options)
@@ -305,12 +306,12 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], opti
     return block
 
 
-def _parameter(cursor: Cursor, key: str, text: str) -> Parameter:
+def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Parameter:
     name, separator, unit_text = key.rpartition(", ")
     if not separator:
         name, unit_text = key, "1"
     is_declared = name in DECLARED
-    value = plain_number(text)
+    value = plain_number(text, Separators(options.decimal, ""))
     if is_declared and text not in _NOT_SET and value is None:
         column = (cursor.line or "").find("\t") + 2
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
@@ -341,7 +342,7 @@ def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
         if cursor.line.startswith("<") or not columns:
             raise cursor.error(f"found {shorten(cursor.line)}, expected a row, {DIVIDER} or {END_DATA}")
         starts.append((n_rows, cursor.number))
-        part = _read_batch(cursor, len(columns))
+        part = _read_batch(cursor, len(columns), options)
         n_rows += len(part)
         parts.append(part)
     is_complete = cursor.line is not None
@@ -389,7 +390,7 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _read_batch(cursor: Cursor, n_columns: int) -> Floats:
+def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> Floats:
     first = cursor.number
     lines: list[str] = []
     for line in cursor.rows():
@@ -397,7 +398,8 @@ def _read_batch(cursor: Cursor, n_columns: int) -> Floats:
         if len(lines) == _BATCH:
             cursor.advance()
             break
-    return parse_rows(lines, n_columns, "\t", path=cursor.source.path, first_line=first)
+    signs = Separators(options.decimal, "")
+    return parse_rows(lines, n_columns, "\t", path=cursor.source.path, first_line=first, signs=signs)
 
 
 def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]], options: Options) -> None:

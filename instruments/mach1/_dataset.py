@@ -26,7 +26,7 @@ from instruments.mach1._blocks import DECLARED, DIVIDER, END_DATA, TITLE, Block,
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, warn_of
-from labpipe.text import Limits, is_number, shorten, survey
+from labpipe.text import Limits, check_decimal, is_number, shorten, survey
 from labpipe.variables import described, variable
 
 DEVICE = "Biomomentum Mach-1"
@@ -41,6 +41,7 @@ COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}
 def read(
     path: str | os.PathLike[str],
     *,
+    decimal: str | None = None,
     allow_incomplete: bool = False,
     allow_gaps: bool = False,
     limits: Limits | None = None,
@@ -51,6 +52,8 @@ def read(
     ----------
     path : path-like
         The file.
+    decimal : str, optional
+        ``","`` for a file in which dots were replaced; the instrument writes a dot.
     allow_incomplete : bool
         Read a file that stops early; its last block is marked, its cut row dropped, and a warning
         given. By default such a file is refused.
@@ -80,8 +83,9 @@ def read(
     >>> readings.force_z.attrs["units"]  # doctest: +SKIP
     'N'
     """
+    check_decimal(decimal)
     source = survey(path, declared=("latin-1",), limits=limits or Limits())
-    blocks = parse(source, Options(allow_incomplete, allow_gaps))
+    blocks = parse(source, Options(decimal or ".", allow_incomplete, allow_gaps))
     unknown = [str(number) for number, block in enumerate(blocks) if not start_of(block)]
     if unknown:
         text = f"date and time of block {', '.join(unknown)} are not of the form "
@@ -266,7 +270,7 @@ def _filter(info: Mapping[str, str]) -> dict[str, float | int] | None:
     if info.get("Load Cell Low-pass filter") != "Yes":
         return None
     order = info.get("Load Cell Low-pass filter Order", "")
-    cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "")
+    cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "").replace(",", ".")
     if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
         return {"order": int(order), "cutoff": float(cutoff)}
     stated = f"of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"

@@ -80,7 +80,7 @@ def _displacement(
         said = "the times of the rows are apart by"
     if stated is not None and in_file is not None and abs(stated - in_file) > 1e-3 * in_file:
         text = f"{said} {in_file:.6g} s, and the cycle is stated as {stated:g} s"
-        raise SourceError(path, text, line=line, hint="Leave the cycle out.")
+        raise SourceError(path, text, line=line, hint="Correct the cycle, or leave it out.")
     interval = in_file or stated
     if interval is None:
         text, hint = "no column of times is named", 'Name it (time = "Time (s)"), or give the cycle: cycle="50 us".'

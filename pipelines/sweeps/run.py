@@ -156,8 +156,9 @@ def run_design(
     found: dict[str, Sequence[Outcome]] = {}
     for key, start in blocks.items():
         kept = files.unseal(part.read_bytes()) if (part := parts / f"{key}.json").is_file() else None
-        is_whole = isinstance(kept, list) and len(kept) == min(size, plan.count - start)
-        if is_whole and not any(isinstance(one, str) for one in kept):  # failed points are tried again
+        length = min(size, plan.count - start)
+        # failed points are tried again
+        if isinstance(kept, list) and len(kept) == length and not any(isinstance(one, str) for one in kept):
             found[key] = kept
     reused = sum(map(len, found.values()))
     missing = _Blocks(plan, size, {key: start for key, start in blocks.items() if key not in found})

@@ -69,20 +69,6 @@ def rheocompass(rows=ROWS, columns=ENGLISH, units=UNITS, language="en", delimite
     return "\r\n".join(map(joined, lines)) + "\r\n"
 
 
-def rheoplus(rows=ROWS, delimiter="\t"):
-    lines = [
-        ["Data Series Information"],
-        ["Name:", "", "", "sample A 25C"],
-        ["Number of Intervals:", "", "", "1"],
-        ["Interval:", "", "", "1"],
-        ["Number of Data Points:", "", "", str(len(rows))],
-        ['"Meas. Pts."', *ENGLISH[1:]],
-        UNITS,
-        *rows,
-    ]
-    return "\r\n".join(delimiter.join(line) for line in lines) + "\r\n"
-
-
 def read_text(folder, text, encoding="utf-16", **options):
     path = folder / "export.csv"
     path.write_bytes(text.encode(encoding))
@@ -120,13 +106,6 @@ def test_every_language_and_decimal_sign_gives_the_same_numbers(tmp_path, langua
     (entry,) = json.loads(found.attrs["tests"])
     assert entry["test_name"] == "sample A 25C"
     assert entry["result_name"] == "Frequency sweep 1"
-
-
-@pytest.mark.parametrize("delimiter", ["\t", ";"])
-def test_rheoplus_gives_the_same_numbers(tmp_path, delimiter):
-    found = read_text(tmp_path, rheoplus(delimiter=delimiter), "cp1252")
-    assert_is_the_sweep(found)
-    assert json.loads(found.attrs["tests"])[0]["test_name"] == "sample A 25C"
 
 
 def test_a_workbook_gives_the_same_numbers(tmp_path):

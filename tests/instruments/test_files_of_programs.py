@@ -124,24 +124,6 @@ def test_steps_of_trios_with_columns_of_text(tmp_path):
     assert_holds(found)
 
 
-def test_prose_that_names_quantities_stops_no_workbook(tmp_path):
-    book = openpyxl.Workbook()
-    for row in (
-        ["Aim", "frequency sweep of a rubber: storage modulus and loss modulus at 3 temperatures"],
-        ["Gap", "1 mm"],
-    ):
-        book.active.append(row)
-    sheet = book.create_sheet("Sweep")
-    for row in (
-        ["f (Hz)", "E' (MPa)", "E'' (MPa)", "Comment"],
-        *([10.0**k, STORAGE[k], LOSS[k], "ok"] for k in range(3)),
-    ):
-        sheet.append(row)
-    sheet["D3"] = "#REF!"  # of a column that nothing is made of
-    book.save(tmp_path / "a.xlsx")
-    assert_holds(read(tmp_path / "a.xlsx")[0])
-
-
 @pytest.mark.parametrize("formula", ["", "<x:f>CONCATENATE(1)</x:f>"])
 def test_cells_written_as_strings_of_a_formula(tmp_path, formula):
     """Under a namespace with a prefix, as the OpenXML SDK writes them."""

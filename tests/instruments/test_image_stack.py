@@ -160,24 +160,6 @@ def test_a_video_without_compression_is_refused_with_what_to_export(tmp_path: Pa
         instruments.read(tmp_path / "f.avi", fps=1000.0)
 
 
-@pytest.mark.filterwarnings("ignore:.*levels baked in:UserWarning")
-@pytest.mark.parametrize(("suffix", "codec"), [("avi", "MJPG"), ("mp4", "mp4v")])
-def test_threads_that_read_one_video_get_the_frames_they_ask_for(tmp_path: Path, suffix: str, codec: str) -> None:
-    path = tmp_path / f"f.{suffix}"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 25, (64, 48), True)
-    if not writer.isOpened():
-        pytest.skip(f"this OpenCV writes no {codec}")
-    for i in range(40):
-        writer.write(np.full((48, 64, 3), 5 * i + 20, np.uint8))
-    writer.release()
-    film = instruments.read(path, fps=1000.0)
-    part = film.roi(slice(8, 24), slice(8, 24))
-    asked = np.random.default_rng(0).integers(0, 40, 200)
-    with ThreadPoolExecutor(4) as pool:
-        seen = list(pool.map(lambda i: float((film if i % 2 else part)[int(i)].mean()), asked))
-    np.testing.assert_allclose(seen, 5.0 * asked + 20, atol=2.5)
-
-
 def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> None:
     write_folder(tmp_path / "out", [])
     write_folder(tmp_path / "out/PNG", ["a1.png"])
@@ -210,12 +192,6 @@ def test_jpeg_images_are_a_film_to_whoever_gives_a_frame_rate(tmp_path: Path) ->
         cut.write_bytes(whole[:left])
         with pytest.warns(UserWarning, match="smooths"), pytest.warns(IncompleteFilmWarning, match=rf"a9\.jpg.*{what}"):
             assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
-
-
-def test_jpeg_images_beside_others_are_not_dropped_in_silence(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["a1.png", "a2.png", "a3.jpg", "holder.jpg"])
-    with pytest.warns(UserWarning, match=r"are left out, 1 with a number in the name, the first a3\.jpg"):
-        assert len(instruments.read(tmp_path / "f", fps=1.0)) == 2
 
 
 @pytest.mark.parametrize("packing", [1, 5, 8])

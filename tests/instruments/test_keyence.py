@@ -167,37 +167,22 @@ def test_storage_cycle_is_a_factor_or_a_time(tmp_path, line, factor):
     assert readings.time.values[1] == pytest.approx(500e-6)
 
 
-BARE = EXAMPLE.replace("Sampling cycle,50us\n", "").replace("Unit,mm,µm\n", "")
-
-
-def test_missing_cycle_is_refused_and_accepted_as_option(tmp_path):
-    text = EXAMPLE.replace("Sampling cycle,50us\n", "")
-    with pytest.raises(SourceError, match='cycle="50 us"'):
+@pytest.mark.parametrize(
+    ("line", "words", "option", "interval"),
+    [
+        ("Sampling cycle,50us\n", 'cycle="50 us"', {"cycle": "50 us"}, 50e-6),
+        ("Sampling cycle,50us\n", 'cycle="50 us"', {"cycle": quantity("50 us")}, 50e-6),
+        ("Unit,mm,µm\n", r'units=\["mm"\]', {"units": ["mm", "um"]}, 50e-6),
+        ("Storage cycle,x1\n", "storage_factor=1", {"storage_factor": 5}, 250e-6),
+    ],
+)
+def test_what_the_header_lacks_is_asked_for(tmp_path, line, words, option, interval):
+    text = EXAMPLE.replace(line, "")
+    with pytest.raises(SourceError, match=words):
         read_text(tmp_path, text)
-    assert read_text(tmp_path, text, cycle="50 us").time.values[1] == pytest.approx(50e-6)
-    assert read_text(tmp_path, text, cycle=50e-6).time.values[1] == pytest.approx(50e-6)
-    given = quantity("50 us")
-    assert read_text(tmp_path, text, cycle=given).time.values[1] == pytest.approx(50e-6)
-
-
-def test_missing_unit_is_refused_and_accepted_as_option(tmp_path):
-    text = EXAMPLE.replace("Unit,mm,µm\n", "")
-    with pytest.raises(SourceError, match=r'units=\["mm"\]'):
-        read_text(tmp_path, text)
-    readings = read_text(tmp_path, text, units=["mm", "um"])
+    readings = read_text(tmp_path, text, **option)
+    assert readings.time.values[1] == pytest.approx(interval)
     assert readings.out2.values[0] == pytest.approx(-1.2e-8, rel=1e-6, abs=0.0)
-    with pytest.raises(SourceError, match="1 units for 2 outputs"):
-        read_text(tmp_path, text, units=["mm"])
-
-
-def test_missing_storage_factor_is_asked_for_unless_the_cycle_is_given(tmp_path):
-    text = EXAMPLE.replace("Storage cycle,x1\n", "")
-    with pytest.raises(SourceError, match="storage_factor=1"):
-        read_text(tmp_path, text)
-    assert read_text(tmp_path, text, storage_factor=5).time.values[1] == pytest.approx(250e-6)
-    bare = BARE.replace("Storage cycle,x1\n", "")
-    readings = read_text(tmp_path, bare, cycle="50 us", units=["mm", "um"])
-    assert readings.time.values[1] == pytest.approx(50e-6)
 
 
 def test_last_line_without_end_is_accepted_only_when_the_count_is_stated(tmp_path):

@@ -173,6 +173,14 @@ def test_change_of_form_leaves_the_numbers(tmp_path, name):
         np.testing.assert_array_equal(readings[variable].values, whole[variable].values)
 
 
+def test_decimal_comma_is_read_with_the_option(tmp_path):
+    path = tmp_path / "comma.txt"
+    path.write_text(re.sub(r"(?<=\d)\.(?=\d)", ",", WHOLE), newline="")
+    with pytest.warns(UserWarning, match="date and time"):  # the clock has a comma too
+        readings = mach1.read(path, decimal=",")
+    np.testing.assert_array_equal(readings.force_z.values, mach1.assemble(_blocks()).force_z.values)
+
+
 def test_empty_data_section_and_silent_functions_are_blocks(tmp_path):
     path = tmp_path / "blocks.txt"
     info = SECOND[: SECOND.index("<Sinusoid>")]

@@ -141,28 +141,6 @@ def test_damaged_headers_are_errors_that_name_the_file_or_frames_of_the_declared
     tracemalloc.stop()
 
 
-@pytest.mark.parametrize("frame", [0, 5])
-@pytest.mark.parametrize(
-    ("what", "offset", "layout", "value"),
-    [
-        ("annotation zero", 0, "I", 0),
-        ("annotation beyond end", 0, "I", 100_000),
-        ("size short", 4, "I", 12 * 32 * 2 - 1),
-    ],
-)
-def test_one_damaged_frame_is_flagged_and_the_others_are_used(
-    tmp_path: Path, frame: int, what: str, offset: int, layout: str, value: int
-) -> None:
-    images = film(tmp_path / "f.cine")
-    frames = read(patched(tmp_path / "f.cine", FIRST + frame * FRAME + offset, layout, value))
-    expected = np.arange(6) != frame
-    assert np.array_equal(frames.valid, expected), what
-    with pytest.raises(SourceError, match=f"frame {frame}"):
-        frames[frame]
-    for i in np.flatnonzero(expected):
-        assert np.array_equal(frames[int(i)], images[i])
-
-
 def test_a_truncated_film_keeps_its_complete_frames_at_every_cut(tmp_path: Path) -> None:
     images = film(tmp_path / "f.cine")
     data = (tmp_path / "f.cine").read_bytes()
