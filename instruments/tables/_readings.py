@@ -3,8 +3,10 @@
 Strict about the columns that a sweep, a response or a shift factor is made of, indifferent to all others.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,7 @@ from labpipe.text import Separators, listed, not_a_number, plain_number, shorten
 Pair = tuple[Heading, Floats]
 
 _NO_READING = 9.9e37  # by which instruments of the SCPI standard say that there is none, or that it overflowed
-_SPECIMEN = ("sample", "specimen", "material", "probe", "sample_name", "sample_id", "specimen_id", "echantillon")
+_SPECIMEN = re.compile(r"(?:sample|specimen|material|probe|probenname|echantillon)(?:_(?:name|id|no|nr|number))?")
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
 
 
@@ -39,8 +41,12 @@ def intervals(path: Path, block: Block, signs: Separators, first: int) -> list[I
     _settle_headings(path, block)
     wanted = _needed(path, block)
     for k, heading in enumerate(block.headings):
-        names = sorted({row[k] for _, row in block.rows if k < len(row) and row[k]})
-        if heading.name in _SPECIMEN and 1 < len(names) <= len(block.rows) / 2:  # more would number the rows
+        named = (
+            [row[k] for _, row in block.rows if k < len(row) and row[k]] if _SPECIMEN.fullmatch(heading.name) else []
+        )
+        names, changes = sorted(set(named)), sum(a != b for a, b in pairwise(named))
+        is_counter = all(map(is_numeric, names)) and 2 * changes > len(named)  # of the readings of a sweep
+        if 1 < len(names) <= len(named) / 2 and not is_counter:
             text = f"{heading.text} names {len(names)} specimens ({shorten(', '.join(names))})"
             raise SourceError(path, text, line=block.line, hint="Give each specimen a file of its own.")
     short = _short_rows(path, block, wanted)

@@ -148,14 +148,6 @@ def test_an_invalid_point_is_nan_and_keeps_its_row(tmp_path, mark):
     assert found.attrs["invalid_points"] == 1
 
 
-def test_a_frequency_in_hertz_gives_the_angular_one(tmp_path):
-    columns = [c.replace("Angular Frequency", "Frequency") for c in ENGLISH]
-    units = [u.replace("rad/s", "Hz") for u in UNITS]
-    found = read_text(tmp_path, rheocompass(columns=columns, units=units))
-    np.testing.assert_allclose(found.angular_frequency, 2 * np.pi * found.frequency)
-    assert found.attrs["derived"] == "angular_frequency"
-
-
 MEASUREMENTS = ("freqsweep.csv", "multiple_relaxation.csv", "multiple_relaxation.xlsx", "viscosity_curves.csv")
 
 

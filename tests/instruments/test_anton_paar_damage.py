@@ -72,13 +72,8 @@ REFUSED = {
     "unknown_unit": (replaced("[MPa]", "[blob]"), "unit"),
     "letters_in_a_number": (replaced("\t10.0\t", "\t1O.0\t"), "expected a number"),
     "a_cell_added": (replaced("\t10.0\t", "\t10.0\t10.0\t"), "cells"),
-    "first_cell_filled": (TEXT.replace(ROW, "x" + ROW, 1), "first cell"),
     "point_repeated": (TEXT.replace(ROW, ROW + "\r\n" + ROW, 1), "expected a number above"),
     "blank_line_inside_a_table": (TEXT.replace(SECOND, "\r\n" + SECOND, 1), "outside a table"),
-    "header_of_a_table_lost": (
-        "\r\n".join(x for i, x in enumerate(TEXT.split("\r\n")) if i != 7),
-        "names of the columns",
-    ),
     "both_decimal_signs": (replaced("\t10.0\t", "\t10,05\t"), "decimal sign"),
     "last_line_without_end": (TEXT.removesuffix("\r\n")[:-4], "last line is cut"),
     "window_definition": ("<?xml version='1.0'?><Export Version='1'/>\r\n", "layout of a table"),

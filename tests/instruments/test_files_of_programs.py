@@ -81,13 +81,11 @@ PLUS_TABLE = [
 ]
 
 
-@pytest.mark.parametrize("kind", ["text", "workbook", "cut", "profile of two lines"])
+@pytest.mark.parametrize("kind", ["text", "workbook", "cut"])
 def test_lines_of_the_measuring_profile_stand_before_a_table_of_rheoplus(tmp_path, kind):
     lines = [*RHEOPLUS, *PLUS_TABLE]
     if kind == "cut":
         lines = [RHEOPLUS[0], RHEOPLUS[1], [""], *PLUS_TABLE]
-    elif kind == "profile of two lines":
-        lines = [*RHEOPLUS[:10], ["- temperature", "", "", "T[-1] = 12 °C"], ["Waiting time:"], *PLUS_TABLE]
     if kind == "workbook":
         book = openpyxl.Workbook()
         for line in lines:

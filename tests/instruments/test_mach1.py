@@ -78,22 +78,6 @@ def test_values_are_si_and_keep_their_unit_as_provenance(tmp_path):
     assert readings.position_theta.attrs["units"] == "rad"
 
 
-def test_blocks_with_other_columns_leave_nan(tmp_path):
-    readings = read_blocks(tmp_path, sinusoid(30), relaxation(40))
-    assert readings.sizes == {"sample": 70, "block_index": 2}
-    assert np.isnan(readings.torque_z.values[:30]).all()
-    assert np.isfinite(readings.torque_z.values[30:]).all()
-    assert np.isfinite(readings.force_z.values).all()
-    np.testing.assert_array_equal(readings.block.values, np.repeat([0, 1], [30, 40]))
-
-
-def test_dividers_are_counted_and_time_goes_on(tmp_path):
-    readings = read_blocks(tmp_path, relaxation(40, (20, 40)))
-    np.testing.assert_array_equal(readings.segment.values, np.repeat([0, 1], 20))
-    assert np.all(np.diff(readings.time.values) > 0)
-    assert json.loads(readings.attrs["blocks"])[0]["dividers"] == [20, 40]
-
-
 def test_compression_sign_follows_the_type_of_the_cell(tmp_path):
     assert read_blocks(tmp_path, relaxation()).attrs["compression_sign"] == -1
     assert read_blocks(tmp_path, sinusoid()).attrs["compression_sign"] == 1

@@ -123,8 +123,9 @@ def test_several_specimens_in_a_table_are_refused(tmp_path):
     text = "\n".join([lines[0], *(f"{'A' if k < 6 else 'B'},{row}" for k, row in enumerate(lines[1:]))]) + "\n"
     with pytest.raises(SourceError, match=r"Sample names 2 specimens \('A, B'\)"):
         read(tmp_path, text)
-    numbered = "\n".join([lines[0], *(f"{k},{row}" for k, row in enumerate(lines[1:]))]) + "\n"
-    assert read(tmp_path, numbered).sizes["sample"] == F.size
+    for count in (F.size, 4):  # of the rows, or of the readings of each isotherm
+        numbered = "\n".join([lines[0], *(f"{k % count},{row}" for k, row in enumerate(lines[1:]))]) + "\n"
+        assert read(tmp_path, numbered).sizes["sample"] == F.size
 
 
 def damaged(text: str, source: random.Random) -> str:
