@@ -7,11 +7,11 @@ the one under the disc of the thesis, the mistake would be a factor of 36 (appen
 import json
 import math
 from datetime import date
-from typing import Any
+from typing import Any, cast
 
 import xarray as xr
 
-from calibration.record import CameraRecord, CameraValues, Record, of_kind, require
+from calibration.record import CameraRecord, CameraValues, Record, require
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
@@ -84,7 +84,7 @@ def image_scale(
     """
     film = {"start": recorded}
     checked = require(record, "camera", film, measured=measured, view=view, ignore_validity=ignore_validity)
-    values = of_kind(record, CameraRecord).values
+    values = cast("CameraRecord", record).values
     size, sources = _size(values)
     total = combined_uncertainty(sources)
     checked |= {

@@ -17,13 +17,14 @@ import json
 import math
 from dataclasses import replace
 from datetime import date
+from typing import cast
 
 import numpy as np
 import xarray as xr
 
 from calibration import _quiet
 from calibration._time_base import corrected, time_base
-from calibration.record import LaserRecord, LaserValues, Record, of_kind, require
+from calibration.record import LaserRecord, LaserValues, Record, require
 from labpipe.arrays import Floats
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
@@ -98,7 +99,7 @@ def displacement(
     if direction not in (1, -1):
         raise InputError(f"direction must be 1 or -1, found {direction}")
     checked = require(record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity)
-    values = of_kind(record, LaserRecord).values
+    values = cast("LaserRecord", record).values
     raw, stated_step, gain = _raw(readings, output, values)
     angle = inclination or values.inclination
     base = time_base(readings.attrs, values.time_base, averaging)

@@ -10,13 +10,13 @@ import math
 from collections.abc import Mapping
 from datetime import date
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import xarray as xr
 
 from calibration import _quiet
-from calibration.record import LoadCellRecord, LoadCellValues, Record, of_kind, require
+from calibration.record import LoadCellRecord, LoadCellValues, Record, require
 from labpipe.arrays import Complexes, Floats
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
@@ -83,7 +83,7 @@ def force(
         names = {(block["load_cell"] or {}).get("name") or "" for block in _blocks(readings.attrs)}
         attrs = readings.attrs | {"sensor": names.pop() if len(names) == 1 else ""}
         checked = require(record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity)
-        values = of_kind(record, LoadCellRecord).values
+        values = cast("LoadCellRecord", record).values
     gain = values.scale if values else _UNKNOWN
     raw = np.asarray(readings[name].values, dtype=float)
     is_valid = np.isfinite(raw)

@@ -27,7 +27,7 @@ import re
 from collections.abc import Mapping
 from datetime import date, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -324,23 +324,6 @@ def require(
         "stated_day": measured.isoformat() if isinstance(measured, date) else "",
         "recorded_day": _recorded_day(attrs),
     }
-
-
-_Kind = TypeVar("_Kind", bound=Record)
-
-
-def of_kind(record: Record, kind: type[_Kind]) -> _Kind:
-    """Return a record as one of a kind.
-
-    Raises
-    ------
-    CalibrationError
-        It is of another.
-    """
-    if not isinstance(record, kind):
-        wanted = next(name for name, each in KINDS.items() if each is kind)
-        raise CalibrationError(f'record "{record.id}" holds no values of a {wanted.replace("_", " ")}')
-    return record
 
 
 def _check_sensor(record: Record, attrs: Mapping[str, Any]) -> str:

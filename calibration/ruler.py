@@ -80,14 +80,14 @@ def graduations(image: NDArray[np.generic], *, axis: str = "x", dark: bool = Tru
     half = np.median(np.diff(centres)) / 2
     rows = [_near(grey[a:b].mean(axis=0), centres, half) for a, b in pairwise(edges)]
     places = np.array(rows)
-    drift, u_drift = _slope(middles - middle, places - places.mean(axis=0))
-    tilt = float(np.arctan(drift))
-    at_middle = places.mean(axis=0)
+    at_middle, across = places.mean(axis=0), middles - middle
+    drifts = across @ (places - at_middle) / (across @ across)  # of every line
+    tilt, u_tilt = float(np.arctan(drifts.mean())), float(drifts.std(ddof=1) / np.sqrt(drifts.size))
     number = np.rint((at_middle - at_middle[0]) / np.median(np.diff(at_middle)))
     fit, covariance = np.polyfit(number, at_middle, 1, cov=True)
     residual = at_middle - np.polyval(fit, number)
     pitch = Quantity(float(fit[0] * np.cos(tilt)), float(np.sqrt(covariance[0, 0]) * np.cos(tilt)), "px")
-    return Ruler(pitch, Quantity(tilt, float(u_drift), "rad"), at_middle, float(residual.std(ddof=2)))
+    return Ruler(pitch, Quantity(tilt, u_tilt, "rad"), at_middle, float(residual.std(ddof=2)))
 
 
 def _lines(profile: Floats) -> Floats:
@@ -128,10 +128,3 @@ def _near(profile: Floats, centres: Floats, half: float) -> Floats:
             if weight.sum() > 0:
                 refined[i] = first + np.average(np.arange(window.size), weights=weight)
     return refined
-
-
-def _slope(x: Floats, y: Floats) -> tuple[float, float]:
-    """Return the common slope of several lines y(x), shape (x, line), and its standard error."""
-    per_line = (x @ y) / (x @ x)
-    count = per_line.size
-    return float(per_line.mean()), float(per_line.std(ddof=1) / np.sqrt(count))

@@ -8,9 +8,12 @@ Italian, Portuguese, Japanese and Chinese, and the usual symbols.
 
 import re
 import unicodedata
+from collections.abc import Sequence
 from functools import lru_cache
+from pathlib import Path
 
-from labpipe.errors import InputError
+from labpipe.errors import InputError, SourceError
+from labpipe.text import DOT, Separators, separators
 from labpipe.units import Unit, plain, unit
 
 _MODULUS = "Pa"
@@ -20,6 +23,9 @@ _DEGREES = "degC, K, degF"
 
 #: Canonical name to the SI units that it may become ("" of text), and its spellings.
 _TABLE = {
+    "displacement": ("m, V", ""),  # those of traces are named by the user, never recognised
+    "position": ("m", ""),
+    "force": ("N", ""),
     "point": (
         "",
         "point no, meas pts, measuring point, punkt nr, messpunkt, messpunkte, messpkt, messpkte, mess pkt, "
@@ -146,6 +152,7 @@ _TABLE = {
 #: SI units that a quantity may become; another is a mistake in the file, not a conversion.
 SI_OF = {name: tuple(units.split(", ")) for name, (units, _) in _TABLE.items() if units}
 TEXT = ("status", "time_of_day")
+TRACES = ("displacement", "position", "force")
 TEMPERATURES = ("temperature", "temperature_set")
 FREQUENCIES = frozenset({"frequency", "angular_frequency"})
 TIMES = frozenset({"time", "interval_time"})
@@ -179,7 +186,9 @@ def fold(heading: str) -> str:
     return text if text in _CASED else text.casefold()
 
 
-_NAME_OF = {fold(spelling): name for name, (_, spellings) in _TABLE.items() for spelling in spellings.split(", ")}
+_NAME_OF = {
+    fold(spelling): name for name, (_, spellings) in _TABLE.items() for spelling in spellings.split(", ") if spelling
+}
 
 
 @lru_cache(4096)
@@ -297,3 +306,24 @@ def fits(name: str, stated: str) -> bool:
         return unit_of(stated).si in SI_OF.get(name, ())
     except InputError:
         return False
+
+
+def signs_of(path: Path, cells: Sequence[str], decimal: str | None) -> Separators:
+    """Decide the decimal and the thousands sign of a file from its cells of numbers, or from a stated decimal sign.
+
+    Raises
+    ------
+    SourceError
+        The cells are ambiguous, or show both signs as the decimal one.
+    """
+    if decimal is not None:
+        other = "." if decimal == "," else ","
+        has_other = any(other in c and c.strip("+-").replace(",", "").replace(".", "").isdigit() for c in cells)
+        return Separators(decimal, other if has_other else "")
+    if not any("," in cell for cell in cells):
+        return DOT
+    parts = (cell.strip().lower().partition("e") for cell in cells)
+    try:  # no thousands sign stands before an exponent: one digit more makes that plain
+        return separators(m + "0" if exponent and {",", "."} & set(m) else m for m, _, exponent in parts)
+    except InputError as error:
+        raise SourceError(path, str(error)) from None

@@ -8,7 +8,7 @@ import csv
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -18,7 +18,18 @@ import numpy as np
 import xarray as xr
 
 from instruments._moduli import celsius, needed, with_moduli
-from instruments._quantities import SI_OF, TEMPERATURES, TEXT, TIMES, quantity, repaired, slug, unit_of
+from instruments._quantities import (
+    FREQUENCIES,
+    SI_OF,
+    TEMPERATURES,
+    TEXT,
+    TIMES,
+    quantity,
+    repaired,
+    signs_of,
+    slug,
+    unit_of,
+)
 from instruments._workbook import Cell, is_workbook, sheets, text_of
 from instruments.anton_paar._dataset import Column, Interval, assemble, in_one_unit
 from instruments.anton_paar._table import Export, RawInterval, Row, point_number, read_table
@@ -34,7 +45,6 @@ from labpipe.text import (
     listed,
     not_a_number,
     plain_number,
-    separators,
     shorten,
     survey,
 )
@@ -59,18 +69,6 @@ class _Findings:
         """Keep a note once; further intervals say the same."""
         if text not in self.notes:
             self.notes.append(text)
-
-
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """A column to read: its place, name, heading, sub-label, unit, whether a result needs it."""
-
-    index: int
-    name: str
-    header: str
-    sub_label: str
-    unit: str
-    is_needed: bool
 
 
 def read(
@@ -136,7 +134,9 @@ def read(
         how = {"encoding": source.encoding, "delimiter": delimiter}
         if not source.is_ended and not allow_incomplete:
             _check_last(source, export)
-    signs = _signs(export.intervals, decimal, path)
+    wanted = [(raw.rows, [k for k, unit in enumerate(raw.units) if unit]) for raw in export.intervals]
+    evidence = [cell for rows, own in wanted for row in rows for k in own if isinstance(cell := row.cells[k], str)]
+    signs = signs_of(path, evidence, decimal)
     findings = _Findings(notes=list(export.notes))
     intervals, notes = in_one_unit([_interval(raw, signs, path, findings) for raw in export.intervals if raw.units])
     findings.notes += notes
@@ -209,58 +209,39 @@ def _check_last(source: TextFile, export: Export) -> None:
     raise SourceError(source.path, "the last line is cut, it has no line end", line=source.n_lines, hint=hint)
 
 
-def _signs(intervals: Iterable[RawInterval], decimal: str | None, path: Path) -> Separators:
-    """Decide the decimal sign of a file from all its numbers; SourceError if it is ambiguous, or both signs occur."""
-    cells: list[str] = []
-    for interval in intervals:
-        wanted = [i for i, unit in enumerate(interval.units) if unit]
-        for row in interval.rows:
-            for cell in (c.strip().lower() for i in wanted if isinstance(c := row.cells[i], str)):
-                mantissa, exponent, _ = cell.partition("e")
-                # No thousands sign stands before an exponent: one digit more makes that plain.
-                cells.append(mantissa + "0" if exponent and ("," in mantissa or "." in mantissa) else mantissa)
-    if decimal is not None:
-        other = "." if decimal == "," else ","
-        has_other = any(other in c and c.strip("+-").replace(",", "").replace(".", "").isdigit() for c in cells)
-        return Separators(decimal, other if has_other else "")
-    try:
-        return separators(cells)
-    except InputError as error:
-        raise SourceError(path, str(error)) from None
-
-
 def _interval(raw: RawInterval, signs: Separators, path: Path, findings: _Findings) -> Interval:
     """Turn one table into numbers.
 
     A column that no sweep and no response is made of is left out, with a note, where its unit is none of its
     quantity; a cell of it that is no number is no reading. A needed column is refused for either.
     """
-    plans = _plans(raw, path, findings)
-    point, valid = _points(raw, next((p.index for p in plans if p.name == "point"), None), path)
+    names = _names(raw, path, findings)
+    wanted = needed({name for header in raw.headers if (name := quantity(header))})
+    point, valid = _points(raw, next((k for k, name in names.items() if name == "point"), None), path)
     findings.invalid += int((~valid).sum())
     columns = []
-    for plan in plans:
-        if plan.name == "point":
+    for index, name in names.items():
+        header, unit = raw.headers[index], raw.units[index]
+        sub = raw.sub_labels[index] if index < len(raw.sub_labels) else ""
+        is_needed = name in wanted and name == quantity(header)
+        cells = [row.cells[index] for row in raw.rows]
+        if name == "point":
             continue
-        cells = [row.cells[plan.index] for row in raw.rows]
-        is_unknown = not plan.unit.strip("[] ") and not quantity(plan.header)
-        if plan.name in TEXT or (is_unknown and any(_number(c, (signs,)) is None for c in cells)):
-            text = [repaired(text_of(cell)) for cell in cells]
-            columns.append(Column(plan.name, plan.header, plan.unit, "", text, plan.sub_label))
+        is_unknown = not unit.strip("[] ") and not quantity(header)
+        if name in TEXT or (is_unknown and any(_number(c, (signs,)) is None for c in cells)):
+            columns.append(Column(name, header, unit, "", [repaired(text_of(cell)) for cell in cells], sub))
             continue
-        unit = _unit(raw, plan, path, findings)
-        if unit is None:
+        found = _unit(raw, header, unit, is_needed, path, findings)
+        if found is None:
             continue
-        values, si = _numbers(raw, plan, signs, path, findings) * unit[0], unit[1]
-        name = plan.name
+        values, si = _numbers(raw, index, is_needed, signs, path, findings) * found[0], found[1]
         if name in TEMPERATURES:
-            values = celsius(values, si, path=path, line=raw.line + 1, header=plan.header, stated=plan.unit)
+            values = celsius(values, si, path=path, line=raw.line + 1, header=header, stated=unit)
             si = "degC"
-        if name in ("frequency", "angular_frequency"):  # the unit decides, whatever the heading says
-            name = "angular_frequency" if si == "rad/s" else "frequency"
         if name not in TIMES:
             values[~valid] = np.nan
-        columns.append(Column(name, plan.header, plan.unit, si, values, plan.sub_label))
+        of_si = "angular_frequency" if si == "rad/s" else "frequency"  # the unit decides, whatever the heading says
+        columns.append(Column(of_si if name in FREQUENCIES else name, header, unit, si, values, sub))
     made, contradictions = with_moduli({column.name: column for column in columns if column.si})
     if not findings.is_contradicted:  # further intervals would say the same
         findings.notes += [f"line {raw.line}: {said}" for said in contradictions]
@@ -269,11 +250,9 @@ def _interval(raw: RawInterval, signs: Separators, path: Path, findings: _Findin
     return Interval(raw.test, raw.result, raw.number, raw.declared, point, valid, tuple(columns), sheet=raw.sheet)
 
 
-def _plans(raw: RawInterval, path: Path, findings: _Findings) -> list[_Plan]:
-    """Name the columns; of those with one heading the further ones by their sub-label or a number."""
-    plans: list[_Plan] = []
-    taken: set[str] = set()
-    wanted = needed({name for header in raw.headers if (name := quantity(header))})
+def _names(raw: RawInterval, path: Path, findings: _Findings) -> dict[int, str]:
+    """Name the columns by their places; of those with one heading the further ones by their sub-label or a number."""
+    names: dict[int, str] = {}
     for index, header in enumerate(raw.headers):
         if not header:
             if raw.units[index] or any(text_of(r.cells[index]) for r in raw.rows):
@@ -286,10 +265,8 @@ def _plans(raw: RawInterval, path: Path, findings: _Findings) -> list[_Plan]:
         sub = raw.sub_labels[index] if index < len(raw.sub_labels) else ""
         others = [name for name in (f"{first}_{slug(sub)}" if sub else "", slug(header)) if name]
         numbered = [f"{others[-1]}_{serial}" for serial in range(2, len(raw.headers) + 2)]
-        name = next(one for one in (first, *others, *numbered) if one not in taken)
-        taken.add(name)
-        plans.append(_Plan(index, name, header, sub, raw.units[index], name == first and name in wanted))
-    return plans
+        names[index] = next(one for one in (first, *others, *numbered) if one not in names.values())
+    return names
 
 
 def _points(raw: RawInterval, index: int | None, path: Path) -> tuple[Integers, Flags]:
@@ -314,44 +291,46 @@ def _points(raw: RawInterval, index: int | None, path: Path) -> tuple[Integers, 
     return point, valid
 
 
-def _unit(raw: RawInterval, plan: _Plan, path: Path, findings: _Findings) -> tuple[float, str] | None:
+def _unit(
+    raw: RawInterval, header: str, unit: str, is_needed: bool, path: Path, findings: _Findings
+) -> tuple[float, str] | None:
     """Return factor and SI unit of a column; None of one that is left out."""
-    name = quantity(plan.header)
+    name = quantity(header)
     known = SI_OF.get(name or "")
     try:
-        found = unit_of(plan.unit)
+        found = unit_of(unit)
     except InputError:
         found = None
         if known is None:
-            return 1.0, plan.unit.strip("[] ")  # an unknown quantity keeps its own unit
+            return 1.0, unit.strip("[] ")  # an unknown quantity keeps its own unit
     if found is not None and (known is None or found.si in known):
         # The radian is often left out; "angular" in the heading says it.
         is_angular = found.si == "1/s" and name == "angular_frequency"
         return found.factor, "rad/s" if is_angular else found.si
     spelled = " or ".join(si for si in known or () if si != "degF")
-    text = f'{plan.header} is in "{plan.unit}", expected a unit of {spelled}'
-    if not plan.is_needed:
+    text = f'{header} is in "{unit}", expected a unit of {spelled}'
+    if not is_needed:
         findings.note(f"line {raw.line + 1}: {text}; the column is left out, nothing is made of it")
         return None
     raise SourceError(path, text, line=raw.line + 1, hint="Correct the row of units, or export again.")
 
 
-def _numbers(raw: RawInterval, plan: _Plan, signs: Separators, path: Path, findings: _Findings) -> Floats:
-    values = np.full(len(raw.rows), np.nan)
-    strange = []
+def _numbers(
+    raw: RawInterval, index: int, is_needed: bool, signs: Separators, path: Path, findings: _Findings
+) -> Floats:
+    values, strange = np.full(len(raw.rows), np.nan), []
     for i, row in enumerate(raw.rows):
         # A workbook may hold numbers as text, with a dot whatever the country.
-        value = _number(row.cells[plan.index], (DOT, signs) if row.sheet else (signs,))
-        if value is None and plan.is_needed:
-            column = sum(len(text_of(c)) + 1 for c in row.cells[: plan.index]) + raw.first + 1
-            raise not_a_number(text_of(row.cells[plan.index]), path=path, line_number=row.line, column=column)
+        value = _number(row.cells[index], (DOT, signs) if row.sheet else (signs,))
+        if value is None and is_needed:
+            column = sum(len(text_of(c)) + 1 for c in row.cells[:index]) + raw.first + 1
+            raise not_a_number(text_of(row.cells[index]), path=path, line_number=row.line, column=column)
         if value is None:
             strange.append(row.line)
-            value = float("nan")
-        values[i] = value
-        findings.absent += int(np.isnan(value))
+        values[i] = np.nan if value is None else value
+    findings.absent += int(np.isnan(values).sum())
     if strange:
-        findings.note(f"{listed(strange)}: {plan.header} holds cells that are no numbers; they are no readings")
+        findings.note(f"{listed(strange)}: {raw.headers[index]} holds cells that are no numbers; they are no readings")
     return values
 
 

@@ -1,41 +1,203 @@
-"""Images in files: a folder of PNG, TIFF, BMP or JPEG, and the pages of a TIFF."""
+"""Images in files: a folder of PNG, TIFF, BMP or JPEG, and the pages of a TIFF.
 
+Headers are read before anything is decoded, as a few bytes can declare an image of any size: by tifffile those of
+TIFF, by Pillow those of the others. Accepted are PNG, TIFF, BMP and JPEG of 8 bits, PNG and TIFF of 16, and grey TIFF
+of 10, 12 or 14 packed bits in files of one image.
+"""
+
+import logging
 import re
+import struct
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, Literal, NamedTuple
 from weakref import finalize
 
 import cv2
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from instruments.images import LOSSY, SUFFIXES, images_in, is_numbered
-from instruments.images._colours import ROUNDED, SMOOTHED, Channel, one_intensity
-from instruments.images._headers import UNREADABLE, CutOffError, ImageHeader, checksum_fault, read_headers
+from instruments.images import LOSSY, SUFFIXES, images_in, is_numbered, is_tiff
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import SourceError, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning
 
+Channel = Literal["red", "green", "blue"]
+CHANNELS: tuple[Channel, ...] = ("blue", "green", "red")
+"""In the order in which OpenCV decodes them."""
+SMOOTHED = "smooths fine detail away, which no uncertainty here contains"
+ROUNDED = 4  # levels by which the compression of videos and JPEG rounds the three colours of grey apart
 _NUMBER = re.compile(r"[-+]?\d+")
 _COUNT = "Where names hold times, number the images in the order they were taken: frame_0001.png, …"
+_ONE_FILM = f"Put only the images of one film into the folder. {_COUNT}"
 #: Bits of 16 that cameras of 14, 12 and 10 bits leave empty, fewest last; and images that are looked at for it.
 _UNUSED_BITS, _LOOKED_AT = (6, 4, 2), 9
+_MOST_PIXELS = 1 << 26  # of one image: four times the largest camera
+_ENDS = {"PNG": b"\x00\x00\x00\x00IEND\xaeB`\x82", "JPEG": b"\xff\xd9", "BMP": b""}
+_COMPRESSIONS = {1, 5, 7, 8, 32773, 32946}  # of TIFF: none, LZW, JPEG, deflate by two numbers, PackBits
+_COPY = "It is damaged: copy it from the camera again."
+_EXPORT = "Export the film as grey TIFF without compression, or as PNG images."
+_UNREADABLE = (
+    OSError, ValueError, TypeError, SyntaxError, EOFError, IndexError, struct.error, Image.DecompressionBombError,
+    tifffile.TiffFileError, MemoryError,
+)  # fmt: skip
+"""Errors of Pillow and tifffile over a damaged file."""
+logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # damage is reported once, by an error or a warning of ours
 
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """Where one image is: its file and, in a file of several, its page."""
+class ImageHeader(NamedTuple):
+    """Size and bits of one image; ``fault`` names damage that shows without decoding, or is "".
 
+    ``kind`` is "PNG", "JPEG", "BMP" or "TIFF", by content; ``is_compressed`` if only decoding shows whether the pixels
+    are whole; ``path`` is its file, ``page`` its number in it.
+    """
+
+    rows: int
+    columns: int
+    bits: int
+    kind: str
     path: Path
-    page: int
-    header: ImageHeader
+    page: int = 0
+    is_compressed: bool = False
+    fault: str = ""
+
+
+class CutOffError(SourceError):
+    """An image ends before its header does, or has none: nothing of it can be read."""
+
+
+def one_intensity(image: NDArray[Any], allowed: int, path: Path, name: str, channel: Channel | None) -> NDArray[Any]:
+    """Return the intensity of an image: of the channel, or of colours that are equal within so many levels.
+
+    Raises
+    ------
+    SourceError
+        The colours differ and no channel is chosen.
+    """
+    if image.ndim == 2:
+        return image
+    if channel is not None:
+        return image[:, :, CHANNELS.index(channel)]
+    if int(np.ptp(image[:, :, :3].astype(np.int32), axis=2).max()) > allowed:
+        hint = 'Choose the channel that is measured, channel="green" (or "red", "blue"; in session.toml: channel = '
+        hint += '"green"), or export the film as grey. Green is the finest of most colour sensors.'
+        raise SourceError(path, f"{name} is in colour, expected grey", hint=hint)
+    return image[:, :, 1]
+
+
+def read_headers(path: Path) -> list[ImageHeader]:
+    """Return the header of every image in a PNG, TIFF, BMP or JPEG file.
+
+    Raises
+    ------
+    CutOffError
+        The file ends within its first header, or is none of these.
+    SourceError
+        The file declares more than it holds, or an image that is not read.
+    """
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(34)
+            size = stream.seek(0, 2)
+            stream.seek(-min(size, 64), 2)
+            tail = stream.read()
+    except OSError as error:
+        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+    if not head:
+        raise CutOffError(path, "the image is empty")
+    if is_tiff(head):
+        return _tiff(path, size)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of sizes, which are checked below
+            with Image.open(path, formats=tuple(_ENDS)) as image:
+                kind, (columns, rows) = str(image.format), image.size
+    except Image.DecompressionBombError as error:
+        raise SourceError(path, f"declares an image that no camera takes: {error}", hint=_COPY) from None
+    except _UNREADABLE:
+        text = "ends within its header, or is neither PNG nor TIFF nor BMP nor JPEG"
+        raise CutOffError(path, f"{text}: it starts with {head[:8]!r}", hint=_EXPORT) from None
+    is_whole = int.from_bytes(head[2:6], "little") <= size if kind == "BMP" else _ENDS[kind] in tail
+    fault = "" if is_whole else f"the {kind} is cut off: its end is missing"
+    header = ImageHeader(rows, columns, head[24] if kind == "PNG" else 8, kind, path, 0, kind == "JPEG", fault)
+    return [_checked(header, (8, 16))]
+
+
+def _checked(header: ImageHeader, known: tuple[int, ...]) -> ImageHeader:
+    if min(header.rows, header.columns) < 1 or header.rows * header.columns > _MOST_PIXELS:
+        text = f"declares {header.columns} × {header.rows} px; expected at least one and at most {_MOST_PIXELS}"
+        raise SourceError(header.path, text, hint="No camera takes such images: the header is damaged.")
+    if header.bits not in known:
+        text = f"holds {header.bits} bits per pixel; expected {', '.join(map(str, known[:-1]))} or {known[-1]}"
+        raise SourceError(header.path, text, hint="Export the film as grey images of 16 bits.")
+    return header
+
+
+def _tiff(path: Path, size: int) -> list[ImageHeader]:
+    """Go through the pages of a TIFF; no pixel is touched."""
+    headers: list[ImageHeader] = []
+    said = "a page ends behind the file"
+    try:
+        with tifffile.TiffFile(path) as film:
+            count, is_broken = _pages(path, film)
+            stated = int((film.imagej_metadata or {}).get("images", 1)) if film.is_imagej else 1
+            if stated > count and not is_broken:  # ImageJ describes only the first image of a stack beyond 4 GB
+                text = f"ImageJ states {stated} images, of which {count} are described in the file"
+                raise SourceError(path, text, hint="Save the stack as an image sequence of TIFF or PNG files.")
+            headers.extend(_page(path, film.pages[k], k, size, several=count > 1) for k in range(count))
+    except _UNREADABLE as error:
+        is_broken, said = True, str(error)
+    if is_broken and not headers:
+        raise CutOffError(path, f"the TIFF is cut off or damaged: {said}", hint=_COPY)
+    if is_broken:
+        fault = "the TIFF breaks off before it, and the number of pages behind it is not known"
+        headers.append(headers[0]._replace(page=len(headers), fault=fault))
+    return headers
+
+
+def _pages(path: Path, film: tifffile.TiffFile) -> tuple[int, bool]:
+    """Count the pages of a TIFF, each of which names the place of the next, and find out whether they break off."""
+    form, handle, seen, at = film.tiff, film.filehandle, set[int](), film.pages[0].offset
+    while at:
+        if at in seen:
+            raise SourceError(path, "the TIFF's pages form a circle", offset=at, hint=_COPY)
+        try:
+            handle.seek(at)
+            (entries,) = struct.unpack(form.tagnoformat, handle.read(form.tagnosize))
+            handle.seek(at + form.tagnosize + entries * form.tagsize)
+            (following,) = struct.unpack(form.offsetformat, handle.read(form.offsetsize))
+        except (struct.error, ValueError, OSError):
+            return len(seen), True
+        seen.add(at)
+        at = following
+    return len(seen), False
+
+
+def _page(
+    path: Path, page: "tifffile.TiffPage | tifffile.TiffFrame", number: int, size: int, *, several: bool
+) -> ImageHeader:
+    if not isinstance(page, tifffile.TiffPage):
+        raise SourceError(path, "a page holds no description of its image", hint=_EXPORT)
+    samples, meaning, bits = page.samplesperpixel, int(page.photometric), page.bitspersample
+    is_grey, is_colour = samples == 1 and meaning in (0, 1, 3), samples in (3, 4) and meaning == 2
+    note = page.tags.get(274)
+    if not (is_grey or is_colour) or page.compression not in _COMPRESSIONS:
+        message = f"a page has {samples} samples per pixel of interpretation {meaning}, compression {page.compression}"
+        raise SourceError(path, f"{message}; expected grey or RGB", hint=_EXPORT)
+    if (note is not None and note.value != 1) or (several and is_colour and bits != 8):
+        text = "its images are turned by a note of orientation, or its pages are in colours of 16 bits"
+        raise SourceError(path, text, hint=_EXPORT)
+    starts, counts = page.dataoffsets, page.databytecounts
+    is_whole = len(starts) == len(counts) > 0 and max(map(sum, zip(starts, counts, strict=True))) <= size
+    fault = "" if is_whole else "the TIFF page is cut off"
+    header = ImageHeader(page.imagelength, page.imagewidth, bits, "TIFF", path, number, page.compression != 1, fault)
+    return _checked(header, (8, 16) if is_colour or several else (8, 10, 12, 14, 16))
 
 
 def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageFiles", Floats]:
@@ -44,25 +206,34 @@ def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageF
     named = exact or lossy
     if not named:
         raise SourceError(folder, f"the folder holds no image ({', '.join(SUFFIXES + LOSSY)})")
-    hint = f"Put only the images of one film into the folder. {_COUNT}"
     words = [_NUMBER.sub("#", path.stem).lower() for path in named]
     other = next((k for k, of in enumerate(words) if of != words[0] and words.count(of) > 1), None)
     if other is not None and words.count(words[0]) > 1:
         text = f"belongs to another film than {named[0].name}, as their names differ in more than their numbers"
-        raise SourceError(named[other], text, hint=hint)
+        raise SourceError(named[other], text, hint=_ONE_FILM)
     numbered = sorted(zip(_numbers(named), named, strict=True))
     numbers = np.array([number for number, _ in numbered])
     steps = np.diff(numbers)
     twice = np.flatnonzero(steps == 0)
     if len(twice):
         (number, first), (_, second) = numbered[twice[0]], numbered[twice[0] + 1]
-        raise SourceError(second, f"number {number} occurs twice, also in {first.name}", hint=hint)
-    paths = [path for _, path in numbered]
-    read_all = [_header(path) for path in paths]
-    whole = next((header for header in read_all if isinstance(header, ImageHeader)), None)
-    if whole is None:
-        raise next(error for error in read_all if isinstance(error, CutOffError))
-    headers = [each if isinstance(each, ImageHeader) else whole._replace(fault=each.message) for each in read_all]
+        raise SourceError(second, f"number {number} occurs twice, also in {first.name}", hint=_ONE_FILM)
+    headers: list[ImageHeader] = []
+    cut: dict[int, CutOffError] = {}
+    for place, (_, path) in enumerate(numbered):
+        try:
+            found = read_headers(path)
+        except CutOffError as found_cut:
+            cut[place] = found_cut
+            continue
+        if len(found) != 1:
+            hint = "Name this file itself as the film, or export one image per file."
+            raise SourceError(path, f"holds {len(found)} images, expected one per file", hint=hint)
+        headers += found
+    if not headers:
+        raise cut[0]
+    for place, cut_off in cut.items():
+        headers.insert(place, headers[0]._replace(path=numbered[place][1], fault=cut_off.message))
     left_out = [path for path in lossy if exact and is_numbered(path)]
     if any(each.kind == "JPEG" for each in headers):
         text = "JPEG images have their levels baked in (gain, brightness, gamma), so their intensities are not "
@@ -80,13 +251,7 @@ def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageF
         after = int(numbers[int(np.flatnonzero(steps > usual)[0])])
         text = f"{'1 image is' if missing == 1 else f'{missing} images are'} missing, the first after number {after}; "
         warn_of(folder.name, text + "times follow the numbers, so the film has gaps")
-    places = [_Place(path, 0, header) for path, header in zip(paths, headers, strict=True)]
-    return ImageFiles(folder, places, channel), numbers.astype(float)
-
-
-def pages(path: Path, channel: Channel | None = None) -> "ImageFiles":
-    """Open the pages of a TIFF, or the one image of another file."""
-    return ImageFiles(path, [_Place(path, i, header) for i, header in enumerate(read_headers(path))], channel)
+    return ImageFiles(folder, headers, channel), numbers.astype(float)
 
 
 def _numbers(paths: Sequence[Path]) -> list[int]:
@@ -94,55 +259,33 @@ def _numbers(paths: Sequence[Path]) -> list[int]:
 
     Names may end in a number that holds for the whole film, such as its frame rate or its bits, and may hold the times
     of a clock. The numbers of frames are multiples of one step apart; times of a clock are rounded, and do not count.
+    A minus sign counts only where other names have a plus, or where it cannot be a hyphen of words.
     """
     has_plus = any(match.group()[0] == "+" for path in paths for match in _NUMBER.finditer(path.stem))
-    found = [[_signed(path.stem, match, has_plus) for match in _NUMBER.finditer(path.stem)] for path in paths]
-    unnumbered = next((path for path, values in zip(paths, found, strict=True) if not values), None)
-    if unnumbered is not None:
-        raise SourceError(
-            unnumbered,
-            "the image has no number in its name, so its place in the film is unknown",
-            hint="Name images like frame_0001.png; move what is no image of the film out of the folder.",
-        )
-    shared = min(map(len, found))
-    columns = [[values[-k] for values in found] for k in range(1, shared + 1)]
-    wholly = [tuple(values[-shared:]) for values in found]
+    rows: list[list[int]] = []
+    for path in paths:
+        rows.append([])
+        for match in _NUMBER.finditer(path.stem):
+            is_word = not has_plus and match.start() > 0 and path.stem[match.start() - 1].isalnum()
+            rows[-1].append(int(match.group().lstrip("-") if is_word else match.group()))
+        if not rows[-1]:
+            text = "the image has no number in its name, so its place in the film is unknown"
+            hint = "Name images like frame_0001.png; move what is no image of the film out of the folder."
+            raise SourceError(path, text, hint=hint)
+    shared = min(map(len, rows))
+    wholly = [tuple(values[-shared:]) for values in rows]
+    columns = [[values[-k] for values in rows] for k in range(1, shared + 1)]
     varying = [column for column in columns if len(set(column)) > 1] or columns[:1]
-    counted = next((column for column in varying if _counts(column, wholly)), None)
-    if counted is None and len(set(varying[0])) == len(found):
+    for column in varying:
+        order = sorted(range(len(column)), key=column.__getitem__)
+        steps = np.diff(np.array([column[i] for i in order], dtype=object))
+        is_even = not len(steps) or bool(min(steps) > 0 and not any(steps % min(steps)))
+        if is_even and order == sorted(order, key=wholly.__getitem__):
+            return column
+    if len(set(varying[0])) == len(rows):
         text = f"no number in the names counts the frames, as times of a clock do not; before it comes {paths[0].name}"
         raise SourceError(paths[-1], text, hint=_COUNT)
-    return counted or varying[0]
-
-
-def _counts(column: list[int], wholly: list[tuple[int, ...]]) -> bool:
-    """Whether numbers are multiples of one step apart, and in the order of all numbers of their names."""
-    order = sorted(range(len(column)), key=column.__getitem__)
-    steps = np.diff(np.array([column[i] for i in order], dtype=object))
-    is_even = not len(steps) or bool(min(steps) > 0 and not any(steps % min(steps)))
-    return is_even and order == sorted(order, key=wholly.__getitem__)
-
-
-def _header(path: Path) -> ImageHeader | CutOffError:
-    """Return the header of a file's one image, or why there is none."""
-    try:
-        headers = read_headers(path)
-    except CutOffError as error:
-        return error
-    if len(headers) != 1:
-        raise SourceError(
-            path,
-            f"holds {len(headers)} images, expected one per file",
-            hint="Name this file itself as the film, or export one image per file.",
-        )
-    return headers[0]
-
-
-def _signed(stem: str, found: "re.Match[str]", has_plus: bool) -> int:
-    """Read the number; a minus sign counts only where other names have a plus, or it cannot be a hyphen of words."""
-    text = found.group()
-    is_hyphen = text.startswith("-") and not has_plus and found.start() > 0 and stem[found.start() - 1].isalnum()
-    return int(text.removeprefix("-") if is_hyphen else text)
+    return varying[0]
 
 
 class ImageFiles:
@@ -151,29 +294,28 @@ class ImageFiles:
     ``path`` is the folder or file that warnings name; ``channel`` is the one that is taken of colours.
     """
 
-    def __init__(self, path: Path, places: Sequence[_Place], channel: Channel | None) -> None:
-        first = places[0].header
-        other = next((place for place in places if place.header[:3] != first[:3]), None)
-        if other is not None:
-            rows, columns, bits, *_ = other.header
-            text = f"{f'image {other.page + 1}: ' if other.page else ''}{columns} × {rows} px of {bits} bits, but the "
-            text += f"first of the film has {first.columns} × {first.rows} px of {first.bits} bits"
-            raise SourceError(other.path, text, hint=f"Put only the images of one film into the folder. {_COUNT}")
-        self._path, self._places, self._channel = path, places, channel
+    def __init__(self, path: Path, headers: Sequence[ImageHeader], channel: Channel | None) -> None:
+        first = headers[0]
+        for one in headers:
+            if one[:3] != first[:3]:
+                text = f"{f'image {one.page + 1}: ' if one.page else ''}{one.columns} × {one.rows} px of {one.bits} "
+                text += f"bits, but the first of the film has {first.columns} × {first.rows} px of {first.bits} bits"
+                raise SourceError(one.path, text, hint=_ONE_FILM)
+        self._path, self._headers, self._channel = path, headers, channel
         self._faults: dict[int, str] = {}
-        cut = [i for i, place in enumerate(places) if place.header.fault]
+        cut = [i for i, one in enumerate(headers) if one.fault]
         self._warn(cut, "not whole")
         self._n_warned = len(cut)
-        self._pages = _Pages(path) if places[-1].page else None
+        self._pages = _Pages(path) if headers[-1].page else None
 
     @property
     def size(self) -> tuple[int, int]:
         """Rows and columns."""
-        return self._places[0].header[:2]
+        return self._headers[0][:2]
 
     def __len__(self) -> int:
         """Return the number of images."""
-        return len(self._places)
+        return len(self._headers)
 
     @cached_property
     def valid(self) -> Flags:
@@ -189,21 +331,27 @@ class ImageFiles:
         """Warn of images without a value, as after a copy that broke off."""
         if not bad:
             return
-        first, count = self._places[bad[0]], len(self._places)
-        is_one = len({place.path for place in self._places}) == 1
-        which = f"image {bad[0] + 1}" if is_one else first.path.name
+        count, is_one = len(self), len({one.path for one in self._headers}) == 1
+        which = f"image {bad[0] + 1}" if is_one else self._headers[bad[0]].path.name
         verb, named = ("is", which) if len(bad) == 1 else ("are", f"the first {which}")
         text = f"{len(bad)} of {count} images {verb} {how} and left out, {named}: {self.fault(bad[0])}. "
         warn_of(self._path.name, text + "Copy the film from the camera again", category=IncompleteFilmWarning)
 
     def fault(self, index: int) -> str:
-        """Say why an image cannot be decoded, or ""."""
+        """Say why an image cannot be decoded, or "".
+
+        Of a PNG that contradicts its checksums a decoder would return nothing, or other pixels than were taken.
+        """
         if index not in self._faults:
-            place = self._places[index]
-            said = place.header.fault
-            if not said and place.header.kind == "PNG":
-                said = checksum_fault(place.path)
-            elif not said and place.header.is_compressed and self._decoded(place) is None:
+            header = self._headers[index]
+            said = header.fault
+            if not said and header.kind == "PNG":
+                try:
+                    with Image.open(header.path) as image:
+                        image.verify()
+                except _UNREADABLE as error:
+                    said = f"the PNG contradicts its checksums: {error}"
+            elif not said and header.is_compressed and self._decoded(header) is None:
                 said = "its compressed pixels cannot be decoded"
             self._faults[index] = said
         return self._faults[index]
@@ -211,7 +359,7 @@ class ImageFiles:
     @cached_property
     def levels(self) -> tuple[float, float]:
         """Range of the bits in use: cameras of 10 to 14 bits fill the lower or the upper bits of 16."""
-        bits = self._places[0].header.bits
+        bits = self._headers[0].bits
         sound = np.flatnonzero(self.valid) if bits == 16 else np.empty(0, int)
         if not sound.size:
             return 0.0, float(2**bits - 1)
@@ -224,31 +372,24 @@ class ImageFiles:
 
     def whole(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one image."""
-        place = self._places[index]
+        header = self._headers[index]
         if fault := self.fault(index):
-            raise SourceError(place.path, fault, hint="Use the frames marked in `.valid`.")
-        image = self._decoded(place)
+            raise SourceError(header.path, fault, hint="Use the frames marked in `.valid`.")
+        image = self._decoded(header)
         if image is None or image.shape[:2] != self.size:
             found = "nothing" if image is None else f"an image of shape {image.shape}"
-            hint = "Export it again, as PNG or as a TIFF without compression."
-            raise SourceError(place.path, f"decodes to {found}, expected {self.size}", hint=hint)
-        allowed = ROUNDED * (place.header.kind == "JPEG")
-        return one_intensity(image, allowed, place.path, "the image", self._channel)
+            raise SourceError(header.path, f"decodes to {found}, expected {self.size}", hint=_EXPORT)
+        return one_intensity(image, ROUNDED * (header.kind == "JPEG"), header.path, "the image", self._channel)
 
-    def _decoded(self, place: _Place) -> NDArray[Any] | None:
-        return _decode(place) if self._pages is None else self._pages[place.page]
-
-
-def _decode(place: _Place) -> NDArray[Any] | None:
-    data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
-    if place.header.turned:  # images stay as the sensor has them, however the camera was held
-        data[place.header.turned : place.header.turned + 2] = (1, 0) if data[0] == ord("I") else (0, 1)
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    if image is None:
-        return None
-    # packed pixels are decoded to the upper bits of 16
-    unused = 16 - place.header.bits if image.dtype == np.uint16 else 0
-    return np.right_shift(image, unused) if unused else np.asarray(image)
+    def _decoded(self, header: ImageHeader) -> NDArray[Any] | None:
+        if self._pages is not None:
+            return self._pages[header.page]
+        data = np.fromfile(header.path, np.uint8)  # names of any letters; imread takes ASCII only
+        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+        # packed pixels are decoded to the upper bits of 16
+        if image is not None and image.dtype == np.uint16 and header.bits < 16:
+            return np.right_shift(image, 16 - header.bits)
+        return image
 
 
 class _Pages:
@@ -261,7 +402,7 @@ class _Pages:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of fields that are not needed
                 self._lock, self._image = Lock(), Image.open(stream)
-        except UNREADABLE:
+        except _UNREADABLE:
             raise SourceError(path, "its pages cannot be decoded", hint="Export one image per file.") from None
 
     def __getitem__(self, index: int) -> NDArray[Any] | None:
@@ -271,7 +412,7 @@ class _Pages:
                 self._image.seek(index)
                 shown = self._image.convert("RGB") if self._image.mode in ("P", "RGBA") else self._image
                 image = np.asarray(shown)
-        except UNREADABLE:
+        except _UNREADABLE:
             return None
         # as OpenCV decodes: blue, green, red
         return np.array(image[..., ::-1] if image.ndim == 3 else image)

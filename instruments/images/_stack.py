@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from instruments._stored_film import StoredFrames
 from instruments.images import SUFFIXES, is_tiff
-from instruments.images._colours import CHANNELS, Channel
-from instruments.images._files import ImageFiles, folder_images, pages
+from instruments.images._files import CHANNELS, Channel, ImageFiles, folder_images, read_headers
 from instruments.images._video import Video
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
@@ -69,11 +68,9 @@ def read(
     pictures: ImageFiles | Video
     if path.is_dir():
         pictures, numbers = folder_images(path, channel)
-    elif path.suffix.lower() in SUFFIXES or is_tiff(first_bytes(path, 8)):
-        pictures = pages(path, channel)
-        numbers = np.arange(len(pictures), dtype=float)
     else:
-        pictures = Video(path, channel)
+        is_image = path.suffix.lower() in SUFFIXES or is_tiff(first_bytes(path, 8))
+        pictures = ImageFiles(path, read_headers(path), channel) if is_image else Video(path, channel)
         numbers = np.arange(len(pictures), dtype=float)
     film = ExportedFrames(pictures, (numbers - numbers[0]) / fps, exposure)
     first = next((i for i in range(len(film)) if not pictures.fault(i)), None)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.images._colours import ROUNDED, SMOOTHED, Channel, one_intensity
+from instruments.images._files import ROUNDED, SMOOTHED, Channel, one_intensity
 from labpipe.arrays import Flags
 from labpipe.errors import SourceError, SourceWarning, warn_of
 from labpipe.frames import IncompleteFilmWarning, SmoothedFilmWarning

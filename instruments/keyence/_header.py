@@ -70,13 +70,11 @@ class Header:
     times: int | None
     time_unit: str
 
-    def readings(self, lines: Iterable[str], times: list[str], path: Path) -> Iterator[str]:
-        """Pass on the cells of each row that are read, and collect its time."""
+    def readings(self, lines: Iterable[str], path: Path) -> Iterator[str]:
+        """Pass on the cells of each row that are read."""
         for number, line in enumerate(lines, self.n_lines + 1):
             cells = line.split(self.delimiter)
             check_width(line, cells, self.n_cells, self.delimiter, path=path, line_number=number)
-            if self.times is not None:
-                times.append(cells[self.times].strip(' "'))
             yield self.delimiter.join(cells[index] for index in self.kept)
 
 

@@ -27,12 +27,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from instruments._clock import even_interval, moment
-from instruments.keyence._header import CLOCK, Header, is_length_or_volts, parse_header
+from instruments._clock import moment
+from instruments.keyence._header import CLOCK, Header, is_length_or_volts, parse_header, split_cells
 from instruments.keyence._markers import Status, layout, marker_status
 from instruments.keyence._rows import Rows, read_rows
 from instruments.keyence._writer import DEVICE, output_variables
-from labpipe.arrays import Floats
 from labpipe.errors import UNSAID, InputError, SourceError, warn_of
 from labpipe.text import Limits, TextFile, check_decimal, shorten, survey
 from labpipe.units import Quantity, quantity, unit
@@ -41,11 +40,7 @@ from labpipe.variables import variable
 _CODECS = ("cp932", "cp1252", "gbk")  # tried in this order without a byte order mark where it is not UTF-8
 _HEADER_LINES = 400  # above the first row of readings; a header is a few dozen lines at most
 _SATURATION = 10.0  # V, the end of the controller's output; its alarm voltage is not documented
-_END = re.compile(r"\[?/?(?:end|eof)(?: of (?:file|data))?\]?", re.IGNORECASE)
-_OF_A_ROW = frozenset("0123456789+-")
-_LETTER = re.compile(r"\"?[^\W\d_]")
 _SHORTEST, _LONGEST = 1e-7, 86400.0  # s; the time between samples of any sensor of this family
-_DAY = 86400.0
 
 
 class _Given(NamedTuple):
@@ -123,18 +118,41 @@ def read(
     )
     codecs = (encoding,) if encoding else _CODECS
     source, header, unit_texts, stream = _open(Path(path), given, codecs, limits or Limits())
-    lines, times = _complete_rows(source, stream, header, allow_incomplete), list[str]()
+    if header.times is not None:
+        return _with_times(source.path, header, unit_texts, next(stream), given, allow_incomplete)
+    lines = _complete_rows(source, stream, header, allow_incomplete)
     if len(header.kept) < header.n_cells:
-        lines = header.readings(lines, times, source.path)
+        lines = header.readings(lines, source.path)
     rows = read_rows(source.path, header, lines, decimal)
     _check_rows(source, header, rows, allow_incomplete)
-    if len(times) > 1:
-        sampling, factor = _interval_of_times(source.path, header, times, given)
-    else:
-        sampling = _stated_cycle(source.path, header, given.cycle)
-        is_given = given.cycle is not None
-        factor = _stated_storage(source.path, header, storage_factor, sampling, is_cycle_given=is_given)
+    sampling = _stated_cycle(source.path, header, given.cycle)
+    is_given = given.cycle is not None
+    factor = _stated_storage(source.path, header, storage_factor, sampling, is_cycle_given=is_given)
     return _assemble(source, header, unit_texts, rows, sampling, factor)
+
+
+def _with_times(
+    path: Path, header: Header, unit_texts: Sequence[str], row: str, given: _Given, allow_incomplete: bool
+) -> xr.Dataset:
+    """Read a table whose rows carry their times, as a recorder writes it: a trace of two named columns."""
+    from instruments import tables
+
+    place = header.times or 0
+    is_of_day = CLOCK.fullmatch(split_cells(row, header.delimiter)[place]) is not None
+    if is_of_day or len(header.outputs) != 1:
+        text = f"the rows carry times of day, or times and {len(header.outputs)} outputs"
+        hint = 'Name the columns that are wanted: columns = { time = "Time (s)", displacement = "OUT1 (mm)" }.'
+        raise SourceError(path, text, line=header.n_lines + 1, hint=hint)
+    cycle = None
+    if given.cycle is not None or {"cycle", "storage"} <= header.entries.keys():
+        stated = _stated_cycle(path, header, given.cycle)
+        factor = _stated_storage(path, header, given.storage_factor, stated, is_cycle_given=True)
+        cycle = Quantity(stated * factor, 0.0, "s")
+    columns = {
+        "time": {"column": place + 1, "unit": header.time_unit},
+        "displacement": {"column": header.kept[-1] + 1, "unit": unit_texts[0]},
+    }
+    return tables.read(path, columns=columns, cycle=cycle, decimal=given.decimal, allow_incomplete=allow_incomplete)
 
 
 def _open(
@@ -163,26 +181,14 @@ def _open(
 
 
 def _complete_rows(source: TextFile, stream: Iterator[str], header: Header, allow_incomplete: bool) -> Iterator[str]:
-    """Pass the rows on; leave out blank lines and statistics at the end; refuse or drop a cut last line."""
-    number = header.n_lines
+    """Pass the rows on; leave out blank lines at the end; refuse or drop a cut last line."""
     blank = 0
-    for line in stream:
-        number += 1
-        if line[:1] in _OF_A_ROW and not blank and number < source.n_lines:  # nearly all lines
-            yield line
-            continue
+    for number, line in enumerate(stream, header.n_lines + 1):
         if not line.strip():
-            blank += 1
+            blank = blank or number
             continue
-        if _END.fullmatch(line.strip(' "\t;,')) is not None or (blank > 0 and _LETTER.match(line) is not None):
-            for below, other in enumerate(stream, number + 1):  # maxima and means may follow; rows may not
-                if other.strip() and not _LETTER.match(other):
-                    text = f"found {shorten(other)} below the end of the rows on line {number}"
-                    hint = "Two exports were joined: split the file."
-                    raise SourceError(source.path, text, line=below, column=1, hint=hint)
-            return
         if blank:
-            raise SourceError(source.path, "an empty line between two rows", line=number - blank, column=1)
+            raise SourceError(source.path, "an empty line between two rows", line=blank, column=1)
         if number == source.n_lines and not source.is_ended and not _is_stated(source, header, line, number):
             message = f"the last line is cut, it has no line end: {shorten(line)}"
             if not allow_incomplete:
@@ -265,7 +271,7 @@ def _assemble(
         "source": source.path.name,
         "layout": "assumed",
         "start": "" if start is None else start.isoformat(),
-        "clock": "none: a counter of samples" if header.times is None else "times of the rows",
+        "clock": "none: a counter of samples",
         "sampling_cycle": cycle,
         "storage_factor": factor,
         "sampling_interval": cycle * factor,
@@ -357,66 +363,6 @@ def _stated_storage(path: Path, header: Header, given: int | None, cycle: float,
     if given is not None and given != round(factor):
         raise _contradiction(path, "storage_factor", line, round(factor), given)
     return round(factor)
-
-
-def _interval_of_times(path: Path, header: Header, texts: Sequence[str], given: _Given) -> tuple[float, int]:
-    """Return the sampling cycle in s and the storage factor of a file whose rows carry their times.
-
-    Raises
-    ------
-    SourceError
-        The times are uneven, have no unit, or contradict the cycle.
-    """
-    has_cycle = given.cycle is not None or "cycle" in header.entries
-    first_line, unsaid = header.n_lines + 1, not header.time_unit and ":" not in texts[0]
-    if unsaid and not has_cycle:
-        hint = 'Name the column "Time [s]" (or ms, us), or give the time between rows: cycle="50 us".'
-        raise SourceError(path, "the file does not say the unit of its times", line=header.n_lines, hint=hint)
-    cycle = _stated_cycle(path, header, given.cycle) if has_cycle else 0.0
-    for each in ("s", "ms", "us") if unsaid else (header.time_unit,):
-        time, resolution = _seconds(texts, each, path, first_line)
-        interval = even_interval(path, time, resolution, range(first_line, first_line + time.size))
-        if not has_cycle:
-            return interval, 1
-        factor = max(round(interval / cycle), 1)
-        if "storage" in header.entries or given.storage_factor is not None:
-            factor = _stated_storage(path, header, given.storage_factor, cycle, is_cycle_given=True)
-        if abs(interval - cycle * factor) <= 2.0 * resolution / (len(texts) - 1) + 1e-6 * interval:
-            return cycle, factor
-    raise SourceError(
-        path,
-        f"the times are {interval:.6g} s apart, by the sampling cycle it is {cycle * factor:.6g} s",
-        line=header.entries["cycle"][0] if "cycle" in header.entries else first_line,
-        hint="Correct the cycle, or the unit of the times.",
-    )
-
-
-def _seconds(texts: Sequence[str], unit_text: str, path: Path, first_line: int) -> tuple[Floats, float]:
-    """Return the times of all rows [s] from the first, over midnight too, and the last decimal written [s]."""
-    factor = 1.0
-    if unit_text:
-        try:
-            factor = unit(unit_text).factor if unit(unit_text).si == "s" else np.nan
-        except InputError:
-            factor = np.nan
-        if not factor > 0:
-            raise SourceError(path, f"found times in {shorten(unit_text)}, expected s, ms or us", line=first_line - 1)
-    found, decimals = np.empty(len(texts)), 0
-    for row, text in enumerate(texts):
-        clock = CLOCK.fullmatch(text)
-        last = (clock[3] if clock else text).replace(",", ".")
-        try:
-            value = float(last)
-        except ValueError:
-            value = np.nan
-        if not np.isfinite(value):
-            raise SourceError(path, f"found {shorten(text)}, expected a time", line=first_line + row)
-        found[row] = int(clock[1]) * 3600 + int(clock[2]) * 60 + value if clock else value
-        decimals = max(decimals, len(last.partition(".")[2]) if last[-1].isdigit() else 0)
-    time = (found - found[0]) * factor
-    if CLOCK.fullmatch(texts[0]):
-        time += _DAY * np.cumsum(np.diff(time, prepend=0.0) < -_DAY / 2)
-    return time, factor * 10.0**-decimals
 
 
 def _stated_count(path: Path, header: Header, meaning: str) -> int | None:

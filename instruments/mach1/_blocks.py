@@ -16,7 +16,6 @@
 Everything that departs from it is refused with file, line and column.
 """
 
-import csv
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -34,7 +33,6 @@ DIVIDER = "<divider>"
 _STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
 END_DATA = "<END DATA>"
 _TAG = re.compile(r"<([^<>\t]+)>\s*")
-_SEPARATED = re.compile(r'"?<Mach-1 File>"?([,;])')
 _COPY_AGAIN = (
     "The recording stopped, or the file was copied before it was complete: copy it again, or "
     "read the readings that are there with allow_incomplete=True."
@@ -157,7 +155,6 @@ class Cursor:
         self.number = 0
         self.line: str | None = None
         self._lines = source.lines()
-        self._delimiter = "\t"
         self.advance()
 
     def advance(self) -> None:
@@ -166,22 +163,10 @@ class Cursor:
         if self.line is None:
             return
         self.number += 1
-        if self.number == 1 and (separated := _SEPARATED.match(self.line)):
-            self._delimiter = separated[1]
-        if self._delimiter != "\t" or '"' in self.line:
-            self.line = self._as_written(self.line)
         is_last = self.number == self.source.n_lines
         if is_last and not self.source.is_ended and self.line.rstrip() != END_DATA:
             # A number that lost its last digits still reads as a number: never use such a line.
             self.cut, self.line = self.line, None
-
-    def _as_written(self, line: str) -> str:
-        """Undo the changes of a spreadsheet: quotes around cells, other signs between them, empty cells at the end."""
-        try:
-            cells = next(csv.reader([line], delimiter=self._delimiter, strict=True), [])
-        except csv.Error:  # a lone quote is damage, to be found where the cell is read
-            return line
-        return "\t".join(cells).rstrip("\t")
 
     def rows(self) -> Iterator[str]:
         """Go on to the next line that starts with a tag."""
@@ -245,7 +230,8 @@ def parse(source: TextFile, options: Options) -> list[Block]:
     if tag_of(cursor.line) != "Mach-1 File":
         raise cursor.error(
             f"found {shorten(cursor.line or cursor.cut or '')}, expected {TITLE}",
-            hint="Mach-1 Motion text files begin with this line; the file is something else.",
+            hint="Mach-1 Motion text files begin with this line; take the file as the program wrote it, not one that "
+            "a spreadsheet saved.",
         )
     cursor.advance()
     blocks: list[Block] = []
@@ -412,11 +398,8 @@ def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> Floats:
         if len(lines) == _BATCH:
             cursor.advance()
             break
-    if lines[0].endswith("\t"):  # a spreadsheet pads short rows with empty cells
-        lines = [line.rstrip("\t") for line in lines]
-    return parse_rows(
-        lines, n_columns, "\t", path=cursor.source.path, first_line=first, signs=Separators(options.decimal, "")
-    )
+    signs = Separators(options.decimal, "")
+    return parse_rows(lines, n_columns, "\t", path=cursor.source.path, first_line=first, signs=signs)
 
 
 def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]], options: Options) -> None:

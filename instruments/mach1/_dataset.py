@@ -33,7 +33,6 @@ DEVICE = "Biomomentum Mach-1"
 
 MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _DATE = re.compile(r"(?:[A-Za-z]{3}, )?([A-Za-z]{3}) ([0-9]{1,2}), ([0-9]{4})")
-_CELL, _WITH_COMMA = re.compile(r"-?[0-9]+([.,][0-9]+)?"), re.compile(r"-?[0-9]+,[0-9]{4,}")
 
 #: Compression times this sign is the force of the file, by the type of load cell.
 COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}
@@ -53,9 +52,8 @@ def read(
     ----------
     path : path-like
         The file.
-    decimal : str
-        ``","`` for a file that a spreadsheet has rewritten; the instrument writes a dot. By default
-        a comma is taken where the first row of readings has it with more digits than thousands have.
+    decimal : str, optional
+        ``","`` for a file in which dots were replaced; the instrument writes a dot.
     allow_incomplete : bool
         Read a file that stops early; its last block is marked, its cut row dropped, and a warning
         given. By default such a file is refused.
@@ -87,31 +85,25 @@ def read(
     """
     check_decimal(decimal)
     source = survey(path, declared=("latin-1",), limits=limits or Limits())
-    if decimal is None:
-        rows = ([cell.strip('"') for cell in re.split("[\t;]", line.strip())] for line in source.lines())
-        first = next((cells for cells in rows if len(cells) > 1 and all(map(_CELL.fullmatch, cells))), [])
-        decimal = "," if any(map(_WITH_COMMA.fullmatch, first)) else "."
-    blocks = parse(source, Options(decimal, allow_incomplete, allow_gaps))
+    blocks = parse(source, Options(decimal or ".", allow_incomplete, allow_gaps))
     unknown = [str(number) for number, block in enumerate(blocks) if not start_of(block)]
     if unknown:
         text = f"date and time of block {', '.join(unknown)} are not of the form "
         text += '"Wed, Jul 19, 2023" and "12:14:21.065"; the start is left empty'
         warn_of(source.path, text)
-    dataset = assemble(blocks, decimal)
+    dataset = assemble(blocks)
     work = {"bytes_read": source.size, "blocks": len(blocks), "rows_read": int(dataset.sizes["sample"])}
     dataset.attrs |= {"source": Path(path).name, "encoding": source.encoding, "work": json.dumps(work)}
     return dataset
 
 
-def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
+def assemble(blocks: Sequence[Block]) -> xr.Dataset:
     """Join blocks to one Dataset in SI, of the form that :func:`read` returns.
 
     Parameters
     ----------
     blocks : sequence of Block
         As parsed, or made by :func:`make_block`.
-    decimal : str
-        Of numbers in the header that are kept as text.
 
     Raises
     ------
@@ -141,7 +133,7 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
             "\n".join(["<INFO>", *block.info_lines, "<END INFO>", f"<{block.function}>", *block.parameter_lines])
             for block in blocks
         ),
-        "blocks": json.dumps([_describe(block, decimal) for block in blocks], ensure_ascii=False),
+        "blocks": json.dumps([_describe(block) for block in blocks], ensure_ascii=False),
         "start": start_of(blocks[0]),
         "clock": "local wall clock without a zone",
         "incomplete": int(not all(block.is_complete for block in blocks)),
@@ -233,7 +225,7 @@ def start_of(block: Block) -> str:
     return "" if start is None else start.isoformat(timespec="milliseconds")
 
 
-def _describe(block: Block, decimal: str) -> dict[str, Any]:
+def _describe(block: Block) -> dict[str, Any]:
     """Put the whole description of a block into plain JSON types; NaN is None."""
     info = dict(block.info)
     keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
@@ -265,7 +257,7 @@ def _describe(block: Block, decimal: str) -> dict[str, Any]:
         "dividers": block.dividers,
         "sampling_interval": None if math.isnan(interval := _interval(block)) else interval,
         "load_cell": {key.lower().replace(" ", "_"): info.get(f"Load Cell {key}") for key in keys},
-        "filter": _filter(info, decimal),
+        "filter": _filter(info),
         "images_folder": info.get("Captured Images Folder"),
         "compression_sign": _compression_sign(block),
         "has_data": block.has_data,
@@ -273,12 +265,12 @@ def _describe(block: Block, decimal: str) -> dict[str, Any]:
     }
 
 
-def _filter(info: Mapping[str, str], decimal: str) -> dict[str, float | int] | None:
+def _filter(info: Mapping[str, str]) -> dict[str, float | int] | None:
     """Order and cutoff [Hz] of the low-pass, or None when the header declares none."""
     if info.get("Load Cell Low-pass filter") != "Yes":
         return None
     order = info.get("Load Cell Low-pass filter Order", "")
-    cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "").replace(decimal, ".")
+    cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "").replace(",", ".")
     if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
         return {"order": int(order), "cutoff": float(cutoff)}
     stated = f"of order {shorten(order)} and cutoff {shorten(cutoff)} Hz"

@@ -145,28 +145,18 @@ def _stated_interval(header: Header) -> float | None:
 def _impossible(ticks: Integers, interval: float) -> Flags:
     """Mark the stamps that contradict the others.
 
-    The largest number of stamps that follow each other in order is believed. Of those, a stamp beyond any pause of a
-    recording is not, nor is a single one far from all others: damaged stamps are so, while a burst has more than one
-    frame.
+    The largest number of stamps that follow each other in order is believed, but for a first or last one that is
+    farther from the others than any pause of a recording.
     """
     seconds = np.asarray(ticks * _UNIT, np.float64)
-    slack = np.arange(ticks.size) * max(_TOLERANCE, _SHARE * interval)
-    left = np.arange(ticks.size)
-    while True:
-        good = max(_split(left[longest_order((seconds + slack)[left])], seconds, _CLOCK_LIMIT), key=len)
-        bursts = _split(good, seconds, max(_PAUSE, ticks.size * interval * _LONE))
-        lone = [burst[0] for burst in bursts if len(burst) == 1]
-        if not lone or len(lone) == len(bursts):
-            break
-        left = np.setdiff1d(left, lone)  # without these, stamps that contradicted them may be in order
+    good = np.flatnonzero(longest_order(seconds + np.arange(ticks.size) * max(_TOLERANCE, _SHARE * interval)))
+    for inner, end in ((slice(1, None), 0), (slice(None, -1), -1)):
+        steps = np.diff(seconds[good])
+        if good.size > 2 and steps[end] > max(_PAUSE, _LONE * float(np.ptp(seconds[good[inner]]))):
+            good = good[inner]
     bad = np.ones(ticks.size, dtype=bool)
     bad[good] = False
     return bad
-
-
-def _split(frames: Integers, seconds: Floats, longest: float) -> list[Integers]:
-    """Part frames where the step to the next is longer than it may be."""
-    return np.split(frames, np.flatnonzero(np.diff(seconds[frames]) > longest) + 1)
 
 
 def longest_order(values: Floats) -> Flags:

@@ -23,6 +23,7 @@ ABSENT = (
     "#value!", "#ref!", "*", "**", "***", "****", "?", "inf", "-inf", "infinity", "∞", "1.#inf", "-1.#ind", "over",
     "under", "overload", "n.d.", "k.a.",
     "-∞", *("#" * count for count in range(2, 16)),
+    "+fffffff", "-fffffff", "fffffff", "-------", "--------", "alarm",  # of Keyence sensors
 )  # fmt: skip
 _NUMERIC = re.compile(r"[+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?")
 _CLOCK = re.compile(
@@ -162,13 +163,13 @@ def blocks(lines: Sequence[tuple[int, str]]) -> list[Block]:
             before = lines[k - 1][1] if k else ""
             its = stated | stated_in_title(title) | (stated_in_title(before) if headings_of(before) is None else {})
             block = Block(number, named[0], title=title, facts=its, above=before)
-            k = _fill(block, lines, k + 1, named[1])
+            k = fill(block, lines, k + 1, named[1])
         elif last is not None and (  # a whole row below some words goes on with the table above them
-            len(cells(line, last.separator)) == max(last.widths) and _is_row(line, last, last.separator)
+            len(cells(line, last.separator)) == max(last.widths) and is_row(line, last, last.separator)
         ):
             above = stated_in_title(lines[k - 1][1])
             block = replace(last, rows=[], widths=[], facts=last.facts | stated | above)
-            k = _fill(block, lines, k, last.separator)
+            k = fill(block, lines, k, last.separator)
         if block is not None:
             in_step = False
             if block.rows or not found:
@@ -189,11 +190,11 @@ def columns_below(lines: Sequence[str]) -> Iterator[str]:
     yield TAB.join(match[1] for line in lines if (match := _SIGNAL.fullmatch(line)) is not None)
 
 
-def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:
+def fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:
     """Read units and rows of a table; return the index of the first line behind it."""
     ways = dict.fromkeys((separator, BLANKS))
     near = range(k, min(k + _BETWEEN, len(lines)))
-    first = next((i for i in near if any(_is_row(lines[i][1], block, way) for way in ways)), None)
+    first = next((i for i in near if any(is_row(lines[i][1], block, way) for way in ways)), None)
     if first is None:
         return k
     for number, line in lines[k:first]:
@@ -206,7 +207,7 @@ def _fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str
     while k < len(lines):
         number, line = lines[k]
         parts = cells(line, block.separator)
-        if not _is_row(line, block, block.separator) and not (
+        if not is_row(line, block, block.separator) and not (
             _is_damaged(parts, block) and headings_of(line) is None and not facts(line)
         ):
             break
@@ -252,7 +253,7 @@ def _separator_of_rows(line: str, block: Block, separator: str) -> str:
     return max(whole or numbers, key=lambda way: numbers[way])  # of equals the first
 
 
-def _is_row(line: str, block: Block, separator: str) -> bool:
+def is_row(line: str, block: Block, separator: str) -> bool:
     """Recognise a row of numbers: the known columns that a result may need hold numbers, or nothing."""
     way = TAB if TAB in line.strip() else separator if separator in _OF_ROWS else BLANKS
     known = [

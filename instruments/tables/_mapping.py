@@ -14,21 +14,31 @@ import re
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from instruments._quantities import SI_OF, TIMES, fits, quantity, slug, unit_of
+from instruments._quantities import SI_OF, TIMES, TRACES, fits, quantity, slug, unit_of
 from instruments.tables._headings import Heading, facts, is_begin, is_unit, parsed
-from instruments.tables._layout import ABSENT, BLANKS, COMMA, GAPS, SEMICOLON, TAB, cells, is_numeric
-from labpipe.errors import UNSAID, InputError, SourceError, warn_of
-from labpipe.text import listed, not_a_number, shorten
+from instruments.tables._layout import (
+    ABSENT,
+    BLANKS,
+    COMMA,
+    GAPS,
+    SEMICOLON,
+    TAB,
+    Block,
+    cells,
+    fill,
+    is_numeric,
+    is_row,
+)
+from labpipe.errors import UNSAID, InputError, SourceError
+from labpipe.text import not_a_number, shorten
 
 Columns = str | Mapping[str, Any]
 
-#: Quantities of a trace, beyond those of sweeps and responses, and the SI units that they may become.
-_OF_TRACES = {"displacement": ("m", "V"), "position": ("m",), "force": ("N",)}
 _WAYS = (TAB, SEMICOLON, COMMA, GAPS, BLANKS)
 _BRACKET = re.compile(r"[(\[{<]([^()\[\]{}<>]*)[)\]}>]")
 _UNITLESS = ("1",)
@@ -45,23 +55,6 @@ class Chosen:
     name: str
     column: str | int
     unit: str = ""
-
-
-@dataclass(slots=True)
-class Located:
-    """Where the named columns stand in a file, and their cells.
-
-    ``line`` is that of the headings (0 without them); ``units`` are as stated; ``rows`` hold the cells of the named
-    columns alone, with their line.
-    """
-
-    chosen: tuple[Chosen, ...]
-    line: int
-    separator: str
-    headings: list[str]
-    units: list[str]
-    rows: list[tuple[int, list[str]]] = field(default_factory=list)
-    facts: dict[str, tuple[float, str]] = field(default_factory=dict)
 
 
 def chosen(columns: Columns) -> tuple[Chosen, ...]:
@@ -100,9 +93,9 @@ def chosen(columns: Columns) -> tuple[Chosen, ...]:
 
 
 def _one(name: str, value: Any) -> Chosen:
-    known = name if name in _OF_TRACES else quantity(name)
-    if known is None or (known not in SI_OF and known not in _OF_TRACES):
-        names = ", ".join([*_OF_TRACES, *(n for n in SI_OF if n not in ("set", "b_T"))])
+    known = name if name in TRACES else quantity(name)
+    if known not in SI_OF:
+        names = ", ".join(n for n in SI_OF if n not in ("set", "b_T"))
         raise InputError(f'columns: "{name}" is no quantity; known are {names}')
     stated = value if isinstance(value, Mapping) else {"column": value}
     column, unit = stated.get("column"), stated.get("unit", "")
@@ -112,77 +105,78 @@ def _one(name: str, value: Any) -> Chosen:
             f"columns: {name} is given {value!r}; expected the heading of a column, its number from 1, or "
             '{ column = "Position", unit = "m" }'
         )
-    return Chosen(known, column, unit)  # type: ignore[arg-type]  # it is a text or a number
+    return Chosen(str(known), column, unit)  # type: ignore[arg-type]  # it is a text or a number
 
 
-def located(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, ...]) -> Located:
-    """Find the named columns among the lines of a file, and take their cells.
+def located(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, ...]) -> Block:
+    """Find the named columns among the lines of a file; the table that is returned holds them alone.
 
     Raises
     ------
     SourceError
         There is no such heading, a unit is missing or contradicts the file, or a cell is no number.
     """
-    found, start = _headings(path, lines, wanted)
-    places = [c.column - 1 if isinstance(c.column, int) else _at(found.headings, c.column) or 0 for c in wanted]
-    if found.line:
-        found.headings = [found.headings[k] if k < len(found.headings) else "" for k in places]
-    _settle_units(path, found, lines, start, places)
-    passed: list[int] = []
-    for number, line in lines[start:]:
-        parts = cells(line, found.separator)
-        own = [parts[k] if k < len(parts) else None for k in places]
-        if not any(cell is not None and is_numeric(cell) for cell in own):
-            if any(cell and cell.casefold() not in ABSENT for cell in parts) and found.rows:
-                passed.append(number)
-            elif not found.rows:
-                found.facts |= facts(line)
-            continue
-        for cell, k in zip(own, places, strict=True):
-            if cell is None:
-                text = f"found {len(parts)} cells, expected {max(places) + 1}"
+    start, separator, texts, line = _headings(path, lines, wanted)
+    places = [c.column - 1 if isinstance(c.column, int) else _at(texts, c.column) or 0 for c in wanted]
+    headings = [Heading(text, slug(text)) for text in texts]
+    for each, place in zip(wanted, places, strict=True):
+        headings[place] = Heading(texts[place], each.name, _stated_unit(texts[place], each.name), is_known=True)
+    block = Block(line, headings)
+    for _, text in lines[:start]:
+        block.facts |= facts(text)
+    k = fill(block, lines, start, separator)
+    if not block.rows:
+        raise SourceError(path, "found no row of numbers in the named columns", line=line or None)
+    if below := next((number for number, text in lines[k:] if is_row(text, block, block.separator)), None):
+        text = f"found {shorten(lines[k][1])}, and rows again from line {below}"
+        raise SourceError(path, text, line=lines[k][0], hint="Correct the line, or give each table a file of its own.")
+    for (number, row), width in zip(block.rows, block.widths, strict=True):
+        for place in places:
+            if place >= width:
+                text = f"found {width} cells, expected {max(places) + 1}"
                 raise SourceError(path, text, line=number, hint="A cell is missing; the file may be cut.")
-            if not is_numeric(cell) and cell.casefold() not in ABSENT:
-                at = sum(len(before) + 1 for before in parts[:k]) + 1
-                raise not_a_number(cell, path=path, line_number=number, column=at)
-        found.rows.append((number, [cell or "" for cell in own]))
-    passed = [number for number in passed if number < found.rows[-1][0]] if found.rows else []
-    if passed:
-        warn_of(path, f"{listed(passed)}: lines of words between the rows are passed over")
-    if not found.rows:
-        raise SourceError(path, "found no row of numbers in the named columns", line=found.line or None)
-    return found
+            if place < len(row) and not is_numeric(row[place]) and row[place].casefold() not in ABSENT:
+                at = sum(len(before) + 1 for before in row[:place]) + 1
+                raise not_a_number(row[place], path=path, line_number=number, column=at)
+    above = lines[:start][-_ABOVE:]
+    block.headings = [
+        _with_unit(path, each, block.headings[p], line, _in_header(above, each.name in TIMES, p, separator))
+        for each, p in zip(wanted, places, strict=True)
+    ]
+    block.rows = [(number, [row[p] if p < len(row) else "" for p in places]) for number, row in block.rows]
+    block.widths = [len(places)] * len(block.rows)
+    return block
 
 
-def _headings(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, ...]) -> tuple[Located, int]:
-    """Find the line that holds all named headings, and the index of the line behind it."""
+def _headings(
+    path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, ...]
+) -> tuple[int, str, list[str], int]:
+    """Find the line that holds all named headings.
+
+    Returns the index of the line behind it, the sign between its cells, the headings, and its number (0 without it).
+    """
     named = [each.column for each in wanted if isinstance(each.column, str)]
+    last = max((each.column for each in wanted if isinstance(each.column, int)), default=0)
     best: tuple[int, list[str], int] = (0, [], 0)
     for k, (number, line) in enumerate(lines):
         for way in ((TAB,) if TAB in line.strip() else _WAYS) if named else (_way_of_row(line),):
             parts = [part.strip('"') for part in cells(line, way)]
-            if not named:
-                last = max(each.column for each in wanted if isinstance(each.column, int))
-                if len(parts) < last or sum(map(is_numeric, parts)) < len(wanted):
-                    continue
+            if named:
+                hits = sum(_at(parts, text) is not None for text in named)
+                if hits == len(named):
+                    return k + 1, way, parts, number
+                if (hits > best[0] or (not best[1] and len(parts) > 1)) and not any(map(is_numeric, parts)):
+                    best = (hits, parts, number)
+            elif len(parts) >= last and sum(map(is_numeric, parts)) >= len(wanted):
                 for at in range(k - 1, max(k - 4, -1), -1):  # headings that are there count
                     if len(above := cells(lines[at][1], way)) >= last and _are_names(above, len(parts)):
-                        return Located(wanted, lines[at][0], way, above, []), at + 1
-                return Located(wanted, 0, way, [f"column {c.column}" for c in wanted], []), k
-            hits = sum(_at(parts, text) is not None for text in named)
-            if hits == len(named):
-                # The sign between the cells of the rows need not be that between the headings.
-                rows = (text for _, text in lines[k + 1 :] if any(map(is_numeric, cells(text, BLANKS))))
-                is_same = way in (TAB, SEMICOLON, COMMA) or len(cells(next(rows, ""), way)) >= min(len(parts), 2)
-                return Located(wanted, number, way if is_same else BLANKS, parts, []), k + 1
-            if (hits > best[0] or (not best[1] and len(parts) > 1)) and not any(map(is_numeric, parts)):
-                best = (hits, parts, number)
-    lost = next((text for text in named if _at(best[1], text) is None), "") if named else ""
+                        return at + 1, way, above, lines[at][0]
+                return k, way, [f"column {count}" for count in range(1, len(parts) + 1)], 0
+    lost = next((text for text in named if _at(best[1], text) is None), "")
     text = f"no column, or more than one, is called {shorten(lost)}" if named else "no row has as many columns"
     shown = f"; the headings are {', '.join(shorten(part) for part in best[1] if part)}" if best[1] else ""
-    raise SourceError(
-        path, text + shown, line=best[2] or None, hint="Write the heading as in the file, or the column's number."
-    )
+    hint = "Write the heading as in the file, or the column's number."
+    raise SourceError(path, text + shown, line=best[2] or None, hint=hint)
 
 
 def _way_of_row(line: str) -> str:
@@ -204,36 +198,35 @@ def _plain(text: str) -> str:
     return " ".join(unicodedata.normalize("NFKC", text).casefold().split())
 
 
-def _settle_units(
-    path: Path, found: Located, lines: Sequence[tuple[int, str]], start: int, places: Sequence[int]
-) -> None:
-    """Find the unit of every named column, and refuse one that contradicts the file or is none of the quantity."""
-    below = [cells(line, found.separator) for _, line in lines[start : start + 3]]
-    rows = [row for row in below if not any(map(is_numeric, row))] if found.line else []
-    for each, heading, place in zip(found.chosen, found.headings, places, strict=True):
-        if each.name not in TIMES and quantity(_BRACKET.sub("", heading)) in TIMES:
-            raise SourceError(path, f"{shorten(heading)} is a time, no {each.name.replace('_', ' ')}", line=found.line)
-        in_file = next((m for m in _BRACKET.findall(heading) if m.strip() and is_unit(m)), "")
-        head = parsed(heading)  # a unit behind a slash or a comma, of a quantity that is known by its heading
-        if head.is_known and fits(head.name, head.unit) and (head.name == each.name or each.name in TIMES):
-            in_file = in_file or head.unit
-        in_file = in_file or next((r[place] for r in rows if place < len(r) and r[place] and is_unit(r[place])), "")
-        in_file = in_file or _in_header(lines[:start][-_ABOVE:], each.name in TIMES, place, found.separator)
-        si = _OF_TRACES.get(each.name) or SI_OF[each.name]
-        unit = each.unit or in_file
+def _stated_unit(heading: str, name: str) -> str:
+    """Return the unit in a heading: in brackets or, of a quantity that is known by it, behind a slash or a comma."""
+    unit = next((m for m in _BRACKET.findall(heading) if m.strip() and is_unit(m)), "")
+    head = parsed(heading)
+    fitting = head.is_known and fits(head.name, head.unit) and (head.name == name or name in TIMES)
+    return unit or (head.unit if fitting else "")
+
+
+def _with_unit(path: Path, each: Chosen, heading: Heading, line: int, in_header: str) -> Heading:
+    """Return a heading with its unit; refuse one that contradicts the file or is none of the quantity."""
+    shown, at = shorten(heading.text), line or None
+    if each.name not in TIMES and quantity(_BRACKET.sub("", heading.text)) in TIMES:
+        raise SourceError(path, f"{shown} is a time, no {each.name.replace('_', ' ')}", line=at)
+    in_file = heading.unit if heading.unit and is_unit(heading.unit) else in_header
+    if each.unit and in_file and unit_of(each.unit) != unit_of(in_file):
+        said = f"{shown} is in {shorten(in_file)}, and columns say {shorten(each.unit)}"
+        hint = "Correct the unit in columns, or leave it out: that of the file is taken."
+        raise SourceError(path, said, line=at, hint=hint)
+    si, unit = SI_OF[each.name], each.unit or in_file
+    if not unit and si != _UNITLESS:
+        column = _quoted(each.column if not line else heading.text)
+        example = f'{each.name} = {{ column = {column}, unit = "{_USUAL.get(si[0], si[0])}" }}'
+        text, hint = f"the unit of {shown} is not stated", f"State it with the column: {example}."
+        raise SourceError(path, text, line=at, hint=hint).because(UNSAID)
+    if unit and (not is_unit(unit) or unit_of(unit).si not in si):
         spelled = " or ".join(one for one in si if one != "degF")
-        example = f'{each.name} = {{ column = {_quoted(heading or each.column)}, unit = "{_USUAL.get(si[0], si[0])}" }}'
-        if each.unit and in_file and unit_of(each.unit) != unit_of(in_file):
-            said = f"{shorten(heading)} is in {shorten(in_file)}, and columns say {shorten(each.unit)}"
-            hint = "Correct the unit in columns, or leave it out: that of the file is taken."
-            raise SourceError(path, said, line=found.line or None, hint=hint)
-        if not unit and si != _UNITLESS:
-            text, hint = f"the unit of {shorten(heading)} is not stated", f"State it with the column: {example}."
-            raise SourceError(path, text, line=found.line or None, hint=hint).because(UNSAID)
-        if unit and (not is_unit(unit) or unit_of(unit).si not in si):
-            text = f"{shorten(heading)} is in {shorten(unit)}, expected a unit of {spelled} for {each.name}"
-            raise SourceError(path, text, line=found.line or None, hint="Name another column, or correct its unit.")
-        found.units.append(unit)
+        text = f"{shown} is in {shorten(unit)}, expected a unit of {spelled} for {each.name}"
+        raise SourceError(path, text, line=at, hint="Name another column, or correct its unit.")
+    return replace(heading, name=each.name, unit=unit, is_known=True)
 
 
 def _in_header(lines: Sequence[tuple[int, str]], is_time: bool, place: int, way: str) -> str:
@@ -244,6 +237,16 @@ def _in_header(lines: Sequence[tuple[int, str]], is_time: bool, place: int, way:
         if "unit" in label.casefold() and units and (_OF_TIME.search(label) is not None) == is_time:
             return units[0] if len(set(units)) == 1 or not 0 < place <= len(units) else units[place - 1]
     return ""
+
+
+def time_step(lines: Sequence[tuple[int, str]], line: int) -> float | None:
+    """Return the time between rows [s] that a header of LabVIEW states, ``Delta_X  5.0E-4``; None without one."""
+    for number, text in lines:
+        label, *stated = text.split(TAB)
+        numbers = [cell.replace(",", ".") for cell in stated if is_numeric(cell)]
+        if number < line and label.strip() == "Delta_X" and numbers:
+            return float(numbers[0]) or None
+    return None
 
 
 _USUAL = {"m": "mm", "degC": "degC", "Pa": "MPa"}
@@ -268,10 +271,10 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
         has_sense = not heading.unit or not is_unit(heading.unit) or fits(heading.name, heading.unit)
         is_known = heading.is_known and heading.at is None and has_sense
         name, usual = (heading.name, "") if is_known else _of_trace(heading)
-        if name in ("", "point", "set") or name in found or name not in (*SI_OF, *_OF_TRACES):
+        if name in ("", "point", "set") or name in found or name not in SI_OF:
             continue
         column = number if by_number else heading.text
-        si = _OF_TRACES.get(name) or SI_OF[name]
+        si = SI_OF[name]
         has_unit = si == _UNITLESS or (heading.unit and is_unit(heading.unit) and unit_of(heading.unit).si in si)
         unit = heading.unit.strip("[]()") if has_unit else usual or _USUAL.get(si[0], si[0])
         if by_number or not has_unit:

@@ -3,8 +3,10 @@
 Strict about the columns that a sweep, a response or a shift factor is made of, indifferent to all others.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,7 @@ from labpipe.text import Separators, listed, not_a_number, plain_number, shorten
 Pair = tuple[Heading, Floats]
 
 _NO_READING = 9.9e37  # by which instruments of the SCPI standard say that there is none, or that it overflowed
-_SPECIMEN = ("sample", "specimen", "material", "probe", "sample_name", "sample_id", "specimen_id", "echantillon")
+_SPECIMEN = re.compile(r"(?:sample|specimen|material|probe|probenname|echantillon)(?:_(?:name|id|no|nr|number))?")
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
 
 
@@ -38,14 +40,18 @@ def intervals(path: Path, block: Block, signs: Separators, first: int) -> list[I
     """
     _settle_headings(path, block)
     wanted = _needed(path, block)
-    short = _short_rows(path, block, wanted)
-    values = _numbers(path, block, signs, wanted)
-    values[short] = np.nan
     for k, heading in enumerate(block.headings):
-        names = sorted({row[k] for _, row in block.rows if k < len(row) and row[k]})
-        if heading.name in _SPECIMEN and len(names) > 1:
-            text = f"{heading.text} names {len(names)} specimens ({shorten(', '.join(names))}), which are read as one; "
-            warn_of(path, text + "if they are of different materials, give each a file of its own", line=block.line)
+        named = (
+            [row[k] for _, row in block.rows if k < len(row) and row[k]] if _SPECIMEN.fullmatch(heading.name) else []
+        )
+        names, changes = sorted(set(named)), sum(a != b for a, b in pairwise(named))
+        is_counter = all(map(is_numeric, names)) and 2 * changes > len(named)  # of the readings of a sweep
+        if 1 < len(names) <= len(named) / 2 and not is_counter:
+            text = f"{heading.text} names {len(names)} specimens ({shorten(', '.join(names))})"
+            raise SourceError(path, text, line=block.line, hint="Give each specimen a file of its own.")
+    short = _short_rows(path, block, wanted)
+    values = numbers(path, block, signs, wanted)
+    values[short] = np.nan
     point = next((v for h, v in zip(block.headings, values.T, strict=True) if h.name == "point"), None)
     unnumbered = np.zeros(len(values), dtype=bool) if point is None else np.isnan(point) & np.isfinite(point).any()
     found: list[Interval] = []
@@ -53,10 +59,10 @@ def intervals(path: Path, block: Block, signs: Separators, first: int) -> list[I
         columns = _converted(path, block, pairs, wanted)
         is_whole = ~short & ~unnumbered & _are_readings(path, columns)
         for rows in _ordered(columns, len(values)):
-            numbers = np.arange(1, rows.size + 1) if point is None or np.isnan(point).any() else point[rows].astype(int)
+            own = np.arange(1, rows.size + 1) if point is None or np.isnan(point).any() else point[rows].astype(int)
             kept = (replace(c, values=np.asarray(c.values)[rows]) for name, c in columns.items() if name != "set")
             title, number = block.title or "table", first + len(found)
-            found.append(Interval(path.stem, title, number, None, numbers, is_whole[rows], tuple(kept)))
+            found.append(Interval(path.stem, title, number, None, own, is_whole[rows], tuple(kept)))
     return found
 
 
@@ -168,7 +174,7 @@ def _short_rows(path: Path, block: Block, wanted: set[str]) -> Flags:
     return is_short
 
 
-def _numbers(path: Path, block: Block, signs: Separators, wanted: set[str]) -> Floats:
+def numbers(path: Path, block: Block, signs: Separators, wanted: set[str]) -> Floats:
     """Return the numbers of all columns, NaN for an absent one; other text is refused in a column that is needed."""
     table = np.full((len(block.rows), len(block.headings)), np.nan)
     strange: dict[str, list[int]] = {}

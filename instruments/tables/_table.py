@@ -11,16 +11,16 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from instruments._quantities import SHIFTS
+from instruments._quantities import SHIFTS, signs_of
 from instruments._workbook import is_workbook, sheets, text_of
 from instruments.anton_paar import Interval, assemble, in_one_unit
 from instruments.tables import _traces
-from instruments.tables._headings import Heading, stated_in_title
+from instruments.tables._headings import stated_in_title
 from instruments.tables._layout import COMMA, TAB, Block, blocks, plain_lines
-from instruments.tables._mapping import Columns, Located, chosen, line_to_copy, located, suggestion
+from instruments.tables._mapping import Chosen, Columns, chosen, line_to_copy, located, suggestion, time_step
 from instruments.tables._readings import intervals, lacking
-from labpipe.errors import InputError, SourceError, warn_of
-from labpipe.text import DOT, Limits, Separators, check_decimal, first_bytes, separators, survey
+from labpipe.errors import SourceError, warn_of
+from labpipe.text import DOT, Limits, Separators, check_decimal, first_bytes, survey
 from labpipe.units import Measure
 
 DEVICE = "plain table of a dynamic mechanical analysis"
@@ -62,7 +62,8 @@ def read(
         session.toml. Or all columns in their order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``.
         By default the quantities are recognised by their headings.
     cycle : str or float or Quantity, optional
-        Time between the rows of a displacement without a column of times, ``"50 us"``.
+        Time between the rows of a displacement without a column of times, ``"50 us"``; that of a LabVIEW
+        header (``Delta_X``) needs not be given.
     encoding, decimal : str, optional
         By default decided from the file.
     allow_incomplete : bool
@@ -111,19 +112,15 @@ def read(
             found = _Found([*found.sheets[:-1], (title, lines[:-1])], found.encoding)
     if named is None:
         return _sweeps(path, found, _blocks(path, found), decimal)
-    where = _located(path, found, named)
-    if not {each.name for each in named} & set(_traces.CONTENTS):
-        units = zip(where.chosen, where.headings, where.units, strict=True)
-        headings = [Heading(heading, each.name, unit, is_known=True) for each, heading, unit in units]
-        block = Block(where.line or where.rows[0][0], headings, rows=where.rows, separator=where.separator)
-        block.widths, block.facts = [len(headings)] * len(where.rows), where.facts
+    block, lines = _located(path, found, named)
+    if not {each.name for each in named} & {"displacement", "force"}:
         return _sweeps(path, found, [block], decimal)
-    last, cells = where.rows[-1][0], [cell for _, row in where.rows for cell in row]
-    if found.open_line == last:
+    if found.open_line == block.rows[-1][0]:
         message = "the last line has no line end; if the file was cut, its last number is wrong"
-        warn_of(path, message, line=last)
-    signs = DOT if where.separator == COMMA else _signs(path, found, cells, decimal)
-    made = _traces.trace(path, where, signs, cycle)
+        warn_of(path, message, line=found.open_line)
+    cells = [cell for _, row in block.rows for cell in row]
+    signs = DOT if block.separator == COMMA else _signs(path, found, cells, decimal)
+    made = _traces.trace(path, block, signs, cycle, time_step(lines, block.line))
     return made.assign_attrs(source=path.name, encoding=found.encoding, decimal=signs.decimal)
 
 
@@ -167,12 +164,12 @@ def _place(path: Path, block: Block) -> Path:
     return path.with_name(f"{path.name}, sheet {block.sheet}") if block.sheet else path
 
 
-def _located(path: Path, found: _Found, named: tuple[object, ...]) -> Located:
-    """Find the named columns in the first sheet that has them."""
+def _located(path: Path, found: _Found, named: tuple[Chosen, ...]) -> tuple[Block, Lines]:
+    """Find the named columns in the first sheet that has them; return its lines too."""
     first: SourceError | None = None
     for _, lines in found.sheets:
         try:
-            return located(path, lines, named)  # type: ignore[arg-type]
+            return located(path, lines, named), lines
         except SourceError as error:
             first = first if first is not None and (first.line or error.line is None) else error
     raise first or SourceError(path, "the file holds no line")
@@ -225,16 +222,7 @@ def _sweeps(path: Path, found: _Found, tables: Sequence[Block], decimal: str | N
 def _signs(path: Path, found: _Found, cells: Sequence[str], decimal: str | None) -> Separators:
     """Decide the decimal sign, by the option, a header that states it (of Netzsch), or the cells."""
     stated = {word for _, lines in found.sheets for _, line in lines[:_HEADER] if (word := _DECIMAL.match(line))}
-    sign = decimal or next((_SIGNS.get(word[1].casefold()) for word in stated), None)
-    if sign is not None:
-        other = "." if sign == "," else ","
-        return Separators(sign, other if any(other in cell and sign in cell for cell in cells) else "")
-    if not any("," in cell for cell in cells):
-        return DOT
-    try:
-        return separators(cell.lower().split("e")[0] for cell in cells)  # a power of ten says nothing
-    except InputError as error:
-        raise SourceError(path, str(error)) from None
+    return signs_of(path, cells, decimal or next((_SIGNS.get(word[1].casefold()) for word in stated), None))
 
 
 def _complete(path: Path, tables: Sequence[Block]) -> list[Block]:

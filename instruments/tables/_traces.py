@@ -13,88 +13,89 @@ import xarray as xr
 
 from instruments._clock import even_interval
 from instruments._quantities import unit_of
-from instruments.tables._layout import ABSENT
-from instruments.tables._mapping import Located
+from instruments.tables._headings import Heading
+from instruments.tables._layout import Block
+from instruments.tables._readings import numbers
 from labpipe.arrays import Floats
 from labpipe.errors import UNSAID, SourceError
-from labpipe.text import Separators, not_a_number, plain_number
+from labpipe.text import Separators
 from labpipe.units import Measure, si as in_si
 from labpipe.variables import described, variable
 
 DEVICE = "table of named columns"
-CONTENTS = ("displacement", "force")
 _OF_TESTER = {"time": "Time, s", "position": "Position (z), mm", "force": "Fz, N"}
 _INVALID = 5  # of the states of a Keyence sensor: no reading, for a reason that the file does not state
 
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """Readings in SI and their unit, heading and unit as written, and the exponents of their last digits."""
+    """Readings in SI, their heading, and the exponents of their last digits as written."""
 
     values: Floats
-    si: str
-    heading: str
-    unit: str
+    heading: Heading
     exponents: list[int]
-    factor: float
 
     def decimal(self, of: Callable[[list[int]], int]) -> float:
-        """Return the value of the last decimal that is written: the finest (min) or the coarsest (max)."""
-        return self.factor * 10.0 ** of(self.exponents or [0])
+        """Return the value of the last decimal that is written [SI]: the finest (min) or the coarsest (max)."""
+        return unit_of(self.heading.unit).factor * 10.0 ** of(self.exponents or [0])
 
 
-def trace(path: Path, found: Located, signs: Separators, cycle: Measure | None) -> xr.Dataset:
+def trace(path: Path, block: Block, signs: Separators, cycle: Measure | None, step: float | None) -> xr.Dataset:
     """Convert named columns to the form of a displacement sensor, or of a mechanical tester.
+
+    ``step`` [s] between the rows is that of the file's header, where it states one.
 
     Raises
     ------
     SourceError
         A cell is no number, the times are missing, go back or do not lie evenly, or contradict the cycle.
     """
-    columns = {each.name: _column(path, found, signs, k) for k, each in enumerate(found.chosen)}
-    lines = [number for number, _ in found.rows]
-    made = _displacement(path, columns, lines, cycle) if "displacement" in columns else _force(path, columns, lines)
+    table = numbers(path, block, signs, {heading.name for heading in block.headings})
+    columns = {}
+    for k, heading in enumerate(block.headings):
+        is_one = np.isfinite(table[:, k]) & (table[:, k] != 0)  # 0.000E+00 says nothing of its last decimal
+        texts = [
+            row[k].replace(signs.thousands or " ", "") for (_, row), one in zip(block.rows, is_one, strict=True) if one
+        ]
+        exponents = [int(Decimal(text.replace(signs.decimal, ".")).as_tuple().exponent) for text in texts]
+        columns[heading.name] = _Column(table[:, k] * unit_of(heading.unit).factor, heading, exponents)
+    lines = [number for number, _ in block.rows]
+    if "displacement" in columns:
+        made = _displacement(path, columns, lines, None if cycle is None else in_si(cycle, "s", "cycle"), step)
+    else:
+        made = _force(path, columns, lines)
     work = {"bytes_read": path.stat().st_size, "rows_read": len(lines)}
     clock = "times of the rows" if "time" in columns else "none: a counter of rows"
     return made.assign_attrs(instrument=DEVICE, layout="named columns", clock=clock, work=json.dumps(work))
 
 
-def _column(path: Path, found: Located, signs: Separators, k: int) -> _Column:
-    factor, si = unit_of(found.units[k])
-    values = np.full(len(found.rows), np.nan)
-    exponents = []
-    for i, (number, row) in enumerate(found.rows):
-        if row[k].casefold() in ABSENT:
-            continue
-        value = plain_number(row[k], signs)
-        if value is None:
-            raise not_a_number(row[k], path=path, line_number=number, column=None)
-        values[i] = value
-        text = row[k].replace(signs.thousands, "") if signs.thousands else row[k]
-        exponents.append(int(Decimal(text.replace(signs.decimal, ".")).as_tuple().exponent))
-    return _Column(values * factor, si, found.headings[k], found.units[k], exponents, factor)
-
-
-def _displacement(path: Path, columns: dict[str, _Column], lines: list[int], cycle: Measure | None) -> xr.Dataset:
+def _displacement(
+    path: Path, columns: dict[str, _Column], lines: list[int], stated: float | None, step: float | None
+) -> xr.Dataset:
     """Make the Dataset of a displacement sensor: ``out1`` and ``status1`` over an even ``time``."""
-    stated = None if cycle is None else in_si(cycle, "s", "cycle")
-    reading = columns["displacement"]
+    reading, line = columns["displacement"], lines[0]
+    in_file, said = step, "the header states a step of"
     if "time" in columns:
-        interval = even_interval(path, columns["time"].values, columns["time"].decimal(max), lines)
-        if stated is not None and abs(stated - interval) > 1e-3 * interval:
-            text = f"the times of the rows are {interval:.6g} s apart, and the cycle is stated as {stated:g} s"
-            raise SourceError(path, text, line=lines[0], hint="Leave the cycle out.")
-    elif stated is not None:
-        interval = stated
-    else:
+        in_file = even_interval(path, columns["time"].values, columns["time"].decimal(max), lines)
+        said = "the times of the rows are apart by"
+    if stated is not None and in_file is not None and abs(stated - in_file) > 1e-3 * in_file:
+        text = f"{said} {in_file:.6g} s, and the cycle is stated as {stated:g} s"
+        raise SourceError(path, text, line=line, hint="Correct the cycle, or leave it out.")
+    interval = in_file or stated
+    if interval is None:
         text, hint = "no column of times is named", 'Name it (time = "Time (s)"), or give the cycle: cycle="50 us".'
-        raise SourceError(path, text, line=lines[0], hint=hint).because(UNSAID)
+        raise SourceError(path, text, line=line, hint=hint).because(UNSAID)
+    heading = reading.heading
     status = np.where(np.isfinite(reading.values), 0, _INVALID).astype(np.int8)
     lost = int(np.count_nonzero(status))
-    attrs = described(reading.si, reading.heading, original_unit=reading.unit, resolution=reading.decimal(min))
+    unit, resolution = unit_of(heading.unit).si, reading.decimal(min)
     variables: dict[str, Any] = {
-        "out1": ("time", reading.values, attrs),
-        "status1": ("time", status, described("1", f"0 where {reading.heading} is valid")),
+        "out1": (
+            "time",
+            reading.values,
+            described(unit, heading.text, original_unit=heading.unit, resolution=resolution),
+        ),
+        "status1": ("time", status, described("1", f"0 where {heading.text} is valid")),
     }
     time = variable("time", np.arange(status.size) * interval, "s", "time from the first point")
     counts = {"VALID": status.size - lost} | ({"INVALID": lost} if lost else {})

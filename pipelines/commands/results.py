@@ -106,9 +106,8 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
     r"""Compare measurement and model of every experiment in SESSION, on one page.
 
     Missing results are processed first; results of earlier code that `process --keep` took are
-    taken again, and marked. The page is SESSION/labpipe/compare.html; next to it is one for every
-    material of several experiments. With --beside nothing is processed, and one page is written
-    of two experiments.
+    taken again, and marked. The page is SESSION/labpipe/compare.html. With --beside nothing is
+    processed, and one page is written of two experiments.
 
     \b
     Example:

@@ -240,7 +240,7 @@ def adhesion(
 
 
 @click.command()
-@click.argument("simulator", type=click.Choice(["drop", "indent", "adhesion", "heating"]))
+@click.argument("simulator", type=click.Choice(["drop", "indent"]))
 @click.option("--vary", multiple=True, metavar="NAME=VALUES",
               help='"height = 1 mm : 10 mm : 7", ": log" for equal ratios, or a list.')  # fmt: skip
 @click.option("--set", "fixed", multiple=True, metavar="NAME=VALUE",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue, query as query
+    from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue
     from pipelines.session._compare import compare as compare
     from pipelines.session._comparison import Comparison as Comparison, comparison_text as comparison_text
     from pipelines.session._contact_sheet import write_sheet as write_sheet

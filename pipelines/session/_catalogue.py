@@ -2,7 +2,7 @@
 
 The table is an SQLite database. It is made in memory and written whole, so that it is never half
 there, and it can be thrown away: everything in it is in the sessions. A session is read again
-only when its plan says that something changed.
+only when its plan says that something changed. Conditions are asked of the database in memory.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hashlib
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -111,20 +111,24 @@ def catalogue(
         Searched for ``session.toml``; symbolic links are not followed.
     database : path-like, optional
         Default ``labpipe/catalogue.sqlite`` in the first folder.
-    where, columns, table
-        What to select, see :func:`query`; by default all experiments.
+    where : str
+        An SQL expression in the columns, ``"material = 'acrylic' and height > 0.005"``; SI units.
+    columns : sequence of str
+        Only these; default all.
+    table : {"experiments", "results", "sessions", "columns"}
+        ``results`` has one row per value with all columns of its experiment.
 
     Returns
     -------
     Catalogued
-        Its ``table`` is a DataFrame.
+        Its ``table`` is a DataFrame, ordered by session and experiment; ``attrs["units"]`` maps columns to SI units.
 
     Raises
     ------
     UsageError
         The expression is not one, or names a column that is not there.
     SourceError
-        The database is another program's file, or a newer labpipe's.
+        The database is another program's file.
     StorageError
         It cannot be written.
 
@@ -132,129 +136,56 @@ def catalogue(
     --------
     >>> catalogue("sessions", where="material = 'acrylic'").table  # doctest: +SKIP
     """
-    given = [folders] if isinstance(folders, str | Path) else folders
-    roots = [Path(folder).resolve() for folder in given]
+    import pandas as pd
+
+    if table not in TABLES:
+        raise UsageError(f'unknown table "{table}"; expected one of {", ".join(TABLES)}')
+    roots = [Path(folder).resolve() for folder in ([folders] if isinstance(folders, str | Path) else folders)]
     if not roots:
         raise InputError("no folder to search; give at least one")
     path = Path(database).resolve() if database is not None else roots[0] / CATALOGUE
     tables = _tables(path)
     done = _update(tables, roots, path)
-    if done["renewed"] or done["removed"] or done["problems"] or not path.exists():
-        with closing(sqlite3.connect(":memory:")) as connection:
-            for name, frame in tables.items():
-                frame.to_sql(name, connection, index=False)
-            connection.execute(f"PRAGMA application_id = {_APPLICATION}")
-            connection.execute(f"PRAGMA user_version = {_LAYOUT}")
+    with closing(sqlite3.connect(":memory:")) as connection:
+        for name, frame in tables.items():
+            frame.to_sql(name, connection, index=False)
+        connection.execute(f"PRAGMA application_id = {_APPLICATION}")
+        connection.execute(f"PRAGMA user_version = {_LAYOUT}")
+        if done["renewed"] or done["removed"] or done["problems"] or not path.exists():
             files.write_bytes(path, connection.serialize())
-    return Catalogued(path, **done, table=query(path, where, columns, table=table))
-
-
-def query(
-    database: str | Path, where: str = "", columns: Sequence[str] = (), *, table: str = "experiments"
-) -> pd.DataFrame:
-    """Select rows of a catalogue.
-
-    Parameters
-    ----------
-    database : path-like
-        Written by :func:`catalogue`.
-    where : str
-        An SQL expression in the columns, ``"material = 'acrylic' and height > 0.005"``; SI units.
-    columns : sequence of str
-        Only these; default all.
-    table : {"experiments", "results", "sessions", "columns"}
-        ``results`` has one row per value with all columns of its experiment beside it.
-
-    Returns
-    -------
-    DataFrame
-        Ordered by session and experiment. ``attrs["units"]`` maps columns to SI units.
-
-    Raises
-    ------
-    UsageError
-        The expression is not one, or names a column that is not there.
-    SourceError
-        There is no such catalogue.
-    """
-    import pandas as pd
-
-    if table not in TABLES:
-        raise UsageError(f'unknown table "{table}"; expected one of {", ".join(TABLES)}')
-    connection = _opened(Path(database))
-    if connection is None:
-        raise SourceError(
-            Path(database), "damaged, or of an older layout", hint="Make it anew with `labpipe catalogue FOLDER`."
-        )
-    with closing(connection):
-        units = dict(connection.execute("SELECT name, unit FROM columns"))
         source = "results NATURAL JOIN experiments" if table == "results" else table
-        empty = connection.execute(f"SELECT * FROM {source} LIMIT 0")  # noqa: S608
-        known = [column[0] for column in empty.description]
+        known = [column[0] for column in connection.execute(f"SELECT * FROM {source} LIMIT 0").description]  # noqa: S608
         for name in columns:
             if name not in known:
                 raise UsageError(f'no column "{name}"{suggest(name, known)}; there are {", ".join(known)}')
         selected = ", ".join(f'"{name}"' for name in columns) or "*"
         order = '"session", "experiment"' if "experiment" in known else "1"
         condition = f"WHERE ({where})" if where.strip() else ""
-        # The expression is the user's; the connection is to a copy in memory and may only read.
-        connection.set_authorizer(_may_only_read)
-        statement = f"SELECT {selected} FROM {source} {condition} ORDER BY {order}"  # noqa: S608
+        statement = f"SELECT {selected} FROM {source} {condition} ORDER BY {order}"  # noqa: S608 (of a copy in memory)
         try:
             rows = connection.execute(statement).fetchall()
         except (sqlite3.Error, sqlite3.Warning) as error:
             raise UsageError(f"--where {where!r}: {error}; the columns are {', '.join(known)}") from error
     frame = pd.DataFrame(rows, columns=list(columns) or known)
+    units = dict(zip(tables["columns"]["name"], tables["columns"]["unit"], strict=True))
     frame.attrs["units"] = {name: units[name] for name in frame.columns if units.get(name)}
-    return frame
-
-
-def _may_only_read(action: int, first: str | None, *_: object) -> int:
-    allowed = {sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION}
-    is_harmless = action in allowed and first != "load_extension"
-    return sqlite3.SQLITE_OK if is_harmless else sqlite3.SQLITE_DENY
-
-
-def _opened(path: Path) -> sqlite3.Connection | None:
-    """Load a catalogue into memory; None when it is damaged or of an older layout.
-
-    Its application and layout are in the file's first bytes (sqlite.org/fileformat2.html, section 1.3).
-    """
-    if not path.is_file():
-        raise SourceError(path, "there is no such catalogue", hint="Make one with `labpipe catalogue FOLDER`.")
-    data = path.read_bytes()
-    layout = int.from_bytes(data[60:64])
-    if not data.startswith(b"SQLite format 3\0") or int.from_bytes(data[68:72]) != _APPLICATION:
-        raise SourceError(
-            path, "not a catalogue of labpipe", hint="Give another --database; this file is left as it is."
-        )
-    if layout > _LAYOUT:
-        raise SourceError(
-            path,
-            f"written by a newer labpipe (layout {layout}, ours {_LAYOUT})",
-            hint="Update labpipe, or give another --database.",
-        )
-    connection = sqlite3.connect(":memory:")
-    try:
-        connection.deserialize(data)
-        is_sound = connection.execute("PRAGMA quick_check").fetchone() == ("ok",)
-    except sqlite3.Error:
-        is_sound = False
-    if is_sound and layout == _LAYOUT:
-        return connection
-    connection.close()
-    return None
+    return Catalogued(path, **done, table=frame)
 
 
 def _tables(path: Path) -> dict[str, pd.DataFrame]:
-    """Return the tables of a catalogue; empty ones where there is none, or it is to be made anew."""
+    """Return the tables of a catalogue; empty ones where there is none, or it is damaged or of another layout."""
     import pandas as pd
 
-    connection = _opened(path) if path.exists() else None
-    if connection is None:
-        return {name: pd.DataFrame(columns=list(columns), dtype=object) for name, columns in TABLES.items()}
-    with closing(connection):
-        return {name: pd.read_sql_query(f"SELECT * FROM {name}", connection) for name in TABLES}  # noqa: S608
+    data = path.read_bytes() if path.exists() else None
+    # application and layout are in the first bytes (sqlite.org/fileformat2.html, section 1.3)
+    if data is not None and not (data.startswith(b"SQLite format 3\0") and int.from_bytes(data[68:72]) == _APPLICATION):
+        hint = "Give another --database; this file is left as it is."
+        raise SourceError(path, "not a catalogue of labpipe", hint=hint)
+    if data is not None and int.from_bytes(data[60:64]) == _LAYOUT:
+        with closing(sqlite3.connect(":memory:")) as connection, suppress(sqlite3.Error, pd.errors.DatabaseError):
+            connection.deserialize(data)
+            return {name: pd.read_sql_query(f"SELECT * FROM {name}", connection) for name in TABLES}  # noqa: S608
+    return {name: pd.DataFrame(columns=list(columns), dtype=object) for name, columns in TABLES.items()}
 
 
 def _sessions(roots: Iterable[Path]) -> Iterator[Path]:

@@ -21,7 +21,6 @@ from pipelines.session._comparison import Comparison, labelled
 from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._processing import process
 from pipelines.session._results import STAGES, derive, needed, opened, reopen_session
-from pipelines.session._together import write_materials
 from pipelines.session._verdicts import stored_verdicts
 
 if TYPE_CHECKING:
@@ -99,6 +98,6 @@ def compare(
         if name not in failed
     ]
     found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
-    files.write_text(found.page, render(session, found, write_materials(results, found)))
+    files.write_text(found.page, render(session, found))
     write_overview(session, STAGES)
     return found

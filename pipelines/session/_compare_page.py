@@ -12,7 +12,6 @@ from labpipe.report import (
     Deviations,
     DisplayUnit,
     KeyValues,
-    Link,
     Notice,
     Paragraph,
     Section,
@@ -34,10 +33,9 @@ _REASONS = 5  # why more models differ stands on their own pages
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 
 
-def render(session: Session, found: Comparison, materials: Sequence[tuple[str, str]] = ()) -> str:
-    """Return the page as HTML text, with links to the pages of one material each, by name and file."""
-    links = tuple(Link(f"material {material}", page) for material, page in materials)
-    sections = [Section("Answer", (*_summary(found), *links, *synthetic_notice(session))), *parts(found)]
+def render(session: Session, found: Comparison) -> str:
+    """Return the page as HTML text."""
+    sections = [Section("Answer", (*_summary(found), *synthetic_notice(session))), *parts(found)]
     return session_document(session, "Measurement against model", sections)
 
 

@@ -105,9 +105,8 @@ def export(
     format : {"csv", "nc", "mat", "json", "xlsx", "tex", "abaqus", "ansys", "comsol", "lsdyna"}
         Of the files; csv has one table per set of dimensions, with a row of units. Of a session,
         ``xlsx`` and ``tex`` are one table with a row for each quantity (value, u, model, deviation,
-        verdict), which csv has beside the others; ``xlsx`` has the curves on further sheets. The
-        names of simulation codes write the materials of the session as their input; json has them
-        beside the results, for any other code.
+        verdict), which csv has in addition to the curves. The names of simulation codes write the
+        materials of the session as their input; json has them with the results, for any other code.
     only, stages : str or iterable of str, optional
         Experiments and steps of a session; all by default.
     out : path-like, optional
@@ -267,7 +266,7 @@ def _export_table(results: Results, experiments: Sequence[str], writer: _Writer)
     remarks = {"title": session.title} | ({"synthetic": _SYNTHETIC} if session.synthetic else {})
     remarks |= {"units": "SI; u is a standard uncertainty (k = 1)", "program": json.dumps(program(), sort_keys=True)}
     if writer.format == "xlsx":
-        writer.write("quantities.xlsx", summary.xlsx_bytes(results, found, remarks))
+        writer.write("quantities.xlsx", summary.xlsx_bytes(found, remarks))
     else:
         write = summary.tex_text if writer.format == "tex" else summary.table_csv
         writer.write(f"quantities.{writer.format}", write(found, remarks))

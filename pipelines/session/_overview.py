@@ -28,8 +28,8 @@ PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
 COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
-MATERIAL, BESIDE, AND = "material-", "beside-", "--"
-"""How the names of the other pages of several experiments begin, and what is between two names."""
+BESIDE, AND = "beside-", "--"
+"""The beginning of the names of pages of two experiments, and the sign between these."""
 
 
 _FEW_KINDS = 3  # that share one table
@@ -78,13 +78,9 @@ def _state_digest(plan: Plan, code: Identity, told: Sequence[Any]) -> str:
 
 
 def pages_together(folder: Path) -> list[tuple[str, str]]:
-    """Return title and file of every page of one material, or of two experiments, in ``SESSION/labpipe``."""
-    forms = ((MATERIAL, "material {}"), (BESIDE, "side by side: {}"))
-    return [
-        (form.format(path.stem.removeprefix(before).replace(AND, " and ")), path.name)
-        for before, form in forms
-        for path in sorted(folder.glob(f"{before}*.html"))
-    ]
+    """Return title and file of every page of two experiments in ``SESSION/labpipe``."""
+    paths = sorted(folder.glob(f"{BESIDE}*.html"))
+    return [(f"side by side: {p.stem.removeprefix(BESIDE).replace(AND, ' and ')}", p.name) for p in paths]
 
 
 def _page(results: Results, verdicts: Mapping[str, Verdict], notes: Sequence[str]) -> str:

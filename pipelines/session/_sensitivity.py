@@ -15,7 +15,7 @@ from typing import Any
 from labpipe import files
 from labpipe.errors import UsageError
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.report import Bars, Block, Column, Details, Paragraph, Section, Table, shown_source
+from labpipe.report import Block, Column, Details, Paragraph, Section, Table, shown_source
 from labpipe.uncertainty import (
     Budget,
     Indices,
@@ -35,9 +35,6 @@ from pipelines.session._processing import processed_for
 from pipelines.session._results import derive, reopen_session
 
 _BEST = 20.0  # factor beyond which "better" means "exactly"
-_NO_SCALE = ("degC", "1")  # units in which a share of the value says little
-_SMALL = 0.5  # of the value: beyond, a result is about nothing
-_BARS, _SHOWN = 2, 0.05  # bars of a quantity, and the least share that has one
 _SAME = 0.05  # of the variance: shares that differ by less are equal
 
 
@@ -221,28 +218,15 @@ def answer(found: Sequence[Examined]) -> str:
 
 
 def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
-    """Return the limits of each sort of quantity: its largest shares as bars, and one row each."""
-    bars, rows = [], []
+    """Return the limits of each sort of quantity, one row each."""
+    rows = []
     for name, (group, shares) in _families(found).items():
         order = sorted(shares, key=lambda n: -shares[n])
-        bars += [(f"{name}: {shown_source(n)}", min(shares[n], 1.0), "") for n in order[:_BARS] if shares[n] >= _SHOWN]
         shown = (f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3] if shares[n] >= 0.01)
-        rows.append((name, len(group), _spread(group), ", ".join(shown), _known_better(shares)))
+        widths = sorted((e.budget for e in group), key=lambda budget: budget.expanded())
+        ends = dict.fromkeys(budget_blocks.half_width(widths[i], group[0].quantity.unit) for i in (0, -1))
+        rows.append((name, len(group), " to ".join(ends), ", ".join(shown), _known_better(shares)))
     limiting = "limiting inputs, mean share of the variance"
     titles = ("quantity", "results", "expanded uncertainty, 95 %", limiting, "to halve it")
-    table = Table(tuple(map(Column, titles)), rows, sortable=False)
-    caption = "Shares of the variance: Sobol's total indices, averaged over the results."
-    chart = Bars("The inputs that limit each quantity", bars, caption)
-    return (*([chart] if bars else []), table)
-
-
-def _spread(group: Sequence[Examined]) -> str:
-    """Write least and largest expanded uncertainty; in % where there is a value to compare with."""
-    ordered = sorted(group, key=lambda e: e.budget.expanded())
-    relative = sorted(e.budget.expanded() / abs(e.budget.value) for e in group if e.budget.value)
-    is_scale = group[0].quantity.unit not in _NO_SCALE
-    if is_scale and len(relative) == len(group) and relative[-1] < _SMALL:
-        ends = [f"{100.0 * relative[i]:.2g} %" for i in (0, -1)]
-    else:
-        ends = [budget_blocks.half_width(ordered[i].budget, ordered[i].quantity.unit) for i in (0, -1)]
-    return " to ".join(dict.fromkeys(ends))
+    note = Paragraph("Shares of the variance: Sobol's total indices, averaged over the results.")
+    return Table(tuple(map(Column, titles)), rows, sortable=False), note

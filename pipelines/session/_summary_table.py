@@ -1,7 +1,6 @@
 """One table of a session for a thesis: a row for each quantity, with the value that it is compared with.
 
-The same rows become a sheet of a workbook, a table of LaTeX and one of csv. A workbook has one more
-sheet for each family of curves: the results that experiments of one kind have in common.
+The same rows become a sheet of a workbook, a table of LaTeX and one of csv.
 """
 
 from __future__ import annotations
@@ -9,9 +8,8 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -32,11 +30,6 @@ COLUMNS = (
 )  # fmt: skip
 """Headings; values are in SI, ``u`` is a standard uncertainty."""
 
-_MOST_POINTS = 2000
-"""Of a curve on a sheet: enough to draw it, and a workbook of a campaign still opens."""
-_SHEET_NAME = 31  # characters
-_LEAST_CURVE = 20
-"""Points that make a curve; shorter variables are in the table or in ``export --format csv``."""
 _LATEX = {
     **{c: f"\\{c}" for c in "&%$#_{}"},
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
@@ -44,8 +37,6 @@ _LATEX = {
     "′": "$'$", "″": "$''$", "\N{NO-BREAK SPACE}": "~", "\N{EN DASH}": "--", "\N{EM DASH}": "---",
 }  # fmt: skip
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-_Curve = tuple[str, str, str, str, Any]
-"""A curve on a sheet: experiment, title, unit, the points that are taken, and its values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,84 +130,20 @@ def _latex(text: str) -> str:
     return plain.replace("\0", "$^{").replace("\1", "}$")
 
 
-def xlsx_bytes(results: Results, found: Sequence[Line], remarks: Mapping[str, str]) -> bytes:
-    """Write a workbook: the table, a sheet for each family of curves, and one about itself.
-
-    Of curves with more than 2,000 points every second, third ... is taken, as their heads say; whole
-    ones are in the csv files.
-    """
+def xlsx_bytes(found: Sequence[Line], remarks: Mapping[str, str]) -> bytes:
+    """Write a workbook: the table, and a sheet about itself; texts stay texts, those that begin like a formula too."""
     from openpyxl import Workbook
+    from openpyxl.cell import WriteOnlyCell
 
     book = Workbook(write_only=True)
-    sheet = book.create_sheet("quantities")
-    sheet.freeze_panes = "B2"
-    for cells in (COLUMNS, *(line.cells for line in found)):
-        _append(sheet, cells)
-    for title, curves in _families(results, list(dict.fromkeys(line.row.experiment for line in found))):
+    for title, body in (("quantities", (COLUMNS, *(line.cells for line in found))), ("about", tuple(remarks.items()))):
         sheet = book.create_sheet(title)
-        sheet.freeze_panes = "A5"
-        for head in list(zip(*curves, strict=True))[:4]:
-            _append(sheet, head)
-        for values in zip_longest(*(curve[4].tolist() for curve in curves)):
-            sheet.append([v if v is not None and math.isfinite(v) else None for v in values])
-    about = book.create_sheet("about")
-    for item in remarks.items():
-        _append(about, item)
+        sheet.freeze_panes = "B2" if title == "quantities" else None
+        for values in body:
+            cells = [WriteOnlyCell(sheet, one_line(v) if isinstance(v, str) else v) for v in values]
+            for cell in cells:
+                cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type
+            sheet.append(cells)
     stream = io.BytesIO()
     book.save(stream)
     return stream.getvalue()
-
-
-def _append(sheet: Any, cells: Iterable[Any]) -> None:
-    """Add a row whose texts stay texts, those that begin like a formula too."""
-    from openpyxl.cell import WriteOnlyCell
-
-    made = []
-    for value in cells:
-        cell = WriteOnlyCell(sheet, value=one_line(value) if isinstance(value, str) else value)
-        if isinstance(value, str):
-            cell.data_type = "s"
-        made.append(cell)
-    sheet.append(made)
-
-
-def _families(results: Results, names: Sequence[str]) -> Iterator[tuple[str, list[_Curve]]]:
-    """Yield the sheets of curves: title, and the columns."""
-    kinds: dict[str, list[str]] = {}
-    for name in names:
-        kinds.setdefault(results.experiments[name].kind, []).append(name)
-    for kind, members in kinds.items():
-        drawn = KINDS[kind].picture
-        stages = {drawn.stage if drawn else "", "model", "comparison"}
-        for stage in (s.name for s in KINDS[kind].stages if s.name in stages):
-            sheets: dict[str, list[_Curve]] = {}
-            for name in members:
-                if (dataset := _dataset(results, name, stage)) is not None:
-                    shown = drawn.y if drawn is not None and stage == drawn.stage else ""
-                    for dim, columns in _curves(name, dataset, shown).items():
-                        sheets.setdefault(dim, []).extend(columns)
-            for dim, columns in sheets.items():
-                yield f"{kind} {stage} {dim}"[:_SHEET_NAME], columns
-
-
-def _curves(experiment: str, dataset: xr.Dataset, shown: str) -> dict[str, list[_Curve]]:
-    """Return the columns of a result by the dimension along which they run, the axis first.
-
-    Variables of one dimension are curves; of more only the one that the overview draws, a column
-    for each.
-    """
-    found: dict[str, list[_Curve]] = {}
-    for dim in (str(dim) for dim, size in dataset.sizes.items() if size >= _LEAST_CURVE):
-        step = math.ceil(dataset.sizes[dim] / _MOST_POINTS)
-        points = "every point" if step == 1 else f"one of {step} points"
-        for name, variable in dataset.variables.items():
-            is_curve = variable.dims[-1:] == (dim,) and (variable.ndim == 1 or name == shown)
-            if not is_curve or variable.dtype.kind not in "fiub":
-                continue
-            flat = np.reshape(variable.values.astype(float), (-1, variable.shape[-1]))[:, ::step]
-            unit = str(variable.attrs.get("units", "1"))
-            for i, values in enumerate(flat):
-                title = str(name) if len(flat) == 1 else f"{name} {i + 1}"
-                found.setdefault(dim, []).append((experiment, title, unit, points, values))
-        found.get(dim, []).sort(key=lambda curve: curve[1] != dim)
-    return found

@@ -1,20 +1,15 @@
-"""Pages of several experiments: two side by side, and all of one material."""
+"""The page of two experiments side by side."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
-
-import msgspec
 
 from labpipe import files
 from labpipe.errors import InputError, UsageError
 from labpipe.report import SURE, Block, Column, Link, Notice, Paragraph, Section, Table, display_unit
-from labpipe.workflow.document import nodes
-from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.plan import page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
@@ -23,7 +18,7 @@ from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import session_document, synthetic_notice
 from pipelines.session._compare_page import parts, what
 from pipelines.session._comparison import Comparison, compared
-from pipelines.session._overview import AND, BESIDE, MATERIAL, PAGE, write_overview
+from pipelines.session._overview import AND, BESIDE, PAGE, write_overview
 from pipelines.session._results import STAGES, opened
 from pipelines.session._verdict_notices import each
 from pipelines.session._verdicts import Verdict, stored_verdicts
@@ -81,27 +76,6 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     files.write_text(path, session_document(session, f"{first} beside {second}", sections))
     write_overview(session, STAGES)
     return path
-
-
-def write_materials(results: Results, found: Comparison) -> list[tuple[str, str]]:
-    """Write a page for every material of several experiments; return each one's name and file."""
-    session = results.plan.session
-    verdicts = stored_verdicts(results)
-    pages = []
-    for material, rows in _by_material(session, found.rows).items():
-        # The DMA that a material is taken from bears its name, and stands before what rests on it.
-        source = [material] if material in session.experiments else []
-        names = list(dict.fromkeys([*source, *(row.experiment for row in rows)]))
-        own = tuple(document for document in found.experiments if document["experiment"] in names)
-        part = replace(found, rows=tuple(rows), experiments=own, failed={}, absent={})
-        answer = (*_verdicts(names, verdicts, rows), *_reports(session, names), *synthetic_notice(session))
-        sections = [Section("Answer", answer), *parts(part)]
-        name = f"{MATERIAL}{_safe(material)}.html"
-        files.write_text(
-            session.folder / name, session_document(session, f"{material} over all its experiments", sections)
-        )
-        pages.append((material, name))
-    return pages
 
 
 def _safe(name: str) -> str:
@@ -185,21 +159,3 @@ def _chart(results: Results, names: Sequence[str]) -> Iterator[Block]:
     scale: Literal["linear", "log"] = "log" if source.scale == "log" else "linear"
     title = labels[1].partition(" / ")[0].capitalize()
     yield LineChart(title, labels[0], labels[1], series, x_scale=scale, y_scale=scale)
-
-
-def _by_material(session: Session, rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Return the rows of every material of several experiments, in the order of the session.
-
-    Where an experiment states a name and the DMA that it is taken from, the name stands for the DMA.
-    """
-    same: dict[str, str] = {}
-    for experiment in session.experiments.values():
-        settings = nodes(msgspec.to_builtins(experiment.settings, enc_hook=str))
-        for table in (node for node in settings if isinstance(node, dict)):
-            name, source = table.get("material"), table.get("material_from")
-            if isinstance(name, str) and isinstance(source, str):
-                same[name] = source.removeprefix(REFERENCE)
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(same.get(row.material, row.material) or row.experiment, []).append(row)
-    return {material: own for material, own in found.items() if len({row.experiment for row in own}) > 1}

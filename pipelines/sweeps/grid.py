@@ -28,17 +28,9 @@ class Axis:
 class Design:
     """All points of a sweep.
 
-    Attributes
-    ----------
-    simulator : str
-        Key of :data:`SIMULATORS`.
-    axes : tuple of Axis
-        Their product is the grid; the first varies slowest.
-    fixed : dict
-        Every other parameter.
-    drawn : dict
-        Parameters with a standard uncertainty: one value per draw. The same draws at every point
-        of the grid, so that differences over the grid are not noise.
+    ``axes``: their product is the grid, the first varies slowest; ``fixed``: every other parameter; ``drawn``:
+    parameters with a standard uncertainty, one value per draw. The draws are the same at every point of the grid, so
+    that differences over the grid are not noise.
     """
 
     simulator: str
@@ -54,8 +46,7 @@ class Design:
     @property
     def shape(self) -> tuple[int, ...]:
         """Points along each dimension."""
-        draws = len(next(iter(self.drawn.values()))) if self.drawn else 0
-        return tuple(len(a.values) for a in self.axes) + ((draws,) if draws else ())
+        return tuple(len(a.values) for a in self.axes) + tuple(len(v) for v in list(self.drawn.values())[:1])
 
     @property
     def count(self) -> int:
@@ -64,15 +55,12 @@ class Design:
 
     def points(self, start: int = 0, stop: int | None = None) -> list[dict[str, Value]]:
         """All parameters of some points, in the order of the flattened grid."""
-        n_draws = self.shape[-1] if self.drawn else 1
-        found = []
-        for number in range(start, self.count if stop is None else min(stop, self.count)):
-            place, draw = divmod(number, n_draws)
-            point = dict(self.fixed)
-            for swept in reversed(self.axes):
-                place, i = divmod(place, len(swept.values))
-                point[swept.name] = swept.values[i]
-            found.append(point | {name: values[draw] for name, values in self.drawn.items()})
+        numbers = range(self.count)[start:stop]
+        found = [dict(self.fixed) for _ in numbers]
+        places = zip(*np.unravel_index(numbers, self.shape), strict=True) if self.shape else ()
+        for point, place in zip(found, places, strict=False):
+            point.update({a.name: a.values[i] for a, i in zip(self.axes, place, strict=False)})
+            point.update({name: values[place[-1]] for name, values in self.drawn.items()})
         return found
 
 
@@ -90,20 +78,22 @@ def axis(simulator: str, name: str, text: str) -> Axis:
     Raises
     ------
     UsageError
-        The text is none of these, or in another unit.
+        The text is none of these, in another unit, or holds a value twice.
 
     Examples
     --------
     >>> axis("drop", "height", "1 mm : 4 mm : 3 : log").values
     (0.001, 0.002, 0.004)
     """
-    parameter = _parameter(simulator, name)
     parts = [part.strip() for part in text.split(":")]
-    if len(parts) == 1 or not parameter.unit:
-        values = [_value(simulator, name, part.strip()) for part in text.split(",")]
-        if any(isinstance(v, Quantity) and v.u > 0.0 for v in values):
+    if len(parts) == 1 or not _parameter(simulator, name).unit:
+        given = [_value(simulator, name, part.strip()) for part in text.split(",")]
+        if any(isinstance(v, Quantity) and v.u > 0.0 for v in given):
             raise UsageError(f"{name}: a swept value has no uncertainty; set it fixed, with draws")
-        return Axis(name, tuple(v.value if isinstance(v, Quantity) else v for v in values))
+        values: tuple[Value, ...] = tuple(v.value if isinstance(v, Quantity) else v for v in given)
+        if len(set(values)) < len(values):
+            raise UsageError(f"{name}: a value is given twice in {text}")
+        return Axis(name, values)
     is_log = parts[3:] == ["log"]
     if len(parts) not in (3, 4) or not (is_log or len(parts) == 3) or not parts[2].isdigit():
         raise UsageError(
@@ -132,7 +122,7 @@ def design(
 
     Parameters
     ----------
-    simulator : {"drop", "indent", "adhesion", "heating", "amplitude"}
+    simulator : {"drop", "indent"}
     axes : sequence of Axis
         Swept parameters.
     fixed : mapping
@@ -148,23 +138,15 @@ def design(
         A parameter is unknown, given twice or in another unit; draws and uncertainties do not
         belong together; or the points are more than ten million.
     """
-    known = _parameters(simulator)
-    names = [a.name for a in axes]
-    given = dict(fixed or {})
+    names, given = [a.name for a in axes], dict(fixed or {})
     for name in [*names, *given]:
         _parameter(simulator, name)
         if [*names, *given].count(name) > 1:
             raise UsageError(f"{name} is given twice")
-    values: dict[str, Value] = {}
-    spread: dict[str, Quantity] = {}
-    for name, parameter in known.items():
-        found = _value(simulator, name, given[name]) if name in given else parameter.default
-        if isinstance(found, Quantity):
-            if found.u > 0.0:
-                spread[name] = found
-            found = found.value
-        if name not in names:
-            values[name] = found
+    values = {name: parameter.default for name, parameter in SIMULATORS[simulator].parameters.items()}
+    stated = {name: _value(simulator, name, value) for name, value in given.items()}
+    values |= {name: v.value if isinstance(v, Quantity) else v for name, v in stated.items()}
+    spread = {name: v for name, v in stated.items() if isinstance(v, Quantity) and v.u > 0.0}
     if bool(spread) != bool(draws):
         message = (
             f"{', '.join(spread)} has an uncertainty: give the number of draws"
@@ -174,27 +156,23 @@ def design(
         raise UsageError(message)
     generator = np.random.default_rng(seed)
     drawn = {name: tuple(generator.normal(q.value, q.u, draws).tolist()) for name, q in spread.items()}
-    made = Design(simulator, tuple(axes), values, drawn)
+    made = Design(simulator, tuple(axes), {n: v for n, v in values.items() if n not in names}, drawn)
     if made.count > MOST_POINTS:
         raise UsageError(f"{made.count} points; at most {MOST_POINTS} in one sweep")
     return made
 
 
 def _parameter(simulator: str, name: str) -> Parameter:
-    known = _parameters(simulator)
+    if simulator not in SIMULATORS:
+        raise UsageError(f'no simulator "{simulator}"{suggest(simulator, SIMULATORS)}')
+    known = SIMULATORS[simulator].parameters
     if name not in known:
         raise UsageError(f'no parameter "{name}"{suggest(name, known)}; there are {", ".join(known)}')
     return known[name]
 
 
-def _parameters(simulator: str) -> dict[str, Parameter]:
-    if simulator not in SIMULATORS:
-        raise UsageError(f'no simulator "{simulator}"{suggest(simulator, SIMULATORS)}')
-    return SIMULATORS[simulator].parameters
-
-
 def _value(simulator: str, name: str, given: str | float) -> Quantity | str:
-    unit = SIMULATORS[simulator].parameters[name].unit
+    unit = _parameter(simulator, name).unit
     if not unit:
         return str(given)
     try:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
@@ -42,16 +41,10 @@ _IMPORTS = ("numpy", "xarray", "labpipe.contact", "pipelines.sweeps.simulators")
 
 @dataclass(frozen=True, slots=True)
 class Swept:
-    """A finished sweep.
+    """A finished sweep: its netCDF file and its content.
 
-    Attributes
-    ----------
-    path : Path
-        The netCDF file.
-    dataset : Dataset
-        Its content: every output over the named dimensions, ``problem`` where a point failed.
-    computed, reused, failed : int
-        Points computed now, taken from an earlier run, and without result.
+    ``dataset`` holds every output over the named dimensions, ``problem`` where a point failed. ``computed``,
+    ``reused`` and ``failed`` count points computed now, taken from an earlier run, and without result.
     """
 
     path: Path
@@ -96,7 +89,7 @@ def sweep(
 
     Parameters
     ----------
-    simulator : {"drop", "indent", "adhesion", "heating", "amplitude"}
+    simulator : {"drop", "indent"}
     out : path-like
         netCDF file; the page is written to the same folder.
     vary : mapping
@@ -158,43 +151,27 @@ def run_design(
         raise UsageError(f"{path}: the result of a sweep is a netCDF file; give a name that ends in .nc")
     parts = path.with_name(f"{path.stem}.parts")
     size = max(BLOCK, ceil(plan.count / MOST_BLOCKS))
-    places: dict[str, list[int]] = {}  # of equal blocks, by content key
     contents: dict[str, str] = {}
-    for start in range(0, plan.count, size):
-        key = _key(plan.simulator, plan.points(start, start + size), contents)
-        places.setdefault(key, []).append(start)
-    is_known = np.zeros(plan.count, dtype=bool)
-    values = {name: np.full(plan.count, np.nan) for name in SIMULATORS[plan.simulator].outputs}
-    problems = np.full(plan.count, "", dtype=object)
-
-    def take(key: str, outcomes: Sequence[Outcome]) -> None:
-        for start in places[key]:
-            block = slice(start, min(start + size, plan.count))
-            if is_known[block].any() or len(outcomes) != is_known[block].size:
-                raise LabpipeError(f"points from {start} on: {len(outcomes)} results, or a second time")
-            is_known[block] = True
-            for point, outcome in enumerate(outcomes, start):
-                if isinstance(outcome, str):
-                    problems[point] = outcome
-                else:
-                    for name, column in values.items():
-                        column[point] = outcome[name]
-
-    for key, (start, *_) in places.items():
-        if (kept := _kept(parts, key, min(size, plan.count - start))) is not None:
-            take(key, kept)
-    reused = int(np.count_nonzero(is_known))
-    missing = _Blocks(plan, size, {key: own[0] for key, own in places.items() if not is_known[own[0]]})
+    blocks = {_key(plan.simulator, plan.points(k, k + size), contents): k for k in range(0, plan.count, size)}
+    found: dict[str, Sequence[Outcome]] = {}
+    for key, start in blocks.items():
+        kept = files.unseal(part.read_bytes()) if (part := parts / f"{key}.json").is_file() else None
+        length = min(size, plan.count - start)
+        # failed points are tried again
+        if isinstance(kept, list) and len(kept) == length and not any(isinstance(one, str) for one in kept):
+            found[key] = kept
+    reused = sum(map(len, found.values()))
+    missing = _Blocks(plan, size, {key: start for key, start in blocks.items() if key not in found})
     for key, answer in side_by_side(engine or Serial(), COMPUTE, missing, imports=_IMPORTS):
-        length = min(size, plan.count - places[key][0])
-        outcomes = [str(answer)] * length if isinstance(answer, Died) else answer
-        files.write_bytes(parts / f"{key}.json", files.seal(outcomes))
-        take(key, outcomes)
+        length = min(size, plan.count - blocks[key])
+        found[key] = [str(answer)] * length if isinstance(answer, Died) else answer
+        files.write_bytes(parts / f"{key}.json", files.seal(found[key]))
         if progress is not None:
-            progress(float(np.mean(is_known)))
-    if not is_known.all():
-        raise LabpipeError(f"{np.count_nonzero(~is_known)} points of the sweep have no outcome")
-    dataset, failed = _dataset(plan, values, problems), int(np.count_nonzero(problems != ""))
+            progress(sum(map(len, found.values())) / plan.count)
+    outcomes = [one for key in blocks for one in found.get(key, ())]
+    if len(outcomes) != plan.count:
+        raise LabpipeError(f"{plan.count - len(outcomes)} points of the sweep have no outcome")
+    dataset, failed = _dataset(plan, outcomes), sum(isinstance(one, str) for one in outcomes)
     files.write_dataset(path, dataset)
     if not failed and parts.is_dir():
         shutil.rmtree(parts)
@@ -227,8 +204,7 @@ class _Blocks(Mapping[str, tuple[str, Block]]):
     starts: dict[str, int]
 
     def __getitem__(self, key: str) -> tuple[str, Block]:
-        start = self.starts[key]
-        return self.plan.simulator, self.plan.points(start, start + self.size)
+        return self.plan.simulator, self.plan.points(self.starts[key], self.starts[key] + self.size)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.starts)
@@ -254,27 +230,18 @@ def _key(simulator: str, block: Block, contents: dict[str, str]) -> str:
             numbers = [solid.E_relaxed, solid.E.tolist(), solid.rho.tolist(), solid.nu]
             contents[name] = hashlib.sha256(files.canonical(numbers).encode()).hexdigest()
         points.append({**point, "material": contents[name]})
-    content = [code_of(simulator), points]
-    return hashlib.sha256(files.canonical(content).encode()).hexdigest()
+    return hashlib.sha256(files.canonical([code_of(simulator), points]).encode()).hexdigest()
 
 
-def _kept(parts: Path, key: str, size: int) -> list[Outcome] | None:
-    """Outcomes of an earlier run; none when missing, damaged, or when a point failed."""
-    path = parts / f"{key}.json"
-    outcome = files.unseal(path.read_bytes()) if path.is_file() else None
-    if not isinstance(outcome, list) or len(outcome) != size:
-        return None
-    return None if any(isinstance(one, str) for one in outcome) else outcome
-
-
-def _dataset(plan: Design, values: Mapping[str, NDArray[np.float64]], problems: NDArray[np.object_]) -> xr.Dataset:
+def _dataset(plan: Design, outcomes: Sequence[Outcome]) -> xr.Dataset:
     import xarray as xr
 
     simulator = SIMULATORS[plan.simulator]
-    variables: dict[str, Any] = {
-        name: variable(plan.dims, values[name].reshape(plan.shape), unit, text)
-        for name, (unit, text) in simulator.outputs.items()
-    }
+    variables: dict[str, Any] = {}
+    for name, (unit, text) in simulator.outputs.items():
+        values = np.array([np.nan if isinstance(one, str) else one[name] for one in outcomes])
+        variables[name] = variable(plan.dims, values.reshape(plan.shape), unit, text)
+    problems = np.array([one if isinstance(one, str) else "" for one in outcomes], dtype=object)
     text = "Why a point has no result; empty when it has"
     variables["problem"] = variable(plan.dims, problems.reshape(plan.shape), "1", text)
     coordinates: dict[str, Any] = {}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipelines.simulator_inputs import material, ramp_hold_oscillation, thermal_of
+from pipelines.simulator_inputs import material, ramp_hold_oscillation
 
 if TYPE_CHECKING:
     from labpipe.materials import Prony
@@ -51,15 +51,6 @@ _MATERIAL = {
     "vertical_shift": Parameter("1", 1.0, "factor b_T on all moduli at that temperature"),
 }
 _LIBRARY = "library name or TOML file"
-_RUBBER = {"material": Parameter("", "nbr", _LIBRARY), **_MATERIAL}
-_FALL = {
-    "material": Parameter("", "acrylic", _LIBRARY),
-    **_MATERIAL,
-    "radius": Parameter("m", 9.525e-3, "of the sphere"),
-    "mass": Parameter("kg", 0.505, "total moving mass"),
-    "height": Parameter("m", 1.5e-3, "drop height, from release to first touch"),
-    "gravity": Parameter("m/s2", 9.81, "of the place"),
-}
 
 
 def _solid(point: Mapping[str, Value]) -> "Prony":
@@ -137,47 +128,16 @@ def indent(point: Mapping[str, Value]) -> Outputs:
     }
 
 
-def adhesion(point: Mapping[str, Value]) -> Outputs:
-    """Adhesion of a sphere after JKR, with the relaxed modulus."""
-    from labpipe import contact
-    from labpipe.contact import lost_energy
-
-    number, body = _numbers(point), _solid(point)
-    modulus = body.factor("contact") * body.E_relaxed
-    sphere = (number["radius"], modulus, number["work"])
-    return {
-        "pull_off": contact.pull_off(*sphere),
-        "radius_at_no_load": float(contact.jkr_at_force(0.0, *sphere).contact_radius),
-        "tabor": contact.tabor(*sphere, number["distance"]),
-        "lost_energy": lost_energy(*sphere),
-    }
-
-
-def heating(point: Mapping[str, Value]) -> Outputs:
-    """Self-heating of a train of bounces."""
-    from labpipe import contact
-    from labpipe.materials import describe
-
-    number, known = _numbers(point), describe(str(point["material"]))
-    radius, mass, height, duration = (number[name] for name in ("radius", "mass", "height", "duration"))
-    rtol, gravity = number["rtol"], number["gravity"]
-    fall = contact.drop(_solid(point), radius, mass, height, duration, rtol=rtol, gravity=gravity)
-    thermal = thermal_of(str(point["material"]), number.get("heat_capacity"), number.get("conductivity"))
-    found = contact.self_heating(fall, known, thermal, number.get("temperature"))
-    return {
-        "impacts": float(fall.sizes["impact"]),
-        "bulk_rise": float(found.dataset["bulk_rise"][0]),
-        "train_rise": found.train,
-        "train_rise_adiabatic": found.train_adiabatic,
-        "modulus_change": found.modulus_change,
-    }
-
-
 SIMULATORS = {
     "drop": Simulator(
         drop,
         {
-            **_FALL,
+            "material": Parameter("", "acrylic", _LIBRARY),
+            **_MATERIAL,
+            "radius": Parameter("m", 9.525e-3, "of the sphere"),
+            "mass": Parameter("kg", 0.505, "total moving mass"),
+            "height": Parameter("m", 1.5e-3, "drop height, from release to first touch"),
+            "gravity": Parameter("m/s2", 9.81, "of the place"),
             "after_touch": Parameter("s", 20e-3, "simulated after the fall"),
             "plate_mass": Parameter("kg", 0.0, "of a ringing substrate; 0 for a rigid one"),
             "plate_frequency": Parameter("Hz", 390.0, "natural frequency of the substrate"),
@@ -196,7 +156,8 @@ SIMULATORS = {
     "indent": Simulator(
         indent,
         {
-            **_RUBBER,
+            "material": Parameter("", "nbr", _LIBRARY),
+            **_MATERIAL,
             "tip_radius": Parameter("m", 2e-3, "of curvature"),
             "period": Parameter("m", 8e-3, "distance of two tips"),
             "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
@@ -214,38 +175,6 @@ SIMULATORS = {
             "dissipated_work": ("J", "Work dissipated in the last cycle"),
             "least_half_width": ("m", "Smallest contact half width of the last cycle"),
             "solver_steps": ("1", "Steps of the simulator"),
-        },
-    ),
-    "adhesion": Simulator(
-        adhesion,
-        {
-            **_RUBBER,
-            "radius": Parameter("m", 9.525e-3, "of the sphere"),
-            "work": Parameter("J/m2", 0.05, "of adhesion"),
-            "distance": Parameter("m", 0.3e-9, "equilibrium distance of the surfaces"),
-        },
-        {
-            "pull_off": ("N", "Pull-off force"),
-            "radius_at_no_load": ("m", "Contact radius without load"),
-            "tabor": ("1", "Tabor's parameter"),
-            "lost_energy": ("J", "Energy lost, closing and opening"),
-        },
-    ),
-    "heating": Simulator(
-        heating,
-        {
-            **_FALL,
-            "duration": Parameter("s", 0.5, "from the release"),
-            "heat_capacity": Parameter("J/kg/K", None, "without it, the library's"),
-            "conductivity": Parameter("W/m/K", None, "without it, the library's"),
-            "rtol": Parameter("1", 1e-3, "relative error aimed at"),
-        },
-        {
-            "impacts": ("1", "Impacts"),
-            "bulk_rise": ("K", "Rise of the contact by the first impact"),
-            "train_rise": ("K", "Largest rise, with conduction"),
-            "train_rise_adiabatic": ("K", "Largest rise, without conduction"),
-            "modulus_change": ("1", "Relative change of the modulus"),
         },
     ),
 }

@@ -6,7 +6,7 @@ from datetime import date, datetime
 
 import pytest
 
-from calibration.record import KINDS, UNDATED, WRONG_CLOCK, load_record, require
+from calibration.record import UNDATED, WRONG_CLOCK, load_record, require
 from labpipe.errors import CalibrationError, ConfigError, SourceError
 from labpipe.units import Quantity
 
@@ -124,13 +124,6 @@ def test_wrong_kind_is_refused(tmp_path):
         require(load(tmp_path, LASER), "load_cell", VALID)
 
 
-def test_other_view_is_refused(tmp_path):
-    record = load(tmp_path, LASER.replace('serial = "1234567"', 'view = "front"'))
-    require(record, "laser", {"start": "2024-05-14"}, view="front")
-    with pytest.raises(CalibrationError, match='belongs to the view "front"'):
-        require(record, "laser", VALID, view="under")
-
-
 @pytest.mark.parametrize("attrs", [{"serial": "7654321"}, {"model": "CL-3000"}, {"sensor": "IL-100 no. 9"}])
 def test_other_sensor_is_refused(tmp_path, attrs):
     with pytest.raises(CalibrationError, match="take the record of that sensor"):
@@ -179,12 +172,6 @@ def test_a_measurement_without_a_day_says_that_nothing_was_checked(tmp_path):
     assert require(record, "laser", {"start": ""})["no_day"] == UNDATED
     with pytest.raises(CalibrationError, match="must read like"):
         require(record, "laser", {}, measured="14.5.2024")
-
-
-def test_every_kind_has_its_own_values():
-    for kind, record in KINDS.items():
-        assert "values" in record.__struct_fields__
-        assert kind in str(record.__annotations__["kind"])
 
 
 def test_records_are_read_without_the_numerical_stack(tmp_path):

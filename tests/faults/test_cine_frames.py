@@ -48,7 +48,7 @@ def sound_frames(frames: CineFrames, images: list[np.ndarray]) -> list[int]:
 # --- places of frames ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("frame", range(COUNT - 1))
+@pytest.mark.parametrize("frame", [0, COUNT - 2])
 def test_an_annotation_that_reaches_into_the_next_frame_is_no_frame(
     tmp_path: Path, images: list[np.ndarray], frame: int
 ) -> None:
@@ -57,7 +57,7 @@ def test_an_annotation_that_reaches_into_the_next_frame_is_no_frame(
     assert sound_frames(read(path), images) == [i for i in range(COUNT) if i != frame]
 
 
-@pytest.mark.parametrize("frame", range(1, COUNT))
+@pytest.mark.parametrize("frame", [1, COUNT - 1])
 def test_of_two_frames_at_one_place_one_is_refused(tmp_path: Path, images: list[np.ndarray], frame: int) -> None:
     path = film(tmp_path, (TABLE + 8 * frame, "q", FIRST))
     assert sound_frames(read(path), images) == [i for i in range(COUNT) if i != frame]
@@ -93,7 +93,7 @@ def bursts(pause: float, length: int = 5, number: int = 3) -> np.ndarray:
     return (starts[:, None] + np.arange(length) * 1e-4).ravel()
 
 
-@pytest.mark.parametrize("pause", [0.01, 0.5, 2.0, 60.0, 3600.0, 86400.0])
+@pytest.mark.parametrize("pause", [0.01, 2.0, 86400.0])
 def test_stamps_of_bursts_are_kept(tmp_path: Path, pause: float) -> None:
     time = bursts(pause)
     with pytest.warns(UserWarning, match=r"pauses 2 time|dropped"):
@@ -107,8 +107,8 @@ def test_stamps_of_bursts_are_kept(tmp_path: Path, pause: float) -> None:
 SECONDS = STAMPS + 4  # of the first stamp; the fractions stand before them
 
 
-@pytest.mark.parametrize("frame", range(15))
-@pytest.mark.parametrize("shift", [-1_000_000, -7, 5_000_000, 2_000_000_000])
+@pytest.mark.parametrize("frame", [0, 2, 5, 9, 14])
+@pytest.mark.parametrize("shift", [-1_000_000, 2_000_000_000])
 def test_one_damaged_stamp_is_replaced_within_its_burst(tmp_path: Path, frame: int, shift: int) -> None:
     time = bursts(60.0)
     start = struct.unpack_from("<I", film(tmp_path, time=time).read_bytes(), SECONDS)[0]

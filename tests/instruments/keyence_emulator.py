@@ -1,7 +1,6 @@
 """A controller in a thread: both protocols, and everything that can go wrong on a network."""
 
 import contextlib
-import random
 import socket
 import struct
 import threading
@@ -15,9 +14,7 @@ class Emulator:
     """Answers with ``values(n)`` for its n-th reading, unless ``faults[n]`` says otherwise.
 
     Faults: ``close`` (hangs up), ``short`` (half an answer, then hangs up), ``silent`` (no answer),
-    ``late`` (after ``delay``), ``pieces`` (byte by byte), ``slow`` (so, each after ``delay``),
-    ``garbage``, ``random`` and ``http`` (as many bytes as an answer has), ``error`` (ER,M0,022),
-    ``long`` (too many bytes).
+    ``late`` (after ``delay``), ``slow`` (byte by byte, each after ``delay``), ``garbage``, ``long`` (too many bytes).
     """
 
     def __init__(
@@ -70,20 +67,12 @@ class Emulator:
             return True
         if fault == "late":
             time.sleep(self.delay)
-        if fault in ("garbage", "error", "long"):
-            reply = {
-                "garbage": b"?!\r\n" if self.protocol == "dl-en1" else bytes(120),
-                "error": b"ER,M0,022\r\n",
-                "long": b"x" * 2000,
-            }[fault]
-        if fault == "random":
-            reply = random.Random(number).randbytes(len(reply))
-        if fault == "http":
-            reply = (b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/html\r\n" * 9)[: len(reply)]
-        if fault in ("pieces", "slow"):
+        if fault in ("garbage", "long"):
+            reply = b"x" * 2000 if fault == "long" else b"?!\r\n" if self.protocol == "dl-en1" else bytes(120)
+        if fault == "slow":
             for byte in reply:
                 peer.sendall(bytes([byte]))
-                time.sleep(self.delay if fault == "slow" else 0.0)
+                time.sleep(self.delay)
         else:
             peer.sendall(reply)
         return True

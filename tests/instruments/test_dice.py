@@ -43,14 +43,6 @@ def test_a_failed_point_is_nan_and_said(tmp_path: Path) -> None:
     assert np.isfinite(found["dx"].values).sum() == 8
 
 
-def test_blanks_as_delimiters_and_no_preamble(tmp_path: Path) -> None:
-    write_run(tmp_path / "run", (1,))
-    path = tmp_path / "run/DICe_solution_001.txt"
-    text = "\n".join(path.read_text().splitlines()[2:]).replace(",", " ")
-    path.write_text(text + "\n")
-    assert instruments.read(tmp_path / "run").sizes == {"frame": 1, "point": 3}
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

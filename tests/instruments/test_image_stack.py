@@ -1,7 +1,6 @@
 """Exported films: order, gaps, times, damage and bombs."""
 
 import struct
-import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 from PIL import Image
 
 import instruments
-from instruments.images import _files
 from labpipe.errors import InputError, SourceError
 from labpipe.frames import FrameSource, IncompleteFilmWarning
 
@@ -37,36 +35,9 @@ def test_images_are_sorted_by_number_not_by_name(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.stack(list(found)), film)
     np.testing.assert_allclose(found.time, [0, 1e-3, 2e-3])
     np.testing.assert_array_equal(found.roi(slice(2, 5), slice(3, 9))[-1], film[-1, 2:5, 3:9])
-
-
-def test_parts_of_one_image_are_decoded_once_and_belong_to_whoever_asks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    film = write_folder(tmp_path / "f", ["a0.png", "a1.png"])
-    decoded: list[int] = []
-    whole = _files.ImageFiles.whole
-
-    def counted(self: _files.ImageFiles, index: int) -> np.ndarray:
-        decoded.append(index)
-        return whole(self, index)
-
-    monkeypatch.setattr(_files.ImageFiles, "whole", counted)
-    read = instruments.read(tmp_path / "f", fps=100.0)
-    assert isinstance(read, FrameSource)
-    parts = [read.roi(slice(row, row + 1), slice(None)) for row in range(3)]
-    for index in (0, 1):
-        for row, part in enumerate(parts):
-            part[index][:] = 0
-            assert np.array_equal(part[index], film[index][row : row + 1])
-        assert np.array_equal(read[index], film[index])
-    assert decoded == [0, 1]
-
-
-def test_beside_a_plus_sign_a_minus_sign_is_no_hyphen(tmp_path: Path) -> None:
-    film = write_folder(tmp_path / "f", ["Img-00002.png", "Img-00001.png", "Img+00000.png", "Img+00001.png"])
-    found = instruments.read(tmp_path / "f", fps=1.0)
-    np.testing.assert_array_equal(np.stack(list(found)), film)
-    assert found.time.tolist() == [0.0, 1.0, 2.0, 3.0]
+    write_folder(tmp_path / "g", ["f10.png", "f20.png", "f30.png"])
+    with pytest.warns(UserWarning, match="go up by 10, so its times do by 10 / frame rate"):
+        np.testing.assert_allclose(instruments.read(tmp_path / "g", fps=1000.0).time, [0, 1e-2, 2e-2])
 
 
 def test_pages_of_a_tiff_are_frames(tmp_path: Path) -> None:
@@ -78,7 +49,7 @@ def test_pages_of_a_tiff_are_frames(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "bmp"])
-@pytest.mark.parametrize("cut", [0, 20, 60, -4])
+@pytest.mark.parametrize("cut", [20, -4])
 def test_a_cut_image_is_left_out(tmp_path: Path, cut: int, suffix: str) -> None:
     film = write_folder(tmp_path / "f", [f"a{i}.{suffix}" for i in (1, 2, 3)])
     path = tmp_path / f"f/a2.{suffix}"
@@ -103,24 +74,6 @@ def test_a_tiff_of_several_pages_gives_those_before_the_cut(tmp_path: Path) -> N
         np.testing.assert_array_equal(found[int(index)], film[index])
 
 
-def test_a_stack_of_imagej_beyond_four_gigabytes_is_not_taken_for_its_first_image(tmp_path: Path) -> None:
-    note = "ImageJ=1.53t\nimages=500\nslices=500\n"
-    Image.fromarray(images(1)[0]).save(tmp_path / "f.tif", tiffinfo={270: note})
-    with pytest.raises(SourceError, match="ImageJ states 500 images, of which 1 are described"):
-        instruments.read(tmp_path / "f.tif", fps=1.0)
-
-
-def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
-    header = struct.pack(">IIBBBBB", 60000, 60000, 8, 0, 0, 0, 0)
-    chunk = b"IHDR" + header
-    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk
-    data += struct.pack(">I", zlib.crc32(chunk)) + b"\0\0\0\0IEND\xaeB`\x82"
-    (tmp_path / "f").mkdir()
-    (tmp_path / "f/a1.png").write_bytes(data)
-    with pytest.raises(SourceError, match="declares an image that no camera takes"):
-        instruments.read(tmp_path / "f", fps=1.0)
-
-
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 @pytest.mark.parametrize("colours", [3, 4])
 def test_colours_that_say_the_same_are_grey_and_others_are_refused(tmp_path: Path, suffix: str, colours: int) -> None:
@@ -137,7 +90,7 @@ def test_colours_that_say_the_same_are_grey_and_others_are_refused(tmp_path: Pat
         instruments.read(tmp_path / "f", fps=1.0)
 
 
-@pytest.mark.parametrize("bits", [10, 12, 14])
+@pytest.mark.parametrize("bits", [10, 14])
 def test_the_white_level_of_fewer_bits_than_sixteen(tmp_path: Path, bits: int) -> None:
     (tmp_path / "f").mkdir()
     shown = images(2, np.uint16) >> (16 - bits)
@@ -169,8 +122,7 @@ def packed_tiff(pages: np.ndarray, bits: int, order: str) -> bytes:
     return data
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("bits", [10, 12, 14])
+@pytest.mark.parametrize(("order", "bits"), [("<", 10), (">", 12), ("<", 14)])
 def test_packed_pixels_of_a_tiff_are_the_cameras(tmp_path: Path, bits: int, order: str) -> None:
     film = np.random.default_rng(bits).integers(0, 2**bits, (3, 12, 21)).astype(np.uint16)
     for number in range(3):
@@ -199,29 +151,6 @@ def test_the_number_that_varies_is_the_place(tmp_path: Path) -> None:
         instruments.read(tmp_path / "f", fps=1000.0)
 
 
-def test_images_of_two_films_in_one_folder_are_refused_though_no_number_occurs_twice(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["one_01.png", "one_02.png", "two_11.png", "two_12.png"])
-    with pytest.raises(SourceError, match=r"two_11\.png: belongs to another film than one_01\.png"):
-        instruments.read(tmp_path / "f", fps=1000.0)
-
-
-@pytest.mark.filterwarnings("ignore:.*levels baked in:UserWarning")
-def test_a_video_that_breaks_off_has_the_frames_that_are_there(tmp_path: Path) -> None:
-    """Without the index at its end a decoder counts the frames that it finds."""
-    path = tmp_path / "f.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (160, 120), True)
-    if not writer.isOpened():
-        pytest.skip("this OpenCV writes no MJPG")
-    rng = np.random.default_rng(1)
-    for _ in range(6):
-        writer.write(np.repeat(rng.integers(0, 255, (120, 160, 1), np.uint8), 3, axis=2))
-    writer.release()
-    whole = path.read_bytes()
-    path.write_bytes(whole[: whole.find(b"00dc", len(whole) // 2) + 99])
-    with pytest.warns(UserWarning, match="6 frames are declared, [23] can be read"):
-        instruments.read(path, fps=10_000.0)
-
-
 def test_a_video_without_compression_is_refused_with_what_to_export(tmp_path: Path) -> None:
     """OpenCV 5 ends the program over such a file."""
     layout = struct.pack("<IiiHH4sIiiII", 40, 21, 9, 1, 24, b"\0\0\0\0", 0, 0, 0, 0, 0)
@@ -229,24 +158,6 @@ def test_a_video_without_compression_is_refused_with_what_to_export(tmp_path: Pa
     (tmp_path / "f.avi").write_bytes(data)
     with pytest.raises(SourceError, match=r"without compression is not read\n.*TIFF or PNG"):
         instruments.read(tmp_path / "f.avi", fps=1000.0)
-
-
-@pytest.mark.filterwarnings("ignore:.*levels baked in:UserWarning")
-@pytest.mark.parametrize(("suffix", "codec"), [("avi", "MJPG"), ("mp4", "mp4v")])
-def test_threads_that_read_one_video_get_the_frames_they_ask_for(tmp_path: Path, suffix: str, codec: str) -> None:
-    path = tmp_path / f"f.{suffix}"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 25, (64, 48), True)
-    if not writer.isOpened():
-        pytest.skip(f"this OpenCV writes no {codec}")
-    for i in range(40):
-        writer.write(np.full((48, 64, 3), 5 * i + 20, np.uint8))
-    writer.release()
-    film = instruments.read(path, fps=1000.0)
-    part = film.roi(slice(8, 24), slice(8, 24))
-    asked = np.random.default_rng(0).integers(0, 40, 200)
-    with ThreadPoolExecutor(4) as pool:
-        seen = list(pool.map(lambda i: float((film if i % 2 else part)[int(i)].mean()), asked))
-    np.testing.assert_allclose(seen, 5.0 * asked + 20, atol=2.5)
 
 
 def test_what_is_no_film_is_told_with_what_to_name_instead(tmp_path: Path) -> None:
@@ -281,12 +192,6 @@ def test_jpeg_images_are_a_film_to_whoever_gives_a_frame_rate(tmp_path: Path) ->
         cut.write_bytes(whole[:left])
         with pytest.warns(UserWarning, match="smooths"), pytest.warns(IncompleteFilmWarning, match=rf"a9\.jpg.*{what}"):
             assert instruments.read(tmp_path / "f", fps=1.0).valid.tolist() == [True, False, True]
-
-
-def test_jpeg_images_beside_others_are_not_dropped_in_silence(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["a1.png", "a2.png", "a3.jpg", "holder.jpg"])
-    with pytest.warns(UserWarning, match=r"are left out, 1 with a number in the name, the first a3\.jpg"):
-        assert len(instruments.read(tmp_path / "f", fps=1.0)) == 2
 
 
 @pytest.mark.parametrize("packing", [1, 5, 8])
@@ -349,23 +254,15 @@ def test_times_of_a_clock_are_no_numbers_of_frames(tmp_path: Path, names: list[s
         instruments.read(tmp_path / "f", fps=1000.0)
 
 
-def test_numbers_that_go_up_by_more_than_one_are_told(tmp_path: Path) -> None:
-    write_folder(tmp_path / "f", ["f10.png", "f20.png", "f30.png"])
-    with pytest.warns(UserWarning, match="go up by 10, so its times do by 10 / frame rate"):
-        film = instruments.read(tmp_path / "f", fps=1000.0)
-    np.testing.assert_allclose(film.time, [0, 1e-2, 2e-2])
-
-
-@pytest.mark.parametrize("kind", ["png", "tif"])
-@pytest.mark.parametrize("first", [0, 3])
-def test_images_stand_as_the_sensor_has_them_however_the_camera_was_held(tmp_path: Path, kind: str, first: int) -> None:
-    """A note of the camera's orientation would turn a whole film, or the images after a moment."""
+def test_a_note_of_the_cameras_orientation_turns_no_image(tmp_path: Path) -> None:
+    """It would turn a whole film, or the images after a moment; a TIFF with one is refused."""
     levels = (np.arange(40 * 60) % 251).astype(np.uint8).reshape(40, 60)
-    for k in range(5):
+    for k in range(3):
         note = Image.Exif()
-        note[274] = 6 if k >= first else 1
-        with_note = {"exif": note} if kind == "png" else {"tiffinfo": {274: note[274]}}
-        Image.fromarray(levels + np.uint8(k)).save(tmp_path / f"frame_{k}.{kind}", **with_note)
+        note[274] = 6 if k else 1
+        Image.fromarray(levels + np.uint8(k)).save(tmp_path / f"frame_{k}.png", exif=note)
     film = instruments.read(tmp_path, fps=1000.0)
-    assert film.shape == (5, 40, 60)
-    assert all(np.array_equal(film[k], levels + np.uint8(k)) for k in range(5))
+    assert all(np.array_equal(film[k], levels + np.uint8(k)) for k in range(3))
+    Image.fromarray(levels).save(tmp_path / "turned.tif", tiffinfo={274: 6})
+    with pytest.raises(SourceError, match="turned by a note of orientation"):
+        instruments.read(tmp_path / "turned.tif", fps=1000.0)

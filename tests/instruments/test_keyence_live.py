@@ -53,10 +53,8 @@ def test_the_ascii_protocol_reads_values_and_markers() -> None:
         ("short", "closed or flooded"),
         ("garbage", "no readings"),
         ("long", "no readings|flooded|no complete answer"),
-        ("http", "no readings|no complete answer|flooded"),
         ("silent", "no complete answer within 0.2 s"),
         ("slow", "no complete answer within 0.2 s"),
-        ("error", "no readings|no complete answer"),
     ],
 )
 def test_every_fault_is_an_error_that_names_the_controller(protocol: str, fault: str, words: str) -> None:
@@ -126,14 +124,6 @@ def test_a_trigger_keeps_the_readings_around_it(tmp_path: Path) -> None:
     assert found[done.trigger_row - 1] <= -50e-6
     assert not (found[: done.trigger_row - 1] <= -50e-6).any()
     assert done.rows <= done.trigger_row - 1 + 20
-
-
-def test_a_trigger_is_read_with_its_unit_and_its_output_must_be_recorded(tmp_path: Path) -> None:
-    assert Trigger.of("OUT2 > 1.5 mm") == (2, 1.5e-3, True)
-    with pytest.raises(InputError, match=r'reads "out1 < -1\.5 mm"'):
-        Trigger.of("when it falls")
-    with emulator(LK_G5000, lambda n: [n]) as made, pytest.raises(InputError, match="not recorded"):
-        recorded(made, tmp_path / "a.csv", 0.1, Trigger.of("out2 > 1 mm"))
 
 
 def test_a_file_is_never_replaced(tmp_path: Path) -> None:

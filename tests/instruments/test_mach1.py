@@ -11,9 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 import instruments
 from instruments import mach1
-from labpipe.errors import InputError
 from tests.instruments.mach1_blocks import split_blocks
-from tests.rounding import rounding
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/mach1"
 DYNAMIC = SAMPLES / "dynamic_5_sinusoid_blocks.txt"
@@ -80,22 +78,6 @@ def test_values_are_si_and_keep_their_unit_as_provenance(tmp_path):
     assert readings.position_theta.attrs["units"] == "rad"
 
 
-def test_blocks_with_other_columns_leave_nan(tmp_path):
-    readings = read_blocks(tmp_path, sinusoid(30), relaxation(40))
-    assert readings.sizes == {"sample": 70, "block_index": 2}
-    assert np.isnan(readings.torque_z.values[:30]).all()
-    assert np.isfinite(readings.torque_z.values[30:]).all()
-    assert np.isfinite(readings.force_z.values).all()
-    np.testing.assert_array_equal(readings.block.values, np.repeat([0, 1], [30, 40]))
-
-
-def test_dividers_are_counted_and_time_goes_on(tmp_path):
-    readings = read_blocks(tmp_path, relaxation(40, (20, 40)))
-    np.testing.assert_array_equal(readings.segment.values, np.repeat([0, 1], 20))
-    assert np.all(np.diff(readings.time.values) > 0)
-    assert json.loads(readings.attrs["blocks"])[0]["dividers"] == [20, 40]
-
-
 def test_compression_sign_follows_the_type_of_the_cell(tmp_path):
     assert read_blocks(tmp_path, relaxation()).attrs["compression_sign"] == -1
     assert read_blocks(tmp_path, sinusoid()).attrs["compression_sign"] == 1
@@ -122,29 +104,6 @@ def test_start_is_read_from_other_forms_of_a_date(tmp_path, date):
     assert mach1.read(path).attrs["start"] == "2023-07-19T23:59:59.900"
 
 
-def test_split_blocks_gives_each_its_own_time_and_columns(tmp_path):
-    first, second = split_blocks(read_blocks(tmp_path, sinusoid(30), relaxation(40)))
-    assert first.sizes == {"time": 30}
-    assert "torque_z" not in first
-    assert "torque_z" in second
-    assert first.attrs["function"] == "Sinusoid"
-    assert (first.attrs["compression_sign"], second.attrs["compression_sign"]) == (1, -1)
-    assert float(first.declared_frequency) == 1.0
-    np.testing.assert_allclose(second.time.values, np.arange(40) * 0.01, rtol=rounding(10))
-    assert json.loads(second.attrs["block"])["function"] == "Stress Relaxation"
-
-
-def test_layout_is_that_of_the_instrument(tmp_path):
-    path = tmp_path / "made.txt"
-    mach1.write(path, mach1.assemble([relaxation(20, (10, 20))]))
-    lines = path.read_bytes().decode("ascii").split("\r\n")
-    assert lines[0] == "<Mach-1 File>"
-    assert lines[2:4] == ["Date:\tWed, Jul 19, 2023", "Time:\t23:59:59.900"]
-    assert lines[-4:] == [lines[-4], "<divider>", "<END DATA>", ""]
-    assert lines[-4].count("\t") == 8
-    assert all(len(cell.partition(".")[2]) == 6 for cell in lines[-4].split("\t"))
-
-
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(
     st.lists(st.integers(1, 25), min_size=1, max_size=4),
@@ -168,16 +127,6 @@ def test_write_read_is_the_identity(tmp_path_factory, rows, seed, cuts):
     for name in made.variables:
         xr.testing.assert_equal(made[name].variable, again[name].variable)
     assert mach1.encode(again) == path.read_bytes()
-
-
-def test_no_blocks_and_units_of_two_kinds_are_refused():
-    with pytest.raises(InputError, match="at least one block"):
-        mach1.assemble([])
-    start = datetime(2024, 1, 1)
-    first = mach1.make_block("A", start, {"Time, s": np.zeros(1), "Foo, mm": np.zeros(1)}, {})
-    second = mach1.make_block("A", start, {"Time, s": np.zeros(1), "Foo, N": np.zeros(1)}, {})
-    with pytest.raises(InputError, match="before in m"):
-        mach1.assemble([first, second])
 
 
 @needs_samples

@@ -77,15 +77,6 @@ def test_pixels_times_and_levels_are_the_cameras(tmp_path: Path, bits: int, side
     assert recorded_on(film) == "2018-12-17"
 
 
-def test_an_odd_width_of_twelve_bits_is_cut_at_any_pixel(tmp_path: Path) -> None:
-    film = instruments.read(write(tmp_path, rows=ROWS * 2, columns=COLUMNS // 2))
-    true = FILM.reshape(COUNT, ROWS * 2, COLUMNS // 2)
-    for first in range(ROWS * 2):
-        np.testing.assert_array_equal(
-            film.roi(slice(first, first + 1), slice(1, 4))[2], true[2, first : first + 1, 1:4]
-        )
-
-
 def test_frames_beyond_the_end_are_left_out(tmp_path: Path) -> None:
     header = write(tmp_path)
     frames = header.with_suffix(".mraw")

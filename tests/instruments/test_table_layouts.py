@@ -32,38 +32,19 @@ PSI = 6894.757293168361
 LAYOUTS = {
     "units in the names": table("freq_hz,G_storage_pa,G_loss_pa,temperature_C", F, STORAGE, LOSS, T),
     "units in brackets": table("Frequency (Hz),E' (MPa),E'' (MPa),Temperature (°C)", *ALL),
-    "units in square brackets": table("f [Hz];E′ [MPa];E″ [MPa];T [°C]", *ALL, sep=";"),
     "units behind a slash": table("f/Hz\tE'/MPa\tE''/MPa\tT/°C", *ALL, sep="\t"),
-    "units behind a comma": table("Frequency, Hz; Storage modulus, MPa; Loss modulus, MPa; Temperature, °C", *ALL, sep=";"),
-    "units behind the name": table("Frequency Hz,Storage Modulus MPa,Loss Modulus MPa,Temperature C", *ALL),
-    "units with in": table("f in Hz;E' in MPa;E'' in MPa;T in K", F, STORAGE / 1e6, LOSS / 1e6, T + 273.15, sep=";"),
     "a row of units": table("f,E_stor,E_loss,T\nHz, MPa, MPa, C", *ALL),
     "blanks": table("omega  Gp  Gpp  T\nrad/s  Pa  Pa  C", OMEGA, STORAGE, LOSS, T, sep="   "),
-    "a comment of numpy": table("# f_Hz E1_Pa E2_Pa T_C", F, STORAGE, LOSS, T, sep=" ", form=".18e"),
-    "a comment of matlab": table("% f (Hz), E' (MPa), E'' (MPa), T (C)", *ALL, sep=" "),
     "decimal comma": table("Frequenz [Hz]\tSpeichermodul [MPa]\tVerlustmodul [MPa]\tTemperatur [°C]", *ALL, sep="\t", decimal=","),
-    "decimal comma between blanks": table("f (Hz)  E' (MPa)  E'' (MPa)  T (°C)", *ALL, sep="  ", decimal=","),
     "powers of ten with a comma": table("f (Hz);E' (Pa);E'' (Pa);T (°C)", F, STORAGE, LOSS, T, sep=";", decimal=",", form=".13e"),
-    "storage and tan delta": table("f (Hz),E' (MPa),tan(delta),T (°C)", F, STORAGE / 1e6, TAN, T),
     "size and degrees": table("omega,|E*| (MPa),delta_deg,T_C", OMEGA, SIZE / 1e6, np.rad2deg(DELTA), T),
-    "size and tan delta": table("f_Hz,Complex modulus (GPa),Tan Delta,T_C", F, SIZE / 1e9, TAN, T),
-    "compliances": table("f_Hz,D' (1/GPa),D'' (1/GPa),T_C", F, 1e9 * STORAGE / SIZE**2, 1e9 * LOSS / SIZE**2, T),
     "viscosities": table("omega (rad/s),eta' (Pa.s),eta'' (Pa.s),T (C)", OMEGA, LOSS / OMEGA, STORAGE / OMEGA, T),
-    "logarithms": table("log f (Hz),log E' (MPa),log E'' (MPa),T (°C)", np.log10(F), np.log10(STORAGE / 1e6), np.log10(LOSS / 1e6), T),
-    "pounds per square inch": table("f (Hz),E' (psi),E'' (psi),T (°F)", F, STORAGE / PSI, LOSS / PSI, T * 1.8 + 32),
-    "word and symbol": table("Frequency (Hz),Storage Modulus (E') (MPa),Loss Modulus (E'') (MPa),Temperature (°C)", *ALL),
-    "an index without a name": table(",freq_hz,E_stor_MPa,E_loss_MPa,temp_c", np.arange(F.size), *ALL),
     "lines above": "Sample: NBR 70\nOperator\tA. B.\nDate: 3/6/2020 14:02\n\n" + table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL),
-    "lines below": table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL) + "\nEnd of data\nmeasured by A. B.\n",
     "times of day": table("Datum;Uhrzeit;f (Hz);E' (MPa);E'' (MPa);T (°C)", *ALL, **DE).replace("\n0", "\n06.03.2021;14:02:11,5;0").replace("\n1", "\n06.03.2021;14:02:11,5;1").replace("\n3", "\n06.03.2021;14:02:11,5;3"),
     "French": table("Fréquence (Hz);Température (°C);Module de conservation (MPa);Module de perte (MPa)", F, T, *ALL[1:3], **DE),
-    "Spanish": table("Frecuencia (Hz);Temperatura (°C);Módulo de almacenamiento (MPa);Módulo de pérdida (MPa)", F, T, *ALL[1:3], **DE),
     "Japanese in wide letters": table("周波数（Hz）,温度（℃）,貯蔵弾性率（MPa）,損失弾性率（MPa）", F, T, *ALL[1:3]),
-    "Chinese": table("频率 (Hz),储能模量(㎫),损耗模量(㎫),温度(℃)", *ALL),
     "both frequencies": table("Freq (Hz),Freq (rad/s),E' (MPa),E'' (MPa),T (C)", F, OMEGA, *ALL[1:]),
     "RheoWin": table("f in Hz;ω in rad/s;G' in Pa;G\" in Pa;|G*| in Pa;δ in °;T in °C", F, OMEGA, STORAGE, LOSS, SIZE, np.rad2deg(DELTA), T, **DE),
-    "Bohlin": table("Frequency\tElastic Modulus\tViscous Modulus\tTemperature\nHz\tMPa\tMPa\tC", *ALL, sep="\t"),
-    "Kinexus": table("Frequency(Hz),Shear modulus (elastic component)(MPa),Shear modulus (viscous component)(MPa),Temperature(°C)", *ALL),
     "Eplexor": table("Nr.;f[Hz];E'[MPa];E''[MPa];T[°C]", np.arange(F.size), *ALL, **DE),
     "ARES": table(" [page 1]\n\tFreq\tG'\tG''\tTemp\n\t[rad/s]\t[Pa]\t[Pa]\t[°C]", np.full(F.size, np.nan), OMEGA, STORAGE, LOSS, T, sep="\t").replace("nan", ""),
     "Universal Analysis": "Instrument\tDMA Q800 V21.1\nNsig\t4\nSig1\tFrequency (Hz)\nSig2\tStorage Modulus (MPa)\nSig3\tLoss Modulus (MPa)\nSig4\tTemperature (°C)\nDate\t01-Jan-2020\n" + table("StartOfData", *ALL, sep="\t"),
@@ -88,8 +69,8 @@ def test_encodings_are_found(tmp_path, encoding):
 
 
 @pytest.mark.parametrize(
-    "title", ["{t:g} °C", "--- {t:g} °C ---", "Isotherm 2 ({t:g} °C)", "Solltemperatur;{t:g};°C", "Temperature,{t:g},°C",
-              "T = {t:g} °C", "Isotherm 1: {t:g} ± 0.1 °C", "Sweep at {t:g} C", "[step]\nSweep {t:g} °C"],
+    "title", ["--- {t:g} °C ---", "Solltemperatur;{t:g};°C", "T = {t:g} °C", "Isotherm 1: {t:g} ± 0.1 °C",
+              "[step]\nSweep {t:g} °C"],
 )  # fmt: skip
 def test_a_title_states_the_temperature_with_its_sign(tmp_path, title):
     def blocks():
@@ -104,8 +85,7 @@ def test_a_title_states_the_temperature_with_its_sign(tmp_path, title):
 
 @pytest.mark.parametrize(
     "line",
-    ["Specimen cured at 120 °C", "Stored at 23 °C / 50 % RH", "Room temperature: 23 °C", "Glass transition at 105 °C",
-     "Reference temperature 20 °C", "Temp. ramp from 20 °C", "Iso, 3 °C to 20 °C"],
+    ["Specimen cured at 120 °C", "Room temperature: 23 °C", "Reference temperature 20 °C", "Iso, 3 °C to 20 °C"],
 )  # fmt: skip
 def test_the_temperature_of_something_else_is_left(tmp_path, line):
     text = line + "\n" + table("f (Hz),E' (MPa),E'' (MPa)", F, STORAGE / 1e6, LOSS / 1e6)

@@ -3,16 +3,22 @@
 import json
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
 from labpipe.errors import SourceError, UsageError
 from pipelines.commands.results import catalogue as command
 from pipelines.process import process, result
-from pipelines.session import catalogue, query
+from pipelines.session import catalogue
 from pipelines.session._catalogue import CATALOGUE
+
+
+def query(database: Path, where: str = "", columns: Sequence[str] = (), *, table: str = "experiments") -> pd.DataFrame:
+    return catalogue(database.parents[1], where=where, columns=columns, table=table).table
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +149,7 @@ def test_a_damaged_catalogue_is_made_anew(sessions: Path, tmp_path: Path) -> Non
     path.write_bytes(data)
     done = catalogue([sessions], path)
     assert len(done.renewed) == 2
-    assert len(query(path, "kind = 'ball_drop'")) == 2
+    assert len(catalogue([sessions], path, where="kind = 'ball_drop'").table) == 2
 
 
 def test_the_command_prints_a_table_and_json(sessions: Path) -> None:

@@ -132,16 +132,6 @@ def test_one_table_says_of_each_quantity_its_value_model_and_verdict(processed_s
     assert not table.index.duplicated().any()
 
 
-def test_a_workbook_has_a_sheet_for_each_family_of_curves(processed_session: Path, tmp_path: Path) -> None:
-    (path,) = export(processed_session, "xlsx", out=tmp_path).paths
-    sheet = pd.read_excel(path, sheet_name="ball_drop repeats time", header=None, engine="openpyxl")
-    assert list(sheet.iloc[:4, 0]) == ["drop", "time", "s", sheet.iloc[3, 0]]
-    every = int(str(sheet.iloc[3, 0]).split()[2]) if "one of" in str(sheet.iloc[3, 0]) else 1
-    expected = result(processed_session, "drop", "repeats")["time"].values[::every]
-    # A spreadsheet holds 16 digits of a number.
-    np.testing.assert_allclose(sheet.iloc[4:, 0].dropna().to_numpy(float)[: expected.size], expected, rtol=1e-12)
-
-
 def test_the_table_for_latex_has_its_cells_and_escapes(processed_session: Path, tmp_path: Path) -> None:
     (path,) = export(processed_session, "tex", out=tmp_path).paths
     body = [line for line in path.read_text("utf-8").splitlines() if line.endswith("\\\\")]

@@ -1,4 +1,4 @@
-"""Pages of several experiments: all of one material, and two side by side."""
+"""Pages of two experiments side by side."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from labpipe.errors import InputError, UsageError
 from pipelines.cli import main
 from pipelines.experiments.shared.comparison_rows import row
 from pipelines.process import process
-from pipelines.session import beside, compare, reopen_session
+from pipelines.session import beside, reopen_session
 from pipelines.session._comparison import labelled
 
 
@@ -48,17 +48,6 @@ def test_two_experiments_stand_side_by_side_and_the_index_leads_there(
     assert not left.value.code
     assert "beside-twin--nbr.html" in capsys.readouterr().out
     assert "No quantity is measured in both" in (twins / "labpipe/beside-twin--nbr.html").read_text("utf-8")
-
-
-def test_a_material_of_several_experiments_has_a_page(twins: Path) -> None:
-    compare(twins, jobs=0)
-    page = twins / "labpipe/material-acrylic.html"
-    text = page.read_text("utf-8")
-    assert headings(page)[:2] == ["Answer", "Deviations"]
-    assert {name for name in ("drop", "twin", "nbr") if f'href="reports/{name}.html"' in text} == {"drop", "twin"}
-    assert not (twins / "labpipe/material-nbr.html").exists()  # one experiment has its report
-    assert 'href="material-acrylic.html"' in (twins / "labpipe/compare.html").read_text("utf-8")
-    assert headings(twins / "labpipe/index.html")[0] == "Answer"
 
 
 def test_what_cannot_stand_side_by_side_is_refused(small_session: Path, processed_session: Path) -> None:
