@@ -1,4 +1,4 @@
-"""A session as one object: its experiments, readings, results and verdicts."""
+"""A session as one object: its experiments, readings, results, verdicts and plots."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labpipe.errors import UsageError
+from labpipe.errors import InputError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.fields import suggest
 from labpipe.workflow.session import Experiment, Session
@@ -18,8 +18,11 @@ from pipelines.session._verdicts import Verdicts
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
 
     from labpipe.frames import FrameSource
+
+_BAND = 2.0  # standard uncertainties, about 95 %
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -85,6 +88,50 @@ class OpenSession(ShownAsTable):
         """Return one result, see :func:`labpipe.result`."""
         return result(self.folder, experiment, stage, recording)
 
+    def plot(
+        self, experiment: str, stage: str, variable: str, recording: str | None = None, *, ax: Axes | None = None
+    ) -> Axes:
+        """Draw one variable of a result with its 95 % band.
+
+        Parameters
+        ----------
+        experiment, stage, variable : str
+            Names, for example ``"acrylic_7mm"``, ``"repeats"`` and ``"restitution"``.
+        recording : str, optional
+            The file, for stages that run once per recording.
+        ax : matplotlib Axes, optional
+            By default that of a new figure.
+
+        Returns
+        -------
+        Axes
+            The variable over its dimension, shaded within two standard uncertainties where they are known.
+
+        Raises
+        ------
+        UsageError
+            There is no such experiment, stage or variable; the message names those that there are.
+        InputError
+            The result is out of date, or the variable is not a curve.
+        """
+        import matplotlib.pyplot as plt
+
+        found = self.result(experiment, stage, recording)
+        if variable not in found:
+            known = list(map(str, found.data_vars))
+            raise UsageError(
+                f'{stage} has no variable "{variable}"{suggest(variable, known)}; it has {", ".join(known)}'
+            )
+        curve = found[variable]
+        if curve.ndim != 1:
+            raise InputError(f"{variable} is over {curve.dims}; choose one curve of it with result(...) and plot that")
+        axes = plt.subplots()[1] if ax is None else ax
+        (line,) = curve.plot.line(ax=axes, x=curve.dims[0], label=experiment, add_legend=False)
+        if (u := found.get(f"u_{variable}")) is not None and u.shape == curve.shape:
+            low, high = curve.values - _BAND * u.values, curve.values + _BAND * u.values
+            axes.fill_between(line.get_xdata(), low, high, color=line.get_color(), alpha=0.25, linewidth=0.0)
+        return axes
+
     def _shown(self) -> Shown:
         return self.session._shown()
 
@@ -100,7 +147,7 @@ def open_lab_session(folder: str | Path) -> OpenSession:
     Returns
     -------
     OpenSession
-        With ``experiments``, ``verdicts``, ``readings()``, ``results()`` and ``result()``.
+        With ``experiments``, ``verdicts``, ``readings()``, ``results()``, ``result()`` and ``plot()``.
 
     Raises
     ------
@@ -112,7 +159,7 @@ def open_lab_session(folder: str | Path) -> OpenSession:
     Examples
     --------
     >>> session = lp.open_session("my-session")  # doctest: +SKIP
-    >>> session.result("acrylic_7mm", "repeats")["restitution"].plot()  # doctest: +SKIP
+    >>> session.plot("acrylic_7mm", "repeats", "restitution")  # doctest: +SKIP
     """
     reopen_session(folder)  # every mistake is said at once
     return OpenSession(Path(folder))

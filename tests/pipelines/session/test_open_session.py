@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import labpipe as lp
@@ -24,7 +25,21 @@ def test_experiments_readings_results_and_verdicts_are_at_hand(session) -> None:
     assert drop.name in repr(session)
 
 
+def test_a_variable_is_drawn_with_its_band(session) -> None:
+    import matplotlib.pyplot as plt
+
+    found = session.result("drop", "repeats")
+    axes = session.plot("drop", "repeats", "restitution")
+    (line,) = axes.lines
+    np.testing.assert_array_equal(line.get_ydata(), found["restitution"])
+    heights = axes.collections[0].get_paths()[0].vertices[:, 1]
+    assert heights.max() == pytest.approx(float((found["restitution"] + 2.0 * found["u_restitution"]).max()))
+    plt.close(axes.figure)
+
+
 def test_what_was_mistyped_or_left_out_is_said(session) -> None:
+    with pytest.raises(UsageError, match='did you mean "restitution"'):
+        session.plot("drop", "repeats", "restitutoin")
     with pytest.raises(UsageError, match='did you mean "drop"'):
         session.readings("dropp")
     with pytest.raises(UsageError, match="name a stage of drop: readings, "):
