@@ -22,7 +22,7 @@ from labpipe.imaging import contact_radius, hertz_gap
 from labpipe.workflow.plan import page_name
 from pipelines.session import reopen_session
 
-_SHOWN = 12
+_SHOWN = 6
 """First and last lines of a command's reply."""
 #: Places of a report in the gallery, in the order of the numbered marks that its text explains.
 _MARKED = (
