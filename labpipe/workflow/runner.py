@@ -1,12 +1,14 @@
 """Runs by a plan: experiments side by side, each failure on its own, nothing half-done."""
 
 import contextlib
+import secrets
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
+
+import msgspec
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, StorageError
@@ -19,7 +21,7 @@ from labpipe.workflow.graph import imports_of
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.run_result import Event, RunResult
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Store, log
+from labpipe.workflow.store import LOG, Store, events_after, log
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
 
 _TRIES = 2
@@ -35,7 +37,6 @@ class Options(TypedDict, total=False):
     only: Iterable[str] | None
     fail_fast: bool
     full: bool
-    paranoid: bool
     keep: bool | None
     schemas: Mapping[str, Schema] | None
     progress: Callable[[Event], None] | None
@@ -79,7 +80,6 @@ def run_all(
     only: Iterable[str] | None = None,
     fail_fast: bool = False,
     full: bool = False,
-    paranoid: bool = False,
     keep: bool | None = False,
     schemas: Mapping[str, Schema] | None = None,
     progress: Callable[[Event], None] | None = None,
@@ -105,8 +105,6 @@ def run_all(
         Stop everything at the first failure; sessions that have not begun are left out.
     full : bool
         Without shortcuts, for stages that declare ``shortcuts``.
-    paranoid : bool
-        Read every file again instead of trusting size, times and inode.
     keep : bool or None
         Take results of earlier code as they are; with None, those that an earlier run took.
     schemas : mapping, optional
@@ -137,7 +135,7 @@ def run_all(
         raise InputError("; ".join(unknown))
 
     def begin(session: Session) -> _SessionRun:
-        store = Store(session.folder, paranoid=paranoid)
+        store = Store(session.folder)
         store.clean()
         tasks = spell_out(session, stages)
         wanted = wanted_tasks(session, tasks, targets, only)
@@ -150,11 +148,11 @@ def run_all(
             experiment="",
             wanted=frozenset(),
             full=full,
-            paranoid=paranoid,
             keep=keep,
             fail_fast=fail_fast,
             program=provenance.program() if made.to_run else {},
             failures={},
+            run=secrets.token_hex(8),
         )
         state = _SessionRun(made, store, template, progress, is_whole=len(made.tasks) == len(tasks))
         state.begin(jobs)
@@ -183,6 +181,8 @@ def run_all(
                     return
                 for (state, experiment), answer in crew.ended():
                     state.take(experiment, answer)
+                for state in under_way:
+                    state.hear()
                 must_stop = fail_fast and any(o.state == FAILED for s in under_way for o in s.outcomes.values())
         while under_way:  # stopped at the first failure
             state = under_way.pop(0)
@@ -199,7 +199,8 @@ class _SessionRun:
     """The run of one session while it goes on.
 
     ``waiting`` holds experiments to run with those that must end before them, ``running`` those
-    given to a process with the task that it is at, ``killed`` tasks that have killed their workers.
+    given to a process with the task that it is at, ``killed`` tasks that have killed their workers, ``heard`` the
+    bytes of the log that have been read.
     """
 
     plan: Plan
@@ -212,6 +213,7 @@ class _SessionRun:
     running: dict[str, TaskId | None] = field(default_factory=dict)
     deaths: Counter[tuple[str, TaskId | None]] = field(default_factory=Counter)
     killed: dict[TaskId, Outcome] = field(default_factory=dict)
+    heard: int = 0
     held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def log(self, event: str, **details: Any) -> None:
@@ -224,13 +226,14 @@ class _SessionRun:
             total = max(len(self.plan.rows), len(self.outcomes))
             self.progress(Event(kind, task, len(self.outcomes), total, message, self.plan.session.root))
 
-    def note(self, outcome: Outcome) -> None:
-        """Take the end of a task."""
+    def note(self, outcome: Outcome, *, is_logged: bool = False) -> None:
+        """Take the end of a task, once."""
         known = self.outcomes.get(outcome.task)
-        if known is not None and known.state == DONE:
+        if known == outcome or (known is not None and known.state == DONE):
             return  # a second pass finds in the store what the first one computed
         self.outcomes[outcome.task] = outcome
-        self.log("ended", **asdict(outcome))
+        if not is_logged:
+            self.log("ended", **asdict(outcome))
         self.show(outcome.state, outcome.task, outcome.message)
 
     # --- beginning and end ---
@@ -242,6 +245,7 @@ class _SessionRun:
             held.callback(self.store.clean)  # after an interrupt; otherwise nothing is there
             held.enter_context(self.store.writing())
             self.log("run started", tasks=len(plan.rows), to_run=len(plan.to_run), jobs=jobs)
+            self.heard = (plan.session.folder / LOG).stat().st_size
             if plan.to_run:
                 self.show("planned", plan.to_run[0].task, plan.summary)
             busy = {row.experiment for row in plan.to_run}
@@ -327,20 +331,21 @@ class _SessionRun:
                 failures=failed | {task: o for task, o in self.killed.items() if task.experiment == experiment},
             )
             imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
-            call = Call(f"{Job.__module__}:work", (job,), tells=True, imports=imports)
-            crew.give((self, experiment), call, partial(self.hear, experiment))
             self.running[experiment] = None
+            crew.give((self, experiment), Call(f"{Job.__module__}:work", (job,), imports))
 
-    def hear(self, experiment: str, event: tuple[str, Any]) -> None:
-        """Take an event of a worker, and know the task that it is at."""
-        name, value = event
-        if name == "started":
-            self.running[experiment] = task = TaskId(*value)
-            self.log("started", **task._asdict())
-            self.show("started", task)
-        else:
-            self.running[experiment] = None
-            self.note(Outcome(**value))
+    def hear(self) -> None:
+        """Take the events that workers have written into the log, and know the tasks that they are at."""
+        self.heard, found = events_after(self.plan.session, self.heard, self.template.run)
+        for event in found:
+            task = TaskId(event["experiment"], event["stage"], event["recording"])
+            is_start = event["event"] == "started"
+            if task.experiment in self.running:
+                self.running[task.experiment] = task if is_start else None
+            if is_start:
+                self.show("started", task)
+            else:
+                self.note(msgspec.convert(event, Outcome), is_logged=True)
 
     def take(self, experiment: str, answer: "list[Outcome] | Died") -> None:
         """Take the end of an experiment.
@@ -349,11 +354,11 @@ class _SessionRun:
         worker has failed, and the rest goes on without it; an experiment that kills two outside its tasks has
         failed as a whole.
         """
+        self.hear()
         blamed = self.running.pop(experiment)
         if not isinstance(answer, Died):
-            for outcome in answer:
-                if self.outcomes.get(outcome.task) != outcome:  # not heard of before
-                    self.note(outcome)
+            for outcome in answer:  # those that the log lacks
+                self.note(outcome)
             return
         self.log("worker died", experiment=experiment, task=blamed, message=str(answer))
         self.deaths[experiment, blamed] += 1

@@ -48,11 +48,7 @@ def test_a_folder_without_a_session_says_how_to_make_one(tmp_path: Path) -> None
     [
         ("", "begin the file with the line"),
         ("labpipe = 2\n", "is of version 2, this labpipe reads up to 1; update labpipe"),
-        ("labpipe = 99999999999999999999\n", "update labpipe"),
-        ("labpipe = 0\n", "expected 1, found 0"),
         ("labpipe = '1'\n", 'expected 1, found "1"'),
-        ("labpipe = true\n", "expected 1, found true"),
-        ("labpipe = 1.0\n", "expected 1, found 1.0"),
     ],
 )
 def test_another_version_is_the_only_mistake_reported(tmp_path: Path, head: str, says: str) -> None:

@@ -118,15 +118,6 @@ def test_damage_is_noticed_set_aside_and_repaired(store: Store, damage: str) -> 
     assert store.state(KEY) == "stored"
 
 
-def test_a_record_of_another_format_is_not_believed(store: Store) -> None:
-    path = object_path(store, ".json")
-    record = files.unseal(path.read_bytes())
-    path.write_bytes(files.seal({**record, "format": 2}))
-    assert store.state(KEY) == "damaged"
-    path.write_bytes(files.seal({**record, "unknown": 2}))
-    assert store.state(KEY) == "damaged"
-
-
 def test_a_foreign_result_under_our_key_is_not_believed(store: Store) -> None:
     other = store.write({"stage": "other"}, dataset(2.0))
     for ending in (".nc", ".json"):
