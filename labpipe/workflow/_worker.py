@@ -83,7 +83,6 @@ class Job:
     wanted: frozenset[TaskId]
     full: bool
     keep: bool | None
-    fail_fast: bool
     program: Mapping[str, Any]
     failures: Mapping[TaskId, Outcome]
     run: str = ""
@@ -157,7 +156,6 @@ class _Run:
     passed: dict[TaskId, Any] = field(default_factory=dict)
 
     def all(self) -> None:
-        has_stopped = False
         for row in self.plan.rows:
             if row.experiment != self.job.experiment:
                 continue
@@ -165,13 +163,10 @@ class _Run:
                 last = self.plan.last(row.task)
                 self.store.note_latest(row.task, *last)
                 outcome = Outcome(*row.task, row.state, last.key)
-            elif has_stopped and row.task not in self.job.failures:
-                outcome = Outcome(*row.task, SKIPPED, message="stopped after the first failure", is_of_run=True)
             else:
                 outcome = self._outcome(self.plan.tasks[row.task])
             if outcome.state in (FAILED, SKIPPED):
                 self.failures[row.task] = outcome
-                has_stopped |= self.job.fail_fast
             self.emit("ended", outcome)
 
     def _outcome(self, task: Task) -> Outcome:

@@ -2,8 +2,7 @@
 
 An engine gives a :class:`Crew`, which is given one :class:`Call` after the other and answers each; behind it is an
 executor of :mod:`concurrent.futures`. Local processes compute on one thread each, so that an answer does not depend on
-their number, and end with the crew. A process that dies breaks the pool: a new one is started, and the calls that were
-under way are answered by :class:`Died`.
+their number, and end with the crew. A process that dies breaks the pool, and a new one is started.
 """
 
 import contextlib
@@ -25,7 +24,6 @@ from labpipe.errors import InputError, LabpipeError, UsageError
 
 Key = TypeVar("Key")
 
-_TRIES = 3
 _MOMENT = 0.1
 """s: how often a crew that waits lets its owner see to other things."""
 _ENVIRONMENT = {
@@ -75,6 +73,9 @@ class Call:
 class Crew:
     """The calls under way, by the keys under which they were given.
 
+    A call that was under way when a local process died is tried once more, alone, after all others; after a second
+    death its answer is :class:`Died`.
+
     Parameters
     ----------
     start : callable
@@ -85,39 +86,49 @@ class Crew:
 
     def __init__(self, start: Callable[[Call], "Future[Any]"], size: Callable[[], int]) -> None:
         self._start, self._size = start, size
-        self._under_way: dict[Future[Any], Any] = {}
+        self._under_way: dict[Future[Any], tuple[Any, Call]] = {}
+        self._lost: list[tuple[Any, Call]] = []
+        self._alone: Future[Any] | None = None
 
     @property
     def room(self) -> int:
         """Calls that can be given now."""
-        return max(self._size() - len(self._under_way), 0)
+        return 0 if self._alone in self._under_way else max(self._size() - len(self._under_way), 0)
 
     @property
     def is_idle(self) -> bool:
-        """Whether no call is under way."""
-        return not self._under_way
+        """Whether every call has been answered."""
+        return not (self._under_way or self._lost)
 
     def give(self, key: Any, call: Call) -> None:
         """Hand out a call under a key."""
-        self._under_way[self._start(call)] = key
+        self._under_way[self._start(call)] = key, call
 
     def ended(self) -> Sequence[tuple[Any, Any]]:
         """Wait a moment for answers; return key and answer of the calls that have ended, raise the error of one."""
+        ended = []
         done, _ = wait(self._under_way, _MOMENT, FIRST_COMPLETED)
-        return [(self._under_way.pop(future), _answer(future)) for future in list(self._under_way) if future in done]
-
-
-def _answer(future: "Future[Any]") -> Any:
-    try:
-        return future.result()
-    except BrokenProcessPool:
-        return Died("its process was ended from outside, or crashed; was the memory full?")
-    except CancelledError as error:
-        raise LabpipeError("the Dask scheduler no longer answers; run again to go on") from error
-    except Exception as error:
-        if type(error).__name__ != "KilledWorker":  # of Dask, which need not be installed
-            raise
-        return Died("its workers died one after the other; was the memory full?")
+        for future in [future for future in self._under_way if future in done]:
+            key, call = self._under_way.pop(future)
+            try:
+                answer = future.result()
+            except BrokenProcessPool:
+                if future is not self._alone:
+                    self._lost.append((key, call))
+                    continue
+                answer = Died("its process was ended from outside, or crashed; was the memory full?")
+            except CancelledError as error:
+                raise LabpipeError("the Dask scheduler no longer answers; run again to go on") from error
+            except Exception as error:
+                if type(error).__name__ != "KilledWorker":  # of Dask, which need not be installed
+                    raise
+                answer = Died("its workers died one after the other; was the memory full?")
+            ended.append((key, answer))
+        if self._lost and not self._under_way:
+            key, call = self._lost.pop(0)
+            self._alone = self._start(call)
+            self._under_way[self._alone] = key, call
+        return ended
 
 
 class Engine(Protocol):
@@ -171,33 +182,16 @@ def side_by_side(
     Yields
     ------
     tuple
-        A key and its answer, in the order of the answers. A task that was under way when a process died is tried
-        again alone after all others; after the third death its answer is :class:`Died`. An error of the
-        function is raised.
+        A key and its answer, in the order of the answers; see :class:`Crew`. An error of the function is raised.
     """
-
-    def answers(queue: Iterator[Key]) -> Generator[tuple[Key, Any], None, list[Key]]:
-        """Yield the answers to a queue; return the tasks over which a process died."""
-        lost: list[Key] = []
+    queue = iter(tasks)
+    with engine.crew() as crew:
         while True:
             for key in islice(queue, crew.room):
-                crew.give(key, Call(function, tasks[key], imports=tuple(imports)))
+                crew.give(key, Call(function, tasks[key], tuple(imports)))
             if crew.is_idle:
-                return lost
-            for key, answer in crew.ended():
-                if isinstance(answer, Died):
-                    lost.append(key)
-                else:
-                    yield key, answer
-
-    with engine.crew() as crew:
-        suspects = yield from answers(iter(tasks))
-        for key in suspects:
-            for _ in range(_TRIES - 1):
-                if not (yield from answers(iter([key]))):
-                    break
-            else:
-                yield key, Died(f"{_TRIES} workers died over it")
+                return
+            yield from crew.ended()
 
 
 def elsewhere(call: Call) -> Any:

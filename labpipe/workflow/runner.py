@@ -2,7 +2,6 @@
 
 import contextlib
 import secrets
-from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -24,9 +23,6 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.store import LOG, Store, events_after, log
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
 
-_TRIES = 2
-"""Processes that a task may kill before it has failed."""
-
 
 class Options(TypedDict, total=False):
     """Options of :func:`run_all`."""
@@ -35,7 +31,6 @@ class Options(TypedDict, total=False):
     cluster: str | None
     targets: Iterable[str] | None
     only: Iterable[str] | None
-    fail_fast: bool
     full: bool
     keep: bool | None
     schemas: Mapping[str, Schema] | None
@@ -78,7 +73,6 @@ def run_all(
     cluster: str | None = None,
     targets: Iterable[str] | None = None,
     only: Iterable[str] | None = None,
-    fail_fast: bool = False,
     full: bool = False,
     keep: bool | None = False,
     schemas: Mapping[str, Schema] | None = None,
@@ -101,8 +95,6 @@ def run_all(
         path for all of them.
     targets, only : str or iterable of str, optional
         See :func:`labpipe.workflow.plan.plan`.
-    fail_fast : bool
-        Stop everything at the first failure; sessions that have not begun are left out.
     full : bool
         Without shortcuts, for stages that declare ``shortcuts``.
     keep : bool or None
@@ -149,7 +141,6 @@ def run_all(
             wanted=frozenset(),
             full=full,
             keep=keep,
-            fail_fast=fail_fast,
             program=provenance.program() if made.to_run else {},
             failures={},
             run=secrets.token_hex(8),
@@ -160,18 +151,15 @@ def run_all(
 
     queue = iter(sessions)
     under_way: list[_SessionRun] = []
-    must_stop = False
     try:
         with engine.crew() as crew:
-            while not must_stop:
+            while True:
                 for state in [state for state in under_way if not state.waiting and not state.running]:
                     under_way.remove(state)
                     yield state.plan.session, state.end()
                 for state in under_way:
-                    if not any(one.runs_suspect for one in under_way):
-                        state.give(crew)
-                runs_suspect = any(one.runs_suspect for one in under_way)
-                if crew.room and not runs_suspect and (session := next(queue, None)) is not None:
+                    state.give(crew)
+                if crew.room and (session := next(queue, None)) is not None:
                     try:
                         under_way.append(begin(session))
                     except LabpipeError as error:
@@ -183,10 +171,6 @@ def run_all(
                     state.take(experiment, answer)
                 for state in under_way:
                     state.hear()
-                must_stop = fail_fast and any(o.state == FAILED for s in under_way for o in s.outcomes.values())
-        while under_way:  # stopped at the first failure
-            state = under_way.pop(0)
-            yield state.plan.session, state.end()
     except BaseException as error:
         for state in under_way:
             with state.held, contextlib.suppress(StorageError):
@@ -211,7 +195,6 @@ class _SessionRun:
     outcomes: dict[TaskId, Outcome] = field(default_factory=dict)
     waiting: dict[str, set[str]] = field(default_factory=dict)
     running: dict[str, TaskId | None] = field(default_factory=dict)
-    deaths: Counter[tuple[str, TaskId | None]] = field(default_factory=Counter)
     killed: dict[TaskId, Outcome] = field(default_factory=dict)
     heard: int = 0
     held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
@@ -274,10 +257,7 @@ class _SessionRun:
         self.waiting = dict(sorted(needs.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True))
 
     def end(self) -> RunResult:
-        """Account for tasks that a stop left undone, write the end into the log and sum up."""
-        for row in self.plan.rows:
-            if row.task not in self.outcomes:
-                self.note(Outcome(*row.task, SKIPPED, message="stopped after the first failure"))
+        """Write the end into the log and sum up."""
         order = {row.task: position for position, row in enumerate(self.plan.rows)}
         outcomes = sorted(self.outcomes.values(), key=lambda o: order.get(o.task, len(order)))
         records = ((o, self.store.record(o.key)) for o in outcomes if o.key is not None)
@@ -303,23 +283,10 @@ class _SessionRun:
 
     # --- running ---
 
-    @property
-    def suspects(self) -> set[str]:
-        """Experiments that were under way when a process died; each runs alone, so that a second death is its own."""
-        return {experiment for experiment, _ in self.deaths}
-
-    @property
-    def runs_suspect(self) -> bool:
-        """Whether an experiment must be left alone now."""
-        return not self.suspects.isdisjoint(self.running)
-
     def give(self, crew: Crew) -> None:
         """Hand out as many experiments as there is room for and wait for no other."""
         ready = [n for n, needs in self.waiting.items() if not needs & (self.waiting.keys() | self.running.keys())]
-        chosen = [n for n in ready if n not in self.suspects][: crew.room]
-        if ready and not chosen and crew.is_idle:
-            chosen = ready[:1]
-        for experiment in chosen:
+        for experiment in ready[: crew.room]:
             del self.waiting[experiment]
             failed = {
                 o.task: o for o in self.outcomes.values() if o.state in (FAILED, SKIPPED) and o.experiment != experiment
@@ -350,9 +317,8 @@ class _SessionRun:
     def take(self, experiment: str, answer: "list[Outcome] | Died") -> None:
         """Take the end of an experiment.
 
-        Where its worker died it has another try; results up to then are in the store. A task that kills a second
-        worker has failed, and the rest goes on without it; an experiment that kills two outside its tasks has
-        failed as a whole.
+        Two workers have died over one that is answered by :class:`Died`; results up to then are in the store. The task
+        that it was at has failed, and the rest goes on without it; outside its tasks it has failed as a whole.
         """
         self.hear()
         blamed = self.running.pop(experiment)
@@ -361,16 +327,14 @@ class _SessionRun:
                 self.note(outcome)
             return
         self.log("worker died", experiment=experiment, task=blamed, message=str(answer))
-        self.deaths[experiment, blamed] += 1
         failure: dict[str, Any] = {"message": str(answer), "exit_code": 1, "is_of_run": True}
-        if self.deaths[experiment, blamed] >= _TRIES:
-            if blamed is None or blamed in self.killed:
-                for row in self.plan.to_run:
-                    if row.experiment == experiment and row.task not in self.outcomes:
-                        self.note(Outcome(*row.task, FAILED, **failure))
-                return
+        if blamed is not None and blamed not in self.killed:
             self.killed[blamed] = Outcome(*blamed, FAILED, **failure)
-        self.waiting[experiment] = set()
+            self.waiting[experiment] = set()
+            return
+        for row in self.plan.to_run:
+            if row.experiment == experiment and row.task not in self.outcomes:
+                self.note(Outcome(*row.task, FAILED, **failure))
 
 
 def _bytes(path: Path) -> int:

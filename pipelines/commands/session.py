@@ -168,7 +168,6 @@ def _steps(rows: "list[Row]") -> Iterator[str]:
 @keep_option
 @jobs_option
 @cluster_option
-@click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option
 def process(sessions: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     r"""Process session folders: results and one report per experiment.
