@@ -147,6 +147,7 @@ def _write(image: Image.Image, target: Path) -> None:
     """Write a picture as PNG or WebP, at most 1050 px wide: letters of 16 px are then 12 px high."""
     width = min(image.width, 1050)
     small = image.convert("RGB").resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
+    small = small.quantize(128) if target.suffix == ".png" else small
     held = io.BytesIO()
     small.save(held, target.suffix[1:], quality=80, method=6)
     files.write_bytes(target, held.getvalue())
