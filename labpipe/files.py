@@ -166,7 +166,7 @@ def append_line(path: str | os.PathLike[str], text: str) -> None:
         There is no space, or no permission.
     """
     target = Path(path)
-    data = text.encode("utf-8") + b"\n"
+    data = text.encode("utf-8", "replace") + b"\n"
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with target.open("ab+") as stream:
