@@ -166,7 +166,7 @@ def append_line(path: str | os.PathLike[str], text: str) -> None:
         There is no space, or no permission.
     """
     target = Path(path)
-    data = text.encode("utf-8") + b"\n"
+    data = text.encode("utf-8", "replace") + b"\n"
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with target.open("ab+") as stream:
@@ -506,13 +506,10 @@ class HashIndex:
     ----------
     path : path-like
         Where the index is kept; a missing or damaged one is an empty one.
-    paranoid : bool
-        Read every file again, whatever the index says.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, paranoid: bool = False) -> None:
+    def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
-        self._paranoid = paranoid
         self._known: _Known | None = None  # read when it is first asked for: most who open a store read one result
         self._fresh: _Known = {}
 
@@ -527,7 +524,7 @@ class HashIndex:
         except OSError as error:
             raise SourceError(source, f"cannot be read: {error.strerror}") from error
         known = self._fresh.get(name)
-        if known is None and not self._paranoid:
+        if known is None:
             self._known = self._load() if self._known is None else self._known
             known = self._known.get(name)
         if known is not None and known[0] == stamp:

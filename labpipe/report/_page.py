@@ -8,7 +8,7 @@ may run, so that nothing else can, even if a text were not escaped.
 import base64
 import hashlib
 import html
-import unicodedata
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 
 _SCRIPTS = ("uplot.min.js", "page.js", "charts.js")
 _STYLES = ("uplot.min.css", "page.css")
-# Marks that reorder the text around them could make a name read as another one.
-_REORDERING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u200e\u200f\u061c")
-_REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
+# Control characters, half characters, and marks that reorder the text around them, so that a name reads as another one.
+_UNWANTED = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff\u202a-\u202e\u2066-\u2069\u200e\u200f\u061c]"
+)
 
 
 def clean(text: str) -> str:
@@ -36,15 +37,7 @@ def clean(text: str) -> str:
     """
     if text.isascii() and text.isprintable():
         return text
-    return "".join(_REPLACEMENT if _is_unwanted(c) else c for c in text.replace("\r\n", "\n"))
-
-
-def _is_unwanted(character: str) -> bool:
-    if character in "\n\t":
-        return False
-    if character in _REORDERING or character in "\ufffe\uffff":
-        return True
-    return unicodedata.category(character) in {"Cc", "Cs"}
+    return _UNWANTED.sub("\N{REPLACEMENT CHARACTER}", text.replace("\r\n", "\n"))
 
 
 def clean_all(data: Any) -> Any:
@@ -114,13 +107,9 @@ def _environment() -> "Environment":
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_finalize,
+        # Markup is a text that is already escaped and cleaned.
+        finalize=lambda value: clean(value) if type(value) is str else value,
     )
-
-
-def _finalize(value: Any) -> Any:
-    # Markup is a text that is already escaped and cleaned.
-    return clean(value) if type(value) is str else value
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """One experiment, task by task: read the inputs, call the function, check and store the result."""
 
+import contextlib
 import importlib
 import platform
 import time
@@ -7,13 +8,11 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from labpipe import files
-from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError, StoreError
+from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError, StorageError, StoreError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
@@ -21,7 +20,7 @@ from labpipe.workflow._keys import Key, describe_file
 from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned, counts, summarise
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Caught, Store
+from labpipe.workflow.store import Caught, Store, log
 from labpipe.workflow.tasks import Argument, Stages, Task, TaskId, ancestors, spell_out, stage_name
 
 if TYPE_CHECKING:
@@ -73,7 +72,8 @@ class Outcome:
 class Job:
     """The work of one process: the session, the experiment, and the tasks wanted of it.
 
-    ``failures`` are tasks that have failed already, elsewhere or in a process that died.
+    ``failures`` are tasks that have failed already, elsewhere or in a process that died; ``run`` marks the events in
+    the log of the session, from which the run learns of them.
     """
 
     session: Session
@@ -82,27 +82,21 @@ class Job:
     experiment: str
     wanted: frozenset[TaskId]
     full: bool
-    paranoid: bool
     keep: bool | None
-    fail_fast: bool
     program: Mapping[str, Any]
     failures: Mapping[TaskId, Outcome]
+    run: str = ""
 
 
 class _StartAgain(Exception):  # noqa: N818 (not an error: the plan is made anew)
     """An input changed, or a stored one was damaged, so that the plan no longer holds; once for every task."""
 
 
-def work(job: Job, *, tell: Callable[[Any], None]) -> list[Outcome]:
+def work(job: Job) -> list[Outcome]:
     """Compute the missing results of an experiment, under its lock.
 
-    Another process that computes the same experiment is waited for, and its results are used.
-
-    Parameters
-    ----------
-    job : Job
-    tell : callable
-        Takes ``["started", task]`` and ``["ended", outcome]`` in plain values.
+    Another process that computes the same experiment is waited for, and its results are used. The beginning and the
+    end of every task are written into the log of the session as they happen.
 
     Returns
     -------
@@ -121,13 +115,15 @@ def work(job: Job, *, tell: Callable[[Any], None]) -> list[Outcome]:
         )
     outcomes: list[Outcome] = []
 
-    def emit(name: str, value: Any) -> None:
-        if name == "ended":
+    def emit(event: str, value: TaskId | Outcome) -> None:
+        if isinstance(value, Outcome):
             outcomes.append(value)
-        tell([name, msgspec.to_builtins(value)])
+        details = asdict(value) if isinstance(value, Outcome) else value._asdict()
+        with contextlib.suppress(StorageError):  # the run writes what the log lacks, or ends with that error
+            log(job.session, event, run=job.run, **details)
 
     try:
-        store = Store(job.session.folder, paranoid=job.paranoid)
+        store = Store(job.session.folder)
         tasks = spell_out(job.session, job.stages)
         with store.writing(), store.experiment(job.experiment):
             retried: set[TaskId] = set()
@@ -154,13 +150,12 @@ class _Run:
     job: Job
     store: Store
     plan: Plan
-    emit: Callable[[str, Any], None]
+    emit: Callable[[str, TaskId | Outcome], None]
     retried: frozenset[TaskId]
     failures: dict[TaskId, Outcome]
     passed: dict[TaskId, Any] = field(default_factory=dict)
 
     def all(self) -> None:
-        has_stopped = False
         for row in self.plan.rows:
             if row.experiment != self.job.experiment:
                 continue
@@ -168,13 +163,10 @@ class _Run:
                 last = self.plan.last(row.task)
                 self.store.note_latest(row.task, *last)
                 outcome = Outcome(*row.task, row.state, last.key)
-            elif has_stopped and row.task not in self.job.failures:
-                outcome = Outcome(*row.task, SKIPPED, message="stopped after the first failure", is_of_run=True)
             else:
                 outcome = self._outcome(self.plan.tasks[row.task])
             if outcome.state in (FAILED, SKIPPED):
                 self.failures[row.task] = outcome
-                has_stopped |= self.job.fail_fast
             self.emit("ended", outcome)
 
     def _outcome(self, task: Task) -> Outcome:

@@ -16,9 +16,6 @@ _BARE = re.compile(r"[\w-]+")
 """A key that TOML takes without quotation marks (and letters of any language, for reading)."""
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
-_PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
-_TOO_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST}}}{_PART}[ \t]*+[=\]]")
-"""A dotted key deeper than that: the time that the parser takes grows with the square of it."""
 
 Place = tuple[str | int, ...]
 """Where a value is: keys, and positions in arrays counted from 0."""
@@ -81,10 +78,6 @@ def parse(path: Path, text: str | None = None) -> Document:
         It is not TOML, too large, too deep, or holds a number that is not finite.
     """
     text = _text(path) if text is None else text.replace("\r\n", "\n")
-    deep = _TOO_DEEP.search(text)
-    if deep is not None:
-        line = text.count("\n", 0, deep.start()) + 1
-        raise ConfigError([f"{path.name}:{line}: nested deeper than {DEEPEST} levels; flatten it"])
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -174,104 +167,69 @@ def nodes(tree: Any) -> Iterator[Any]:
 # --- lines, which the standard parser does not say -----------------------------------------------
 
 _TOKEN = re.compile(
-    r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|\n|[\[\]{}=,.]|[^\s\[\]{}=,.#"\']+',
+    r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|[ \t]+|\n|[\[\]{}=,.]|'
+    r'[^\s\[\]{}=,.#"\']+',
     re.DOTALL,
 )
+_LINE = '"\\u0000"='
+"""Key of the line of a table, in the text that has lines for values."""
 
 
 def line_index(text: str) -> dict[Place, int]:
     r"""Map the place of every key and array item to its line, counted from 1; the empty place is line 1.
 
-    The text has been accepted by :mod:`tomllib`, so that only its tokens have to be followed.
+    The text, which :mod:`tomllib` has accepted, is parsed once more with the line of each value in its place; a table
+    has its line under a key of its own, an array as its first item.
 
     Examples
     --------
     >>> line_index('a = 1\n[b]\nc = [1,\n 2]')[("b", "c", 1)]
     4
     """
-    tokens, line = [], 1
-    for token in _TOKEN.findall(text.replace("\r\n", "\n")):
-        if not token.startswith("#"):
-            tokens.append((token, line))
-        line += token.count("\n")
-    scanner = _Scanner(tokens)
-    scanner.document()
-    return scanner.lines
+    written: list[str] = []
+    inside: list[str] = []  # brackets around a value
+    state, line = "key", 1
+    for part in (*_TOKEN.findall(text.replace("\r\n", "\n")), "\n"):
+        at, line = line, line + part.count("\n")
+        if part[0] in "# \t":
+            continue
+        if part == "\n":
+            written.append(f"\n{_LINE}{at}\n" if state == "header" else "\n")
+            state = "value" if inside else "key"
+        elif state == "header" or (part == "=" and state == "key"):
+            written.append(part)
+            state = "value" if part == "=" else state
+        elif part in "]}":
+            written.append(part)
+            inside.pop()
+            state = "done"
+        elif part == ",":
+            written.append(part)
+            state = "value" if inside[-1] == "[" else "key"
+        elif part in "[{" and state == "value":
+            written.append(f"[{at}," if part == "[" else f"{{{_LINE}{at}")
+            inside.append(part)
+            state = "value" if part == "[" else "first key"
+        elif state == "value":
+            written.append(str(at))
+            state = "done"
+        elif state != "done":  # where a value is done, the rest of it follows
+            written.append(f",{part}" if state == "first key" else part)
+            state = "header" if part == "[" else "key"
+    lines: dict[Place, int] = {}
 
+    def note(place: Place, node: Any) -> int:
+        found = node
+        if isinstance(node, dict):
+            own = node.pop("\0", None)
+            inner = [note((*place, key), child) for key, child in node.items()]
+            found = own or min(inner, default=1)
+        elif isinstance(node, list):
+            items = node[1:] if isinstance(node[0], int) else node
+            inner = [note((*place, number), item) for number, item in enumerate(items)]
+            found = node[0] if isinstance(node[0], int) else inner[0]
+        lines[place] = found
+        return found
 
-class _Scanner:
-    """A position among the tokens, and the lines found so far."""
-
-    def __init__(self, tokens: list[tuple[str, int]]) -> None:
-        self.tokens = [*tokens, ("", 0)]
-        self.at = 0
-        self.lines: dict[Place, int] = {(): 1}
-        self.sizes: dict[Place, int] = {}
-
-    def next(self) -> str:
-        self.at += 1
-        return self.tokens[self.at - 1][0]
-
-    def goes_on(self, end: str, separator: str = "\n") -> bool:
-        """Pass over separators; return whether something else than the end follows, and pass over the end."""
-        while self.tokens[self.at][0] and self.tokens[self.at][0] in f"{separator}\n":
-            self.at += 1
-        if self.tokens[self.at][0] == end:
-            self.at += 1
-            return False
-        return True
-
-    def document(self) -> None:
-        prefix: Place = ()
-        while self.goes_on(""):
-            if self.tokens[self.at][0] == "[":
-                prefix = self.header()
-            else:
-                self.assignment(prefix)
-
-    def header(self) -> Place:
-        line = self.tokens[self.at][1]
-        is_array = self.tokens[self.at + 1][0] == "["
-        self.at += 1 + is_array
-        keys = self.key()
-        self.at += 1 + is_array
-        place: Place = ()
-        for position, key in enumerate(keys):
-            place = (*place, key)
-            self.lines.setdefault(place, line)
-            if is_array and position == len(keys) - 1:
-                self.sizes[place] = self.sizes.get(place, 0) + 1
-            if place in self.sizes:
-                place = (*place, self.sizes[place] - 1)
-        self.lines[place] = line
-        return place
-
-    def assignment(self, place: Place) -> None:
-        line = self.tokens[self.at][1]
-        for key in self.key():
-            place = (*place, key)
-            self.lines.setdefault(place, line)
-        self.at += 1  # the equals sign
-        self.value(place)
-
-    def key(self) -> list[str]:
-        keys = [self.next()]
-        while self.tokens[self.at][0] == ".":
-            self.at += 1
-            keys.append(self.next())
-        return [str(tomllib.loads(f"k = {key}")["k"]) if key[0] in "\"'" else key for key in keys]
-
-    def value(self, place: Place) -> None:
-        first = self.next()
-        if first == "[":
-            position = 0
-            while self.goes_on("]", ","):
-                self.lines[*place, position] = self.tokens[self.at][1]
-                self.value((*place, position))
-                position += 1
-        elif first == "{":
-            while self.goes_on("}", ","):
-                self.assignment(place)
-        elif first[0] not in "\"'":
-            while self.tokens[self.at][0] not in ("", ",", "]", "}", "\n"):
-                self.at += 1
+    note((), tomllib.loads("".join(written)))
+    return lines | {(): 1}

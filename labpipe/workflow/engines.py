@@ -1,10 +1,8 @@
 """Calls side by side: in this process, in a pool of local processes, or on a Dask cluster.
 
-An engine hires a :class:`Crew`, which is given one :class:`Call` after the other and answers each. Events of a
-running call, and the end of every call, arrive in one queue. Local processes are a
-:class:`concurrent.futures.ProcessPoolExecutor`; they compute on one thread each, so that an answer does not depend on
-their number, and end with the crew. A process that dies breaks the pool: a new one is started, and the calls that
-were under way are answered by :class:`Died`.
+An engine gives a :class:`Crew`, which is given one :class:`Call` after the other and answers each; behind it is an
+executor of :mod:`concurrent.futures`. Local processes compute on one thread each, so that an answer does not depend on
+their number, and end with the crew. A process that dies breaks the pool, and a new one is started.
 """
 
 import contextlib
@@ -16,22 +14,18 @@ import sys
 import threading
 import types
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from itertools import count, islice
-from multiprocessing.managers import SyncManager
-from queue import SimpleQueue
+from itertools import islice
 from typing import Any, Protocol, TypeVar
-from uuid import uuid4
 
 from labpipe.errors import InputError, LabpipeError, UsageError
 
 Key = TypeVar("Key")
-Tell = Callable[[Any], None]
-"""Takes events of a call that is under way."""
 
-_TRIES = 3
+_MOMENT = 0.1
+"""s: how often a crew that waits lets its owner see to other things."""
 _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -62,58 +56,83 @@ class Call:
         ``module:function``, imported where it runs.
     arguments : tuple
         Anything that can be pickled.
-    tells : bool
-        Whether the function takes ``tell=``, which hands plain values to the giver of the call while it runs.
     imports : tuple of str
         Modules that local processes load once for all; those of the first call of a program count.
     """
 
     function: str
     arguments: tuple[Any, ...]
-    tells: bool = False
     imports: tuple[str, ...] = ()
 
-    def run(self, tell: Tell) -> Any:
+    def run(self) -> Any:
         """Call the function here."""
         module, _, name = self.function.partition(":")
-        function = getattr(importlib.import_module(module), name)
-        return function(*self.arguments, tell=tell) if self.tells else function(*self.arguments)
+        return getattr(importlib.import_module(module), name)(*self.arguments)
 
 
 class Crew:
-    """Computes calls; this one does so one after the other in this process."""
+    """The calls under way, by the keys under which they were given.
 
-    def __init__(self) -> None:
-        self.under_way: dict[int, tuple[Any, Tell, Any]] = {}
-        self.numbers = count()
+    A call that was under way when a local process died is tried once more, alone, after all others; after a second
+    death its answer is :class:`Died`.
 
-    @property
-    def size(self) -> int:
-        """Calls that can be under way at once."""
-        return 1
+    Parameters
+    ----------
+    start : callable
+        Returns the future of a call.
+    size : callable
+        Returns how many calls may be under way at once.
+    """
+
+    def __init__(self, start: Callable[[Call], "Future[Any]"], size: Callable[[], int]) -> None:
+        self._start, self._size = start, size
+        self._under_way: dict[Future[Any], tuple[Any, Call]] = {}
+        self._lost: list[tuple[Any, Call]] = []
+        self._alone: Future[Any] | None = None
 
     @property
     def room(self) -> int:
         """Calls that can be given now."""
-        return self.size - len(self.under_way)
+        return 0 if self._alone in self._under_way else max(self._size() - len(self._under_way), 0)
 
     @property
     def is_idle(self) -> bool:
-        """Whether no call is under way."""
-        return not self.under_way
+        """Whether every call has been answered."""
+        return not (self._under_way or self._lost)
 
-    def give(self, key: Any, call: Call, hear: Tell) -> None:
-        """Hand out a call under a key; ``hear`` is called here with its events."""
-        self.under_way[next(self.numbers)] = key, hear, call
+    def give(self, key: Any, call: Call) -> None:
+        """Hand out a call under a key."""
+        self._under_way[self._start(call)] = key, call
 
     def ended(self) -> Sequence[tuple[Any, Any]]:
-        """Wait for an event or an answer; return key and answer of calls that have ended, raise the error of one."""
-        _, (key, hear, call) = self.under_way.popitem()
-        return [(key, call.run(hear))]
+        """Wait a moment for answers; return key and answer of the calls that have ended, raise the error of one."""
+        ended = []
+        done, _ = wait(self._under_way, _MOMENT, FIRST_COMPLETED)
+        for future in [future for future in self._under_way if future in done]:
+            key, call = self._under_way.pop(future)
+            try:
+                answer = future.result()
+            except BrokenProcessPool:
+                if future is not self._alone:
+                    self._lost.append((key, call))
+                    continue
+                answer = Died("its process was ended from outside, or crashed; was the memory full?")
+            except CancelledError as error:
+                raise LabpipeError("the Dask scheduler no longer answers; run again to go on") from error
+            except Exception as error:
+                if type(error).__name__ != "KilledWorker":  # of Dask, which need not be installed
+                    raise
+                answer = Died("its workers died one after the other; was the memory full?")
+            ended.append((key, answer))
+        if self._lost and not self._under_way:
+            key, call = self._lost.pop(0)
+            self._alone = self._start(call)
+            self._under_way[self._alone] = key, call
+        return ended
 
 
 class Engine(Protocol):
-    """Hires crews."""
+    """Gives crews."""
 
     def crew(self) -> contextlib.AbstractContextManager[Crew]:
         """Return a crew that ends with the block."""
@@ -163,43 +182,22 @@ def side_by_side(
     Yields
     ------
     tuple
-        A key and its answer, in the order of the answers. A task that was under way when a process died is tried
-        again alone after all others; after the third death its answer is :class:`Died`. An error of the
-        function is raised.
+        A key and its answer, in the order of the answers; see :class:`Crew`. An error of the function is raised.
     """
-
-    def answers(queue: Iterator[Key]) -> Generator[tuple[Key, Any], None, list[Key]]:
-        """Yield the answers to a queue; return the tasks over which a process died."""
-        lost: list[Key] = []
+    queue = iter(tasks)
+    with engine.crew() as crew:
         while True:
             for key in islice(queue, crew.room):
-                crew.give(key, Call(function, tasks[key], imports=tuple(imports)), _ignore)
+                crew.give(key, Call(function, tasks[key], tuple(imports)))
             if crew.is_idle:
-                return lost
-            for key, answer in crew.ended():
-                if isinstance(answer, Died):
-                    lost.append(key)
-                else:
-                    yield key, answer
-
-    with engine.crew() as crew:
-        suspects = yield from answers(iter(tasks))
-        for key in suspects:
-            for _ in range(_TRIES - 1):
-                if not (yield from answers(iter([key]))):
-                    break
-            else:
-                yield key, Died(f"{_TRIES} workers died over it")
-
-
-def _ignore(_: Any) -> None:
-    """Take an event that nobody asked for."""
+                return
+            yield from crew.ended()
 
 
 def elsewhere(call: Call) -> Any:
     """Return the answer of a call in a local process; raise its error, or :class:`Died`."""
     with Processes(1).crew() as crew:
-        crew.give(None, call, _ignore)
+        crew.give(None, call)
         while not (ended := crew.ended()):
             pass
     if isinstance(ended[0][1], Died):
@@ -209,53 +207,17 @@ def elsewhere(call: Call) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Serial:
-    """One call after the other in this process, for a debugger."""
+    """One call after the other in this process, for a debugger: an error is raised where the call is given."""
 
     def crew(self) -> contextlib.AbstractContextManager[Crew]:
         """See :class:`Engine`."""
-        return contextlib.nullcontext(Crew())
 
+        def start(call: Call) -> "Future[Any]":
+            future: Future[Any] = Future()
+            future.set_result(call.run())
+            return future
 
-class _Queue(Protocol):
-    def put(self, item: Any, /) -> None: ...
-    def get(self) -> Any: ...
-
-
-class _Elsewhere(Crew):
-    """Hands calls to other processes; ``news`` takes (number of a call, whether it ended, event)."""
-
-    news: _Queue
-
-    def start(self, number: int, call: Call) -> Any:
-        """Return the future of a call."""
-        raise NotImplementedError
-
-    def answer(self, future: Any) -> Any:
-        """Return the answer in a future, or :class:`Died`; raise the error of the call."""
-        raise NotImplementedError
-
-    def give(self, key: Any, call: Call, hear: Tell) -> None:
-        number = next(self.numbers)
-        future = self.start(number, call)
-        self.under_way[number] = key, hear, future
-
-        def note(_: Any) -> None:
-            with contextlib.suppress(OSError, EOFError):  # nobody waits for it any more
-                self.news.put((number, True, None))
-
-        future.add_done_callback(note)
-
-    def ended(self) -> Sequence[tuple[Any, Any]]:
-        try:
-            number, has_ended, event = self.news.get()
-        except (OSError, EOFError) as error:
-            raise LabpipeError("the process that passes events on was ended from outside; run again") from error
-        key, hear, future = self.under_way.get(number, (None, _ignore, None))  # an answer may overtake an event
-        if not has_ended:
-            hear(event)
-            return []
-        del self.under_way[number]
-        return [(key, self.answer(future))]
+        return contextlib.nullcontext(Crew(start, lambda: 1))
 
 
 # --- local processes ---------------------------------------------------------------------------
@@ -280,63 +242,31 @@ class Processes:
 
     @contextlib.contextmanager
     def crew(self) -> Iterator[Crew]:
-        """See :class:`Engine`; processes begin when they are needed."""
-        crew = _Pool(self.workers or processors())
+        """See :class:`Engine`; processes begin when they are needed, and end when this one does, however it ends."""
+        size, context = self.workers or processors(), multiprocessing.get_context(_METHOD)
+        watched, held = context.Pipe(duplex=False)
+        executor: ProcessPoolExecutor | None = None
+
+        def start(call: Call) -> "Future[Any]":
+            nonlocal executor
+            with _clean_start():
+                if executor is None and _METHOD == "forkserver":
+                    context.set_forkserver_preload(list(call.imports))
+                while True:
+                    executor = executor or ProcessPoolExecutor(size, context, _begin, (watched,))
+                    try:
+                        return executor.submit(call.run)
+                    except BrokenProcessPool:  # the calls under way find out by their futures
+                        executor.shutdown()
+                        executor = None
+
         try:
-            yield crew
+            yield Crew(start, lambda: size)
         finally:
-            crew.end()
-
-
-class _Pool(_Elsewhere):
-    """An executor, started again when it breaks, and the process that holds the queue of its news.
-
-    The queue outlives a worker that is killed while it writes. Workers end with the process that holds it, and
-    that one with this one.
-    """
-
-    def __init__(self, workers: int) -> None:
-        super().__init__()
-        self.workers = workers
-        self.context: Any = multiprocessing.get_context(_METHOD)
-        self.manager = SyncManager(ctx=self.context)
-        self.executor: ProcessPoolExecutor | None = None
-
-    @property
-    def size(self) -> int:
-        return self.workers
-
-    def start(self, number: int, call: Call) -> Any:
-        with _clean_start():
-            if self.executor is None:
-                if _METHOD == "forkserver":
-                    self.context.set_forkserver_preload(list(call.imports))
-                self.manager.start(_end_with_parent)
-                self.news, self.end_of_manager = self.manager.Queue(), self.manager.Event()
-                self.executor = self.new_executor()
-            try:
-                return self.executor.submit(_compute, call, self.news, number)
-            except BrokenProcessPool:  # the calls under way find out by their futures
-                self.executor.shutdown()
-                self.executor = self.new_executor()
-                return self.executor.submit(_compute, call, self.news, number)
-
-    def new_executor(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(
-            self.workers, mp_context=self.context, initializer=_begin, initargs=(self.end_of_manager,)
-        )
-
-    def answer(self, future: Any) -> Any:
-        try:
-            return future.result()
-        except BrokenProcessPool:
-            return Died("its process was ended from outside, or crashed; was the memory full?")
-
-    def end(self) -> None:
-        """End all processes at once; unfinished results never come to exist."""
-        if self.executor is not None:
-            self.manager.shutdown()
-            self.executor.shutdown(cancel_futures=True)  # waits until their locks are free and nothing is written
+            held.close()  # ends all processes at once; unfinished results never come to exist
+            if executor is not None:
+                executor.shutdown(cancel_futures=True)  # waits until their locks are free and nothing is written
+            watched.close()
 
 
 @contextlib.contextmanager
@@ -360,29 +290,19 @@ def _clean_start() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _end_with_parent() -> None:
-    """Let the process of the queue end when the one that started it does, however that ends."""
-    parent = multiprocessing.parent_process()
-    threading.Thread(target=_exit_after, args=(parent.join if parent else _ignore,), daemon=True).start()
+def _begin(watched: Any) -> None:
+    """Prepare a worker: quiet, on one thread, and ending when the other end of a pipe is closed."""
 
+    def end() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            watched.recv()
+        os._exit(1)
 
-def _begin(end_of_manager: Any) -> None:
-    """Prepare a worker: quiet, on one thread, and ending with the process of the queue."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
     os.environ.update(_ENVIRONMENT)
     # Standard output belongs to the command; what a call or a library prints goes to the errors.
     os.dup2(sys.__stderr__.fileno() if sys.__stderr__ else 2, 1)
-    threading.Thread(target=_exit_after, args=(end_of_manager.wait,), daemon=True).start()
-
-
-def _exit_after(wait: Callable[[], Any]) -> None:
-    with contextlib.suppress(EOFError, OSError):
-        wait()
-    os._exit(1)
-
-
-def _compute(call: Call, news: _Queue, number: int) -> Any:
-    return call.run(lambda event: news.put((number, False, event)))
+    threading.Thread(target=end, daemon=True).start()
 
 
 # --- a cluster ---------------------------------------------------------------------------------
@@ -410,6 +330,8 @@ class Dask:
         UsageError
             The extra ``cluster`` is not installed, or nobody answers at the address.
         """
+        from labpipe.workflow.provenance import program
+
         try:
             distributed: Any = importlib.import_module("distributed")
         except ImportError as error:
@@ -419,59 +341,26 @@ class Dask:
         except (OSError, ValueError) as error:
             raise UsageError(f"no Dask scheduler answers at {self.address} ({error})") from error
         with client:
-            yield _Cluster(client)
+            executor, here = client.get_executor(), program()
+            yield Crew(
+                lambda call: executor.submit(_compute_there, call, here),
+                lambda: max(_FEWEST_CALLS, _CALLS_PER_THREAD * sum(client.nthreads().values())),
+            )
 
 
-class _Cluster(_Elsewhere):
-    """Calls on the workers of a Dask client, and their events by a topic of the scheduler."""
-
-    def __init__(self, client: Any) -> None:
-        from labpipe.workflow.provenance import program
-
-        super().__init__()
-        self.client = client
-        self.program = program()
-        self.wanted = 0
-        self.topic = f"labpipe-{uuid4().hex}"
-        self.news = SimpleQueue()
-        client.subscribe_topic(self.topic, lambda event: self.news.put((event[1][0], False, event[1][1])))
-
-    @property
-    def size(self) -> int:
-        if 2 * len(self.under_way) >= self.wanted:
-            self.wanted = max(_FEWEST_CALLS, _CALLS_PER_THREAD * sum(self.client.nthreads().values()))
-        return self.wanted
-
-    def start(self, number: int, call: Call) -> Any:
-        arguments = (call, self.program, self.topic, number)
-        return self.client.submit(_compute_there, *arguments, key=f"{self.topic}-{number}")
-
-    def answer(self, future: Any) -> Any:
-        from distributed.scheduler import KilledWorker
-
-        if future.status not in ("finished", "error"):
-            raise LabpipeError("the Dask scheduler no longer answers; run again to go on")
-        try:
-            return future.result()
-        except KilledWorker:
-            return Died("its workers died one after the other; was the memory full?")
-        finally:
-            future.release()
-
-
-def _compute_there(call: Call, program: Mapping[str, Any], topic: str, number: int) -> Any:
+def _compute_there(call: Call, program: Mapping[str, Any]) -> Any:
     """Compute on a worker of the cluster; UsageError where its installation is another."""
     from distributed import get_worker
 
     from labpipe.workflow import provenance
 
-    worker = get_worker()
     if (own := provenance.program()) != program:
         there, here = ({**about, **about["libraries"]} for about in (own, program))
         differing = [n for n in here if n != "libraries" and there.get(n) != here[n]]
         listed = ", ".join(f"{n} {there.get(n)} there, {here[n]} here" for n in differing)
         raise UsageError(
-            f"the worker {worker.address} has another installation ({listed}); install the same versions everywhere"
+            f"the worker {get_worker().address} has another installation ({listed}); "
+            "install the same versions everywhere"
         )
     with _ONE_AT_A_TIME:
-        return call.run(lambda event: worker.log_event(topic, [number, event]))
+        return call.run()

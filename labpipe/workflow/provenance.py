@@ -59,6 +59,11 @@ def of_task(
     """
     task, key = tasks[task_id], keys[task_id]
     behind = [*ancestors(tasks, task_id), task_id]
+    stages = {}
+    for found in (keys[name].ingredients for name in behind):
+        # that of another kind of experiment is named with its kind
+        of_other = "" if found["kind"] == key.ingredients["kind"] else f"{found['kind']}/"
+        stages[f"{of_other}{found['stage']}"] = key_of(found.get("code", {}))[:16]
     return {
         "program": dict(about_program),
         "stage": task.stage.name,
@@ -66,15 +71,9 @@ def of_task(
         "key": key.value,
         "parameters": key.ingredients["parameters"],
         "full": key.ingredients.get("full", False),
-        "stages": {_stage(keys[name], key): key_of(keys[name].ingredients.get("code", {}))[:16] for name in behind},
+        "stages": stages,
         "inputs": raw_files(keys[name] for name in behind),
     }
-
-
-def _stage(key: Key, of: Key) -> str:
-    """Name a stage; one of another kind of experiment with its kind."""
-    kind, stage = key.ingredients["kind"], str(key.ingredients["stage"])
-    return stage if kind == of.ingredients["kind"] else f"{kind}/{stage}"
 
 
 def raw_files(keys: Iterable[Key]) -> list[dict[str, Any]]:

@@ -1,12 +1,13 @@
 """Runs by a plan: experiments side by side, each failure on its own, nothing half-done."""
 
 import contextlib
-from collections import Counter
+import secrets
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
+
+import msgspec
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, StorageError
@@ -19,11 +20,8 @@ from labpipe.workflow.graph import imports_of
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.run_result import Event, RunResult
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Store, log
+from labpipe.workflow.store import LOG, Store, events_after, log
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
-
-_TRIES = 2
-"""Processes that a task may kill before it has failed."""
 
 
 class Options(TypedDict, total=False):
@@ -33,9 +31,7 @@ class Options(TypedDict, total=False):
     cluster: str | None
     targets: Iterable[str] | None
     only: Iterable[str] | None
-    fail_fast: bool
     full: bool
-    paranoid: bool
     keep: bool | None
     schemas: Mapping[str, Schema] | None
     progress: Callable[[Event], None] | None
@@ -77,9 +73,7 @@ def run_all(
     cluster: str | None = None,
     targets: Iterable[str] | None = None,
     only: Iterable[str] | None = None,
-    fail_fast: bool = False,
     full: bool = False,
-    paranoid: bool = False,
     keep: bool | None = False,
     schemas: Mapping[str, Schema] | None = None,
     progress: Callable[[Event], None] | None = None,
@@ -101,12 +95,8 @@ def run_all(
         path for all of them.
     targets, only : str or iterable of str, optional
         See :func:`labpipe.workflow.plan.plan`.
-    fail_fast : bool
-        Stop everything at the first failure; sessions that have not begun are left out.
     full : bool
         Without shortcuts, for stages that declare ``shortcuts``.
-    paranoid : bool
-        Read every file again instead of trusting size, times and inode.
     keep : bool or None
         Take results of earlier code as they are; with None, those that an earlier run took.
     schemas : mapping, optional
@@ -137,7 +127,7 @@ def run_all(
         raise InputError("; ".join(unknown))
 
     def begin(session: Session) -> _SessionRun:
-        store = Store(session.folder, paranoid=paranoid)
+        store = Store(session.folder)
         store.clean()
         tasks = spell_out(session, stages)
         wanted = wanted_tasks(session, tasks, targets, only)
@@ -150,11 +140,10 @@ def run_all(
             experiment="",
             wanted=frozenset(),
             full=full,
-            paranoid=paranoid,
             keep=keep,
-            fail_fast=fail_fast,
             program=provenance.program() if made.to_run else {},
             failures={},
+            run=secrets.token_hex(8),
         )
         state = _SessionRun(made, store, template, progress, is_whole=len(made.tasks) == len(tasks))
         state.begin(jobs)
@@ -162,18 +151,15 @@ def run_all(
 
     queue = iter(sessions)
     under_way: list[_SessionRun] = []
-    must_stop = False
     try:
         with engine.crew() as crew:
-            while not must_stop:
+            while True:
                 for state in [state for state in under_way if not state.waiting and not state.running]:
                     under_way.remove(state)
                     yield state.plan.session, state.end()
                 for state in under_way:
-                    if not any(one.runs_suspect for one in under_way):
-                        state.give(crew)
-                runs_suspect = any(one.runs_suspect for one in under_way)
-                if crew.room and not runs_suspect and (session := next(queue, None)) is not None:
+                    state.give(crew)
+                if crew.room and (session := next(queue, None)) is not None:
                     try:
                         under_way.append(begin(session))
                     except LabpipeError as error:
@@ -183,10 +169,8 @@ def run_all(
                     return
                 for (state, experiment), answer in crew.ended():
                     state.take(experiment, answer)
-                must_stop = fail_fast and any(o.state == FAILED for s in under_way for o in s.outcomes.values())
-        while under_way:  # stopped at the first failure
-            state = under_way.pop(0)
-            yield state.plan.session, state.end()
+                for state in under_way:
+                    state.hear()
     except BaseException as error:
         for state in under_way:
             with state.held, contextlib.suppress(StorageError):
@@ -199,7 +183,8 @@ class _SessionRun:
     """The run of one session while it goes on.
 
     ``waiting`` holds experiments to run with those that must end before them, ``running`` those
-    given to a process with the task that it is at, ``killed`` tasks that have killed their workers.
+    given to a process with the task that it is at, ``killed`` tasks that have killed their workers, ``heard`` the
+    bytes of the log that have been read.
     """
 
     plan: Plan
@@ -210,8 +195,8 @@ class _SessionRun:
     outcomes: dict[TaskId, Outcome] = field(default_factory=dict)
     waiting: dict[str, set[str]] = field(default_factory=dict)
     running: dict[str, TaskId | None] = field(default_factory=dict)
-    deaths: Counter[tuple[str, TaskId | None]] = field(default_factory=Counter)
     killed: dict[TaskId, Outcome] = field(default_factory=dict)
+    heard: int = 0
     held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def log(self, event: str, **details: Any) -> None:
@@ -224,13 +209,14 @@ class _SessionRun:
             total = max(len(self.plan.rows), len(self.outcomes))
             self.progress(Event(kind, task, len(self.outcomes), total, message, self.plan.session.root))
 
-    def note(self, outcome: Outcome) -> None:
-        """Take the end of a task."""
+    def note(self, outcome: Outcome, *, is_logged: bool = False) -> None:
+        """Take the end of a task, once."""
         known = self.outcomes.get(outcome.task)
-        if known is not None and known.state == DONE:
+        if known == outcome or (known is not None and known.state == DONE):
             return  # a second pass finds in the store what the first one computed
         self.outcomes[outcome.task] = outcome
-        self.log("ended", **asdict(outcome))
+        if not is_logged:
+            self.log("ended", **asdict(outcome))
         self.show(outcome.state, outcome.task, outcome.message)
 
     # --- beginning and end ---
@@ -242,6 +228,7 @@ class _SessionRun:
             held.callback(self.store.clean)  # after an interrupt; otherwise nothing is there
             held.enter_context(self.store.writing())
             self.log("run started", tasks=len(plan.rows), to_run=len(plan.to_run), jobs=jobs)
+            self.heard = (plan.session.folder / LOG).stat().st_size
             if plan.to_run:
                 self.show("planned", plan.to_run[0].task, plan.summary)
             busy = {row.experiment for row in plan.to_run}
@@ -270,10 +257,7 @@ class _SessionRun:
         self.waiting = dict(sorted(needs.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True))
 
     def end(self) -> RunResult:
-        """Account for tasks that a stop left undone, write the end into the log and sum up."""
-        for row in self.plan.rows:
-            if row.task not in self.outcomes:
-                self.note(Outcome(*row.task, SKIPPED, message="stopped after the first failure"))
+        """Write the end into the log and sum up."""
         order = {row.task: position for position, row in enumerate(self.plan.rows)}
         outcomes = sorted(self.outcomes.values(), key=lambda o: order.get(o.task, len(order)))
         records = ((o, self.store.record(o.key)) for o in outcomes if o.key is not None)
@@ -299,23 +283,10 @@ class _SessionRun:
 
     # --- running ---
 
-    @property
-    def suspects(self) -> set[str]:
-        """Experiments that were under way when a process died; each runs alone, so that a second death is its own."""
-        return {experiment for experiment, _ in self.deaths}
-
-    @property
-    def runs_suspect(self) -> bool:
-        """Whether an experiment must be left alone now."""
-        return not self.suspects.isdisjoint(self.running)
-
     def give(self, crew: Crew) -> None:
         """Hand out as many experiments as there is room for and wait for no other."""
         ready = [n for n, needs in self.waiting.items() if not needs & (self.waiting.keys() | self.running.keys())]
-        chosen = [n for n in ready if n not in self.suspects][: crew.room]
-        if ready and not chosen and crew.is_idle:
-            chosen = ready[:1]
-        for experiment in chosen:
+        for experiment in ready[: crew.room]:
             del self.waiting[experiment]
             failed = {
                 o.task: o for o in self.outcomes.values() if o.state in (FAILED, SKIPPED) and o.experiment != experiment
@@ -327,45 +298,43 @@ class _SessionRun:
                 failures=failed | {task: o for task, o in self.killed.items() if task.experiment == experiment},
             )
             imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
-            call = Call(f"{Job.__module__}:work", (job,), tells=True, imports=imports)
-            crew.give((self, experiment), call, partial(self.hear, experiment))
             self.running[experiment] = None
+            crew.give((self, experiment), Call(f"{Job.__module__}:work", (job,), imports))
 
-    def hear(self, experiment: str, event: tuple[str, Any]) -> None:
-        """Take an event of a worker, and know the task that it is at."""
-        name, value = event
-        if name == "started":
-            self.running[experiment] = task = TaskId(*value)
-            self.log("started", **task._asdict())
-            self.show("started", task)
-        else:
-            self.running[experiment] = None
-            self.note(Outcome(**value))
+    def hear(self) -> None:
+        """Take the events that workers have written into the log, and know the tasks that they are at."""
+        self.heard, found = events_after(self.plan.session, self.heard, self.template.run)
+        for event in found:
+            task = TaskId(event["experiment"], event["stage"], event["recording"])
+            is_start = event["event"] == "started"
+            if task.experiment in self.running:
+                self.running[task.experiment] = task if is_start else None
+            if is_start:
+                self.show("started", task)
+            else:
+                self.note(msgspec.convert(event, Outcome), is_logged=True)
 
     def take(self, experiment: str, answer: "list[Outcome] | Died") -> None:
         """Take the end of an experiment.
 
-        Where its worker died it has another try; results up to then are in the store. A task that kills a second
-        worker has failed, and the rest goes on without it; an experiment that kills two outside its tasks has
-        failed as a whole.
+        Two workers have died over one that is answered by :class:`Died`; results up to then are in the store. The task
+        that it was at has failed, and the rest goes on without it; outside its tasks it has failed as a whole.
         """
+        self.hear()
         blamed = self.running.pop(experiment)
         if not isinstance(answer, Died):
-            for outcome in answer:
-                if self.outcomes.get(outcome.task) != outcome:  # not heard of before
-                    self.note(outcome)
+            for outcome in answer:  # those that the log lacks
+                self.note(outcome)
             return
         self.log("worker died", experiment=experiment, task=blamed, message=str(answer))
-        self.deaths[experiment, blamed] += 1
         failure: dict[str, Any] = {"message": str(answer), "exit_code": 1, "is_of_run": True}
-        if self.deaths[experiment, blamed] >= _TRIES:
-            if blamed is None or blamed in self.killed:
-                for row in self.plan.to_run:
-                    if row.experiment == experiment and row.task not in self.outcomes:
-                        self.note(Outcome(*row.task, FAILED, **failure))
-                return
+        if blamed is not None and blamed not in self.killed:
             self.killed[blamed] = Outcome(*blamed, FAILED, **failure)
-        self.waiting[experiment] = set()
+            self.waiting[experiment] = set()
+            return
+        for row in self.plan.to_run:
+            if row.experiment == experiment and row.task not in self.outcomes:
+                self.note(Outcome(*row.task, FAILED, **failure))
 
 
 def _bytes(path: Path) -> int:

@@ -258,7 +258,7 @@ def _experiment(
     has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(kinds[kind]))
     own = {key: value for key, value in tables[name].items() if key != "kind" or has_field}
     origins: dict[Place, Place] = {}
-    merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
+    merged = _merge([(own, place), (defaults.get(kind, {}), ("defaults", kind))], place, origins)
     checker = Checker(document, root, origins, may_wait, gaps)
     settings = checker.structure(kinds[kind], merged, place)
     is_whole = isinstance(settings, msgspec.Struct)
@@ -280,26 +280,16 @@ def _check_references(checker: Checker, name: str, names: Collection[str], node:
         _check_references(checker, name, names, child, (*place, key))
 
 
-def _merge(
-    base: Any, base_place: Place, over: Any, over_place: Place, place: Place, origins: dict[Place, Place]
-) -> Any:
-    """Lay one table over another, key by key, and note where each value was written."""
-    origins[place] = over_place
-    if not isinstance(base, dict) or not isinstance(over, dict):
-        _note(over, over_place, place, origins)
-        return over
-    merged = {}
-    for key in (*over, *(k for k in base if k not in over)):
-        here, in_base, in_over = (*place, key), (*base_place, key), (*over_place, key)
-        if key in over and key in base:
-            merged[key] = _merge(base[key], in_base, over[key], in_over, here, origins)
-        else:
-            merged[key] = over[key] if key in over else base[key]
-            _note(merged[key], in_over if key in over else in_base, here, origins)
-    return merged
-
-
-def _note(node: Any, written: Place, place: Place, origins: dict[Place, Place]) -> None:
+def _merge(layers: Sequence[tuple[Any, Place]], place: Place, origins: dict[Place, Place]) -> Any:
+    """Lay tables over each other, the first on top, and note where each value was written."""
+    node, written = layers[0]
     origins[place] = written
-    for key, child in children(node):
-        _note(child, (*written, key), (*place, key), origins)
+    if isinstance(node, dict):
+        tables = [(table, at) for table, at in layers if isinstance(table, dict)]
+        return {
+            key: _merge([(table[key], (*at, key)) for table, at in tables if key in table], (*place, key), origins)
+            for key in dict.fromkeys(key for table, _ in tables for key in table)
+        }
+    for number, child in children(node):
+        _merge([(child, (*written, number))], (*place, number), origins)
+    return node

@@ -102,14 +102,12 @@ class Store:
     ----------
     folder : Path
         ``SESSION/labpipe``; nothing is made before the first result is written.
-    paranoid : bool
-        Read every file again instead of trusting size, times and inode.
     """
 
-    def __init__(self, folder: Path, *, paranoid: bool = False) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.root = folder / "store"
-        self.index = HashIndex(self.root / "index.json", paranoid=paranoid)
+        self.index = HashIndex(self.root / "index.json")
 
     # --- looking ---
 
@@ -317,6 +315,22 @@ def events(session: Session, containing: str = "") -> Iterator[dict[str, Any]]:
                 event = json.loads(line)
                 if isinstance(event, dict):
                     yield event
+
+
+def events_after(session: Session, position: int, run: str) -> tuple[int, list[dict[str, Any]]]:
+    """Return the end of the log, and the events of one run that were written since a position [bytes] in it."""
+    try:
+        with (session.folder / LOG).open("rb") as stream:
+            stream.seek(position)
+            *lines, _ = stream.read().split(b"\n")  # another process may be writing the last one
+    except OSError:
+        return position, []
+    found = []
+    for line in lines:
+        if run.encode() in line:
+            with contextlib.suppress(ValueError):
+                found.append(json.loads(line))
+    return position + sum(len(line) + 1 for line in lines), found
 
 
 def last_seconds(session: Session) -> dict[TaskId, float]:

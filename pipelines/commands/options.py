@@ -90,10 +90,8 @@ def reading_options(function: F) -> F:
             kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
             return function(*args, **kwargs)
         except SourceError as error:
-            hint = None if error.hint is None else as_typed(error.hint)
-            raise SourceError(
-                error.path, error.message, line=error.line, column=error.column, offset=error.offset, hint=hint
-            ) from None
+            error.hint = error.hint and as_typed(error.hint)
+            raise
         except InputError as error:
             raise InputError(as_typed(str(error))) from None
 

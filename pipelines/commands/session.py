@@ -3,7 +3,6 @@
 import itertools
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -168,7 +167,6 @@ def _steps(rows: "list[Row]") -> Iterator[str]:
 @keep_option
 @jobs_option
 @cluster_option
-@click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option
 def process(sessions: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     r"""Process session folders: results and one report per experiment.
@@ -227,8 +225,7 @@ def summary(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = Non
     if isinstance(outcome, LabpipeError):
         report_error(outcome, wants_json=False)
         return
-    count = Counter(o.state for o in outcome.outcomes)
-    yield ", ".join(f"{n} {state}" for state, n in sorted(count.items())) or "nothing to do"
+    yield f"steps: {outcome.summary}"
     for o in outcome.failures:
         click.echo(f"failed: {o.task}: {o.message}", err=True)
     for one in () if judged is None else judged.experiments:

@@ -132,7 +132,7 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
 
     if name is None:
         known = {key: entry.summary for key, entry in SAMPLES.items()}
-        emit(as_json, known, (f"{key:12}{text}" for key, text in known.items()))
+        emit(as_json, known, (f"{key:14}{text}" for key, text in known.items()))
         return
     if dest is None:
         raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")

@@ -4,6 +4,7 @@ A picture of a page is its first screen, as a Chromium on this computer shows it
 """
 
 import io
+import json
 import os
 import re
 import shutil
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +24,8 @@ from labpipe.imaging import contact_radius, hertz_gap
 from labpipe.workflow.plan import page_name
 from pipelines.session import reopen_session
 
-_SHOWN = 12
+_README = Path(files.__file__).parents[1] / ".github"
+_SHOWN = 6
 """First and last lines of a command's reply."""
 #: Places of a report in the gallery, in the order of the numbered marks that its text explains.
 _MARKED = (
@@ -83,6 +86,9 @@ def of_tutorial(folder: Path, target: Path) -> None:
         of_page(made / page, target / f"{name}.webp")
     of_page(made / page_name("acrylic_7mm"), target / "report.webp")
     of_page(folder / "impossible.html", target / "impossible.webp")
+    of_browser(folder / "my-session", target / "browser.webp")
+    if _README.is_dir():
+        of_page(made / page_name("acrylic_1p5mm"), _README / "report.png", height=1500)
     with Image.open(folder / "figures/3.10.png") as figure:
         _write(figure, target / "figure.webp")
 
@@ -99,7 +105,25 @@ def of_reports(session: Path, target: Path) -> None:
 
 
 def of_page(page: Path, target: Path, style: str = "", height: int = 900) -> None:
-    """Draw the first screen [px] of a page, with further rules of CSS.
+    """Draw the first screen [px] of a page, with further rules of CSS."""
+    with tempfile.TemporaryDirectory(prefix="labpipe-page-") as name:
+        shown = Path(name) / page.name
+        files.write_text(shown, page.read_text("utf-8").replace("</head>", f"<style>{style}</style></head>", 1))
+        _screen(shown.as_uri(), target, height)
+
+
+def of_browser(session: Path, target: Path) -> None:
+    """Draw the page of a folder, as ``labpipe open`` shows it."""
+    line = [sys.executable, "-m", "labpipe", "open", str(session), "--no-browser", "--json"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, env=os.environ | {"PYTHONUNBUFFERED": "1"}) as served:
+        printed: Any = served.stdout
+        said = b"".join(iter(printed.readline, b"}\n")) + b"}"
+        _screen(json.loads(said)["address"], target, 900)
+        served.terminate()
+
+
+def _screen(address: str, target: Path, height: int) -> None:
+    """Draw the first screen of an address.
 
     Raises
     ------
@@ -109,24 +133,23 @@ def of_page(page: Path, target: Path, style: str = "", height: int = 900) -> Non
     browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
     if browser is None:
         raise UsageError("the guide's pictures are drawn by Chromium, which is not installed")
-    with tempfile.TemporaryDirectory(prefix="labpipe-browser-") as name:
-        folder = Path(name)
-        shown, screen = folder / page.name, folder / "screen.png"
-        files.write_text(shown, page.read_text("utf-8").replace("</head>", f"<style>{style}</style></head>", 1))
+    with tempfile.TemporaryDirectory(prefix="labpipe-browser-") as folder:
+        screen = Path(folder) / "screen.png"
         switches = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars")
         where = (f"--user-data-dir={folder}/profile", f"--screenshot={screen}", f"--window-size=1400,{height}")
-        line = (browser, *switches, "--disable-dev-shm-usage", *where, shown.as_uri())
+        line = (browser, *switches, "--disable-dev-shm-usage", "--virtual-time-budget=10000", *where, address)
         subprocess.run(line, check=True, capture_output=True, timeout=120)
         with Image.open(screen) as image:
             _write(image, target)
 
 
 def _write(image: Image.Image, target: Path) -> None:
-    """Write a picture as WebP, at most 1050 px wide: letters of 16 px are then 12 px high."""
+    """Write a picture as PNG or WebP, at most 1050 px wide: letters of 16 px are then 12 px high."""
     width = min(image.width, 1050)
     small = image.convert("RGB").resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
+    small = small.quantize(128) if target.suffix == ".png" else small
     held = io.BytesIO()
-    small.save(held, "WEBP", quality=80, method=6)
+    small.save(held, target.suffix[1:], quality=80, method=6)
     files.write_bytes(target, held.getvalue())
 
 

@@ -75,7 +75,6 @@ def process(
     cluster: str | None = None,
     full: bool = False,
     keep: bool | None = False,
-    fail_fast: bool = False,
     progress: Callable[[Event], None] | None = None,
 ) -> RunResult:
     """Compute the results that a session lacks, and write its reports.
@@ -96,8 +95,6 @@ def process(
     keep : bool or None
         Take results of earlier code as they are where nothing else has changed, and say so on
         every page; with None, those that an earlier run took. By default all is made again.
-    fail_fast : bool
-        Stop at the first failure instead of going on with the other experiments.
     progress : callable, optional
         Called with every event of the run.
 
@@ -120,7 +117,7 @@ def process(
     >>> done.failures, done.reports["acrylic_7mm"]  # doctest: +SKIP
     """
     options: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
-    options |= {"jobs": jobs, "cluster": cluster, "fail_fast": fail_fast}
+    options |= {"jobs": jobs, "cluster": cluster}
     ((_, done),) = process_all([folder], **options)
     if isinstance(done, LabpipeError):
         raise done
@@ -162,8 +159,6 @@ def process_all(
                 yield session
             except LabpipeError as error:
                 refused.append((folder, error))
-                if options.get("fail_fast"):
-                    return
 
     options["schemas"] = SCHEMAS
     has_processes = bool(options.get("jobs", 1)) and not options.get("cluster")

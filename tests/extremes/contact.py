@@ -15,8 +15,7 @@ import numpy as np
 from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep, advance, history, step_weights
-from labpipe.contact.line import dissipation, westergaard
-from labpipe.contact.sphere import hertz
+from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from tests.extremes.inputs import Random, below_zero, extreme_material, extreme_times
 from tests.extremes.outcome import Case, Outcome, worst
@@ -69,21 +68,6 @@ def _mean_creep(lag: Floats, span: Floats) -> Floats:
     smooth = 0.5 * (-np.expm1(-points) @ weights)
     direct = 1.0 + np.exp(-lag) * np.expm1(-span) / span
     return np.where(span < 1.0, smooth, direct)
-
-
-def relaxation_of_a_sphere(random: Random) -> Outcome:
-    """Step and hold: the force is the elastic one times E(t)/E(0), at any time."""
-    material = extreme_material(random, 20)
-    radius = 10 ** random.uniform(-4, 0)
-    depth = radius * 10 ** random.uniform(-8, -2)
-    time = np.concatenate([[0.0], np.sort(10 ** random.uniform(-12, 6, 12))])
-    found = contact.press_sphere(material, radius, time, np.full(13, depth), springs=24, rtol=1e-4).force.values
-    exact = found[0] * material.relaxation(time) / material.E_unrelaxed
-    errors = np.abs(found / exact - 1.0)
-    return worst(
-        (float(errors.max()) / 5e-3, "relative error of a relaxed force 5e-3 at rtol = 1e-4"),
-        (-float(found.min()) / max(exact.max(), 1e-300), "a force below zero"),
-    )
 
 
 def rise_and_fall(random: Random) -> Outcome:
@@ -167,153 +151,10 @@ def line_history(random: Random) -> Outcome:
     )
 
 
-def line_loads(random: Random) -> Outcome:
-    """Push by a hostile history of load; pressing by the approach found gives the load again."""
-    material = extreme_material(random, 12)
-    time = extreme_times(random, int(random.integers(2, 6)))
-    radius, period = 2e-3, 8e-3
-    # The softest answer stays far from full contact.
-    softest = float(Creep.of(material).compliance(float(time[-1])))
-    most = 0.3 * period**2 / (16.0 * pi * radius * softest)
-    load = most * np.maximum(random.uniform(-0.3, 1.0, time.size), 0.0)
-    pushed = contact.indent_load(
-        material, radius, period, 1.0, time, load, elements=128, rtol=1e-5, outputs=("energy",)
-    )
-    depth = pushed.displacement.values
-    jumps = time[np.flatnonzero(np.diff(time) == 0.0)]
-    first = contact.indent(material, radius, period, 1.0, time[:1], depth[:1], elements=128, rtol=1e-5)
-    miss = abs(float(first.force[0]) - load[0]) / max(float(load.max()), 1e-300)
-    return worst(
-        (miss / 1e-6, "a first load that is missed by 1e-6 of the largest"),
-        (below_zero(np.diff(pushed.dissipated_energy.values, prepend=0.0)), "dissipation that falls"),
-        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is not finite"),
-    )
-
-
-# -- closed forms ----------------------------------------------------------------------------------
-
-
-def inverse_closed_forms(random: Random) -> Outcome:
-    """Approach and width of the closed forms lead back to one another."""
-    period, radius = 10 ** random.uniform(-6, 0), 10 ** random.uniform(-6, 0)
-    reduced = 10 ** random.uniform(3, 12)
-    profile: Any = str(random.choice(["parabola", "cosine"]))
-    share = 0.5 * random.uniform(1e-6, 0.999)
-    state = westergaard.from_half_width(share * period, radius, period, reduced, profile)
-    by_depth = westergaard.from_displacement(state.displacement, radius, period, reduced, profile)
-    load = 10 ** random.uniform(-9, 6)
-    sphere = hertz.static_load(load, radius, reduced)
-    again = hertz.static_approach(sphere.approach, radius, reduced)
-    return worst(
-        (abs(float(by_depth.force / state.force) - 1.0) / 1e-6, "force by the approach 1e-6"),
-        (abs(float(again.force) / load - 1.0) / 1e-12, "Hertz there and back 1e-12"),
-    )
-
-
-def harmonic_work(random: Random) -> Outcome:
-    """Dissipated work is not negative and the tapping front falls with the frequency."""
-    material = extreme_material(random)
-    frequency = np.sort(10 ** random.uniform(-9, 12, 30))
-    geometry = (1e-4 * random.uniform(0.01, 3.0), 2e-3, 8e-3)
-    work = dissipation.dissipated_work(material, frequency, 1e-6, *geometry)
-    front = dissipation.tapping_amplitude(material, frequency, *geometry)
-    ratio = material.E_unrelaxed / material.E_relaxed
-    return worst(
-        (below_zero(work), "dissipated work below zero"),
-        (float(np.diff(front).max()) / float(front.max()) / 1e-12, "a front that rises by 1e-12"),
-        ((float(front[0] / front[-1]) / ratio - 1.0) / 1e-9, "a front beyond the two moduli 1e-9"),
-    )
-
-
-# -- invalid input ----------------------------------------------------------------------------
-
-_BAD = (np.nan, np.inf, -np.inf, -1.0, 0.0)
-_SOLID = Prony(2e9, [2e9], [0.5e-3], nu=0.35)
-_DROP: Mapping[str, float] = {
-    "radius": 0.01,
-    "mass": 0.5,
-    "height": 1e-3,
-    "duration": 0.02,
-    "gravity": 9.81,
-    "rtol": 1e-3,
-    "ring_width": 1e-5,
-}
-_INDENT: Mapping[str, float] = {"tip_radius": 2e-3, "period": 8e-3, "depth": 1.0, "thickness": 1e-3, "rtol": 1e-3}
-_COLLISION: Mapping[str, float] = {
-    "radius": 0.01,
-    "mass": 0.5,
-    "height": 1e-3,
-    "duration": 0.02,
-    "gravity": 9.81,
-    "youngs_modulus": 3e9,
-    "nu": 0.3,
-    "damping": 1e4,
-    "yield_depth": 1e-5,
-    "unloading_multiplier": 2.0,
-}
-#: Values that are no mistake although they stand in the list of bad ones.
-_LEGAL = {
-    ("drop", "height", 0.0),
-    ("indent", "thickness", np.inf),
-    ("collision", "nu", 0.0),
-    ("collision", "damping", 0.0),
-    ("collision", "yield_depth", np.inf),
-}
-
-
-def input_that_is_none(random: Random) -> Outcome:
-    """One argument is NaN, infinite, negative or zero, or one sample of a history is."""
-    bad = float(random.choice(_BAD))
-    which = str(random.choice(["drop", "indent", "collision", "history"]))
-    if which == "history":
-        return _bad_history(random)
-    values = dict({"drop": _DROP, "indent": _INDENT, "collision": _COLLISION}[which])
-    name = str(random.choice(list(values)))
-    if (which, name, bad) in _LEGAL:
-        return Outcome(0.0, "")
-    values[name] = bad
-    if which == "drop":
-        contact.drop(_SOLID, solver="rings", **values)  # type: ignore[arg-type]
-    elif which == "collision":
-        contact.collision(**values)  # type: ignore[arg-type]
-    else:
-        contact.indent(_SOLID, time=[0.0, 1.0], displacement=[0.0, 1e-5], elements=64, **values)  # type: ignore[arg-type]
-    return Outcome(np.inf, f"{which} took {name} = {bad}")
-
-
-def _bad_history(random: Random) -> Outcome:
-    time, value = np.sort(random.random(8)), 1e-5 * random.random(8)
-    place = int(random.integers(0, 8))
-    kind = str(random.choice(["gap", "no time", "backwards", "shorter", "empty"]))
-    if kind == "gap":
-        value[place] = random.choice([np.nan, np.inf])
-    elif kind == "no time":
-        time[place] = np.nan
-    elif kind == "backwards":
-        time[place] += -2.0 if place else 2.0
-    elif kind == "shorter":
-        value = value[: place + 0]
-    else:
-        time, value = time[:0], value[:0]
-    sphere = random.random() < 0.5
-    if sphere:
-        call: Any = contact.press_sphere if random.random() < 0.5 else contact.load_sphere
-        call(_SOLID, 0.01, time, value)
-    else:
-        call = contact.indent if random.random() < 0.5 else contact.indent_load
-        call(_SOLID, 2e-3, 8e-3, 1.0, time, value, elements=64)
-    return Outcome(np.inf, f"a history with the fault: {kind}")
-
-
 #: Families and how many of their cases the tests try.
 FAMILIES: Mapping[str, tuple[Case, int]] = {
     "memory of a spring": (memory_of_a_spring, 400),
-    "relaxation of a sphere": (relaxation_of_a_sphere, 30),
     "rise and fall of a sphere": (rise_and_fall, 4),
     "elastic line": (elastic_line, 135),
     "history of a line": (line_history, 6),
-    "loads on a line": (line_loads, 6),
-    "closed forms": (inverse_closed_forms, 350),
-    "harmonic work": (harmonic_work, 200),
-    "invalid input": (input_that_is_none, 600),
 }

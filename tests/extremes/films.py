@@ -121,44 +121,6 @@ def film_without_pattern(random: Random) -> Outcome:
     return Outcome(np.inf if np.any(told & ~(u > 1.0)) else 0.0, f"{kind}: a displacement")
 
 
-def film_that_is_none(random: Random) -> Outcome:
-    """Bursts of NaN, colour, empty films, points off the image, senseless settings: refused."""
-    film = pattern(random)(0.0, 0.0)[None] * 40.0 + 120.0
-    film = np.repeat(film, 3, axis=0)
-    points: list[tuple[float, float]] = [(32.0, 28.0)]
-    options: dict[str, Any] = {}
-    fault = str(
-        random.choice(
-            ["empty", "NaN", "infinite", "colour", "even", "small", "point", "order", "static", "blur", "select"]
-        )
-    )
-    if fault in ("NaN", "infinite"):
-        film[int(random.integers(0, 3)), 20:40, 20:40] = np.nan if fault == "NaN" else np.inf
-    elif fault == "empty":
-        film = film[:0]
-    elif fault == "colour":
-        film = np.repeat(film[..., None], 3, axis=-1)
-    elif fault == "point":
-        points = [(float(random.choice([np.nan, np.inf])), 28.0)]
-    else:
-        settings: Mapping[str, dict[str, Any]] = {
-            "even": {"subset": 20},
-            "small": {"subset": 5},
-            "order": {"order": 4},
-            "static": {"static_frames": int(random.choice([0, 4, -1]))},
-            "blur": {"blur": float(random.choice([-1.0, np.nan, 1e9]))},
-            "select": {"select": [2, 1]},
-        }
-        options = settings[fault]
-    with silently():
-        found = imaging.track(film, points, **options)
-    if fault in ("NaN", "infinite") and not found["valid"].values.all():
-        bad = ~np.isfinite(film).all(axis=(1, 2))
-        told = found["valid"].values[:, 0] & bad
-        return Outcome(np.inf if told.any() else 0.0, "a displacement from invalid pixels")
-    return Outcome(np.inf, f"a film with the fault: {fault}")
-
-
 # -- contacts --------------------------------------------------------------------------------------
 
 _SCENE = Scene(rows=112, columns=128, radius=110e-6, centre=(63.3, 55.2), pixel=4e-6)
@@ -217,37 +179,10 @@ def no_contact(random: Random) -> Outcome:
     return Outcome(np.inf if seen else 0.0, f"{kind}: a contact")
 
 
-_OPTICS = {"pixel_size": 4e-6, "sphere_radius": 9.5e-3, "wavelength": 633e-9}
-
-
-def optics_that_are_none(random: Random) -> Outcome:
-    """Refuse a length that is none, and frames that are no images."""
-    values: dict[str, Any] = dict(_OPTICS)
-    film = np.full((1, 32, 40), 100, np.uint8)
-    fault = str(random.choice([*values, "empty", "colour", "NaN"]))
-    if fault in values:
-        values[fault] = float(random.choice([np.nan, np.inf, -1.0, 0.0]))
-    elif fault == "empty":
-        film = film[:0]
-    elif fault == "colour":
-        film = np.repeat(film[..., None], 3, axis=-1)
-    else:
-        film = film.astype(float)
-        film[0, 10:20, 10:20] = np.nan
-    with silently():
-        found = imaging.contact_radius(film, **values)
-    if fault == "NaN":
-        is_told = not found["valid"].values.any() and not found["in_contact"].values.any()
-        return Outcome(0.0 if is_told else np.inf, "a frame with NaN that counts as sound")
-    return Outcome(np.inf, f"took {fault} = {values.get(fault, 'frames')}")
-
-
 #: Families and how many of their cases the tests try.
 FAMILIES: Mapping[str, tuple[Case, int]] = {
     "moved pattern": (moved_pattern, 150),
     "film without pattern": (film_without_pattern, 120),
-    "invalid film": (film_that_is_none, 200),
     "seen contact": (seen_contact, 12),
     "no contact": (no_contact, 12),
-    "invalid optics": (optics_that_are_none, 200),
 }

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labpipe.errors import CalibrationError, InputError, LabpipeError
+from labpipe.errors import InputError, LabpipeError
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def run_case(case: Case, seed: int) -> Outcome:
     """Compute one case; a refusal with a reason is an answer, another error is not."""
     try:
         return case(np.random.default_rng(seed))
-    except (InputError, CalibrationError) as error:
+    except InputError as error:
         return Outcome(0.0, "", _reason(error))
     except LabpipeError as error:
         return Outcome(np.inf, f"{type(error).__name__}: {error}")

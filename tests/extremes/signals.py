@@ -76,33 +76,6 @@ def _velocity(record: xr.DataArray, **options: Any) -> xr.DataArray:
         return signals.velocity(record, **options)
 
 
-def velocity_scaled(random: Random) -> Outcome:
-    """Another unit, zero, beginning or direction of time changes the velocity as it must."""
-    count = int(random.integers(2, 60))
-    time = np.arange(count, dtype=float) * float(10 ** random.uniform(-6, 3))
-    values = np.cumsum(random.standard_normal(count))
-    method = str(random.choice(["spline", "thesis", "difference"]))
-    window = int(random.integers(1, count + 1))
-    plain = _velocity(record_of(time, values), method=method, window=window).values
-    # powers of two, so that the scaled record holds the same numbers to the last digit
-    length, duration = 2.0 ** random.integers(-30, 30), 2.0 ** random.integers(-20, 20)
-    other = _velocity(record_of(time * duration, -values * length), method=method, window=window)
-    change = float(np.abs(other.values * duration / length + plain).max() / np.abs(plain).max())
-    return Outcome(change / 1e-9, f"{method}: scaled record, other velocity 1e-9")
-
-
-def velocity_of_rest(random: Random) -> Outcome:
-    """Expect no velocity of a constant record, wherever its zero is."""
-    count = int(random.integers(2, 100))
-    time = uneven_times(random, count, 2.0)
-    level = float(random.choice([0.0, -1.0, 1.0])) * 10 ** random.uniform(-9, 9)
-    values = laid_out(random, np.full(count, level), is_single=random.random() < 0.3)
-    method = str(random.choice(["spline", "thesis", "difference"]))
-    found = _velocity(record_of(time, with_gaps(random, values)), method=method, window=1)
-    largest = float(np.nanmax(np.abs(found.values))) * float(np.diff(time).min())
-    return Outcome(largest / (4.0 * _EPS64 * abs(level) + 1e-300), "a constant that moves")
-
-
 # -- records with a fault --------------------------------------------------------------------------
 
 _FAULTS = ("repeated", "backward", "no time", "endless time", "infinite", "nothing", "one", "unit")
@@ -197,29 +170,6 @@ def sinusoid(random: Random) -> Outcome:
     )
 
 
-def stiffness_and_lag(random: Random) -> Outcome:
-    """Complex stiffness of any size and any loss from position and force."""
-    time, frequency = _wave_times(random, random.uniform(4.0, 15.0))
-    stiffness, lag = 10 ** random.uniform(-3, 9), random.uniform(-0.1, 1.5)
-    size = 10 ** random.uniform(-9, -2)
-    share = float(random.choice([0.0, 10 ** random.uniform(-6, -1.5)]))
-    angle = 2 * np.pi * frequency * (time - time[0])
-    noise = share * random.standard_normal((2, time.size))
-    position = size * (np.sin(angle) + noise[0])
-    force = size * stiffness * (np.sin(angle + lag) + noise[1] + random.uniform(-9.0, 9.0))
-    found = signals.common_fit(time, laid_out(random, position), with_gaps(random, force))
-    floor = 1e-8 + 20.0 * _EPS64 * float(np.abs(2 * np.pi * frequency * time).max())
-    storage, loss = stiffness * math.cos(lag), stiffness * math.sin(lag)
-    return worst(
-        (abs(found.phase_lag - lag) / (7.0 * found.u_phase_lag + floor), "a lag by 7 u"),
-        (
-            abs(found.storage_stiffness - storage) / (7.0 * found.u_storage_stiffness + floor * stiffness),
-            "storage by 7 u",
-        ),
-        (abs(found.loss_stiffness - loss) / (7.0 * found.u_loss_stiffness + floor * stiffness), "loss by 7 u"),
-    )
-
-
 def decay(random: Random) -> Outcome:
     """Frequency and damping of a decaying vibration of any size about any rest."""
     cycles = random.uniform(5.0, 25.0)
@@ -245,113 +195,10 @@ def decay(random: Random) -> Outcome:
 # -- several records -------------------------------------------------------------------------------
 
 
-def lag_of_two(random: Random) -> Outcome:
-    """Two instruments on one motion, other gain, zero, rate and time base."""
-    span = 10 ** random.uniform(-6, 4)
-    counts = random.integers(60, 250, 2)
-    late = span * random.uniform(-0.2, 0.2)
-    gain = float(random.choice([-1.0, 1.0])) * 10 ** random.uniform(-6, 6)
-    centres, widths = random.uniform(0.3, 0.7, 3), random.uniform(0.06, 0.15, 3)
-    heights = random.uniform(0.3, 1.0, 3)
-
-    def motion(s: Floats) -> Floats:
-        return np.asarray(np.exp(-0.5 * ((s[:, None] - centres) / widths) ** 2) @ heights)
-
-    first, second = (np.linspace(0.0, 1.0, int(count)) * span for count in counts)
-    share = float(random.choice([0.0, 10 ** random.uniform(-6, -2.5)]))
-    a = motion(first / span) + share * random.standard_normal(first.size)
-    b = gain * (motion((second - late) / span) + random.uniform(-100.0, 100.0))
-    b += abs(gain) * share * random.standard_normal(second.size)
-    begin = span * float(random.choice([0.0, 1e3]))
-    found = signals.lag(record_of(first + begin, laid_out(random, a)), record_of(second + begin, b), 0.3 * span)
-    return worst(
-        (abs(found.lag - late) / (8.0 * found.u_lag + 2e-4 * span), "a lag by 8 u, 2e-4 of it all"),
-        (abs(found.gain / gain - 1.0) / (8.0 * found.u_gain / abs(gain) + 2e-3), "a gain by 2e-3"),
-    )
-
-
-def repeats(random: Random) -> Outcome:
-    """Expect a line as the mean of lines, and counts and bands of what was read."""
-    n, count = int(random.integers(1, 7)), int(random.integers(2, 60))
-    step = 10 ** random.uniform(-9, 3)
-    slope, level = random.standard_normal(2) * 10 ** random.uniform(-6, 9)
-    starts, lines, records = step * random.integers(0, 50, n), random.standard_normal(n), []
-    for start, line in zip(starts, lines, strict=True):
-        time = start + step * np.arange(count)
-        values = level + line + slope * np.arange(count)
-        records.append(record_of(time, laid_out(random, values)))
-    found = signals.combine_repeats(records, starts)
-    expected = level + float(np.mean(lines)) + slope * np.arange(count)
-    size = abs(level) + abs(slope) * count + 10.0
-    spread = float(np.std(lines, ddof=1)) if n > 1 else np.nan
-    sd = found["displacement_sd"].values
-    if found.sizes["time"] != count:
-        return Outcome(np.inf, f"{count} samples became {found.sizes['time']}")
-    # a start of up to 50 steps has the rounding of so many times
-    mean_error = float(np.abs(found["displacement_mean"].values - expected).max())
-    sd_error = float(np.abs(sd - spread).max()) if n > 1 else float(np.isfinite(sd).any())
-    return worst(
-        (mean_error / (1e-9 * size), "a mean by 1e-9"),
-        (sd_error / (1e-9 * size), "a band by 1e-9"),
-        (float(np.abs(found["n"].values - n).max()), "a repeat was lost"),
-    )
-
-
-def agreement_of_two(random: Random) -> Outcome:
-    """Bias and error against their definitions in exact sums, far from zero too."""
-    count = int(random.integers(3, 200))
-    offset, size = float(random.choice([0.0, 1e9])), 10 ** random.uniform(-3, 6)
-    a, b = random.standard_normal((2, count)) * size + offset
-    a, b = with_gaps(random, laid_out(random, a)), laid_out(random, b)
-    both = np.isfinite(a) & np.isfinite(b)
-    d = a[both] - b[both]
-    if d.size < 3:
-        signals.agreement(a, b)
-        return Outcome(np.inf, "limits of agreement from fewer than three pairs")
-    bias = math.fsum(d) / d.size
-    rms = math.sqrt(math.fsum(d * d) / d.size)
-    found = signals.agreement(a, b)
-    floor = 1e-9 + 10.0 * _EPS64 * offset / size
-    extent = float(np.ptp(b[both]))
-    return worst(
-        (abs(found.bias - bias) / (floor * size), "a bias by 1e-9"),
-        (abs(signals.nrmse(a, b) - rms / extent) / floor, "a normalised error by 1e-9"),
-        (0.0 if 1.0 <= found.n_effective <= 2.0 * d.size else np.inf, "impossibly many samples"),
-    )
-
-
-def figures_of_nothing(random: Random) -> Outcome:
-    """Curves that cannot be compared are refused."""
-    count = int(random.integers(3, 20))
-    a, b = random.standard_normal((2, count))
-    calls: Mapping[str, Callable[[Floats, Floats], object]] = {"nrmse": signals.nrmse, "agreement": signals.agreement}
-    name = str(random.choice(list(calls)))
-    fault = str(random.choice(["shape", "infinite", "nothing", "constant"]))
-    if fault == "shape":
-        b = b[:-1]
-    elif fault == "infinite":
-        b[int(random.integers(0, count))] = random.choice([np.inf, -np.inf])
-    elif fault == "nothing":
-        a[1:] = np.nan
-    elif name == "agreement":
-        return Outcome(0.0, "")  # constant curves agree or do not
-    else:
-        (b if name == "nrmse" else a)[:] = 10 ** random.uniform(-9, 9)
-    calls[name](a, b)
-    return Outcome(np.inf, f"{name} took curves with the fault: {fault}")
-
-
 #: Families and how many of their cases the tests try.
 FAMILIES: Mapping[str, tuple[Case, int]] = {
     "velocity of a polynomial": (velocity_of_a_polynomial, 40),
-    "velocity, scaled": (velocity_scaled, 60),
-    "velocity of rest": (velocity_of_rest, 150),
     "invalid record": (record_that_is_none, 450),
     "sinusoid": (sinusoid, 150),
-    "stiffness and lag": (stiffness_and_lag, 100),
     "decay": (decay, 60),
-    "lag of two": (lag_of_two, 40),
-    "repeats": (repeats, 100),
-    "agreement of two": (agreement_of_two, 300),
-    "agreement of invalid input": (figures_of_nothing, 200),
 }

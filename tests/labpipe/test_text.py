@@ -35,19 +35,6 @@ def test_codec_is_settled_by_mark_then_utf8_then_declaration(tmp_path, codec, ex
     assert list(source.lines()) == content.splitlines()
 
 
-def test_first_declared_codec_that_fits_is_taken(tmp_path):
-    path = _file(tmp_path, "é,1\n".encode("cp1252"))  # E9 2C is no pair of cp932
-    assert text.survey(path, declared=("cp932", "cp1252")).encoding == "cp1252"
-    path = _file(tmp_path, "μm\n".encode("cp932"))
-    assert text.survey(path, declared=("cp932", "cp1252")).encoding == "cp932"
-
-
-def test_no_fitting_codec_is_refused_and_all_tried_are_named(tmp_path):
-    path = _file(tmp_path, b"\x81\x8d\n")
-    with pytest.raises(SourceError, match=r"utf-8.*cp1252"):
-        text.survey(path, declared=("cp1252",))
-
-
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("is_ended", [True, False])
 def test_every_line_end_counts_and_a_missing_last_one_is_seen(tmp_path, end, is_ended):
@@ -106,18 +93,6 @@ def test_too_large_file_is_refused_before_it_is_opened(tmp_path):
         text.survey(path)
 
 
-@pytest.mark.parametrize("max_line", [3, 4])
-def test_limit_on_lines_is_exact(tmp_path, max_line):
-    path = _file(tmp_path, b"a\nabcd\nb\n")
-    limits = text.Limits(max_line=max_line)
-    if max_line == 4:
-        assert text.survey(path, limits=limits).n_lines == 3
-        return
-    with pytest.raises(SourceError) as caught:
-        text.survey(path, limits=limits)
-    assert caught.value.line == 2
-
-
 def test_file_that_grows_between_the_passes_is_refused(tmp_path):
     path = _file(tmp_path, b"a\nb\n")
     source = text.survey(path)
@@ -147,11 +122,6 @@ def test_wrong_cell_is_named_by_line_and_column(row, column, message):
     assert str(caught.value).startswith("a.txt:11:")
 
 
-def test_comma_in_a_number_suggests_the_option():
-    with pytest.raises(SourceError, match='decimal=","'):
-        text.parse_rows(["1;2,5"], 2, ";", path="a", first_line=1)
-
-
 COMMA = text.Separators(",", "")
 GROUPED = text.Separators(",", ".")
 
@@ -161,13 +131,6 @@ def test_decimal_comma_and_thousands_dot_are_parsed():
     np.testing.assert_array_equal(rows, [[1, 2.5]])
     rows = text.parse_rows(["1;1.234,5"], 2, ";", path="a", first_line=1, signs=GROUPED)
     np.testing.assert_array_equal(rows, [[1, 1234.5]])
-
-
-def test_dot_is_refused_where_the_comma_is_the_decimal_sign():
-    with pytest.raises(SourceError, match=r"'2\.5'"):
-        text.parse_rows(["1;2.5"], 2, ";", path="a", first_line=1, signs=COMMA)
-    with pytest.raises(SourceError, match=r"'12\.34,5'"):
-        text.parse_rows(["1;12.34,5"], 2, ";", path="a", first_line=1, signs=GROUPED)
 
 
 @pytest.mark.parametrize(
@@ -201,11 +164,6 @@ def test_a_number_reads_the_same_with_dot_comma_or_thousands(value, decimals):
     assert text.plain_number(dotted) == float(dotted)
     assert text.plain_number(dotted.replace(".", ","), COMMA) == float(dotted)
     assert text.plain_number(grouped, GROUPED) == float(dotted)
-
-
-def test_shorten_escapes_control_characters():
-    assert text.shorten("\x1b[31mred\n") == repr("\x1b[31mred\n")
-    assert len(text.shorten("x" * 10_000)) < 70
 
 
 def test_a_file_that_ends_within_a_character_was_cut_off(tmp_path):

@@ -103,9 +103,10 @@ class Browser:
     def visit(self, address: str, *, width: int = 1400, height: int = 900) -> None:
         """Open an address; the page may go on asking its server."""
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
-        self.events.clear()
-        self.send("Page.navigate", url=address)
-        self.wait_for("Page.loadEventFired")
+        for place in ("about:blank", address):  # the page before may still ask a server that has gone
+            self.events.clear()
+            self.send("Page.navigate", url=place)
+            self.wait_for("Page.loadEventFired")
 
     def until(self, script: str, seconds: float = 120.0) -> Any:
         """Return the first value of a script that counts as true; the page is asked again and again."""

@@ -205,22 +205,6 @@ def test_arrow_keys_zoom_pan_and_bring_back(opened, chart):
     assert chart.window(0) == FULL
 
 
-def test_keys_go_from_view_to_view_and_back_to_all(opened, chart):
-    left, top, width, height = chart.box(0)
-    opened.click(left + width / 2, top + height / 2)
-    seen = []
-    for key in ("]", "]", "[", "3", "0", "["):
-        opened.key(key)
-        opened.settle()
-        seen.append(chart.window(0))
-        assert chart.window(1) == seen[-1]
-    first, second, again, third, everything, still = seen
-    assert first[1] - first[0] == pytest.approx(1e-3, rel=1e-6)
-    assert first[0] < second[0] < third[0]
-    assert again == first
-    assert everything == still == FULL
-
-
 def test_the_slider_goes_from_the_whole_range_through_the_views_by_keys(opened, chart):
     assert opened.run("document.querySelectorAll('.view-slider').length") == 1
     opened.run("document.querySelector('.view-slider').focus()")
@@ -235,20 +219,6 @@ def test_the_slider_goes_from_the_whole_range_through_the_views_by_keys(opened, 
     opened.key("Home")
     assert chart.window(0) == FULL
     assert opened.run(said) == "Whole range"
-
-
-def test_the_slider_zooms_evenly_on_the_way_into_a_view(opened, chart):
-    slide = "{{ const s = document.querySelector('.view-slider'); s.value = {};"
-    slide += " s.dispatchEvent(new Event('{}')); }}"
-    opened.run(slide.format(0.5, "input"))
-    half = chart.window(0)
-    assert half[1] - half[0] == pytest.approx((FULL[1] * 1e-3) ** 0.5, rel=1e-3)
-    opened.run(slide.format(1.5, "input"))
-    between = chart.window(0)
-    assert between[1] - between[0] == pytest.approx(1e-3, rel=1e-6)
-    opened.run(slide.format(0.9, "change"))
-    touches = bounce_train()[2]
-    assert chart.window(0) == pytest.approx([touches[0] - 5e-4, touches[0] + 5e-4])
 
 
 def test_single_curves_show_only_where_one_points_and_are_named(opened, chart):
@@ -275,17 +245,6 @@ def test_single_curves_show_only_where_one_points_and_are_named(opened, chart):
     assert drawn_bytes(opened) != before
 
 
-def test_a_key_goes_from_one_single_curve_to_the_next(opened):
-    opened.run("document.querySelectorAll('.chart-live')[0].focus()")
-    seen = []
-    for _ in range(3):
-        opened.key("r")
-        opened.settle()
-        opened.settle()
-        seen.append(opened.run("document.querySelector('.crowd .value').textContent").split(":")[0])
-    assert seen[:2] == ["repeat 1", "repeat 2"]
-
-
 def drawn_bytes(browser):
     return browser.run("document.querySelector('.uplot canvas').toDataURL()")
 
@@ -305,15 +264,6 @@ def test_the_cursor_is_linked_and_says_the_values(opened, chart):
     opened.mouse("mouseMoved", 2, 2)
     opened.settle()
     assert opened.run("document.querySelectorAll('.value')[2].textContent") == ""
-
-
-def test_the_legend_hides_a_curve(opened):
-    before = inked_pixels(opened, 0)
-    opened.run("document.querySelectorAll('.chart-legend button')[2].click()")
-    opened.settle()
-    assert inked_pixels(opened, 0) != before
-    pressed = "document.querySelectorAll('.chart-legend button')[2].getAttribute('aria-pressed')"
-    assert opened.run(pressed) == "false"
 
 
 def test_a_loop_zooms_along_both_axes(opened, chart):
@@ -350,18 +300,6 @@ def test_the_gallery_shows_one_frame_at_a_time(opened):
     assert opened.run(shown) == [False, False, False, True]
 
 
-def test_the_charts_of_its_group_mark_the_frame_that_a_gallery_shows(opened):
-    stills = [drawn_bytes(opened)]
-    for _ in range(2):
-        opened.run("document.querySelector('.gallery-next').click()")
-        opened.settle()
-        stills.append(drawn_bytes(opened))
-    opened.run("document.querySelector('.gallery-previous').click()")
-    opened.settle()
-    assert len(set(stills)) == 3
-    assert drawn_bytes(opened) == stills[1]
-
-
 def visible_stills(browser):
     return browser.run(
         "[...document.querySelectorAll('.chart-still')].filter(i => i.checkVisibility() && i.naturalWidth > 100).length"
@@ -392,10 +330,6 @@ def test_in_print_the_stills_stand_on_white_and_what_is_folded_stays_out(browser
     browser.pdf(tmp_path / "page.pdf")
     assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
     assert browser.complaints() == []
-
-
-def test_with_scripts_no_still_is_shown(opened):
-    assert visible_stills(opened) == 0
 
 
 def test_the_session_index_sorts_and_links(browser, tmp_path):

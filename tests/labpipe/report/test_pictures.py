@@ -78,13 +78,6 @@ def test_ticks_are_where_their_texts_say_and_at_least_two_are_named(window, scal
         assert np.prod(factors) == pytest.approx(value, rel=1e-9)
 
 
-def test_numbers_between_powers_of_ten_are_written_out():
-    picture = drawn(LineChart("c", "x", "y", [Series("s", T, 40.0 + 560.0 * T)], y_scale="log"))
-    written = {text.text for text in found(picture, "text")}
-    assert {"50", "100", "200", "500"} <= written
-    assert not any(re.search("[0-9]e", text) for text in written)
-
-
 def test_a_curve_is_drawn_where_its_values_are():
     """The first and the last point of a line are the ends of its axes, and a gap stays one."""
     y = np.where(np.arange(50) == 20, np.nan, T)

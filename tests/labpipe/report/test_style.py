@@ -70,11 +70,6 @@ def test_figures_have_the_width_of_a_journal_column(columns, millimetres):
     assert rcParams["font.size"] == before
 
 
-def test_three_columns_are_refused():
-    with pytest.raises(InputError, match="expected 1 or 2 columns"), figure_style(3):
-        pass
-
-
 @pytest.mark.parametrize("file_format", by_day(["pdf", "svg", "png"], 2))
 def test_the_same_figure_gives_the_same_bytes(file_format):
     made = []

@@ -2,8 +2,6 @@
 
 import importlib
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -111,13 +109,3 @@ def test_a_file_changed_under_a_running_program_is_refused(toys: Path, monkeypat
         change()
         with pytest.raises(InstallationError, match="was changed while this program ran"):
             code.refuse_changed()
-
-
-def test_nothing_is_imported_for_it() -> None:
-    script = (
-        "import sys; from labpipe.workflow import code\n"
-        "code.behind('pipelines.experiments.ball_drop.page:page')\n"
-        "print(*(n for n in ('numpy', 'pipelines', 'instruments') if n in sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == ""

@@ -9,10 +9,10 @@ import msgspec
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from labpipe.errors import ConfigError, InputError
+from labpipe.errors import ConfigError
 from labpipe.units import Quantity, quantity
 from labpipe.workflow import config, fields
-from labpipe.workflow.fields import POSITIVE, Angle, Dimensionless, File, Length, Range, Time, show
+from labpipe.workflow.fields import POSITIVE, Angle, Dimensionless, File, Length, Range, Time
 
 
 class Inner(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -67,27 +67,19 @@ WRONG = {
     'length = "3 s"': 'units: m, cm, mm, um, nm.*, found "3 s", which is in s',
     'length = "3 furlong"': 'expected a length .*, found "3 furlong"',
     'length = "1e999 mm"': "expected a finite number",
-    'length = ["3 mm"]': "expected a length .*, found a list",
     'angle = "atuo"': 'expected an angle .* or one of "auto", found "atuo"',
     'window = "2 s"': "must be > 0 and <= 1 s, found 2 s",
     "poisson = 0.5": "must be >= 0 and < 0.5, found 0.5",
-    "poisson = nan": "expected a finite number, found nan",
-    "rtol = inf": "expected a finite number, found inf",
     "count = 0": "expected int >= 1, found 0",
-    "count = true": "expected a whole number, found true",
     f"count = {10**300}": r"found a number of 301 digits",
     'solver = "mrd"': 'expected one of "mdr", "rings", found "mrd"; did you mean "mdr"',
-    "direction = 2": "expected one of 1, -1, found 2",
     'switch = "yes"': 'expected true or false, found "yes"',
     "corners = [1, 2]": r"expected places, \[\[x, y\], \[x, y\]\], found \[1, 2\]: brackets are missing",
     "files = 'a.csv'": 'expected a list of items, each the name of a file, found "a.csv"',
     "files = ['data.csw']": 'no file "data.csw" .*did you mean "data.csv"',
     "files = ['../x']": r'contains "\.\."',
     "files = ['data.csv', 'data.csv']": 'files.1.: "data.csv" is listed twice',
-    "files = [1]": r"files\[0\]: expected the name of a file, found 1",
     'pair = ["1 mm"]': "expected 2 items, found 1",
-    'table = ["1 mm"]': "expected a table, found a list",
-    'table = { a = "1 s" }': r"table\.a: expected a length",
     'day = "31.1.2026"': 'expected a date such as .*, found "31.1.2026"',
     "inner = 3": "expected a table, found 3",
     "inner.raduis = 3": 'inner.raduis: unknown key; did you mean "radius"',
@@ -179,41 +171,3 @@ def test_no_tree_of_values_escapes_the_check(tree: dict[str, object]) -> None:
     document = config.Document(Path("c.toml"), tree, {(): 1})
     found = config.Checker(document, Path("/nowhere")).structure(Everything, tree, ())
     assert isinstance(found, Everything) or document.problems
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("9.525 mm", "9.525 mm"),
-        ("12.0 ± 0.2 deg", "12 ± 0.2 deg"),
-        ("20000 Hz", "20 kHz"),
-        ("0.0009 m", "900 um"),
-        ("2.5 MPa", "2.5 MPa"),
-        ("1e-12 m", "0.001 nm"),
-    ],
-)
-def test_a_quantity_is_shown_in_the_unit_that_suits_it(text: str, shown: str) -> None:
-    assert show(quantity(text)) == shown
-    assert quantity(shown)[:2] == pytest.approx(quantity(text)[:2], rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "same"),
-    [
-        ("12 ± 0,2°", "12 ± 0.2 deg"),
-        ("12° ± 0,2°", "12 ± 0.2 deg"),
-        ("9,525 mm ± 0,005 mm", "9.525 ± 0.005 mm"),
-        ("1,5e-3 m", "1.5 mm"),
-    ],
-)
-def test_a_quantity_is_understood_as_people_write_it(text: str, same: str) -> None:
-    assert quantity(text).si == quantity(same).si
-    assert quantity(text)[:2] == pytest.approx(quantity(same)[:2], rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"), [("1,500 mm", "group thousands; write 1.500 or 1500"), ("1.5 mm ± 2 um", "has two units")]
-)
-def test_a_quantity_with_two_meanings_is_refused(text: str, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        quantity(text)

@@ -43,13 +43,6 @@ def naps(number: int, folder: Path) -> int:
     return number
 
 
-def says(number: int, *, tell: Callable[[object], None]) -> int:
-    """Tell two things on the way."""
-    tell(["half", number])
-    tell({"all": number})
-    return number
-
-
 class Lazy(Mapping[int, tuple[int]]):
     """Tasks that say who was asked for."""
 
@@ -72,10 +65,6 @@ def test_every_task_has_one_answer(engine: Engine) -> None:
     found = list(side_by_side(engine, DOUBLE, {f"n{i}": (i,) for i in range(20)}))
     assert len(found) == 20
     assert dict(found) == {f"n{i}": 2 * i for i in range(20)}
-
-
-def test_nothing_to_do_starts_nothing() -> None:
-    assert list(side_by_side(Processes(2), DOUBLE, {})) == []
 
 
 def test_a_death_costs_nobody_else_his_result(tmp_path: Path) -> None:
@@ -148,25 +137,8 @@ def test_fewer_workers_than_none_are_refused() -> None:
         choose(-1)
 
 
-def heard(engine: Engine) -> tuple[list[object], list[tuple[object, object]]]:
-    """What a call tells on the way, and how it ends."""
-    told: list[object] = []
-    ended: list[tuple[object, object]] = []
-    with engine.crew() as crew:
-        assert crew.room
-        crew.give("key", Call(f"{__name__}:says", (3,), tells=True), told.append)
-        while not ended:
-            ended += crew.ended()
-    return told, ended
-
-
-@pytest.mark.parametrize("engine", [Serial(), Processes(2)])
-def test_a_call_may_tell_what_it_is_at(engine: Engine) -> None:
-    assert heard(engine) == ([["half", 3], {"all": 3}], [("key", 3)])
-
-
 @pytest.mark.slow
-def test_a_cluster_answers_tells_raises_and_refuses_another_installation(
+def test_a_cluster_answers_raises_and_refuses_another_installation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
@@ -176,9 +148,6 @@ def test_a_cluster_answers_tells_raises_and_refuses_another_installation(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
         engine = Dask(cluster.scheduler_address)
-        told, ended = heard(engine)
-        assert ended == [("key", 3)]
-        assert [list(one) for one in told] == [["half", 3], ["all"]]  # type: ignore[call-overload]
         tasks = {i: (i, marker) for i in (1, 2, 3, 4)}
         found = dict(side_by_side(engine, f"{__name__}:deadly", tasks))
         assert not marker.exists()

@@ -138,14 +138,6 @@ def test_another_experiment_is_an_input_like_any_other(session: Session) -> None
     assert done(run_here(session)) == set(found)
 
 
-def test_full_concerns_only_the_stages_with_shortcuts(session: Session) -> None:
-    found = not_cached(plan(session, toy.STAGES, full=True))
-    assert set(found) == {"acrylic/mean", "acrylic/page", "nbr/mean", "nbr/page"}
-    assert found["nbr/mean"] == "will run: full false -> true"
-    result = run_here(session, full=True)
-    assert result.dataset("nbr", "mean").attrs["full"] == "true"
-
-
 @pytest.mark.parametrize("damage", ["missing", "changed"])
 def test_a_page_that_was_touched_is_put_back_without_work(session: Session, damage: str) -> None:
     path = session.folder / "reports" / "nbr.html"

@@ -1,7 +1,5 @@
 """session.toml: version, defaults, experiments, names and references."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -48,11 +46,7 @@ def test_a_folder_without_a_session_says_how_to_make_one(tmp_path: Path) -> None
     [
         ("", "begin the file with the line"),
         ("labpipe = 2\n", "is of version 2, this labpipe reads up to 1; update labpipe"),
-        ("labpipe = 99999999999999999999\n", "update labpipe"),
-        ("labpipe = 0\n", "expected 1, found 0"),
         ("labpipe = '1'\n", 'expected 1, found "1"'),
-        ("labpipe = true\n", "expected 1, found true"),
-        ("labpipe = 1.0\n", "expected 1, found 1.0"),
     ],
 )
 def test_another_version_is_the_only_mistake_reported(tmp_path: Path, head: str, says: str) -> None:
@@ -150,17 +144,3 @@ def test_a_link_out_of_the_session_is_refused(tmp_path: Path) -> None:
         'session.toml:4: experiments.a.sweep: "link.txt" is not a path inside the session folder: '
         "a symbolic link leads out of the folder",
     )
-
-
-def test_reading_a_session_loads_nothing_numerical(tmp_path: Path) -> None:
-    loaded(tmp_path, toy.TOML)
-    code = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
-        "import toy_laboratory as toy\n"
-        "from labpipe.workflow.session import load\n"
-        "from labpipe.workflow.plan import plan\n"
-        f"rows = plan(load({str(tmp_path)!r}, toy.KINDS), toy.STAGES).rows\n"
-        "assert len(rows) == 11\n"
-        "sys.exit(bool({'numpy', 'xarray', 'scipy', 'pandas'} & sys.modules.keys()))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

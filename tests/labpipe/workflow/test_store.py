@@ -14,7 +14,7 @@ from labpipe.errors import StoreError
 from labpipe.files import HashIndex
 from labpipe.workflow.plan import plan
 from labpipe.workflow.runner import run
-from labpipe.workflow.store import Caught, Store, key_of
+from labpipe.workflow.store import LOG, Caught, Store, events_after, key_of, log
 from labpipe.workflow.tasks import TaskId
 
 INGREDIENTS = {"stage": "read", "version": 1, "parameters": {"gain": 1.5, "name": "é"}}
@@ -118,15 +118,6 @@ def test_damage_is_noticed_set_aside_and_repaired(store: Store, damage: str) -> 
     assert store.state(KEY) == "stored"
 
 
-def test_a_record_of_another_format_is_not_believed(store: Store) -> None:
-    path = object_path(store, ".json")
-    record = files.unseal(path.read_bytes())
-    path.write_bytes(files.seal({**record, "format": 2}))
-    assert store.state(KEY) == "damaged"
-    path.write_bytes(files.seal({**record, "unknown": 2}))
-    assert store.state(KEY) == "damaged"
-
-
 def test_a_foreign_result_under_our_key_is_not_believed(store: Store) -> None:
     other = store.write({"stage": "other"}, dataset(2.0))
     for ending in (".nc", ".json"):
@@ -221,3 +212,19 @@ def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
     assert {str(o.task) for o in result.outcomes if o.state == "done"} == {"nbr/scale [laser/r3.txt]", "nbr/page"}
     after = toy.contents(session)
     assert {n: d for n, d in after.items() if "quarantine" not in n} == before
+
+
+def test_a_run_hears_its_own_events_once_and_whole(tmp_path: Path) -> None:
+    session = toy.make_session(tmp_path)
+    log(session, "started", run="mine", stage="before")
+    position = (session.folder / LOG).stat().st_size
+    assert events_after(session, position, "mine") == (position, [])
+    for run_ in ("mine", "other"):
+        log(session, "started", run=run_, stage="read")
+    with (session.folder / LOG).open("ab") as stream:
+        stream.write(b'{"run": "mine", ')  # another process is writing
+    position, found = events_after(session, position, "mine")
+    assert [event["stage"] for event in found] == ["read"]
+    with (session.folder / LOG).open("ab") as stream:
+        stream.write(b'"stage": "scale"}\n')
+    assert [event["stage"] for event in events_after(session, position, "mine")[1]] == ["scale"]

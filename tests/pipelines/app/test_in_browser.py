@@ -252,22 +252,3 @@ def test_two_clicks_and_a_drag_make_a_scale_and_a_subset(
     after = iter((filmed / "session.toml").read_text("utf-8").splitlines())
     assert all(line in after for line in before)  # remarks and order are kept
     quiet(window, page)
-
-
-def test_places_are_set_with_the_keyboard_too(window: Browser, filmed: Path, serving: Callable[[Path], Page]) -> None:
-    page = serving(filmed)
-    window.visit(page.address, width=390)
-    window.until("document.querySelectorAll('#file-list button').length === 1")
-    window.run("document.querySelector('#file-list button').click()")
-    window.until("stage.image !== null")
-    window.run("stage.cursor = [64, 150]; document.getElementById('measure-canvas').focus()")
-    person = Person(window)
-    for key, code in (("ArrowLeft", 37), ("ArrowLeft", 37)):
-        person.press(key, code=code)
-    person.enter()
-    window.run("stage.cursor = [436, 150]")
-    person.press("ArrowRight", code=39)
-    person.enter()
-    text = window.until("stage.result && stage.result.text")
-    assert abs(float(text.split(" ± ")[0]) - 380.0) < 0.06
-    assert window.run("document.documentElement.scrollWidth") <= 390

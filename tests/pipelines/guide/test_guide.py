@@ -50,7 +50,7 @@ def test_a_tutorial_gets_the_replies_of_its_commands(tmp_path: Path) -> None:
     text = "Words.\n\n```sh\necho two > file\n```\n\n```text\n$ cat file\none\n```\n\n```toml\n$ x\n```\n"
     assert pictures.replay(text, tmp_path) == text.replace("one", "two")
     long = pictures.replay("```text\n$ seq 30\n```\n", tmp_path)
-    assert "12\n... (6 lines)\n19\n" in long
+    assert "6\n... (18 lines)\n25\n" in long
     with pytest.raises(InputError, match="ended with 3: exit 3"):
         pictures.replay("```sh\nexit 3\n```\n", tmp_path)
 
