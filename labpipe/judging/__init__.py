@@ -1,6 +1,6 @@
-"""Whether a record is believable, whether the model agrees, and what that could have noticed.
+"""Verdicts on records: believability, agreement with a model, and the errors that a comparison could have shown.
 
-A check holds two ways to the same quantity against each other, or a quantity against a law
+A check compares two ways to the same quantity, or a quantity with a law
 (:func:`compared`, :func:`bounded`, :func:`stated`, :func:`not_made`); :func:`judge` makes one
 verdict of all checks of a record and ranks the mistakes that would explain them
 (:class:`Cause`). :func:`agreement` compares measured with predicted values, with their whole
@@ -10,7 +10,7 @@ input, stated wrongly, would explain a difference.
 
 Nothing here knows a kind of experiment; the scheme of levels follows the flags that
 oceanographers use (QARTOD: pass, not evaluated, suspect, fail). Each name is loaded when it is first
-used: to tell what was found takes no SciPy.
+used: reading a stored verdict takes no SciPy.
 """
 
 from typing import TYPE_CHECKING

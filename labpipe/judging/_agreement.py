@@ -10,7 +10,7 @@ for the rest, chi square is trace(C^-1 C0) on the average, and that many are its
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +30,7 @@ probability with which a detectable error is shown."""
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How well predicted values agree with measured ones.
+    """Agreement of predicted values with measured ones.
 
     Attributes
     ----------
@@ -50,24 +50,18 @@ class Agreement:
     largest: float
 
 
-class Directions(NamedTuple):
-    """Independent directions of differences, and how many of them are expected to scatter.
+def directions(covariance: Floats, slack: ArrayLike | None = None) -> tuple[Floats, float]:
+    """Return the independent directions of a covariance (row, row), and how many of them are expected to scatter.
 
-    ``root`` (direction, row) turns differences into numbers whose variance is one at most.
+    An array (direction, row) turns differences into numbers whose variance is one at most; `slack` as for
+    :func:`agreement`.
     """
-
-    root: Floats
-    degrees_of_freedom: float
-
-
-def directions(covariance: Floats, slack: ArrayLike | None = None) -> Directions:
-    """Find the independent directions of a covariance (row, row); `slack` as for :func:`agreement`."""
     scale = np.sqrt(np.diagonal(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     kept = values > _SINGULAR * values.max()
     root = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
     allowed = 0.0 if slack is None else float(np.sum(root**2 @ np.asarray(slack, float)))
-    return Directions(root, max(float(kept.sum()) - allowed, 1.0))
+    return root, max(float(kept.sum()) - allowed, 1.0)
 
 
 def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | None = None) -> Agreement:
@@ -154,21 +148,17 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike
     >>> detectable([[1.0], [0.0]], [[1.0, 0.0], [0.0, 1.0]]).round(2)
     array([3.93])
     """
+    from scipy.optimize import brentq
+
     S = np.asarray(sensitivities, float)
     C = np.atleast_2d(np.asarray(covariance, float))
     if S.ndim == 1:
         S = S[:, None]
     root, count = directions(C, slack)
     strength = np.linalg.norm(root @ S, axis=0)
-    wanted = np.sqrt(_noncentrality(count))
-    return np.divide(wanted, strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
-
-
-def _noncentrality(degrees_of_freedom: float) -> float:
-    from scipy.optimize import brentq
-
-    limit = special.chdtri(degrees_of_freedom, LIKELY)
-    return float(brentq(lambda x: 1 - special.chndtr(limit, degrees_of_freedom, x) - _POWER, 1e-6, 1e3 + 10 * limit))
+    limit = special.chdtri(count, LIKELY)
+    noncentrality = brentq(lambda x: 1 - special.chndtr(limit, count, x) - _POWER, 1e-6, 1e3 + 10 * limit)
+    return np.divide(np.sqrt(noncentrality), strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
 
 
 _OPEN = 0.05
@@ -188,7 +178,7 @@ def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Ag
     own : array (stretch,)
         Their standard uncertainties by noise, see :func:`stretches`.
     effects : array (effect, stretch)
-        What one standard uncertainty of each input and calibration does to the means.
+        Changes of the means by one standard uncertainty of each input and calibration.
 
     Returns
     -------
@@ -263,7 +253,7 @@ def stretch_means(curves: Iterable[Floats], places: Sequence[Integers]) -> Float
     Parameters
     ----------
     curves : iterable of array (sample,)
-        Such as what one standard uncertainty of each input does.
+        Such as the changes by one standard uncertainty of each input.
     places : sequence of array of int
         Samples of each stretch.
 

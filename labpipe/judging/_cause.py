@@ -1,9 +1,9 @@
-"""Which mistake explains what several checks show at once.
+"""Mistakes that explain several checks at once.
 
 Most mistakes of a laboratory are factors: a wrong unit, interval, gain or angle moves several
 redundant quantities by known powers of one factor. For every candidate that factor is fitted to
 the logarithms of all checks (weighted least squares, one free parameter), and candidates are
-ranked by what they leave unexplained.
+ranked by the chi square that they leave.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,10 +15,10 @@ from labpipe.judging._check import IMPOSSIBLE, Check
 _FLOOR = 2e-3
 """Least relative uncertainty of a check when causes are compared: the laws are that good."""
 _USUAL = 9.0
-"""What a factor that people are known to get wrong (1000, 25.4, 2) gains over any other factor,
+"""Gain of a factor that people are known to get wrong (1000, 25.4, 2) over any other factor,
 in units of chi square."""
 _SLACK = 0.02
-"""How far from such a factor, relative, a fitted one may lie: other inputs may be off too."""
+"""Relative distance of a fitted factor from such a factor: other inputs may be off too."""
 _SMALL = 1.1  # factor below which per cent say more
 _GROUPED = 1e4  # from which the digits of a number are grouped
 _RIGHT = 2.0  # standard uncertainties by which a check is off that is right
@@ -89,7 +89,7 @@ class Explanation:
 
     @property
     def is_last_resort(self) -> bool:
-        """Whether it needs an error that the stated uncertainty excludes."""
+        """Return whether it needs an error that the stated uncertainty excludes."""
         return self.n_u > IMPOSSIBLE
 
     @property
@@ -100,7 +100,7 @@ class Explanation:
 
 
 def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
-    """Rank the causes that explain what the checks show, the likeliest first.
+    """Rank the causes that explain the checks, the likeliest first.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
     Returns
     -------
     tuple of Explanation
-        Empty when no cause explains nine tenths of what is seen.
+        Empty when no cause explains nine tenths of chi square.
     """
     rows = [
         (c.name, c.log_ratio, hypot(c.u_log_ratio, _FLOOR))
@@ -130,7 +130,8 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         best = sum(d * r / u**2 for d, r, u in moved) / weight
         # what can be no other factor is that one, as far as the checks tell
         slack = hypot(cause.slack, cause.only_usual / sqrt(weight))
-        usual, is_usual = _nearest_usual(best, cause.usual, slack)
+        usual = min((log(k) for k in cause.usual), key=lambda place: abs(place - best), default=inf)
+        is_usual = abs(usual - best) <= 2 * slack
         if cause.only_usual and not is_usual:
             continue
         place = usual if is_usual else best
@@ -147,13 +148,6 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
     return tuple(sorted(found, key=lambda one: (one.is_last_resort, one.score)))
 
 
-def in_turn(ranked: Sequence[Explanation], check: str) -> str:
-    """Say what explains a check: the likeliest cause, and those that cannot be told from it; empty where none does."""
-    found = [one for one in ranked if check in one.checks]
-    alike = (o for o in found if o.score <= found[0].score + _ALIKE and o.is_last_resort == found[0].is_last_resort)
-    return "; or ".join(dict.fromkeys(one.sentence for one in alike))
-
-
 def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[Check]:
     """Return checks, those that fail and have no cause of their own with the likeliest that explains them.
 
@@ -166,18 +160,19 @@ def with_causes(checks: Sequence[Check], ranked: Sequence[Explanation]) -> list[
     Returns
     -------
     list of Check
-        With the file, line and setting of the cause, where it has any.
+        With the file, line and setting of the cause, where it has any; causes that explain as much are all given.
     """
     told = []
     for check in checks:
-        best = next((one.cause for one in ranked if check.name in one.checks), None)
-        if check.level is None or check.cause or best is None:
+        known = [one for one in ranked if check.name in one.checks]
+        if check.level is None or check.cause or not known:
             told.append(check)
             continue
-        place = best if best.file or best.setting else check
-        told.append(
-            replace(check, cause=in_turn(ranked, check.name), file=place.file, line=place.line, setting=place.setting)
-        )
+        best = known[0]
+        alike = [o for o in known if o.score <= best.score + _ALIKE and o.is_last_resort == best.is_last_resort]
+        place = best.cause if best.cause.file or best.cause.setting else check
+        said = "; or ".join(dict.fromkeys(one.sentence for one in alike))
+        told.append(replace(check, cause=said, file=place.file, line=place.line, setting=place.setting))
     return told
 
 
@@ -209,11 +204,3 @@ def in_words(factor: float, digits: int = 3) -> str:
     decimals = max(digits - 1 - floor(log10(abs(rounded))), 0)
     text = f"{rounded:,.{decimals}f}" if abs(rounded) >= _GROUPED else f"{rounded:.{decimals}f}"
     return text.rstrip("0").rstrip(".") if decimals else text
-
-
-def _nearest_usual(best: float, usual: Sequence[float], slack: float) -> tuple[float, bool]:
-    """Return the logarithm of the usual factor next to a fitted one, and whether it is that."""
-    if not usual:
-        return best, False
-    nearest = min((log(k) for k in usual), key=lambda place: abs(place - best))
-    return nearest, abs(nearest - best) <= 2 * slack

@@ -27,7 +27,7 @@ BROKEN = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is wrong with a record, its most likely cause, and where to look.
+    """A fault of a record, its most likely cause, and where to look.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Finding:
         Name of the check.
     level : "impossible", "doubtful" or "note"
     message : str
-        What was seen and what was expected, with numbers.
+        Observation and expectation, with numbers.
     cause : str
         The most likely mistake; empty when nothing singles one out.
     file : str
@@ -126,7 +126,7 @@ class Check:
 
     @property
     def is_made(self) -> bool:
-        """Whether everything that it needs was there."""
+        """Return whether everything that it needs was there."""
         return not self.needs
 
 
@@ -147,7 +147,7 @@ class CheckSummary:
 
     @property
     def is_made(self) -> bool:
-        """Whether any evaluation was made, or one reports that it could not be."""
+        """Return whether any evaluation was made, or one reports that it could not be."""
         return any(e.is_made for e in self.evaluations)
 
     @property
@@ -217,7 +217,7 @@ def compared(
     factor: bool = True,
     **place: Unpack[Place],
 ) -> Check:
-    """Hold two ways to the same quantity against each other.
+    """Compare two ways to the same quantity.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def bounded(
     is_law: bool = True,
     **place: Unpack[Place],
 ) -> Check:
-    """Hold a quantity against a law that knows no exception, such as 0 < e < 1.
+    """Compare a quantity with a law without exception, such as 0 < e < 1.
 
     Parameters
     ----------
@@ -321,6 +321,6 @@ def not_made(name: str, needs: str) -> Check:
 
 
 def unfinished(name: str, message: str, cause: str) -> Check:
-    """Return a check that could not be made because the run did not get through a step; it is told as a note."""
+    """Return a check that could not be made because the run did not get through a step; it is a note."""
     needs = "a run that gets through this step"
     return Check(name, message, "note", needs=needs, cause=cause, is_generic=True)

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from labpipe.arrays import Floats
 from labpipe.judging._agreement import directions
 
 _ALIKE = 0.995
@@ -54,7 +53,7 @@ class Suspect(NamedTuple):
     error : float
         By which the first of them is stated too large, in its unit.
     share : float
-        Of chi square, what this error alone takes away.
+        Share of chi square that this error alone takes away.
     """
 
     inputs: tuple[int, ...]
@@ -81,7 +80,7 @@ def suspects(differences: ArrayLike, sensitivities: ArrayLike, covariance: Array
     Returns
     -------
     list of Suspect
-        What explains most first; an input without effect is left out.
+        The input that explains most first; one without effect is left out.
 
     Examples
     --------
@@ -90,7 +89,7 @@ def suspects(differences: ArrayLike, sensitivities: ArrayLike, covariance: Array
     ((0,), 2.0, 1.0, (1,))
     """
     d, S = np.asarray(differences, float), np.asarray(sensitivities, float)
-    root = directions(np.atleast_2d(np.asarray(covariance, float))).root
+    root, _ = directions(np.atleast_2d(np.asarray(covariance, float)))
     seen, effects = root @ d, root @ S
     chi2, strength = float(seen @ seen), np.linalg.norm(effects, axis=0)
     able = np.flatnonzero(strength > 0.0)
@@ -163,7 +162,7 @@ def slips(
     for i in np.flatnonzero(np.abs(A).max(axis=0, initial=0.0) > 0.0).tolist():
         for k in factors[i]:
             shift = A[:, i] * log(k)
-            wider = C + _bent(shift)
+            wider = C + np.diag((_BENT * shift) ** 2 + (_STRAY * np.max(np.abs(shift))) ** 2)
             weight = np.linalg.pinv(wider, hermitian=True)
             known = float(shift @ weight @ shift)
             left = float((seen - shift) @ weight @ (seen - shift))
@@ -179,7 +178,3 @@ def slips(
             close.setdefault(slip.input, slip)
     least = min((abs(log(slip.factor)) for slip in close.values()), default=0.0)
     return [slip for slip in close.values() if abs(log(slip.factor)) < _SMALLER * least]
-
-
-def _bent(shift: Floats) -> Floats:
-    return np.diag((_BENT * shift) ** 2 + (_STRAY * np.max(np.abs(shift))) ** 2)

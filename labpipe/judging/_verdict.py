@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
-from typing import Any, Literal
+from typing import Literal
 
 from labpipe.judging._cause import Cause, explain, with_causes
 from labpipe.judging._check import WEIGHT, Check, CheckSummary, Finding, grouped
@@ -14,7 +14,7 @@ Verdict = Literal["yes", "doubtful", "impossible", "unknown"]
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """Whether a record can be believed.
+    """Verdict on a record, with its checks.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ def _specific(failed: Check, checks: Sequence[Check]) -> Check:
 
 def to_json(judgement: Judgement) -> str:
     """Return a judgement as JSON text, for the attribute of a stored result."""
-    rows = [{name: _plain(getattr(check, name)) for name in _OF_A_CHECK} for check in judgement.checks]
+    rows = [asdict(check) for check in judgement.checks]
     document = {"believable": judgement.believable, "causes": judgement.causes, "checks": rows}
     return json.dumps(document | {"laws": dict(judgement.laws)}, ensure_ascii=False)
 
@@ -122,17 +122,5 @@ def to_json(judgement: Judgement) -> str:
 def from_json(text: str) -> Judgement:
     """Read the text of :func:`to_json`."""
     document = json.loads(text)
-    checks = [Check(**{k: _number(k, v) for k, v in row.items()}) for row in document["checks"]]
-    return Judgement(document["believable"], tuple(checks), tuple(document["causes"]), document["laws"])
-
-
-_FLOATS = ("margin", "log_ratio", "u_log_ratio")
-_OF_A_CHECK = tuple(each.name for each in fields(Check))
-
-
-def _plain(value: Any) -> Any:
-    return repr(value) if isinstance(value, float) else value
-
-
-def _number(name: str, value: Any) -> Any:
-    return float(value) if name in _FLOATS else value
+    checks = tuple(Check(**row) for row in document["checks"])
+    return Judgement(document["believable"], checks, tuple(document["causes"]), document["laws"])

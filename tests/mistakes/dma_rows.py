@@ -73,35 +73,17 @@ def _scaled(
     return _rows(change)
 
 
-def _put(column: int, text: str, interval: int | None = None, point: int | None = None) -> Edit:
-    def change(cells: list[str], i: int, p: int) -> list[str]:
-        if interval in (None, i) and point in (None, p):
-            cells[column] = text
-        return cells
-
-    return _rows(change)
+def _constant_temperature(cells: list[str], i: int, p: int) -> list[str]:
+    del i, p
+    cells[T] = "20"
+    return cells
 
 
-def _exchanged(a: int, b: int, interval: int | None = None) -> Edit:
-    def change(cells: list[str], i: int, p: int) -> list[str]:
-        del p
-        if interval in (None, i):
-            cells[a], cells[b] = cells[b], cells[a]
-        return cells
-
-    return _rows(change)
-
-
-def _pasted(source: int, target: int) -> Edit:
-    """Copy the moduli of one interval into another."""
-    kept: dict[int, list[str]] = {}
-
-    def change(cells: list[str], i: int, p: int) -> list[str]:
-        if i == source:
-            kept[p] = cells[STORAGE : FACTOR + 1]
-        return cells[:STORAGE] + kept[p] + cells[FACTOR + 1 :] if i == target else cells
-
-    return _rows(change)
+def _exchanged(cells: list[str], i: int, p: int) -> list[str]:
+    """Exchange the two moduli of a row."""
+    del i, p
+    cells[STORAGE], cells[LOSS] = cells[LOSS], cells[STORAGE]
+    return cells
 
 
 def _label(old: str, new: str, count: int = -1) -> Edit:
@@ -120,56 +102,39 @@ def _of(material: str) -> Edit:
     return edit
 
 
-def _as_table(times: float, heading: str = "frequency [Hz]", *, with_time: bool = True) -> Edit:
-    """Write the exports as plain tables, with so many times the frequency in Hz under a heading."""
+def _as_table(times: float) -> Edit:
+    """Write the exports as plain tables, with so many times the frequency in Hz."""
 
     def edit(folder: Path) -> None:
         for name in (FIRST, SECOND):
-            found = ["time [s]," * with_time + f"temperature [°C],{heading},storage modulus [MPa],loss modulus [MPa]"]
+            found = ["temperature [°C],frequency [Hz],storage modulus [MPa],loss modulus [MPa]"]
             for line in (folder / name).read_text(_CODE).split("\n"):
                 cells = line.split("\t")
                 if len(cells) > STRESS and cells[1].isdigit():
                     hertz = f"{times * float(cells[OMEGA]) / (2 * np.pi):.6g}"
-                    found.append(",".join([cells[TIME]] * with_time + [cells[T], hertz, cells[STORAGE], cells[LOSS]]))
+                    found.append(",".join([cells[T], hertz, cells[STORAGE], cells[LOSS]]))
             (folder / name).write_text("\n".join(found) + "\n", "utf-8")
 
     return edit
 
 
 ROWS = (
-    Mistake("moduli of an interval pasted into the next", _pasted(2, 3), "impossible", ("digit by digit",), FIRST),
     # columns
-    Mistake("storage and loss swapped", _exchanged(STORAGE, LOSS), "impossible", ("exchanged",), FIRST),
+    Mistake("storage and loss swapped", _rows(_exchanged), "impossible", ("exchanged",), FIRST),
     Mistake("negative losses", _scaled(LOSS, -1.0), "impossible", (), FIRST),
     # units
     Mistake("MPa labelled Pa", _label("[MPa]", "[Pa]"), "impossible", ("MPa",), FIRST),
     Mistake("kelvins under degrees", _scaled(T, 1.0, 273.15), "impossible", ("in K",), FIRST),
     Mistake("fahrenheit under degrees", _scaled(T, 1.8, 32.0), "doubtful", ("in °F",), FIRST),
     Mistake("hertz under radians", _scaled(OMEGA, 1 / (2 * np.pi)), "doubtful", ("Hz under rad/s",), FIRST),
-    *(
-        Mistake(f"plain table, {word}", _as_table(*how, with_time=timed), "doubtful", said, FIRST)
-        for word, how, timed, said in (
-            ("turns per minute under Hz", (60.0,), True, ("turns per minute",)),
-            ("turns per minute under Hz, no times", (60.0,), False, ("turns per minute", "60 times round")),
-            ("mHz under Hz", (1e3,), True, ("mHz",)),
-            ("radians under Hz", (2 * np.pi,), False, ("rad/s under Hz",)),
-            ("hertz under radians", (1.0, "angular frequency [rad/s]"), True, ("Hz under rad/s",)),
-        )
-    ),
+    Mistake("plain table, rad/s under Hz", _as_table(2 * np.pi), "doubtful", ("rad/s under Hz",), FIRST),
     # one value, one row
-    *(
-        Mistake(f"one {word} x1000", _scaled(column, 1e3, 0.0, i, p), "impossible", ("1000",), FIRST)
-        for word, column, i, p in (
-            ("storage modulus", STORAGE, 1, 4),
-            ("loss modulus", LOSS, 3, 0),
-            ("storage modulus at the end", STORAGE, 4, 8),
-        )
-    ),
+    Mistake("one storage modulus x1000", _scaled(STORAGE, 1e3, 0.0, 1, 4), "impossible", ("1000",), FIRST),
     Mistake("decimal point lost in one value", _scaled(STORAGE, 10.0, 0.0, 2, 5), "impossible", ("10",), FIRST),
     Mistake("one row 30 K off", _scaled(T, 1.0, 30.0, 1, 4), "doubtful", ("interval 2, point 5", "30.0 K"), FIRST),
     # intervals
     Mistake("one interval 30 K too high", _scaled(T, 1.0, 30.0, 2), "impossible", ("interval 3",), FIRST),
-    Mistake("constant temperature", _put(T, "20"), "impossible", ("constant",), FIRST),
+    Mistake("constant temperature", _rows(_constant_temperature), "impossible", ("constant",), FIRST),
     # files
     Mistake("same file twice", _copied, "doubtful", ("same",), SECOND),
     Mistake("second file of PTFE", _of("ptfe"), "doubtful", ("another material",), SECOND),

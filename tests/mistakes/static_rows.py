@@ -1,7 +1,6 @@
 """Mistakes that laboratories make with a static loading: the edit, and what must be said."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from labpipe.arrays import Floats
 from pipelines.rig.session_text import laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from tests.mistakes.drop_rows import Mistake
-from tests.mistakes.recordings import Edit, cells, header, setting, values
+from tests.mistakes.recordings import Edit, header, setting, values
 
 FILE = "laser/static.csv"
 FILES = (FILE,)
@@ -29,22 +28,6 @@ def write(folder: Path, seed: int = 21, material: str = "ptfe", rig: StaticRig =
     files.write_text(folder / RECORD, laser_record())
     text = session_head("Mistakes (synthetic)") + static_section("static", file, rig, material)
     files.write_text(folder / _TOML, text)
-    return folder
-
-
-def drawn(folder: Path, number: int) -> Path:
-    """Write a session whose truth lies off what it states by the stated uncertainties."""
-    dice = np.random.default_rng(number)
-    angle = float(dice.uniform(8.0, 25.0))
-    material = str(dice.choice(["acrylic", "peek", "nylon", "ptfe"]))
-    true = tuple(float(m + dice.normal(0.0, 5e-4)) for m in RIG.masses)
-    sensor = replace(RIG.sensor, inclination=float(np.deg2rad(angle)), noise=float(dice.uniform(0.2e-6, 0.4e-6)))
-    rig = replace(RIG, masses=true, sensor=sensor, radius=RIG.radius + float(dice.normal(0.0, 5e-6)))
-    write(folder, 5000 + number, material, rig)
-    text = session_head("Clean (synthetic)") + static_section("static", FILE, RIG, material)
-    files.write_text(folder / _TOML, text)
-    record = laser_record().replace('"12.00 ±', f'"{angle + dice.normal(0.0, 0.1):.2f} ±')
-    files.write_text(folder / RECORD, record)
     return folder
 
 
@@ -84,28 +67,12 @@ def _times_as_seconds(folder: Path) -> None:
     path.write_text(path.read_text("utf-8").replace(' min" }', ' s" }'), "utf-8")
 
 
-def _reversed(texts: list[str]) -> list[str]:
-    return texts[::-1]
-
-
-def _shifted(x: Floats) -> Floats:
-    return x - 0.02 * (np.arange(x.size) * _CYCLE > 1500.0)
-
-
 ROWS = (
     # loads
     Mistake("a load left out, times given", setting(_line(3.5), ""), "impossible", ("missing", "1098"), _TOML),
-    Mistake(
-        "a load too many",
-        setting(_line(5.5), _line(5.5) + '  { mass = "6.5 ± 0.0005 kg", time = "56.00 min" },\n'),
-        "impossible",
-        ("4 steps", "5 loads"),
-        _TOML,
-    ),
     Mistake("the third load 3.0 kg", _mass("3.5", "3.0 ± 0.0005 kg"), "impossible", ("load 3", "3.5 kg"), _TOML),
     Mistake("kg for g", _every_mass(lambda m: f"{1e3 * m:g} ± 0.5 kg"), "impossible", ("masses", "1000"), _TOML),
     Mistake("g for kg", _every_mass(lambda m: f"{m:g} ± 0.0005 g"), "impossible", ("masses", "factor of 1000"), _TOML),
-    Mistake("forces typed as masses", _every_mass(lambda m: f"{9.81 * m:.4g} kg"), "doubtful", ("forces",), _TOML),
     # sphere
     Mistake(
         "diameter for radius",
@@ -124,24 +91,9 @@ ROWS = (
         FILE,
     ),
     Mistake("times in s for min", _times_as_seconds, "impossible", ("seconds and minutes",), _TOML),
-    Mistake("rows reversed", cells(_reversed, FILES), "impossible", ("direction", "reversed"), _TOML),
-    Mistake("rows doubled", cells(lambda t: t[:500] + t[420:], FILES), "impossible", ("twice",)),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um", FILES), "impossible", ()),
     Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
-    Mistake(
-        "direction reversed",
-        setting(
-            "[experiments.static.sphere]", "[experiments.static.sensor]\ndirection = -1\n\n[experiments.static.sphere]"
-        ),
-        "impossible",
-        ("direction",),
-        _TOML,
-    ),
     # drift
     Mistake("warming under the third load", values(_ramp(6e-3, 1200.0, 1900.0), FILES), "impossible", ("load 3",)),
-    Mistake("stand knocked by 20 um", values(_shifted, FILES), "impossible", ("1502", "knocked")),
-    # sensor
-    Mistake("constant channel", values(lambda x: np.full(x.size, x[0]), FILES), "impossible", ()),
-    Mistake("out of range for a while", cells(lambda t: t[:300] + ["+99.9999"] * 60 + t[360:], FILES), "doubtful", ()),
 )

@@ -3,18 +3,12 @@
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from labpipe import files, materials
-from pipelines.rig.drops import write_drops
-from pipelines.rig.fall import DropRig
-from pipelines.rig.plate import PLATE
-from pipelines.rig.samples import drop_section, laser_record, session_head
 from pipelines.session import Verdict
-from tests.mistakes.drop_rows import RECORD, START
 from tests.mistakes.rows import judged
 
 SAMPLE = Path(__file__).parents[2] / "sample_data/thesis-small"
@@ -152,21 +146,3 @@ def test_the_true_cause_is_named_first(session: Path, tmp_path: Path, change: Ch
     found = judged(folder, "judgement", experiment=change.experiment)
     assert found.believable != "yes" or found.model == "differs"
     assert any(word in _first(found) for word in change.words), (_first(found), found.suspects)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("material", "height", "mass"), [("ptfe", 3e-3, 30.0), ("acrylic", 5e-3, 100.0)])
-def test_a_plate_that_nobody_stated_is_the_first_suspect(
-    tmp_path: Path, material: str, height: float, mass: float
-) -> None:
-    """Its mass by momentum, to a tenth: it moves a little while it is struck."""
-    rig = replace(DropRig(duration=0.12), floor=replace(PLATE, mass=mass))
-    names = write_drops(tmp_path, "drop", rig, materials.load(material), height, 3, 300, START)
-    files.write_text(tmp_path / RECORD, laser_record())
-    section = drop_section("drop", names, height, material)
-    files.write_text(tmp_path / "session.toml", session_head("Plate (synthetic)") + section)
-    found = judged(tmp_path, "judgement")
-    assert (found.believable, found.model) == ("yes", "differs")
-    told = re.search(r"states no plate .* with about (\d+) kg", found.suspects[0])
-    assert told is not None, found.suspects
-    assert float(told[1]) == pytest.approx(mass, rel=0.1)

@@ -116,12 +116,6 @@ def _clipped(share: float) -> Change:
     return lambda film: film.assign_attrs(light=_lit({}, share))
 
 
-def _stamps(film: xr.Dataset) -> xr.Dataset:
-    time = film["time"].values.copy()
-    time[[180, 181]] = time[[181, 180]]
-    return film.assign_coords(time=("frame", time))
-
-
 def _light(stated: float) -> dict[str, Any]:
     """A wavelength that the session states for one of 633 nm."""
     return {
@@ -134,17 +128,9 @@ def _height(value: float) -> dict[str, Any]:
     return {"settings": {"height": Quantity(value, 5e-6, "m")}}
 
 
-def _one_impact(film: xr.Dataset) -> xr.Dataset:
-    return film.isel(frame=slice(0, 260))
-
-
 def _edges(film: xr.Dataset) -> xr.Dataset:
     """Measure by edges what was measured by fringes."""
     return film.assign(method=film["method"] * 2)
-
-
-def _rate(hertz: float) -> dict[str, Any]:
-    return {"frame_rate": Quantity(hertz, 0.0, "Hz")}
 
 
 def _exposed(seconds: float) -> dict[str, Any]:
@@ -152,41 +138,25 @@ def _exposed(seconds: float) -> dict[str, Any]:
 
 
 _WHITE: dict[str, Any] = {"wavelength": None}
-_BESIDE: dict[str, Any] = {"region": ((300.0, 0.0), (1500.0, 400.0))}
-_PLAYED = "10.0 kHz", "30.0 Hz", "which are used", "no effect"
-_BURSTS = "700 µs pass between frames 176 and 183", "recorded in bursts"
 _VIEW, _RATE = "scale in calibration/camera_under.toml is wrong, of another view", "frame rate is"
 ROWS = (
     # calibration and settings
     Row("scale of the front view", "impossible", (_VIEW, "36 times"), _larger(36.0), _WHITE),
-    Row("scale of the view under the disc", "impossible", (_VIEW, "factor of 36"), _larger(1 / 36), _WHITE),
-    Row("scale in um for mm", "impossible", (_VIEW,), _larger(1e3), _WHITE),
     Row("532 nm for 633 nm", "impossible", ("probably 633 nm", "532 nm"), **_light(532.0)),
     Row("frame rate ten times", "impossible", (_RATE, "10 times"), _faster(10.0)),
     Row("frame rate half", "impossible", (_RATE, "0.5 times"), _faster(0.5)),
-    Row("rate of playback, times held", "doubtful", _PLAYED, _said(intervals=[_STEP, _STEP]), _rate(30.0)),
     Row("exposure in ms for us", "doubtful", ("2.00 µs", "2.00 ms", "is used"), _said(exposure=2e-6), _exposed(2e-3)),
     Row("exposure longer than a frame", "impossible", ("each 100 µs", "= 1.00 ms"), settings=_exposed(1e-3)),
     Row("height 2 for 1.5 mm", "doubtful", ("drop height is probably 1.50",), **_height(2e-3)),
-    Row("height 15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(15e-3)),
-    Row("frame rate twice, one impact", "impossible", (_RATE, "1.9"), lambda film: _faster(2.0)(_one_impact(film))),
     # frames
-    Row("stamps exchanged", "impossible", ("exchanged", "frame 181"), _stamps),
     Row("neighbours exchanged", "doubtful", ("exchanged",), _exchanged(176, 177)),
     Row("contact and flight exchanged", "doubtful", ("frames 178 and 321 are exchanged",), _exchanged(178, 321)),
     Row("one frame twice", "doubtful", ("repeated frame", "180"), _frames(lambda i: np.where(i == 180, 179, i))),
     Row("film backwards", "impossible", ("reverse order",), _frames(lambda i: i[::-1])),
-    Row("bursts without a contact's middle", "doubtful", _BURSTS, lambda film: film.drop_isel(frame=range(177, 183))),
-    Row("bursts that leave out a flight", "yes", (), lambda film: film.drop_isel(frame=range(220, 380))),
-    Row("flight's frames lost", "impossible", ("first flight",), _frames(lambda i: np.delete(i, slice(300, 400)))),
-    Row("begins in contact", "doubtful", ("begins too late",), _frames(lambda i: i[179:])),
-    Row("ends in the first contact", "doubtful", ("stopped or cut too soon",), _frames(lambda i: i[:184])),
     Row("sphere at rest", "impossible", ("at rest",), lambda f: _put("in_contact", True)(_put("radius", 4e-4)(f))),
-    Row("a third damaged", "doubtful", ("damaged",), _put("valid", np.arange(_COUNT) < 600)),
     # view and light
     Row("lens out of focus", "doubtful", ("not resolved",), _edges),
     Row("lens refocused in a contact", "doubtful", ("frame 182", "10 px", "refocused"), _knocked(182, 10.0)),
-    Row("region beside the contact", "doubtful", ("beside region in", "not around the contact"), _edges, _BESIDE),
     Row("lamp off in a contact", "doubtful", ("3 of", "frame 178", "light failed"), _lamp_off(178)),
     Row("over-exposed by far", "doubtful", ("40 % of the pixels", "over-exposed"), _clipped(0.4)),
 )

@@ -33,21 +33,13 @@ from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import of_drop
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.film_frames import (
-    CAUSES,
-    explained,
-    no_copies,
-    not_smoothed,
-    sound_frames,
-    whole_film,
-)
+from pipelines.experiments.shared.film_frames import CAUSES, explained, no_copies, sound_frames, whole_film
 from pipelines.experiments.shared.film_light import LIGHT, exposed, lit
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, times_over
 from pipelines.experiments.shared.material_inputs import material_inputs
-from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
 _LASTS = 0.03
 """Relative, by which gravity and losses (restitutions of 0.4 to 0.93) change a contact's duration over a²."""
@@ -120,7 +112,6 @@ TITLES = {
     *_SOURCES,
     rests_on=("sphere.material_from", "plate_from"),
     titles=TITLES,
-    plate_from=OF_PLATE,
 )
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
@@ -128,7 +119,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     whole = whole_film(context, film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
     checks.append(fall_checks.body_stated(settings.sphere.radius.value, settings.sphere.mass.value))
-    checks += [judgements.day_known(radius, settings.camera, film), not_smoothed(context, film)]
+    checks.append(judgements.day_known(radius, settings.camera, film))
     if radius is not None:
         checks += stated_twice(radius, film, settings.frame_rate, settings.exposure)
         touches = radius["in_contact"].values.astype(bool)

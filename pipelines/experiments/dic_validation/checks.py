@@ -1,6 +1,5 @@
 """Checks of a film of a falling holder: its frames and light, view, rest, free fall, bounces, and the laser."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import cos, degrees, exp, hypot, isfinite, log, nan
@@ -8,7 +7,6 @@ from math import cos, degrees, exp, hypot, isfinite, log, nan
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from labpipe.arrays import Floats
 from labpipe.judging import SLIPS, Cause, Check, Level, compared, in_words, not_made, stated, too_large
@@ -16,21 +14,13 @@ from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
-from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import SWAPPED, statuses
+from pipelines.experiments.dic_validation.measured import STRAIGHT, statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
-from pipelines.experiments.shared.film_frames import (
-    CAUSES,
-    explained,
-    no_copies,
-    not_smoothed,
-    sound_frames,
-    whole_film,
-)
-from pipelines.experiments.shared.film_light import LIGHT, exposed, lit
+from pipelines.experiments.shared.film_frames import CAUSES, explained, no_copies, sound_frames, whole_film
+from pipelines.experiments.shared.film_light import exposed
 from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
@@ -39,17 +29,13 @@ from pipelines.experiments.shared.judgements import Scene, Title
 _GRAVITY = Quantity(9.81, 0.0, "m/s2")
 _BETWEEN_DAYS = 0.01
 """Relative difference of two drops from one height, set anew on another day."""
-_DROPS = 0.02
-"""Difference of first restitutions of one sphere on two days."""
 _FOUND = 0.9  # of the frames in which the holder should be found
 _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
 _MOSTLY = 0.5  # of the frames that have no value for one reason
 _GONE = 3  # frames in a row in which a holder that is in view does not vanish
-_JUMPS = {"dx": 0.3, "rotation": 2e-3, "stretch_x stretch_y": 2e-3}
-"""Least jump [px], [rad], [1] of what a knock or a change of the lens moves beside the displacement."""
-_AROUND = 31  # frames whose contrast is compared
+_GROWS = 2e-3  # least relative jump of the image's size
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
 _ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
@@ -62,12 +48,8 @@ _IN_NOISE, _RETURNS = 10.0, 0.3
 """Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
 _NO_MOTION = "four frames of a motion that is clear of the noise"
 _MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths without a note
-_CREEPS = 0.5  # px to one side during a film
 _SURE = 10.0  # standard uncertainties of a speed that is no noise
-_BEFORE = 2e-3  # s before the release, while which something may move already
 _FIRST, _MOVES = 12, 0.15  # frames that tell how fast it moves in the first, and the share of its top speed that counts
-_DRIFTS, _ONE = 0.02, 4.0
-"""Of the fall, by which a drift spoils it; standard uncertainties by which two speeds are one, or none."""
 _FAILED = CAUSES | {
     reason: f"{setting} does not lie in the images" if reason == setting else _POLYGON
     for reason, setting in _MENDS.items()
@@ -78,9 +60,9 @@ _FAILED |= {
     "bounces": "the film shows no drop or a part of it: another film, a cut one, or tracking.body is not on the holder "
     "(as in a film that was turned or mirrored)",
 }
-GAIN, SAME = "scale against the laser", "restitution against the laser's"
+GAIN = "scale against the laser"
 BEGINNING = "beginning of the film"
-_BY_JUMPS = ("coefficients of restitution", HEIGHT, SAME)
+_BY_JUMPS = ("coefficients of restitution", HEIGHT)
 _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 
 
@@ -89,12 +71,12 @@ TITLES = {
     "view of the holder": Title(
         "The holder is found in every frame, moves straight up and down, and keeps its size.",
         (
-            "holder is found", "direction of the motion", "tilt of the camera",
+            "holder is found", "direction of the motion",
         ),
     ),
     "rest before the release": Title(
         "Before its release the holder is at rest.",
-        ("level before the release", BEGINNING, "level between frames"),
+        (BEGINNING, "level between frames"),
     ),
     "free fall": Title(
         "Every flight is a parabola with the acceleration of gravity.",
@@ -105,19 +87,18 @@ TITLES = {
         ("coefficients of restitution",),
     ),
     "comparison with the laser": Title(
-        "Film and laser show one height, one scale of length and one restitution.", (HEIGHT, SAME, GAIN)
+        "Film and laser show one height and one scale of length.", (HEIGHT, GAIN)
     ),
 }  # fmt: skip
 
 
 @judgements.judging(*_STEPS, rests_on=("laser_experiment",), expected=("comparison", "laser"), titles=TITLES)
 def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, context: Context) -> Scene:
-    """Judge one film; what gave no result is judged by that."""
+    """Judge one film; a step without a result is judged by its error."""
     track, motion, bounces, comparison, laser = map(given.get, _STEPS)
     whole = whole_film(context, settings.film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
-    checks.append(not_smoothed(context, settings.film))
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
         found = _found(track, settings)
@@ -128,23 +109,20 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         if whole.level and found.level:  # frames that the file lacks show no holder
             found = replace(found, cause=whole.cause, setting="")
         # of a holder that is not found, what the images show is the better cause
-        blamed = ["step motion", *["step bounces"] * bool(track.attrs.get("moves_instead"))]
-        checks = judgements.because(checks, found.cause if found.level else "", *blamed)
+        checks = judgements.because(checks, found.cause if found.level else "", "step motion")
         along = track["dy"].isel(point=0).values
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
         checks.append(sound_frames(_is_sound(track), whole, settings.film))
-        checks += [_lit(track, settings), exposed(track, settings.film)]
+        checks.append(exposed(track, settings.film))
     if motion is not None:
         steady = _steady(track, motion, bounces, settings)
         times = _times(motion, bounces, settings)
         # where no bounce was found, times and levels of the frames are the better cause
         better = next((c.cause for c in (times, steady) if c.level), "")
-        if track is None or not track.attrs.get("moves_instead"):
-            checks = judgements.because(checks, better, "step bounces")
+        checks = judgements.because(checks, better, "step bounces")
         checks += [times, steady]
-        checks += [_direction(motion, settings), _tilt(motion, settings)]
         begins = _begins_at_rest(motion, settings)
-        checks += [_stands(motion, bounces, settings), begins]
+        checks += [_direction(motion, settings), begins]
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
         height = _height(fall, laser)
@@ -154,10 +132,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
             *judgements.because([height], begins.cause if begins.level == "doubtful" else "", HEIGHT, log_ratio=nan),
             fall_checks.restitution(fall),
             fall_checks.flight_durations(fall, _GRAVITY),
-            _same_body(fall, laser, settings),
         ]
     if any(check.cause == fall_checks.BACKWARDS for check in checks):
-        checks = judgements.because(checks, fall_checks.BACKWARDS, HEIGHT, SAME, BEGINNING, log_ratio=nan, setting="")
+        checks = judgements.because(checks, fall_checks.BACKWARDS, HEIGHT, BEGINNING, log_ratio=nan, setting="")
     if motion is not None and steady.level:  # a level that jumps makes rebounds of another height
         checks = judgements.because(checks, steady.cause, *_BY_JUMPS, log_ratio=nan, file=settings.film, setting="")
     if comparison is not None and "gain" in comparison:
@@ -178,20 +155,13 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     share = float(track["valid"].isel(point=0).mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
     message = f"{settings.film}: the holder was found in {100 * share:.1f} % of the frames"
-    cause = "damaged or missing frames, a film that is upside down, or tracking.body is not on the holder"
+    cause = (
+        "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not on "
+    )
+    cause += "the holder"
     status = statuses(track) if "status" in track else np.empty(0, str)
     if status.size and np.mean(status == "saturated") > _MOSTLY:
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
-    if (turned := str(track.attrs.get("moves_instead", ""))) == SWAPPED:
-        (x, y), cause = settings.tracking.body or (nan, nan), f"{SWAPPED} are exchanged: x is to the right, y down"
-        text = f"{message} or stands still at [{x:g}, {y:g}]; at [{y:g}, {x:g}] it falls"
-        return stated(name, text, "doubtful", cause=cause, setting="tracking.body")
-    if turned:
-        cause = (
-            f"the film is {turned} or runs backwards, or the camera was turned: what would then lie at tracking.body "
-            "moves up in the images first, as a holder that falls: turn the film, or export it anew"
-        )
-        return stated(name, message, level, cause=cause, file=settings.film)
     lost = np.flatnonzero(np.diff(~track["valid"].isel(point=0).values.astype(bool), prepend=False, append=False))
     runs = [(int(a), int(b - a)) for a, b in zip(lost[::2], lost[1::2], strict=True) if b < track.sizes["frame"]]
     first, longest = max(runs, key=lambda run: run[1], default=(0, 0))
@@ -203,7 +173,7 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
 
 
 def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:
-    """Tell of every frame of a film whether it can be read; those that were not read are thought to be."""
+    """Return of every frame of a film whether it can be read; those that were not read are assumed to be."""
     sound = np.ones(int(track["frame"][-1]) + 1, bool)
     if "status" in track:
         sound[track["frame"].values] = statuses(track) != "frame_damaged"
@@ -236,7 +206,7 @@ def _times(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidati
 
 
 def _moves(bounces: xr.Dataset | None, begin: Floats, end: Floats) -> bool:
-    """Tell whether the holder moves in any of these times, as far as that is known."""
+    """Return whether the holder moves in any of these times, as far as that is known."""
     if bounces is None:
         return True
     release, rest = (float(bounces[name]) for name in ("release_time", "rest_time"))
@@ -244,7 +214,7 @@ def _moves(bounces: xr.Dataset | None, begin: Floats, end: Floats) -> bool:
 
 
 def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for frames in which the holder is where it was, and alike, as nearly as is solved for."""
+    """Look for frames that show the holder exactly as the frame before, within the tolerance of the solver."""
     of_body, frame = track.isel(point=0), track["frame"].values
     limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
     alike = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
@@ -252,34 +222,26 @@ def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
 
 
 def _steady(track: xr.Dataset | None, motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
-    """Look for a place, an angle or a size of the holder's image that jumps between two frames."""
+    """Look for a place or a size of the holder's image that jumps between two frames."""
     name, time, y = "level between frames", motion["time"].values, motion["displacement"].values
     if np.isfinite(np.diff(y, 2)).sum() < _FEWEST_BENDS:
         return not_made(name, "twenty frames in a row")
     # where bounces are not found, smaller jumps count too
     found = _jump(time, y, 0.0 if bounces is None else _KNOCKED * float(np.nanmax(y) - np.nanmin(y)))
-    seen = "" if found is None else f"the holder jumps by {quantity(found[1], 'm')}"
     cause = "frames were lost, two films were joined, the camera or its mirror was knocked, or the track slipped"
-    of_body = None if track is None or seen else track.isel(point=0)
-    for what, least in _JUMPS.items():
-        if of_body is None:
-            break
-        shown = np.mean([of_body[of].values for of in what.split()], axis=0)
-        one = _jump(of_body["time"].values, shown, least)
-        if one is not None:  # a change of size comes last: it shifts and turns the image too
-            found, size = one, one[1]
-            seen = {
-                "dx": f"the holder's image jumps aside by {size:.3g} px",
-                "rotation": f"the holder's image turns by {degrees(size):.2g}°",
-                "stretch_x stretch_y": f"the holder's image {'grows' if size > 0.0 else 'shrinks'} by "
-                f"{100 * abs(size):.2f} %",
-            }[what]
-            if what.startswith("stretch"):
-                cause = "zoom, focus or distance of the lens changed within the film, films of two views were joined, "
-                cause += "or tracking.body holds more than the holder: draw tracking.regions around what moves"
+    seen = "" if found is None else f"place jumps by {quantity(found[1], 'm')}"
+    if track is not None:  # a change of size shifts the image too
+        body = track.isel(point=0)
+        size = 0.5 * (body["stretch_x"].values + body["stretch_y"].values)
+        grown = _jump(body["time"].values, size, _GROWS)
+        if grown is not None:
+            found, seen = grown, f"image {'grows' if grown[1] > 0.0 else 'shrinks'} by {100 * abs(grown[1]):.2f} %"
+            cause = "zoom, focus or distance of the lens changed within the film, films of two views were joined, or "
+            cause += "tracking.body holds more than the holder: draw tracking.regions around what moves"
     if found is None:
         return stated(name, f"{settings.film}: no displacement jumps", None, file=settings.film)
-    text = f"{settings.film}: {seen} between two frames at {quantity(float(motion['time'][found[0] + 1]), 's')}"
+    when = quantity(float(motion["time"][found[0] + 1]), "s")
+    text = f"{settings.film}: the holder's {seen} between two frames at {when}"
     return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
@@ -311,72 +273,20 @@ def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:
 
 
 def _direction(motion: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for a motion aslant in the image: of a camera that is turned, or of another body."""
+    """Look for a motion at an angle to the columns: of a camera that is turned, or of another body."""
     name = "direction of the motion"
     angle, u = float(motion["direction"]), float(motion["u_direction"])
     if not isfinite(angle):
         return not_made(name, _NO_MOTION)
     text = f"{settings.film}: the holder moves at {value_with_uncertainty(degrees(angle), degrees(u), 'deg')} "
     text += f"to the image's columns, whose vertical part is {in_words(100 * (1 - cos(angle)), 2)} % shorter"
-    if abs(angle) > viewing_angle.STRAIGHT:
+    if abs(angle) > STRAIGHT:
         cause = "the film was turned when it was exported, or tracking.body follows something else than the holder"
         return stated(name, text, "doubtful", cause=cause, file=settings.film, setting="tracking.body")
     matters = 1.0 - cos(angle) > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
     text += "; displacements are those along the motion"
     cause = "the camera is turned about its axis, or the holder is led aslant"
     return stated(name, text, "note" if matters else None, cause=cause, file=settings.film)
-
-
-def _tilt(motion: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for a camera that looks up or down, which makes lengths along the motion too short."""
-    name = "tilt of the camera"
-    angle, u = float(motion["tilt"]), float(motion["u_tilt"])
-    if not isfinite(angle):
-        return not_made(name, _NO_MOTION)
-    short = 1.0 - cos(angle or viewing_angle.most_unseen(u))
-    matters = short > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
-    level: Level | None = "note" if matters else None
-    if angle == 0.0:
-        hidden = in_words(degrees(viewing_angle.most_unseen(u)), 2)
-        text = f"{settings.film}: the holder does not grow or shrink; a tilt up to {hidden}° would not be seen, "
-        text += f"nor displacements that are too short by {100 * short:.2g} %"
-        cause = "where the camera may be tilted, a longer fall tells by how much"
-        return stated(name, text, level, cause=cause, file=settings.film)
-    shown = value_with_uncertainty(degrees(angle), degrees(u), "deg")
-    if settings.camera_distance is not None:
-        text = f"{settings.film}: the camera looks up or down by {shown}; displacements are longer by "
-        text += f"{100 * short:.2f} % for it"
-        return stated(name, text, None)
-    text = f"{settings.film}: at a usual distance of {quantity(viewing_angle.USUAL_DISTANCE, 'm')} the camera looks up "
-    text += f"or down by {shown}, and displacements are too short by {100 * short:.2f} %"
-    cause = "the camera is tilted: state camera_distance, and displacements are corrected"
-    return stated(name, text, level, cause=cause, file=settings.film, setting="camera_distance")
-
-
-def _stands(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
-    """Look for a holder that moves at one speed before its release: it is the image that creeps."""
-    name = "level before the release"
-    time, y = motion["time"].values, motion["displacement"].values
-    release = nan if bounces is None else float(bounces["release_time"])
-    held = np.flatnonzero((time < release - _BEFORE) & np.isfinite(y))
-    if held.size < 2 * _FIRST:
-        return not_made(name, f"{2 * _FIRST} frames before the release")
-    told = []
-    for at in np.array_split(held, 2):  # a swing moves it to and fro
-        fit, spread = np.polyfit(time[at] - time[at[0]], y[at], 1, cov=True)
-        told.append((float(fit[0]), float(spread[0, 0])))
-    (before, u_before), (after, u_after) = told
-    speed = (before / u_before + after / u_after) / (1.0 / u_before + 1.0 / u_after)
-    moved = abs(speed) * float(np.ptp(time))
-    is_one = abs(before - after) < _ONE * float(np.sqrt(u_before + u_after))
-    creeps = is_one and all(each * speed > _ONE * abs(speed) * float(np.sqrt(u)) for each, u in told)
-    if not creeps or moved < _CREEPS * float(motion["pixel_size"]):
-        return stated(name, f"{settings.film}: the image does not creep along the fall", None, file=settings.film)
-    text = f"{settings.film}: the holder's image creeps {'up' if speed > 0.0 else 'down'} before the release, in the "
-    text += f"whole film by {quantity(moved, 'm', 2)} if it goes on so"
-    cause = "the camera or its stand creeps, and displacements with it: fasten it"
-    level: Level = "doubtful" if moved > _DRIFTS * float(np.nanmax(y) - np.nanmin(y)) else "note"
-    return stated(name, text, level, cause=cause, file=settings.film)
 
 
 def _begins_at_rest(motion: xr.Dataset, settings: DicValidation) -> Check:
@@ -399,19 +309,6 @@ def _begins_at_rest(motion: xr.Dataset, settings: DicValidation) -> Check:
     return stated(name, text, "doubtful", cause=cause, file=settings.film)
 
 
-def _lit(track: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for frames whose contrast falls below that of the frames around them."""
-    contrast = track["contrast"].isel(point=0).values if "contrast" in track else np.empty(0)
-    known, frames = np.flatnonzero(np.isfinite(contrast)), track["frame"].values
-    usual = ndimage.median_filter(contrast[known], _AROUND, mode="nearest") if known.size else contrast[known]
-    seen = json.loads(track.attrs.get(LIGHT, "{}")).get("brightness", {})
-    lost = np.flatnonzero(~np.isfinite(contrast))
-    brightness = {int(i): float(seen[str(frames[i])]) for i in lost if str(frames[i]) in seen}
-    brightness |= {int(i): float(c) for i, c in zip(known, contrast[known] / usual, strict=True)}
-    # what is dark is mostly found all the same, with a larger uncertainty
-    return lit(settings.film, brightness, np.zeros(track.sizes["frame"], bool), track["time"].values)
-
-
 def _height(fall: Fall, laser: xr.Dataset | None) -> Check:
     if laser is None or not laser.sizes.get("impact"):
         return not_made(HEIGHT, "a laser experiment")
@@ -425,23 +322,6 @@ def _height(fall: Fall, laser: xr.Dataset | None) -> Check:
 
 def _laser(settings: DicValidation) -> str:
     return (settings.laser_experiment or "").removeprefix(REFERENCE)
-
-
-def _same_body(fall: Fall, laser: xr.Dataset | None, settings: DicValidation) -> Check:
-    name = SAME
-    if laser is None or not laser.sizes.get("impact"):
-        return not_made(name, "a laser experiment")
-    seen, own = fall.value("restitution", 0)
-    expected, u = float(laser["restitution"][0]), float(laser["u_restitution"][0])
-    if not (isfinite(seen) and isfinite(expected)):
-        return not_made(name, "a first bounce in both")
-    message = f"{fall.name}: e = {seen:.4f}, at the laser {expected:.4f}"
-    check = compared(name, message, seen, own, expected, hypot(u, _DROPS / 2), allowance=2 * _DROPS, factor=False)
-    cause = (
-        f"{_laser(settings)} is of another sphere or another height, or one of its recordings is: the film "
-        "shows another drop than the laser"
-    )
-    return replace(check, cause=cause, setting="laser_experiment") if check.level else replace(check, file=fall.name)
 
 
 def _gain(comparison: xr.Dataset, settings: DicValidation) -> Check:

@@ -27,7 +27,7 @@ _STAGES = (
     stage(
         "dic_validation.measured:motion",
         ("track", "file:camera"),
-        ("view", "measured_on", "camera_distance"),
+        ("view", "measured_on", "camera_tilt"),
         schema="film_motion",
         summary="pixels to metres, with uncertainty",
     ),

@@ -2,14 +2,14 @@
 
 The two were recorded in different sessions; they are aligned at first contact (t_c = 0, and the
 height of that contact is 0). Point 0 of the tracks is the large subset on the holder, whose motion
-is the result; the others are the line of small subsets, whose scatter tells how stiff it moves.
+is the result; the others are the line of small subsets, whose scatter shows how stiffly it moves.
 """
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -21,8 +21,7 @@ from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
-from pipelines.experiments.dic_validation import viewing_angle
-from pipelines.experiments.dic_validation.settings import DicValidation, Polygons, Tracking
+from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.shared.film_light import light_of
 from pipelines.experiments.shared.film_stated import said_by_file
@@ -36,10 +35,10 @@ _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
 _KEYS = 9
 _DARK = 32  # frames without the holder whose light is measured
-SWAPPED = "x and y of tracking.body"  # what is exchanged where the holder falls at the other place
-LOST = 0.5  # of the frames: a body that is found in fewer is looked for where it is in a film that was turned
-_TURNED, _FALLS = 100, 5.0  # frames looked at for it, and px by which it falls, upwards in the images
-_SHOWS, _ALIKE = 40, 0.5  # pixels of an obstruction in the large subset, and their correlation when the holder is seen
+LOST = 0.5  # of the frames: a holder that is found in fewer has no motion
+STRAIGHT = math.radians(30.0)
+"""Largest angle of the motion to the columns that is taken for a turned camera."""
+_CLEAR = 50.0  # standard uncertainties of a travel whose direction is determined
 
 
 def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
@@ -57,66 +56,11 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     if not full:
         coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
     found = imaging.track(source, points, **options)
-    body = found.isel(point=0)
-    if float(body["valid"].mean()) < LOST or float(np.ptp(body["dy"].values[body["valid"].values])) < _FALLS:
-        found.attrs["moves_instead"] = _falls_elsewhere(source, points[0], subsets[0], chosen)
-    if chosen.obstructions:
-        found.attrs["hides_nothing"] = json.dumps(_seen_through(source, found, chosen.obstructions))
     return _with_bytes(found, source, coarse)
 
 
-def _seen_through(source: FrameSource, found: xr.Dataset, stated: Polygons) -> list[int]:
-    """List the stated obstructions, by number, in which the pattern moves with the holder: nothing stands there.
-
-    The frame with the holder farthest from its first place is laid against the first, with that motion and without.
-    """
-    body = found.isel(point=0)
-    motion = np.stack([body["dx"].values, body["dy"].values])
-    apart = np.nan_to_num(np.hypot(*motion))
-    at, half = int(np.argmax(apart)), int(body["subset"]) // 2
-    if apart[at] <= _FALLS:
-        return []
-    dx, dy = (round(float(by)) for by in np.nan_to_num(motion[:, at]))
-    first, last = (
-        np.asarray(source[int(found["frame"][i])], float) for i in (int(np.argmax(body["valid"].values)), at)
-    )
-    inside = np.zeros(first.shape, bool)
-    top, left = (max(0, round(float(body[axis])) - half + by) for axis, by in (("y", dy), ("x", dx)))
-    inside[top : top + 2 * half + 1, left : left + 2 * half + 1] = True
-    moved = np.roll(first, (dy, dx), (0, 1))
-    nothing = []
-    for number, polygon in enumerate(stated):
-        mask = np.zeros(first.shape, np.uint8)
-        cv2.fillPoly(mask, [np.round(np.asarray(polygon)).astype(np.int32)], 1)
-        depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
-        seen = inside & (mask > 0) & (depth > 0.5 * depth.max())  # it may be drawn with a margin
-        if seen.sum() > _SHOWS and min(image[seen].std() for image in (first, moved, last)) > 0.0:
-            along, still = (float(np.corrcoef(image[seen], last[seen])[0, 1]) for image in (moved, first))
-            if along > max(_ALIKE, still):
-                nothing.append(number)
-    return nothing
-
-
-def _falls_elsewhere(source: FrameSource, body: tuple[float, float], width: int, chosen: Tracking) -> str:
-    """Say how a film was turned in which something falls where the body would be, :data:`SWAPPED`, or ""."""
-    (_, rows, columns), (x, y) = source.shape, body
-    sound = np.flatnonzero(source.valid)[:: len(source) // _TURNED + 1]
-    places = {"upside down": (x, rows - 1 - y, -1.0), "turned by 180°": (columns - 1 - x, rows - 1 - y, -1.0)} | (
-        {} if chosen.body is None else {SWAPPED: (y, x, 1.0)}
-    )
-    for how, (*place, way) in places.items():
-        inside = all(width / 2 < at < size - width / 2 for at, size in zip(place, (columns, rows), strict=True))
-        if not inside or len(sound) < 2:
-            continue
-        found = imaging.track(source, [(place[0], place[1])], subset=[width], order=3, select=sound)
-        seen, down = found["valid"].values[:, 0], -way * found["dy"].values[:, 0]
-        if seen.mean() >= LOST and np.nanmin(down) < -max(_FALLS, 2 * np.nanmax(down)):
-            return how
-    return ""
-
-
 def _refuse_covered(body: xr.Dataset, chosen: Tracking) -> None:
-    """Raise when the masks leave nothing of the large subset: no frame would tell its motion."""
+    """Raise when the masks leave nothing of the large subset."""
     if statuses(body)[0] == "covered":
         at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
         names_of_masks = " and ".join(f"tracking.{name}" for name in chosen.masks)
@@ -225,14 +169,15 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     share = float(body["valid"].mean())
     if share < LOST:
         lost, times = np.unique(statuses(track)[~body["valid"].values], return_counts=True)
-        why, turned = str(lost[np.argmax(times)]), track.attrs.get("moves_instead", "")
-        remedy = "give tracking.body a place on the speckled holder that stays in the image while it falls"
-        if turned:
-            remedy = f"exchange {turned}" if turned == SWAPPED else "turn the film"
-        text = f"the holder was found in {100 * share:.0f} % of the frames only (others: {why}); {remedy}"
-        raise InputError(text)
-    found = viewing_angle.seen(body, settings.camera_distance)
-    along, noise = viewing_angle.along(body, found)
+        raise InputError(
+            f"the holder was found in {100 * share:.0f} % of the frames only (others: {lost[np.argmax(times)]}); give "
+            "tracking.body a place [x, y] on the speckled holder that stays in the image while it falls"
+        )
+    direction, u_direction = _direction(body)
+    turn, tilt = direction if abs(direction) < STRAIGHT else 0.0, settings.camera_tilt
+    across, upwards = math.sin(turn) / math.cos(tilt.value), math.cos(turn) / math.cos(tilt.value)
+    along = upwards * body["displacement_y"].values + across * body["displacement_x"].values
+    noise = np.hypot(upwards * body["u_displacement_y"].values, across * body["u_displacement_x"].values)
     result = xr.Dataset(coords={"time": variable("time", track["time"].values, "s", "time in the film")})
     for name, values, u, text in (
         ("displacement", along, noise, "displacement of the holder along its motion, upwards"),
@@ -240,7 +185,8 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
     ):
         units = "rad" if name == "rotation" else "m"
         result = result.assign(with_u(name, "time", values, u, units, text, "(random)"))
-    result = result.assign(found.variables())
+    text = "direction of the motion to the image's columns, to the right of upwards"
+    result = result.assign(with_u("direction", (), direction, u_direction, "rad", text))
     if moved.sizes["point"] > 1:
         line = moved["displacement_y"].isel(point=slice(1, None)).values
         scatter = np.full(len(line), np.nan)
@@ -249,13 +195,36 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         result["line_scatter"] = variable("time", scatter, "m", "standard deviation along the line of subsets")
     for name in ("pixel_size", "u_pixel_size"):
         result[name] = moved[name]
-    size, travel = float(moved["pixel_size"]), float(np.nanmax(np.abs(along)))
+    size = float(moved["pixel_size"])
     sources = [Source(*(row[key] for key in Source._fields)) for row in json.loads(moved.attrs["budget"])]
-    sources += viewing_angle.sources(found, travel, size)
+    # the camera may be turned, or the body may move at an angle: the displacement is that along the motion, or less
+    open_angle = {
+        "direction of motion": (1.0 - math.cos(turn)) / math.sqrt(3.0),
+        "tilt of the camera": math.hypot(math.tan(tilt.value) * tilt.u, math.sqrt(0.75) * tilt.u**2),
+    }
+    sources += [Source(name, 0.0, u, "1", size, "systematic") for name, u in open_angle.items() if u > 0.0]
     result.attrs["u_systematic_relative"] = combined_uncertainty(sources) / size
     result.attrs["budget"] = json.dumps(budget_rows(sources))
     result.attrs["calibration"] = moved.attrs["calibration"]
     return result
+
+
+def _direction(body: xr.Dataset) -> tuple[float, float]:
+    """Return the angle of the motion to the image's columns with its standard uncertainty [rad]; NaN if it is unclear.
+
+    A line through the first place is fitted, weighted by the distance, with the sign of its vertical part.
+    """
+    x, y = body["displacement_x"].values, body["displacement_y"].values
+    away, noise = np.hypot(x, y), np.hypot(body["u_displacement_x"].values, body["u_displacement_y"].values)
+    far = np.flatnonzero(away > 0.05 * np.nanmax(away, initial=0.0))
+    if far.size < 4 or np.nanmax(away) < _CLEAR * np.nanmedian(noise):
+        return math.nan, math.nan
+    x, y, weight = x[far], y[far], away[far] * np.sign(y[far])
+    direction = math.atan2(float(weight @ x), float(weight @ y))
+    across = x * math.cos(direction) - y * math.sin(direction)
+    memory = far.size / signals.independent_count(across)
+    u = math.sqrt(memory * float(across @ across) / (far.size - 1) / float(weight @ weight))
+    return direction, u
 
 
 def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:

@@ -25,9 +25,7 @@ from labpipe.report import (
     quantity,
     value_with_uncertainty,
 )
-from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.dic_validation import viewing_angle
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
@@ -39,7 +37,10 @@ _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _REGION, _COVER, _OBSTRUCTION = (80, 200, 80), (80, 80, 230), (230, 80, 200)  # BGR: green, red, violet
-_HATCH = 9  # px from line to line
+_MASKS = (
+    "Green: regions that count; red: covered parts that do not, both moving with the large subset; violet: "
+    "obstructions that stand still before the holder and do not count. "
+)
 _BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
 _GROUP = "film"  # charts and frames over the film's time
 _SPREAD = "± 2 sd of the laser's repeats"
@@ -72,12 +73,6 @@ def _summary(
                 f"{float(comparison['nrmse']) * 100:.2f} %",
                 "root mean square of the difference, over the range of the laser",
             ),
-            ("bias", pages.told(comparison, "bias"), "mean of film minus laser"),
-            (
-                "95 % limits of agreement",
-                f"{pages.told(comparison, 'limit_low')} to {pages.told(comparison, 'limit_high')}",
-                "",
-            ),
             (
                 "ratio of the laser's scale to the film's",
                 pages.told(comparison, "gain"),
@@ -98,24 +93,12 @@ def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset |
     pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1)
-    caption += _told_masks(settings.tracking) + "The charts below mark the frame that is shown." * (start is not None)
+    caption += _MASKS * bool(settings.tracking.masks) + "The charts below mark the frame that is shown." * (
+        start is not None
+    )
     gallery = Gallery("Key frames with the tracked subsets", pictures, caption=caption, group=_GROUP)
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
     return Section("Film", (gallery,) if header is None else (gallery, header))
-
-
-def _told_masks(tracking: Tracking) -> str:
-    """Explain the polygons of the pictures."""
-    drawn = []
-    if tracking.regions:
-        drawn.append("Green: what counts. ")
-    if tracking.covers:
-        drawn.append("Red, hatched: what is covered and does not count. ")
-    if drawn:
-        drawn.append("They move with the large subset. ")
-    if tracking.obstructions:
-        drawn.append("Violet, hatched: what stands still before the holder and does not count. ")
-    return "".join(drawn)
 
 
 def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Picture:
@@ -147,7 +130,7 @@ def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Pictur
 def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, scale: float, half: float) -> None:
     """Draw the polygons of the masks, those that move with the large subset moved and turned as it is."""
     for polygon in tracking.obstructions or ():
-        _draw_polygon(canvas, np.array(polygon) * scale + half, _OBSTRUCTION, np.subtract)
+        _draw_polygon(canvas, np.array(polygon) * scale + half, _OBSTRUCTION)
     body = key.isel(point=0)
     start, now = (np.array([float(body[f"{name}_x"]), float(body[f"{name}_y"])]) for name in ("start", "point"))
     if not np.isfinite(now).all():
@@ -157,27 +140,26 @@ def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, 
     for polygons, colour in ((tracking.regions, _REGION), (tracking.covers, _COVER)):
         for polygon in polygons or ():
             corners = (now + (np.array(polygon) - start) @ turn.T) * scale + half
-            _draw_polygon(canvas, corners, colour, np.add if colour == _COVER else None)
+            _draw_polygon(canvas, corners, colour)
 
 
-def _draw_polygon(
-    canvas: NDArray[np.uint8], corners: NDArray[np.float64], colour: tuple[int, int, int], slope: np.ufunc | None
-) -> None:
-    """Draw a polygon, hatched along columns plus or minus rows to be told from the others without colour."""
-    outline = np.rint(corners).astype(np.int32)
-    cv2.polylines(canvas, [outline], True, colour, 2, cv2.LINE_AA)
-    if slope is not None:
-        inside = cv2.fillPoly(np.zeros(canvas.shape[:2], np.uint8), [outline], 1) > 0
-        canvas[inside & (slope.outer(*map(np.arange, canvas.shape[:2])) % _HATCH < 2)] = colour
+def _draw_polygon(canvas: NDArray[np.uint8], corners: NDArray[np.float64], colour: tuple[int, int, int]) -> None:
+    cv2.polylines(canvas, [np.rint(corners).astype(np.int32)], True, colour, 2, cv2.LINE_AA)
 
 
 def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
+    direction, u_direction = (math.degrees(float(motion[of])) for of in ("direction", "u_direction"))
     blocks: list[Block] = [
         pages.calibration_rows(motion.attrs["calibration"]),
         KeyValues(
             [
                 ("length of one pixel", pages.told(motion, "pixel_size"), "in the plane of the holder"),
-                *camera_angle(motion, settings.camera_distance),
+                (
+                    "motion, to the image's columns",
+                    value_with_uncertainty(direction, u_direction, "deg"),
+                    "positive to the right of upwards; displacements are along it up to 30°",
+                ),
+                ("tilt of the camera, up or down", pages.stated(settings.camera_tilt), "stated; lengths / cos(tilt)"),
                 (
                     "relative uncertainty of a displacement's scale",
                     f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %",
@@ -190,29 +172,6 @@ def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
     return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
-def camera_angle(motion: xr.Dataset, distance: Quantity | None) -> list[tuple[str, str, str]]:
-    """Rows of what the film shows of how the camera stands to the motion."""
-    direction, u_direction, tilt, u_tilt = (
-        math.degrees(float(motion[name])) for name in ("direction", "u_direction", "tilt", "u_tilt")
-    )
-    if not math.isfinite(direction):
-        return [("camera's angle to the motion", "not told", "nothing moves far enough")]
-    is_turned = abs(direction) < math.degrees(viewing_angle.STRAIGHT)
-    used = "displacements are along it" if is_turned else "too far from them for a turned camera; not used"
-    shown = value_with_uncertainty(direction, u_direction, "deg")
-    rows = [("motion, to the image's columns", shown, f"positive to the right of upwards; {used}")]
-    if not float(motion["slant"]):
-        unseen = f"below {viewing_angle.most_unseen(u_tilt):.2g}°"
-        return [*rows, ("tilt of the camera", f"none seen; {unseen}", "the holder does not grow or shrink as it moves")]
-    usual = quantity(viewing_angle.USUAL_DISTANCE, "m")
-    used = f"for a distance of {usual}; not corrected: state camera_distance in session.toml"
-    if distance is not None:
-        used = f"for a distance of {quantity(distance.value, 'm')}; displacements are divided by its cosine"
-    tilt_row = ("tilt of the camera, up or down", value_with_uncertainty(tilt, u_tilt, "deg"), used)
-    grown = 0.1 * float(motion["growth"])
-    return [*rows, tilt_row, ("growth of the holder's image", f"{grown:.3g} % per mm", "along its motion, as it rises")]
-
-
 def _motion(
     motion: xr.Dataset,
     bounces: xr.Dataset | None = None,
@@ -220,8 +179,10 @@ def _motion(
     laser: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
 ) -> Section:
-    if bounces is None:
-        return _unparted(motion)
+    if bounces is None:  # no contact from which to count
+        shown = Series("film", motion["time"].values * 1e3, motion["displacement"].values * 1e3, role="measured")
+        labels = ("Displacement", "time in the film / ms", "displacement / mm, upwards")
+        return Section("Motion", (LineChart(*labels, (shown,), group=_GROUP),))
     start, level = float(bounces["first_contact_time"]), float(bounces["contact_level"])
     time = (motion["time"].values - start) * 1e3
     touches = (bounces["touch_time"].values[:_VIEWS] - start) * 1e3
@@ -258,13 +219,6 @@ def _motion(
         LineChart("Rotation of the holder", _LABEL, label, (turned,), group=_GROUP, views=views, height_px=220)
     )
     return Section("Motion", tuple(charts))
-
-
-def _unparted(motion: xr.Dataset) -> Section:
-    """Draw the motion over the film's own time: no contact was found from which to count."""
-    time, moved = motion["time"].values * 1e3, motion["displacement"].values * 1e3
-    labels = ("Displacement", "time in the film / ms", "displacement / mm, upwards")
-    return Section("Motion", (LineChart(*labels, (Series("film", time, moved, role="measured"),), group=_GROUP),))
 
 
 def _difference(
@@ -310,16 +264,6 @@ def _agreement(comparison: xr.Dataset) -> Section:
     return Section("Agreement", (Paragraph(text), KeyValues(rows), listed(columns)))
 
 
-def _hidden(body: xr.Dataset) -> list[tuple[str, str, str]]:
-    """Row of what of the large subset was hidden by what stands before it; none where nothing was."""
-    share = body["hidden"].values
-    if not (share > 0.0).any():
-        return []
-    most, frames = 100.0 * float(np.nanmax(share)), int((share > 0.0).sum())
-    told = f"at most {most:.0f} % of it, in {frames} of {len(share)} frames"
-    return [("hidden of it", told, "left out there; the uncertainty grows accordingly")]
-
-
 def _tracking(track: xr.Dataset, motion: xr.Dataset | None = None) -> Section:
     frames = track["frame"].values
     body = track.isel(point=0)
@@ -327,12 +271,15 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None = None) -> Section:
     stretched = int((np.nan_to_num(body["stretch_x"].values) != 0.0).sum())
     rows = [
         ("subset on the holder", f"{size} px", "two shifts and a rotation"),
-        *_hidden(body),
         ("stretch and shear", f"in {stretched} of {len(frames)} frames", "solved for where the residual shows it"),
         ("standard uncertainty of a displacement (noise)", quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
         ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),
         ("lost", str(int((~body["valid"].values).sum())), "frames without a value"),
     ]
+    share = np.nan_to_num(body["hidden"].values)
+    if (share > 0.0).any():
+        said = f"at most {100 * share.max():.0f} % of it, in {int((share > 0.0).sum())} of {share.size} frames"
+        rows.append(("hidden of it", said, "left out there; the uncertainty grows accordingly"))
     if motion is not None and "line_scatter" in motion:
         scatter = quantity(float(np.nanmedian(motion["line_scatter"])), "m")
         rows.append(("scatter along the line", scatter, "median over frames; includes the rotation"))

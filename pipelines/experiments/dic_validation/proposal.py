@@ -13,7 +13,7 @@ _NAMED = re.compile(r"front|holder|drop|fall", re.IGNORECASE)
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
-    """Propose an experiment for every film; for exported images where their name tells that they are one."""
+    """Propose an experiment for every film; for exported images only where their name says so."""
     for stem, files in proposals.grouped(names, proposals.whole_stem):
         if is_exported(found, files[0]) and not _NAMED.search(files[0]):
             continue
@@ -28,7 +28,7 @@ def _text(found: Found, film: str, name: str) -> str:
 
 
 def _laser_beside(found: Found, film: str) -> str:
-    """Propose the one drop of the film's material as what the laser saw of the same motion."""
+    """Propose the one drop of the film's material as the laser's record of the same motion."""
     word = proposals.material_word(film)
     drops = [
         stem

@@ -1,11 +1,13 @@
 """Settings of a validation of the camera: a film of a drop against the laser's drops."""
 
+import math
 from datetime import date
 from typing import Annotated, Literal
 
 import msgspec
 
-from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Frequency, Length, Range
+from labpipe.units import Quantity
+from labpipe.workflow.fields import POSITIVE, Angle, ExperimentName, File, Frequency, Range
 from pipelines.experiments.shared.settings import Table
 
 Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]
@@ -52,9 +54,9 @@ class DicValidation(Table, frozen=True, kw_only=True):
     """A film of the holder, and the ball drop whose laser saw the same motion another day.
 
     ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for exported images, which
-    hold no time, and ``channel`` for those in colour. ``camera_distance`` is that of the lens from the holder: with it,
-    the length that is lost by looking up or down at the motion is known. ``measured_on`` is the day of the film, for
-    the validity of the record; by default that of its trigger.
+    hold no time, and ``channel`` for those in colour. ``camera_tilt`` is the angle by which the camera looks up or down
+    at the motion, whose lengths it sees shortened by the cosine; set up by eye it is 0 within 5°. ``measured_on`` is
+    the day of the film, for the validity of the record; by default that of its trigger.
     """
 
     kind: Literal["dic_validation"]
@@ -65,5 +67,5 @@ class DicValidation(Table, frozen=True, kw_only=True):
     measured_on: date | None = None
     frame_rate: Annotated[Frequency, POSITIVE] | None = None
     channel: Literal["red", "green", "blue"] | None = None
-    camera_distance: Annotated[Length, Range(at_least=0.01, at_most=100.0)] | None = None
+    camera_tilt: Annotated[Angle, Range(at_least=-1.0, at_most=1.0)] = Quantity(0.0, math.radians(5.0) / 3**0.5, "rad")
     tracking: Tracking = Tracking()

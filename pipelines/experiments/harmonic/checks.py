@@ -47,8 +47,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context
     if mach1_checks.knows_depth(checks):
         depth, force, expected = given.ask(_worked)
         deepest = depth + (0.0 if oscillations is None else float(oscillations["amplitude"].max()))
-        checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
-        checks += mach1_checks.of_force(name, settings.punch, settings.substrate, depth, force, expected)
+        checks += mach1_checks.of_punch(settings.punch, settings.model, deepest)
+        checks.append(mach1_checks.of_force(name, force, expected))
     failed = mach1_checks.placed(judgements.failed_steps(context, _FAILED), name, settings.load_cell.record)
     checks = [*mach1_checks.weighed(checks), *failed]
     causes = []

@@ -47,7 +47,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, conte
     ratios: list[tuple[str, float]] = []
     for number, name in enumerate(files):
         read, load, ramp, compared = (_at(r, number) for r in (readings, loads, ramps, comparison))
-        found = _of_file(name, read, load, ramp, compared, settings)
+        found = _of_file(name, read, load, ramp, compared)
         causes: list[Cause] = []
         if read is not None and any(check.level for check in found):
             causes = list(mach1_checks.causes(name, read, settings.punch, settings.load_cell, found))
@@ -63,7 +63,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, conte
         checks += [_alike(files, loads or ()), _one_specimen(ratios)]
     if mach1_checks.knows_depth(checks):
         deepest = _deepest(ramps)
-        checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
+        checks += mach1_checks.of_punch(settings.punch, settings.model, deepest)
     checks += mach1_checks.placed(judgements.failed_steps(context, _FAILED), *files, settings.load_cell.record)
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")} | inputs_of(tests)
     return Scene(checks, (), given.each([rows]), inputs, basis=basis)
@@ -146,7 +146,6 @@ def _of_file(
     loads: xr.Dataset | None,
     ramps: xr.Dataset | None,
     comparison: xr.Dataset | None,
-    settings: Relaxation,
 ) -> list[Check]:
     if readings is None:
         return [not_made(mach1_checks.SWAPPED, "a file that can be read")]
@@ -155,11 +154,11 @@ def _of_file(
         return checks
     if ramps is None or loads is None or not bool(loads.attrs["is_tared"]) or not mach1_checks.knows_depth(checks):
         return checks
-    depth, force = float(ramps["depth"][-1]), float(ramps["plateau_force"][-1])
+    force = float(ramps["plateau_force"][-1])
     expected = np.nan
     if comparison is not None and "plateau_force_model" in comparison:
         expected = float(comparison["plateau_force_model"][-1])
-    return checks + mach1_checks.of_force(name, settings.punch, settings.substrate, depth, force, expected)
+    return [*checks, mach1_checks.of_force(name, force, expected)]
 
 
 def _deepest(ramps: Sequence[xr.Dataset | None] | None) -> float:

@@ -31,7 +31,7 @@ Column = Callable[[Row], tuple[str, int] | None]
 
 
 class Alternative(NamedTuple):
-    """What may be true in place of a stated material: a sentence, and the differences (row,) that would be left.
+    """An alternative to a stated material: a sentence, and the differences (row,) that would be left.
 
     ``is_far``: it needs more than ten of the uncertainties that are stated of it.
     """
@@ -70,10 +70,26 @@ def of_drop(
     """
     sphere, source = settings.sphere, settings.sphere.source
     temperature = None if sphere.temperature is None else sphere.temperature.value
-    stated = resolve(sphere, material_file, fitted)
-    others = {name: solid for name in _library() if name != source and (solid := _loaded(name, temperature))}
+    library = sorted(path.stem for path in (Path(files.__file__).parent / "materials/library").glob("*.toml"))
+    others = {name: solid for name in library if name != source and (solid := _loaded(name, temperature))}
     warmer = _at_other_temperatures(temperature, source, material_file, fitted)
-    expected = _simulated([stated, *others.values(), *warmer.values()], rows, settings, column, plate)
+    solids = [resolve(sphere, material_file, fitted), *others.values(), *warmer.values()]
+    count, gravity, height = len(solids), settings.model.gravity.value, settings.height.value
+    made = contact.impacts(
+        solids,
+        [sphere.radius.value] * count,
+        [sphere.mass.value] * count,
+        [height] * count,
+        _FALLS * float(np.sqrt(2.0 * height / gravity)),
+        IMPACTS,
+        settings.model.profile,
+        _RTOL,
+        gravity=gravity,
+        plate=[resolve_plate(settings.plate, plate)] * count,
+    )
+    places = [column(row) for row in rows]
+    columns = [np.zeros(count) if place is None else made[place[0]].values[:, place[1]] for place in places]
+    expected = np.array(columns).T
     differences = np.array([row.difference or 0.0 for row in rows])
     left = differences - np.nan_to_num(expected[1:] - expected[0], nan=np.inf)
     found = [
@@ -95,10 +111,6 @@ def of_drop(
 _ACRONYMS = ("nbr", "peek", "ptfe")
 
 
-def _library() -> list[str]:
-    return sorted(path.stem for path in (Path(files.__file__).parent / "materials/library").glob("*.toml"))
-
-
 def _loaded(name: str, temperature: float | None) -> Prony | None:
     try:
         return materials.load(name, temperature)
@@ -117,27 +129,4 @@ def _at_other_temperatures(
         measured = fitted["temperature"].values
         low, high = max(nodes[0], measured.min()), min(nodes[-1], measured.max())
         return {float(T): fitted_at(fitted, float(T)) for T in np.linspace(low, high, _NODES)} if low < high else {}
-    found = {float(T): _loaded(str(file or source), float(T)) for T in nodes}
-    return {T: solid for T, solid in found.items() if solid is not None}
-
-
-def _simulated(
-    solids: Sequence[Prony], rows: Sequence[Row], settings: Any, column: Column, plate: xr.Dataset | None
-) -> Floats:
-    """Return what each solid makes of each row (solid, row)."""
-    sphere, gravity, count = settings.sphere, settings.model.gravity.value, len(solids)
-    made = contact.impacts(
-        solids,
-        [sphere.radius.value] * count,
-        [sphere.mass.value] * count,
-        [settings.height.value] * count,
-        _FALLS * float(np.sqrt(2.0 * settings.height.value / gravity)),
-        IMPACTS,
-        settings.model.profile,
-        _RTOL,
-        gravity=gravity,
-        plate=[resolve_plate(settings.plate, plate)] * count,
-    )
-    places = [column(row) for row in rows]
-    columns = [np.zeros(count) if place is None else made[place[0]].values[:, place[1]] for place in places]
-    return np.array(columns).T
+    return {float(T): solid for T in nodes if (solid := _loaded(str(file or source), float(T))) is not None}

@@ -61,7 +61,7 @@ def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], capti
             half_width(budget, each.unit),
             coverage_factor(budget),
             _number(budget.degrees_of_freedom),
-            compared(budget, drawn) + _cause(budget, drawn),
+            compared(budget, drawn),
             text,
         )
         for (each, budget, drawn), text in zip(found, texts, strict=True)
@@ -85,22 +85,18 @@ def blocks(
     text = (
         f"{value_with_uncertainty(budget.value, budget.u, unit)}; expanded uncertainty {half_width(budget, unit)} with "
         f"k = {coverage_factor(budget):.3g} ({_number(budget.degrees_of_freedom)} degrees of freedom), 95 %. Linear: "
-        f"{ends[0]}; Monte Carlo: {ends[1]}: they {compared(budget, drawn)}{_reason(budget, drawn)}."
+        f"{ends[0]}; Monte Carlo: {ends[1]}: they {compared(budget, drawn)}."
     )
     rows = [row for row in budget.rows if row["u"] > 0.0]
     freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}
     few = any(isfinite(g.degrees_of_freedom) for g in found.inputs.values())
     more = ({"degrees of freedom": freedom} if few else {}) | dict(columns or {})
-    return Paragraph(text), *budget_table(rows, found.name, found.unit, more), *_others(found)
-
-
-def _others(found: Quantity) -> tuple[Block, ...]:
-    """Say of the inputs without a row why they have none."""
     exact = [shown_source(n) for n, g in found.inputs.items() if g.u == 0.0 and n != MEASURED]
-    texts = [f"{names} ({why})" for names, why in found.inert]
     said = [f"Without a stated or estimated uncertainty: {', '.join(exact)}."] if exact else []
-    said += [f"Without effect: {'; '.join(texts)}."] if texts else []
-    return (Paragraph(" ".join(said)),) if said else ()
+    inert = "; ".join(f"{names} ({why})" for names, why in found.inert)
+    said += [f"Without effect: {inert}."] if inert else []
+    others = (Paragraph(" ".join(said)),) if said else ()
+    return Paragraph(text), *budget_table(rows, found.name, found.unit, more), *others
 
 
 def half_width(budget: Budget, unit: str) -> str:
@@ -111,27 +107,15 @@ def half_width(budget: Budget, unit: str) -> str:
 
 
 def compared(budget: Budget, drawn: MonteCarlo) -> str:
-    """Say whether the linear interval stands, or by which share of its half width it does not."""
+    """Say whether the linear interval agrees with that of Monte Carlo, or by which share of its half width it differs.
+
+    Few repeats make it too narrow, as effective degrees of freedom only approximate Student's distribution of one
+    input; else the result is not linear within the uncertainty. Then that of Monte Carlo is the one to use.
+    """
     if intervals_agree(budget, drawn):
         return "agree"
-    return f"differ by {100.0 * interval_difference(budget, drawn) / budget.expanded():.0f} %"
-
-
-def _cause(budget: Budget, drawn: MonteCarlo) -> str:
-    if intervals_agree(budget, drawn):
-        return ""
-    return " (few repeats)" if isfinite(budget.degrees_of_freedom) else " (not linear)"
-
-
-def _reason(budget: Budget, drawn: MonteCarlo) -> str:
-    if intervals_agree(budget, drawn):
-        return ""
-    if isfinite(budget.degrees_of_freedom):
-        return (
-            " of the half width, as repeats are few: effective degrees of freedom only "
-            "approximate the Student distribution of one input; use the Monte Carlo interval"
-        )
-    return " of the half width, as the result is nonlinear within the uncertainty; use the Monte Carlo interval"
+    why = "few repeats" if isfinite(budget.degrees_of_freedom) else "not linear"
+    return f"differ by {100.0 * interval_difference(budget, drawn) / budget.expanded():.0f} % ({why})"
 
 
 def coverage_factor(budget: Budget) -> float:

@@ -25,7 +25,7 @@ TESTS = 3
 """Depths or frequencies of an indentation that are shown."""
 
 NOTHING_FALLS = (("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),)
-"""What does not act on an indentation, and why."""
+"""Inputs that do not act on an indentation, and why."""
 
 MEASURED = "measured"
 """Name of the input that is the result as read; its uncertainty stands in the others."""

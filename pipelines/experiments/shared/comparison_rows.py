@@ -70,7 +70,7 @@ class Row:
 
     @property
     def is_curve(self) -> bool:
-        """Whether a whole curve is compared."""
+        """Return whether a whole curve is compared."""
         return self.nrmse is not None
 
     @property
@@ -128,7 +128,7 @@ def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[Any, Any]:
 
 
 def told_freedom(value: float) -> float:
-    """Return degrees of freedom as they are told: a whole number, or one with a decimal."""
+    """Return degrees of freedom as they are shown: a whole number, or one with a decimal."""
     return int(value) if value == int(value) else round(value, 1)
 
 
@@ -150,7 +150,7 @@ def curve_table(dim: str | tuple[()], found: Sequence[Agreement | None], name: s
 
 
 def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:
-    """Return what a row tells of a curve's agreement, of a table of :func:`curve_table`."""
+    """Return the agreement of a curve as values of a row, from a table of :func:`curve_table`."""
     keys = ("chi2", "degrees_of_freedom", "p_of_curve")
     return {key: comparison[f"{name}_{of}"] for key, (of, _) in zip(keys, _OF_CURVE, strict=True)}
 

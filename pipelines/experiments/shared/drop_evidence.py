@@ -26,15 +26,15 @@ class Drop(Protocol):
 
     @property
     def sphere(self) -> given.Sphere:
-        """What falls."""
+        """The falling body."""
 
     @property
     def plate(self) -> given.Plate | None:
-        """What it falls on."""
+        """The floor."""
 
     @property
     def model(self) -> given.DropModel:
-        """How it is simulated."""
+        """Its simulation."""
 
 
 def body(sphere: given.Sphere) -> tuple[dict[str, str], list[Parameter]]:
@@ -68,7 +68,7 @@ def of_drop(
     file: Path | None,
     fitted: xr.Dataset | None,
 ) -> MaterialEvidence:
-    """Return what a drop tells, with the plate's mass among its unknowns.
+    """Return the evidence of a drop, with the plate's mass among its unknowns.
 
     ``names`` are those of the unknowns by their role, ``plate`` is the result that the settings name. Of the material
     that the session assumes, ``file`` or ``fitted``, only Poisson's ratio is used.

@@ -28,8 +28,6 @@ _CLOCK = 1e-4  # relative uncertainty of a sampling interval as manufacturers st
 _SWING = 0.07
 """Largest share of the first impact's speed that a plate, still vibrating, adds to a later bounce: it takes (1 + e) m/M
 of the speed and returns at most twice its own, 0.07 for a plate 55 times as heavy as the falling body."""
-_STAYS = 0.02  # of the fall, by which a vibrating plate may be elsewhere when it is hit again
-_ROUGH = 3e-3  # of the fall, by which a body that trembles after an impact may leave its arc
 _HERTZ = 2.868
 _TYPED, _DECIMALS_SEEN = 2.0, 0.2
 """Standard uncertainties by which a typing error may be missed, and the uncertainty beyond which one in a decimal can
@@ -109,23 +107,6 @@ def direction(fall: Fall, cause: str, *, file: str = "", setting: str = "") -> C
     return stated(name, text, "impossible", cause=cause, file=file, setting=setting)
 
 
-def smooth_flights(fall: Fall) -> Check:
-    """Compare the residual of the flights about the first impact with the noise before the release."""
-    name, fell = "smoothness of the flights", fall.value("drop_height")[0]
-    ratio = float(fall.values("chi_square")[0]) if "chi_square" in fall.bounces else nan
-    if not (isfinite(ratio) and isfinite(fell)):
-        return not_made(name, "flights before and after an impact")
-    noise = float(fall.bounces.attrs["noise"])
-    left = noise * sqrt(max(ratio - 1.0, 0.0))
-    text = f"{fall.name}: flights leave their arcs by {quantity(left, 'm')}, the noise is {quantity(noise, 'm')}"
-    is_rough = left > max(_ROUGH * fell, 5 * noise)
-    cause = (
-        "the sensor or its clamp shakes, the body or its holder rattles, swings or turns, or a filter of the sensor "
-    )
-    cause += "bends the flights"
-    return stated(name, text, "doubtful" if is_rough else None, cause=cause, file=fall.name)
-
-
 def flight_durations(fall: Fall, gravity: Quantity) -> Check:
     """Compare the duration of every flight with 2 v/g."""
     name = "durations of the flights"
@@ -177,24 +158,6 @@ def restitution(fall: Fall) -> Check:
     return replace(found, cause=f"{cause}drop follows in the record")
 
 
-def touch_levels(fall: Fall) -> Check:
-    """Compare the displacement at every touch with that at the first."""
-    name, level, u = "levels of the touches", fall.values("touch_level"), fall.values("u_touch_level")
-    if level.size < 2:
-        return not_made(name, "two bounces")
-    apart = np.abs(level - level[0])
-    worst = int(np.nanargmax(apart))
-    allowed = _STAYS * abs(fall.value("drop_height")[0]) + 4 * np.hypot(u, u[0])
-    text = f"{fall.name}: touch {worst + 1} is {quantity(float(level[worst] - level[0]), 'm')} from the first one; "
-    text += f"up to {quantity(float(allowed[worst]), 'm')} is allowed"
-    beyond = np.flatnonzero(apart > allowed)
-    if not beyond.size:
-        return stated(name, text, None, file=fall.name)
-    at = quantity(float(fall.values("touch_time")[beyond[0]]), "s")
-    cause = f"the bench sank, or the sensor, its clamp or the plate was knocked or crept, before {at}"
-    return stated(name, text, "doubtful", cause=cause, file=fall.name)
-
-
 def rest_level(fall: Fall, sag: float) -> Check:
     """Compare the level at rest with that of the first touch, less the static approach ``sag`` [m]."""
     name, (rest, u_rest), (touch, u_touch) = "level at rest", fall.value("rest_level"), fall.value("contact_level")
@@ -219,9 +182,10 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
             found.append(not_made(name, "two repeats"))
             continue
         values, u = np.array([fall.value(variable) for fall in falls]).T
+        least = float(np.abs(values).min())
         if len(falls) == 2:
-            worst, centre, u_centre, least = 1, values[0], u[0], float(np.abs(values).min())
-            scale, allowance = u, _OF_BODY.get(variable, _BY_HAND) * least
+            worst, centre, u_centre, scale = 1, values[0], u[0], u
+            allowance = _OF_BODY.get(variable, _BY_HAND) * least
         else:
             centre, u_centre = float(np.median(values)), 0.0
             # robust: one repeat that is another drop must not hide itself in the scatter
@@ -235,23 +199,11 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
         check = compared(
             name, text, seen, u_seen, float(centre), float(u_centre), allowance=allowance, factor=False, file=file
         )
-        check = replace(check, cause=cause)
-        if len(falls) == 2 and check.level:
-            check = _of_pair(check, seen, float(centre))
-        found.append(check)
+        if len(falls) == 2 and check.level:  # which of them is right nobody knows, nor how much a body scatters
+            level = "doubtful" if abs(seen - centre) < _BY_HAND * least else check.level
+            check = replace(check, level=level, cause="one of the two is of another drop or another body")
+        found.append(check if check.cause else replace(check, cause=cause))
     return found
-
-
-def _of_pair(check: Check, second: float, first: float) -> Check:
-    """Say which mistake makes two repeats differ, of which nobody knows the right one."""
-    if check.level == "impossible" and abs(second - first) < _BY_HAND * min(abs(first), abs(second)):
-        check = replace(check, level="doubtful")  # two drops do not show how much a body scatters
-    decades = abs(log10(second / first)) if first * second > 0 else 0.0
-    if decades > 0.5 and abs(decades - round(decades)) < 0.02:
-        factor = in_words(10.0 ** round(decades))
-        cause = f"lengths of the two differ by a factor {factor}: the unit or decimal point of one is wrong"
-        return replace(check, cause=cause)
-    return replace(check, cause="one of the two is of another drop or another body")
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,7 +247,7 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
 
 
 def of_body(gap: float, u: float, radius: float, mass: float, modulus: float = nan) -> tuple[str, str]:
-    """Say which mistake about the body explains a contact that is too short or too long, and its setting.
+    """Name which mistake about the body explains a contact that is too short or too long, and its setting.
 
     By Hertz t goes with m^0.4 R^-0.2 E*^-0.4: a typing error of a unit or a decimal in one of the two, else another
     material, or the mass that explains it, where the stiffness is known well enough. ``gap`` is the logarithm of the
@@ -336,5 +288,5 @@ def body_stated(radius: float, mass: float) -> Check:
 
 
 def _is_body(radius: float, mass: float) -> bool:
-    """Whether a sphere of a solid may be part of what falls, and not a vanishing one."""
+    """Return whether a sphere of a solid may be part of what falls, and not a vanishing one."""
     return 1.0 <= mass / (_LIGHTEST * 4 / 3 * pi * radius**3) <= _RIDER

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import instruments
 from labpipe.errors import EXCHANGED, InputError
-from labpipe.frames import FrameSource, IncompleteFilmWarning, SmoothedFilmWarning
+from labpipe.frames import FrameSource, IncompleteFilmWarning
 from labpipe.judging import Check, Level, stated
 from labpipe.units import Quantity
 from labpipe.variables import variable
@@ -28,7 +28,7 @@ beside their distance, relative, nothing alike may lie: rows that are alike all 
 CAUSES = {
     EXCHANGED: "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
 }
-"""What is wrong with a film, by the reason of the error that it ends in."""
+"""Fault of a film, by the reason of the error that it ends in."""
 _MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
 _AROUND = 8  # frames read on either side of a contact
 
@@ -58,7 +58,7 @@ def open_film(path: Path, frame_rate: Quantity | None = None, channel: str | Non
 
 
 def _is_exchanged(film: FrameSource) -> bool:
-    """Tell whether the pixels of an image are neighbours at the distance of its height, not of its width.
+    """Return whether the pixels of an image are neighbours at the distance of its height, not of its width.
 
     The shape of a film is a number in its header: pixels below each other look alike at the distance
     of a row, and nowhere near it.
@@ -81,31 +81,16 @@ def _is_exchanged(film: FrameSource) -> bool:
 
 
 def whole_film(context: Context, film: str) -> Check:
-    """Tell what the reader of a film warned of: frames that its file lacks, or that are damaged."""
-    name = "whole film"
-    text = _warned(context, IncompleteFilmWarning, film)
+    """Report the warning of the reader of a film about frames that its file lacks, or that are damaged."""
+    warned = (w.text for w in context.warnings if w.category == IncompleteFilmWarning.__name__)
+    text = next(warned, "").removeprefix(f"{Path(film).name}: ")
     if not text:
-        return stated(name, f"{film}: no frame is missing in the file", None, file=film)
-    return stated(name, f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
-
-
-def not_smoothed(context: Context, film: str) -> Check:
-    """Tell that compression took detail from a film, which its uncertainties do not hold."""
-    name = "detail of the frames"
-    text = _warned(context, SmoothedFilmWarning, film)
-    if not text:
-        return stated(name, f"{film}: its reader told of no compression that smooths", None, file=film)
-    cause = "the film was exported with lossy compression: export it as PNG or TIFF, or give the camera's own file"
-    return stated(name, f"{film}: {text}", "note", cause=cause, file=film)
-
-
-def _warned(context: Context, category: type[Warning], film: str) -> str:
-    texts = (warned.text for warned in context.warnings if warned.category == category.__name__)
-    return next(texts, "").removeprefix(f"{Path(film).name}: ")
+        return stated("whole film", f"{film}: no frame is missing in the file", None, file=film)
+    return stated("whole film", f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
 
 
 def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
-    """Count damaged frames of a film; ``whole`` tells of few of them better."""
+    """Count damaged frames of a film; ``whole`` describes a few of them better."""
     name = "sound frames"
     bad = np.flatnonzero(~is_sound)
     share = bad.size / max(is_sound.size, 1)
@@ -127,7 +112,7 @@ def explained(failed: Check, whole: Check) -> Check:
 
 
 def about_contacts(is_seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the frames that show a contact, and those beside them."""
+    """Return the frames that show a contact, and their neighbours."""
     return np.flatnonzero(np.convolve(is_seen, np.ones(2 * _AROUND + 1))[_AROUND : len(is_seen) + _AROUND] > 0)
 
 

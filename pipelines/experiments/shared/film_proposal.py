@@ -19,5 +19,5 @@ view = "{view}"  # as the record says{rate}"""
 
 
 def is_exported(found: Found, film: str) -> bool:
-    """Tell whether a film was exported as images, which may be pictures of anything."""
+    """Return whether a film was exported as images, which may be pictures of anything."""
     return film in found.of("image_stack")

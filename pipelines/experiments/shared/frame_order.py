@@ -48,7 +48,7 @@ def exchanged(
 
 
 def _evenly(time: Floats | int) -> NDArray[np.bool_]:
-    """Tell the frames about which two steps on either side are as long as each other."""
+    """Find the frames about which two steps on either side are as long as each other."""
     steps = np.ones(time - 1) if isinstance(time, int) else np.diff(time)
     if steps.size < 4:
         return np.ones(steps.size + 1, dtype=bool)

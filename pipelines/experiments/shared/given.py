@@ -1,4 +1,4 @@
-"""What the steps of an experiment gave, handed to whatever asks for it by name.
+"""Results of the steps of an experiment, handed by name to the functions that ask for them.
 
 Rows of a comparison, budgets, checks and sections of a page name the results that they need as their
 parameters. A parameter with a default helps and may lack; without one of the others there is
@@ -42,5 +42,5 @@ class Given:
 
 
 def _is_nothing(found: Any) -> bool:
-    """Tell whether a step gave nothing, in none of the recordings."""
+    """Return whether a step gave nothing, in none of the recordings."""
     return found is None or (isinstance(found, Sequence) and all(one is None for one in found))

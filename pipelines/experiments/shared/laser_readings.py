@@ -1,4 +1,4 @@
-"""Readings of one laser export; what the file omits comes from the settings."""
+"""Readings of one laser export; statements that the file omits come from the settings."""
 
 import json
 from pathlib import Path
@@ -78,7 +78,7 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
 
 
 def _with_place(error: SourceError) -> SourceError:
-    """Add where a session says what the file leaves unsaid."""
+    """Add where a session states it."""
     if error.reason != UNSAID:
         return error
     example = 'keyence = { cycle = "50 us", storage_factor = 1, units = ["mm"] }'

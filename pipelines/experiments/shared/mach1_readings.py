@@ -142,7 +142,7 @@ def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untar
 
 
 def blocks(loads: xr.Dataset) -> list[dict[str, Any]]:
-    """Return what the header says of every block."""
+    """Return the header of every block."""
     return list(json.loads(loads.attrs["blocks"]))
 
 

@@ -5,7 +5,7 @@ meanwhile and when the stage rests: for a modulus that falls as t^-a,
 
     F(t) = k ∫ (t − s)^-a dA(s),     A = (z − z0)^q,
 
-which at constant speed is a power q − a of the depth. The few readings that tell of it have passed
+which at constant speed is a power q − a of the depth. The few readings that depend on it have passed
 the load cell's filter. Neither z0 nor a are well known from them and their likelihood is far from
 normal; so it is summed over both.
 """
@@ -75,7 +75,7 @@ def _without_return(position: Floats) -> int:
 
 
 def _moving_and_little_more(position: Floats, rough: FirstTouch, late: float) -> int:
-    """Return how many readings tell of the touch: until the stage has rested for a while."""
+    """Return how many readings depend on the touch: until the stage has rested for a while."""
     farthest = _farthest(position)
     touch = int(np.argmax(position > min(rough.position, position[farthest] - _STEP)))
     end = farthest + 1 + round(_RESTED * (farthest - touch) + late)

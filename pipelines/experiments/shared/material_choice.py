@@ -50,7 +50,7 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
 
 
 def is_of_spectrum(name: str) -> bool:
-    """Tell whether a variation is a change of a rheometer's spectrum, which nobody states.
+    """Return whether a variation is a change of a rheometer's spectrum, which nobody states.
 
     Examples
     --------

@@ -16,9 +16,9 @@ class MaterialEvidence:
     ----------
     nu : float
     window : tuple of float [s]
-        Shortest and longest time of which it tells.
+        Shortest and longest time on which it depends.
     unknowns : tuple of Parameter
-        What it leaves unknown besides the material.
+        Its unknowns in addition to the material.
     build : callable
         Takes relaxation times (term,) and returns the evidence.
     """

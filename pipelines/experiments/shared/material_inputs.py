@@ -1,4 +1,4 @@
-"""What is uncertain of a material, as inputs that the rows of a comparison share."""
+"""Uncertain properties of a material, as inputs that the rows of a comparison share."""
 
 import json
 from collections.abc import Sequence

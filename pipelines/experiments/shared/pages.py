@@ -1,6 +1,6 @@
 """The sections that every report has: calibration, ledger, warnings and errors, provenance.
 
-What is special to a kind of experiment stands in its own page module.
+Sections of one kind of experiment are in its own page module.
 """
 
 import json
@@ -67,7 +67,7 @@ def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, d
 
 
 def model_curves(x: ArrayLike, y: ArrayLike, u: ArrayLike, *, label: str = "model") -> tuple[Series, Band]:
-    """Draw what a model says with its uncertainty, so that a chart shows what the verdict weighs."""
+    """Draw a model with the uncertainty that the verdict uses."""
     y, wide = np.asarray(y), 2.0 * np.asarray(u)
     return Series(label, x, y, role="model"), Band(f"{label} ± 2 u", x, y - wide, y + wide, role="model")
 
@@ -96,7 +96,7 @@ def spanned(values: ArrayLike, form: str) -> str:
 
 
 def remarks(context: Context) -> list[tuple[str, str, str]]:
-    """Say who recorded an experiment, and what was noted; empty where nothing is."""
+    """Return operator and notes of an experiment; empty where there are none."""
     return [("operator", context.operator, ""), ("notes", context.notes, "")]
 
 
@@ -146,7 +146,7 @@ def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
 
 
 def session_document(session: Session, title: str, sections: Iterable[Section]) -> str:
-    """Write a page that stands beside the session's own; sections without content are left out."""
+    """Write a page next to the session's own; sections without content are left out."""
     return Document(
         title=title,
         subtitle=session.title,
@@ -186,7 +186,7 @@ def kept_notice(context: Context) -> tuple[Block, ...]:
 
 
 def failed_notice(context: Context) -> tuple[Notice, ...]:
-    """Say which steps gave no result, so that a missing section is explained."""
+    """Name which steps gave no result, so that a missing section is explained."""
     own = [f for f in context.failures if not f.is_consequence]
     missing = dict.fromkeys(f.stage for f in context.failures if f.is_consequence)
     told = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
@@ -208,7 +208,7 @@ def problems(context: Context) -> Section:
 
 
 def _warning(alike: Sequence[Warned]) -> Notice:
-    """Say once what several recordings have in common, and which they are."""
+    """Write a warning that several recordings have in common once, with their names."""
     first = alike[0]
     names = [warned.recording for warned in alike if warned.recording]
     where = f" [{names[0]}]" if len(names) == 1 else ""
@@ -219,7 +219,7 @@ def _warning(alike: Sequence[Warned]) -> Notice:
 
 
 def calibration_rows(text: str) -> KeyValues:
-    """Show which record was used and what could be checked of it."""
+    """Show the calibration record and its checks."""
     checked = json.loads(text)
     shown = {
         "id": "record",
@@ -239,7 +239,7 @@ def calibration_rows(text: str) -> KeyValues:
 
 
 def laser_calibration(displacement: xr.Dataset, same: str, quiet: str, caption: str) -> list[Block]:
-    """Show the record of a laser and what follows from it.
+    """Show the record of a laser and its uncertainties.
 
     ``same`` says for what the uncertainty of the scale is the same, ``quiet`` where the noise is
     from, and ``caption`` what the budget is for.
@@ -279,7 +279,7 @@ def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
 
 
 def ledger(context: Context) -> Section:
-    """Show what was done and what was skipped for this page."""
+    """Show the work done and skipped for this page."""
     is_of_others = len({row.experiment for row in context.ledger}) > 1  # such as the DMA behind a drop
     left = 0 if is_of_others else 1
     rows = [

@@ -34,11 +34,11 @@ _POLYMERS = {
     "ptfe": re.compile("ptfe|teflon", re.IGNORECASE),
     "nbr": re.compile("nbr|nitrile?(?![a-z])|perbunan", re.IGNORECASE),
 }
-"""How laboratories call the polymers of the library."""
+"""Names of the polymers of the library in laboratories."""
 
 
 def whole_stem(name: str) -> str:
-    """Return a file's path without its suffix: what a file that stands alone is called by."""
+    """Return a file's path without its suffix: the name of an experiment of one file."""
     return Path(name).with_suffix("").as_posix()
 
 
@@ -75,7 +75,7 @@ def identifier(stem: str) -> str:
 
 
 def quoted(text: str) -> str:
-    """Return a text as it stands between the quotes of TOML."""
+    """Return a text escaped for the quotes of TOML."""
     return text.replace("\\", "\\\\").replace('"', '\\"')
 
 
@@ -98,7 +98,7 @@ def material_word(text: str, *, is_whole: bool = False) -> str | None:
 
 
 def material_line(name: str, found: Found | None = None) -> str:
-    """Return the line of the material, from a file's name where it tells.
+    """Return the line of the material, from a file's name where it names one.
 
     A DMA export of the same material in the folder is preferred to the library, whose numbers are
     no measurement of it.
@@ -161,12 +161,12 @@ def height_line(name: str) -> str:
 
 
 def sees_plate(name: str) -> bool:
-    """Tell by its name whether a file of the laser, or a record, is of the plate."""
+    """Return whether a file of the laser, or a record, is of the plate by its name."""
     return bool(_PLATE.search(name))
 
 
 def is_slow(path: Path) -> bool:
-    """Tell whether the readings of a file are too slow for a drop; not when it does not say."""
+    """Return whether the readings of a file are too slow for a drop; not when it does not say."""
     try:
         found = instruments.read(path)
     except LabpipeError:
@@ -175,5 +175,5 @@ def is_slow(path: Path) -> bool:
 
 
 def view(film: str) -> str:
-    """Tell by its name from where a film was taken: ``under`` the disc, or the ``front``."""
+    """Return from where a film was taken by its name: ``under`` the disc, or the ``front``."""
     return "under" if _UNDER.search(film) else "front"

@@ -30,16 +30,16 @@ class Indentation(Protocol):
 
     @property
     def substrate(self) -> Substrate | None:
-        """What it is pressed into."""
+        """The specimen."""
 
     @property
     def model(self) -> IndentationModel:
-        """How it is simulated."""
+        """Its simulation."""
 
 
 @dataclass(frozen=True, eq=False)
 class PunchEvidence:
-    """What relaxation and harmonic indentation share."""
+    """Evidence common to relaxation and harmonic indentation."""
 
     geometry: Geometry
     nu: float
@@ -50,7 +50,7 @@ class PunchEvidence:
 def of_punch(
     settings: Indentation, loads: xr.Dataset, depth: float, file: Path | None, fitted: xr.Dataset | None
 ) -> PunchEvidence | str:
-    """Return it for a depth [m]; a text where session.toml does not tell.
+    """Return it for a depth [m]; a text where session.toml does not state it.
 
     Of the material that the session assumes (``file``, ``fitted``) only Poisson's ratio is used.
     """

@@ -38,7 +38,7 @@ _INCOMPRESSIBLE = 0.5  # what a layer's ratio is taken for when no material is n
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """What the elastic force depends on besides the modulus; m, ratio of Poisson."""
+    """Quantities on which the elastic force depends in addition to the modulus; m, ratio of Poisson."""
 
     radius: Quantity
     period: Quantity
@@ -101,7 +101,7 @@ def elastic_force(displacement: Floats, geometry: Geometry, **changed: float) ->
 
 
 def relative_sources(displacement: float, u_touch: float, geometry: Geometry) -> list[Source]:
-    """Return what makes the elastic force at a displacement uncertain, relative to the force."""
+    """Return the sources of uncertainty of the elastic force at a displacement, relative to the force."""
     at = np.array([displacement])
     force = float(elastic_force(at, geometry)[0])
     sources = []
@@ -131,7 +131,7 @@ class Effect(NamedTuple):
 
 
 def along(effects: Mapping[str, Effect], curves: Sequence[Sequence[NDArray[np.int64]]], dim: str) -> dict[str, Any]:
-    """Return what each effect, by one standard uncertainty, does to a simulated force along its curves.
+    """Return the change of a simulated force along its curves by one standard uncertainty of each effect.
 
     Curves are given by the samples of each of their stretches, of which all have as many. Returned is ``effect``
     (dim, stretch, source) [N], the mean over each stretch.
@@ -144,7 +144,7 @@ def along(effects: Mapping[str, Effect], curves: Sequence[Sequence[NDArray[np.in
 
 
 def table_of(effects: Mapping[str, Effect]) -> xr.Dataset:
-    """Return names, values, uncertainties and units of what a simulated force depends on."""
+    """Return names, values, uncertainties and units of the inputs of a simulated force."""
     given = [effect.given for effect in effects.values()]
     return xr.Dataset(
         {
@@ -157,7 +157,7 @@ def table_of(effects: Mapping[str, Effect]) -> xr.Dataset:
 
 
 def inputs_of(made: xr.Dataset | None) -> dict[str, Quantity]:
-    """Return what a simulated force depends on, of a table of :func:`table_of`; empty where nothing was simulated."""
+    """Return the inputs of a simulated force, of a table of :func:`table_of`; empty where nothing was simulated."""
     if made is None or "uncertain" not in made.coords:
         return {}
     columns = (made[name].values for name in ("uncertain", *INPUTS))

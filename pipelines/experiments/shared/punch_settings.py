@@ -25,7 +25,7 @@ class Substrate(MaterialChoice, frozen=True, kw_only=True):
 
 
 class LoadCell(Table, frozen=True, kw_only=True):
-    """How force is prepared.
+    """Preparation of the force.
 
     ``correct_filter_lag`` removes the delay of the low-pass that the header declares.
     ``tare`` subtracts the force of the quiet start; off for a test that starts in contact.
@@ -39,7 +39,7 @@ class LoadCell(Table, frozen=True, kw_only=True):
 
 
 class IndentationModel(Table, frozen=True, kw_only=True):
-    """How the indentation is simulated: tip profile and strips per period."""
+    """Simulation of the indentation: tip profile and strips per period."""
 
     profile: Literal["parabola", "circle", "cosine"] = "circle"
     elements: Annotated[int, Range(at_least=64, at_most=16384)] = 1024

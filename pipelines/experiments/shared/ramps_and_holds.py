@@ -153,7 +153,7 @@ def mean_force(loads: xr.Dataset, hold: Hold, begin: float, end: float) -> Level
 def unfinished(loads: xr.Dataset, hold: Hold, level: Level) -> float:
     """Return the standard uncertainty [N] of a plateau from relaxation that still goes on.
 
-    The force at half and at three quarters of the hold tells how fast its fall slows down; a
+    The force at half and at three quarters of the hold shows how fast its fall slows down; a
     fall that goes on so, each quarter the same share of the one before, ends lower by a known
     amount. A rectangle of twice this half width stands for what it may be.
     """
@@ -191,7 +191,7 @@ class Noise:
 def noise(loads: xr.Dataset, hold: Hold) -> Noise:
     """Return the noise of the readings of a hold.
 
-    The second half of the hold, where the force hardly falls, tells it better than the few
+    The second half of the hold, where the force hardly falls, shows it better than the few
     readings of an early bin could; the quiet start of the file stands for a hold that is short.
     """
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
@@ -237,7 +237,7 @@ def _scatter(time: Floats, values: Floats, noise: Noise) -> float:
 
 
 def systematic(loads: xr.Dataset, force: float) -> float:
-    """Return what tare and gain leave uncertain in a force [N]; an unknown gain adds nothing."""
+    """Return the uncertainty of a force by tare and gain [N]; an unknown gain adds nothing."""
     return float(np.hypot(float(loads["u_tare"]), relative_gain(loads) * force))
 
 

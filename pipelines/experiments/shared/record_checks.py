@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
-from math import erf, inf, log, pi, sqrt
+from math import erf, inf, log, sqrt
 
 import numpy as np
 import xarray as xr
@@ -33,7 +33,7 @@ record from which on it is a copy."""
 _WINDOW = 24  # readings in which a lost or doubled one is looked for
 _BEFORE = 2e-3  # s before a release that was found, while which something may move already
 
-SWING, SMOOTHED, SINGLE_ROWS = "vibration before the release", "noise of neighbouring readings", "lost or doubled rows"
+SMOOTHED, SINGLE_ROWS = "noise of neighbouring readings", "lost or doubled rows"
 _WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
 _HELD = (
     "the sensor was out of its range (clipped) or held its last value: the impact is not measured there; "
@@ -60,7 +60,7 @@ OF_LASER: Titles = {
     ),
     "noise": Title(
         "Noise is white, constant, without mains frequency, and not coarser than the display's resolution.",
-        ("mains hum", SMOOTHED, SWING, "resolution of the readings", "change of the noise"),
+        ("mains hum", SMOOTHED, "resolution of the readings", "change of the noise"),
     ),
     "files": Title("No two recordings contain the same noise.", ("readings of another record",)),
 }  # fmt: skip
@@ -144,8 +144,7 @@ def of_readings(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> l
     line = Hum.of_text(results[-1].attrs.get("hum")) if results else None
     if line is not None:
         return [*found, _hum(trace, line)]
-    shaken = _swing(trace, rest)
-    return [*found, shaken] if shaken.level else [*found, shaken, _beginning(trace, gravity)]
+    return [*found, _beginning(trace, gravity)]
 
 
 def unread(trace: Trace) -> Check:
@@ -153,7 +152,7 @@ def unread(trace: Trace) -> Check:
     lost = ~np.isfinite(trace.reading)
     for first, last, _ in trace.outliers:
         lost[first : last + 1] = False
-    longest, start = _longest_run(lost)
+    longest, start = longest_run(lost)
     name = "readings out of range"
     if not longest:
         return trace.seen(name, "every reading is valid")
@@ -166,13 +165,13 @@ def held_readings(trace: Trace) -> Check:
     name, x, step = "clipped or held readings", trace.reading, trace.resolution
     moves = np.abs(np.diff(x))
     usual = float(np.nanquantile(moves, 0.98))
-    longest, start = _longest_run(np.nan_to_num(moves, nan=np.inf) <= 0.5 * step)
+    longest, start = longest_run(np.nan_to_num(moves, nan=np.inf) <= 0.5 * step)
     around = np.abs(x[max(start - 4, 0) : start + longest + 5] - x[start])
     away = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
     is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + _IN_NOISE * trace.noise)
     # noise does not stay on one reading, least of all on the last one that there is
     is_end = longest > 0 and abs(x[start] - min((np.nanmin(x), np.nanmax(x)), key=lambda v: abs(x[start] - v))) < step
-    is_cut = is_end and trace.noise > step and longest > longest_by_chance(trace.noise, step, x.size)
+    is_cut = is_end and trace.noise > step and longest > _longest_by_chance(trace.noise, step, x.size)
     is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
     if longest < _FLAT or not (is_moving or is_cut or is_constant):
         return trace.seen(name, "no clipped or held readings")
@@ -184,7 +183,7 @@ def held_readings(trace: Trace) -> Check:
     return trace.seen(name, text, "impossible", cause)
 
 
-def longest_by_chance(noise: float, step: float, count: int) -> float:
+def _longest_by_chance(noise: float, step: float, count: int) -> float:
     """Return how many of `count` readings stay on one step by chance; infinite where noise does not reach the step.
 
     Of white noise a reading lies on one step with erf(step/(2 sqrt(2) noise)) at most.
@@ -193,7 +192,7 @@ def longest_by_chance(noise: float, step: float, count: int) -> float:
     return log(_CHANCE / count) / log(stays) if 0.0 < stays < 1.0 else inf
 
 
-def _longest_run(flags: np.ndarray) -> tuple[int, int]:
+def longest_run(flags: np.ndarray) -> tuple[int, int]:
     """Return length and start of the longest run of true values."""
     if not flags.any():
         return 0, 0
@@ -309,7 +308,7 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
     for (one, first), (other, later) in combinations(zip(found, known, strict=True), 2):
         if first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True):
             continue
-        longest, _ = _longest_run(np.isin(other, one))
+        longest, _ = longest_run(np.isin(other, one))
         if longest < _LONG:
             continue
         rows = longest + _BLOCK
@@ -384,39 +383,6 @@ def _hum(trace: Trace, line: Hum) -> Check:
     text += "the uncertainties"
     level: Level = "note" if left < 0.01 * trace.travel else "doubtful"
     return trace.seen("mains hum", text, level, "mains hum: ground the sensor, or average over one period")
-
-
-def _swing(trace: Trace, rest: slice) -> Check:
-    """Look for one frequency in a body that should be at rest.
-
-    Of white noise the best of n/2 lines leaves so little by chance with n/2 (left/all)^((n - 4)/2).
-    """
-    known = np.flatnonzero(np.isfinite(trace.reading[rest]))
-    if known.size < _QUIET or trace.travel == 0.0:
-        return not_made(SWING, f"{_QUIET} readings")
-    t, x = trace.time[known] - trace.time[known[0]], trace.reading[known]
-    span = float(t[-1])
-    flat = np.vander(t / span, 3)  # a drift, or a fall
-    drift = x - flat @ np.linalg.lstsq(flat, x, rcond=None)[0]
-    power = np.abs(np.fft.rfft(drift, 4 * t.size))
-    power[:8] = 0.0  # fewer than two turns are a drift
-    limit, quiet = float(drift @ drift) * (1e-6 / t.size) ** (2 / (t.size - 4)), "no vibration before the release"
-    # no sine near the strongest line of a spectrum explains twice as much as that line
-    if float(drift @ drift) - 4.0 * float(power.max()) ** 2 / t.size > limit:
-        return trace.seen(SWING, quiet)
-    guess = int(np.argmax(power)) / (4 * span * t.size / (t.size - 1))
-    fits = []
-    for f in np.linspace(guess - 0.5 / span, guess + 0.5 / span, 21).tolist():
-        design = np.column_stack([flat, np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)])
-        fitted = np.linalg.lstsq(design, x, rcond=None)[0]
-        fits.append((float(np.sum((x - design @ fitted) ** 2)), f, float(np.hypot(*fitted[3:]))))
-    left, f, amplitude = min(fits)
-    if not (left < limit and amplitude > max(0.5 * _LIMITS[0] * trace.travel, trace.resolution)):
-        return trace.seen(SWING, quiet)
-    text = f"before the release the readings swing at {f:.3g} Hz by ± {quantity(amplitude, 'm')}"
-    cause = f"the sensor, its clamp, the bench or its support vibrates at {f:.3g} Hz, or was struck; or a lamp or a "
-    cause += "supply disturbs the sensor at that frequency"
-    return trace.seen(SWING, text, "doubtful" if 2 * amplitude > _LIMITS[1] * trace.travel else "note", cause)
 
 
 def _beginning(trace: Trace, gravity: float) -> Check:

@@ -36,6 +36,9 @@ pixel_length = "{GAP} px"  # what it measures in the image, e.g. "386 ± 1.5 px"
 """
 
 
+_NONE = f"calibration/{GAP}.toml"
+
+
 def laser_records(found: Found) -> dict[str, dict[str, str]]:
     """Propose a record for a laser whose readings came without one.
 
@@ -43,11 +46,9 @@ def laser_records(found: Found) -> dict[str, dict[str, str]]:
     """
     if not found.of("displacement") or found.of("record:laser"):
         return {}
-    name = _free(found.folder, "laser")
     model, days = _about(found.folder, found.of("displacement"))
     how = "micrometer steps against the reading"
-    head = _head("laser", model or "Keyence laser", days, "", how)
-    return {"record:laser": {name: head + _LASER}}
+    return {"record:laser": _template(found.folder, "laser", "laser", model or "Keyence laser", days, "", how, _LASER)}
 
 
 def camera_records(found: Found) -> dict[str, dict[str, str]]:
@@ -60,12 +61,11 @@ def camera_records(found: Found) -> dict[str, dict[str, str]]:
         seen, days = view(film), _about(found.folder, [film])[1]
         if _fitting(found, "camera", days, seen) is None and days not in days_of.setdefault(seen, []):
             days_of[seen].append(days)
-    made = {}
-    for seen, each in sorted(days_of.items()):
-        for days in sorted(each):
-            stem = f"camera_{seen}" if len(each) == 1 else "_".join(["camera", seen, *map(str, days)])
-            head = _head("camera", "camera", days, seen, "a ruler in the plane of focus")
-            made[_free(found.folder, stem)] = head + _CAMERA
+    made: dict[str, str] = {}
+    for seen, days in ((seen, days) for seen, each in sorted(days_of.items()) for days in sorted(each)):
+        stem = f"camera_{seen}" if len(days_of[seen]) == 1 else "_".join(["camera", seen, *map(str, days)])
+        how = "a ruler in the plane of focus"
+        made |= _template(found.folder, stem, "camera", "camera", days, seen, how, _CAMERA)
     return {"record:camera": made} if made else {}
 
 
@@ -75,7 +75,7 @@ def camera_record(found: Found, film: str) -> str:
 
 
 def laser_record(found: Found, recording: str, fits: Callable[[str], bool] = lambda name: True) -> str:
-    """Return the laser record that is valid on the day of a recording; ``fits`` tells by its name whether it may be.
+    """Return the laser record that is valid on the day of a recording; ``fits`` decides by its name whether it may be.
 
     Where none is valid on that day it is the first one, which is then refused with its days; the gap for a record
     where there is none.
@@ -85,33 +85,33 @@ def laser_record(found: Found, recording: str, fits: Callable[[str], bool] = lam
     return _fitting(found, "laser", days, names=names) or next(iter(names), _NONE)
 
 
-_NONE = f"calibration/{GAP}.toml"
-
-
 def _fitting(
     found: Found, kind: str, days: list[date], seen: str | None = None, names: list[str] | None = None
 ) -> str | None:
-    """Return the first record of a kind, a view, and the days of a recording."""
+    """Return the first record of a kind, a view, and the days of a recording; days still to be stated fit all."""
     for name in found.of(f"record:{kind}") if names is None else names:
         try:
             values = tomllib.loads(found.texts.get(name) or found.path(name).read_text("utf-8"))
         except (OSError, ValueError):
             continue
-        if seen in (None, values.get("view")) and _is_valid(values.get("valid_from"), values.get("valid_until"), days):
+        first, last = values.get("valid_from"), values.get("valid_until")
+        fits = True
+        if isinstance(first, date) and isinstance(last, date):
+            fits = all(first <= day <= last for day in days)
+        if fits and seen in (None, values.get("view")):
             return name
     return None
 
 
-def _is_valid(first: object, last: object, days: list[date]) -> bool:
-    """Tell whether a record holds on some days; one whose days are still to come may."""
-    if not isinstance(first, date) or not isinstance(last, date):
-        return True
-    return all(first <= day <= last for day in days)
-
-
-def _head(kind: str, instrument: str, days: list[date], view: str, how: str) -> str:
+def _template(
+    folder: Path, stem: str, kind: str, instrument: str, days: list[date], view: str, how: str, values: str
+) -> dict[str, str]:
+    """Return text and name of a record, one that no file has."""
+    name, number = f"calibration/{stem}.toml", 2
+    while (folder / name).exists():
+        name, number = f"calibration/{stem}_{number}.toml", number + 1
     first, last = (min(days), max(days)) if days else (f'"{GAP}"', f'"{GAP}"')
-    return _HEAD.format(
+    text = _HEAD.format(
         kind=kind,
         id="-".join(filter(None, (kind, view, str(first) if days else ""))),
         instrument=instrument,
@@ -121,14 +121,7 @@ def _head(kind: str, instrument: str, days: list[date], view: str, how: str) -> 
         gap=GAP,
         how=how,
     )
-
-
-def _free(folder: Path, stem: str) -> str:
-    """Return a name that no file has."""
-    name, number = f"calibration/{stem}.toml", 2
-    while (folder / name).exists():
-        name, number = f"calibration/{stem}_{number}.toml", number + 1
-    return name
+    return {name: text + values}
 
 
 def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:

@@ -19,7 +19,7 @@ from pipelines.experiments.shared.pages import document
 
 @dataclass(frozen=True)
 class Report:
-    """The page of a kind: called by its stage, it shows what the steps gave.
+    """The page of a kind: called by its stage, it shows the results of the steps.
 
     Attributes
     ----------
@@ -69,5 +69,5 @@ def budgets(quantities: Callable[..., Iterable[Quantity]]) -> Callable[..., Sequ
 
 
 def is_there(result: xr.Dataset) -> bool:
-    """Tell whether a step gave what it is for, or only the reason why it did not."""
+    """Return whether a step gave a result, or only the reason why it did not."""
     return "absent" not in result.attrs

@@ -22,7 +22,7 @@ DISPLACEMENT = Schema(
         "u_inclination": Variable((), "rad"),
     },
 )
-"""What a laser saw, corrected for its inclination."""
+"""Displacement by a laser, corrected for its inclination."""
 
 VELOCITY = Schema("velocity", {"velocity": Variable(_TIME, "m/s"), "u_velocity": Variable(_TIME, "m/s")})
 

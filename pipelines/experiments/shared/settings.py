@@ -66,7 +66,7 @@ class Sphere(MaterialChoice, frozen=True, kw_only=True):
 
 
 class Keyence(Table, frozen=True, kw_only=True):
-    """What a laser export may leave unsaid; nothing here is guessed.
+    """Settings that a laser export may lack; nothing here is guessed.
 
     ``cycle`` is the time between samples and ``storage_factor`` the number of samples per stored
     point (1 where only the cycle is given here); ``units`` has one entry per output. What
@@ -108,7 +108,7 @@ def refuse_two_plates(plate: Plate | None, plate_from: str | None) -> None:
 
 
 class DropModel(Table, frozen=True, kw_only=True):
-    """How the drop is simulated.
+    """Simulation of the drop.
 
     ``profile`` is the gap's shape: the parabola of the thesis or the exact sphere (7e-4 in force
     at a contact radius of 0.8 mm). ``rtol`` bounds the error of restitution and peak force.

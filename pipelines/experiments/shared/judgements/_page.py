@@ -32,7 +32,7 @@ _LEAST_P = 1e-4  # smaller probabilities say no more
 
 
 def probability(p: float) -> str:
-    """Write a probability; one too small to tell from none is never written as 0.
+    """Write a probability; one too small to distinguish from none is never written as 0.
 
     Examples
     --------
@@ -43,7 +43,7 @@ def probability(p: float) -> str:
 
 
 def chance(p: float) -> str:
-    """Say how likely what was found is: "p = 0.82", "p < 0.0001"."""
+    """Write a probability as an equation: "p = 0.82", "p < 0.0001"."""
     return f"p = {probability(p)}" if p >= _LEAST_P else f"p {probability(p)}"
 
 
@@ -99,99 +99,71 @@ _BESIDE = {
     "undecided": "Whether the {} agrees is undecided.",
     "none": "No model was compared.",
 }
-"""What is said of the model beside a record that cannot be believed as it is."""
+"""Sentence about the model where the record cannot be believed as it is."""
 
 
 def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
     """Say in one sentence whether the record can be believed and the model agrees; its colour comes first."""
-    judged = believed(result)
-    made, found = judged.n_made, judged.findings
+    judged, model = believed(result), str(result.attrs["model"])
     rows = tuple(rows)
     known = [r for r in rows if r.deviation is not None and r.measured is not None]
-    # A film is laid against the laser, no model.
+    # A film is compared with the laser, no model.
     by = "model" if not known or any(r.against == "model" for r in known) else known[0].against
+    checks = f"{judged.n_passed} of {judged.n_made} checks passed"
     if judged.believable in ("impossible", "doubtful"):
-        cause = f" {capitalised(likeliest)}." if (likeliest := _likeliest(judged)) else ""
-        word = capitalised(judged.believable)
-        level = "error" if judged.believable == "impossible" else "warning"
-        model = str(result.attrs["model"])
-        # numbers that a scale does not alter may agree beside a curve that it does
+        likeliest = (judged.findings[0].cause if judged.findings else "") or next(iter(judged.causes), "")
+        cause = f" {capitalised(likeliest)}." if likeliest else ""
+        # numbers that a scale does not alter may agree where a curve that it does alter differs
         model = "differs" if model == "agrees" and any(r.p is not None and r.p < DIFFERS for r in rows) else model
-        seen = found[0].message.rstrip(".")
-        return level, f"{word}: {seen}.{cause} {_BESIDE[model].format(by)} {_counted(judged)}."
-    checks = _counted(judged) if made else "no check could be made"
+        seen = judged.findings[0].message.rstrip(".")
+        level = "error" if judged.believable == "impossible" else "warning"
+        return level, f"{capitalised(judged.believable)}: {seen}.{cause} {_BESIDE[model].format(by)} {checks}."
+    checks = checks if judged.n_made else "no check could be made"
     stopped = next((c for c in judged.checks if c.level is not None and not c.is_made), None)
     if stopped is not None:
-        return (
-            "warning",
-            f"Not known: {stopped.name} was not completed: {stopped.message}; {checks}. {capitalised(stopped.cause)}.",
+        text = (
+            f"Not known: {stopped.name} was not completed: {stopped.message}; {checks}. {capitalised(stopped.cause)}."
         )
-    model = result.attrs["model"]
-    worst = max(known, key=lambda r: abs(r.deviation or 0.0), default=None)
-    shown = "" if worst is None else f" {_largest(len(known))}: {_compared(worst, known)}."
-    believable = "The record is believable" if made else "Whether the record is believable is not known"
+        return "warning", text
+    shown = ""
+    if known:
+        which = f"The largest of {len(known)} deviations" if len(known) > 1 else "The deviation"
+        shown = f" {which}: {_compared(max(known, key=lambda row: abs(row.deviation or 0.0)), known)}."
+    believable = "The record is believable" if judged.n_made else "Whether the record is believable is not known"
     if model == "agrees":
         return "ok", f"{believable}, and the {by} agrees with it; {checks}.{shown}"
+    p, told = float(result["p"]), suspected(result)
     if model == "differs":
-        p = float(result["p"])
-        explained = "".join(f" {capitalised(text)}." for text in suspected(result))
-        return (
-            "warning",
-            f"{believable}, but the {by} differs from it ({chance(p)}, largest deviation "
-            f"{float(result['largest_deviation']):.1f} u); {checks}.{shown}{explained}",
-        )
+        explained = "".join(f" {capitalised(text)}." for text in told)
+        largest = f"largest deviation {float(result['largest_deviation']):.1f} u"
+        differs = f"but the {by} differs from it ({chance(p)}, {largest})"
+        return "warning", f"{believable}, {differs}; {checks}.{shown}{explained}"
     if model == "undecided":
-        undecided = f"whether the {by} agrees is undecided"
-        shown = "" if suspected(result) else shown  # what it is held against tells nothing
-        return "info", f"{believable}; {undecided}; {checks}.{shown} {capitalised(_undecided(result))}."
-    return "ok" if made else "info", f"{believable}: {checks}. There is no model to compare with."
-
-
-def _likeliest(judged: Judgement) -> str:
-    """Return the cause of the gravest finding, else the first that explains any; empty where none is known."""
-    gravest = judged.findings[0].cause if judged.findings else ""
-    return gravest or next(iter(judged.causes), "")
-
-
-def _undecided(result: xr.Dataset) -> str:
-    """Say why an agreement says nothing: its basis is wrong, differences are unlikely, or no error would have shown."""
-    if basis := suspected(result):
-        return basis[0]
-    if (p := float(result["p"])) < LIKELY:
-        return f"so large differences are unlikely by chance ({chance(p)}), but no proof of another model"
-    return f"no error of {100 * MATTERS:.0f}{TIED}% in any input would have shown"
-
-
-def _largest(count: int) -> str:
-    return f"The largest of {count} deviations" if count > 1 else "The deviation"
+        reason = f"no error of {100 * MATTERS:.0f}{TIED}% in any input would have shown"
+        if p < LIKELY:
+            reason = f"so large differences are unlikely by chance ({chance(p)}), but no proof of another model"
+        reason, shown = (told[0], "") if told else (reason, shown)
+        return "info", f"{believable}; whether the {by} agrees is undecided; {checks}.{shown} {capitalised(reason)}."
+    return "ok" if judged.n_made else "info", f"{believable}: {checks}. There is no model to compare with."
 
 
 def _compared(row: Row, among: Sequence[Row]) -> str:
-    measured, model = (
-        value_with_uncertainty(value or 0.0, u, row.unit) if u else _as_exact(value or 0.0, row)
-        for value, u in ((row.measured, row.u_measured), (row.model, row.u_model))
-    )
+    shown = []
+    for value, u in ((row.measured or 0.0, row.u_measured), (row.model or 0.0, row.u_model)):
+        if not u and row.u_difference and value:  # the digits that the difference's uncertainty leaves
+            digits = max(1, floor(log10(abs(value))) - floor(log10(row.u_difference)) + 2)
+            shown.append(value_with_uncertainty(float(f"{value:.{digits}g}"), 0.0, row.unit))
+        else:
+            shown.append(value_with_uncertainty(value, u or 0.0, row.unit))
     where = ", ".join(part for part in (row.material, row.condition) if part)
     is_one_of_many = sum(other.quantity == row.quantity for other in among) > 1
     which = f"{row.quantity} ({where})" if where and is_one_of_many else row.quantity
     size = f"{abs(row.deviation or 0.0):.1f}{TIED}standard uncertainties, u"
-    return f"{which}: {measured} measured, {model} expected (difference {size})"
-
-
-def _as_exact(value: float, row: Row) -> str:
-    """Write a value without an uncertainty of its own with the digits that the difference's can tell."""
-    if row.u_difference and value:
-        digits = max(1, floor(log10(abs(value))) - floor(log10(row.u_difference)) + 2)
-        value = float(f"{value:.{digits}g}")
-    return value_with_uncertainty(value, 0.0, row.unit)
-
-
-def _counted(judged: Judgement) -> str:
-    return f"{judged.n_passed} of {judged.n_made} checks passed"
+    return f"{which}: {shown[0]} measured, {shown[1]} expected (difference {size})"
 
 
 def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
-    """Return the opening of a page: the sentence, then what was checked and what it could show."""
+    """Return the opening of a page: the sentence, the checks, and the errors that they could have shown."""
     if result is None:
         return ()
     judged = believed(result)
@@ -246,7 +218,7 @@ def noticed(result: xr.Dataset) -> str:
 
 
 def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
-    """Return name, size as text, and relative size of what would have shown; the smallest first."""
+    """Return name, size as text, and relative size of each error that would have shown; the smallest first."""
     units = json.loads(result.attrs["units"])
     values = zip(
         result["input"].values, result["detectable"].values, result["detectable_error"].values, units, strict=True
@@ -283,7 +255,7 @@ def _checked(judged: Judgement) -> Table:
 
 
 def _evaluated(judged: Judgement) -> Table:
-    """List what every check gave for each recording and each stated value."""
+    """List the result of every check for each recording and each stated value."""
     rows = []
     for row in judged.rows:
         for check in row.evaluations:
@@ -300,7 +272,7 @@ def believed(result: xr.Dataset) -> Judgement:
 
 
 def suspected(result: xr.Dataset) -> list[str]:
-    """Return what would explain a model that differs or cannot be held against the record, the likeliest first."""
+    """Return explanations of a model that differs or cannot be compared with the record, the likeliest first."""
     return list(json.loads(result.attrs.get("suspects", "[]")))
 
 
@@ -310,7 +282,7 @@ def counted_as_exact(result: xr.Dataset) -> list[str]:
 
 
 def compared(result: xr.Dataset) -> dict[str, Any]:
-    """Return what the comparison of one experiment came to, for JSON."""
+    """Return the result of the comparison of one experiment, for JSON."""
     units = json.loads(result.attrs["units"])
     errors = result["detectable_error"].values
     names = [str(name) for name in result["input"].values]

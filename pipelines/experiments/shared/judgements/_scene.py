@@ -29,7 +29,7 @@ OF_FILM: Titles = {
     "frames": Title(
         "A film holds every frame once, whole, unaltered and in order.",
         (
-            "detail of the frames", "times of the frames", "whole film", "frames differ", "order of the frames",
+            "times of the frames", "whole film", "frames differ", "order of the frames",
             "sound frames", "frame rate stated",
         ),
     ),
@@ -70,7 +70,8 @@ def entitled(checks: Iterable[Check], titles: Titles) -> list[Check]:
     list of Check
         A quantity that no title names is a check of its own.
     """
-    longest = sorted(((name, title) for title, of in {**COMMON, **titles}.items() for name in of.names), key=_length)
+    pairs = ((name, title) for title, of in {**COMMON, **titles}.items() for name in of.names)
+    longest = sorted(pairs, key=lambda pair: -len(pair[0]))
     found = []
     for check in checks:
         title = next((title for name, title in longest if check.name.startswith(name)), check.title)
@@ -85,39 +86,27 @@ def laws(titles: Titles) -> dict[str, str]:
     return {title: of.law for title, of in {**titles, **COMMON}.items()}
 
 
-def _length(pair: tuple[str, str]) -> int:
-    return -len(pair[0])
-
-
 _OF_NAME = "the specimen is of another material or grade than stated, whose modulus is known by its name alone"
 _OF_ANOTHER = "the specimen is of another material than that of {}"
-_VISIBLE = 0.5  # of the uncertainty of a difference
 
 
 class Basis(NamedTuple):
-    """What is known of the experiments that one rests on: its material's DMA, its plate, its laser.
+    """Verdicts on the experiments that one rests on: its material's DMA, its plate, its laser.
 
-    There is one of ``checks`` for each of them. ``is_sound``: none on which all rests is impossible; what is computed
-    from an impossible one is no expectation, so that nothing is held against it. ``reason`` says what is not
-    believable, "" where all is. ``wrong`` are beginnings of the names of inputs that come from an impossible one on
-    which little rests.
+    There is one of ``checks`` for each of them. ``is_sound``: none of them is impossible; a result computed from an
+    impossible one is no expectation, so that no model is compared with it. ``reason`` names those that are not
+    believable, "" for none.
     """
 
     checks: Sequence[Check] = ()
     is_sound: bool = True
     reason: str = ""
-    wrong: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, settings: Any, results: Mapping[str, Any], **slight: str) -> "Basis":
-        """Take the judgements of the experiments that settings name, where they are.
-
-        ``settings``: of the experiment; ``results``: by the field that names the experiment, as ``rests_on`` of its
-        kind lists them; ``**slight``: fields on which a row may rest by little only, each with the beginning of the
-        names of the inputs that come from there.
-        """
+    def of(cls, settings: Any, results: Mapping[str, Any]) -> "Basis":
+        """Take the judgements (``results``, by the field of the settings that names the experiment), where they are."""
         checks: dict[str, Check] = {}
-        reasons, wrong, is_sound = [], [], True
+        reasons, is_sound = [], True
         for field, found in results.items():
             every = found if isinstance(found, list) else [found]
             for reference, result in zip(_ends(settings, field), every, strict=False):
@@ -126,22 +115,12 @@ class Basis(NamedTuple):
                 word, name = believed(result).believable, reference.removeprefix(REFERENCE)
                 text, cause = f"{name} is believable", ""
                 if word in ("doubtful", "impossible"):
-                    text = f"it rests on {name}, which is {word}"
-                    cause = f"see {name} first"
+                    text, cause = f"it rests on {name}, which is {word}", f"see {name} first"
                     reasons.append(text)
-                if word == "impossible" and field in slight:
-                    wrong.append(slight[field])
-                elif word == "impossible":
-                    is_sound = False
+                is_sound &= word != "impossible"
                 check = stated(f"basis, {name}", text, "note" if cause else None, cause=cause)
                 checks[check.name] = check
-        return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)), tuple(wrong))
-
-    def carries(self, row: Row, inputs: Mapping[str, Quantity]) -> bool:
-        """Tell whether a row would change visibly if what comes from an impossible experiment were off by its size."""
-        theirs = [name for name in inputs if name.startswith(self.wrong)] if self.wrong else []
-        effect = sum(abs(row.slopes.get(name, 0.0) * inputs[name].value) for name in theirs)
-        return bool(self.wrong) and (not theirs or effect > _VISIBLE * (row.u_difference or 0.0))
+        return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)))
 
 
 def _ends(settings: Any, dotted: str) -> list[str | None]:
@@ -154,7 +133,7 @@ def _ends(settings: Any, dotted: str) -> list[str | None]:
 
 
 class Scene(NamedTuple):
-    """What the checks of an experiment lead to.
+    """Checks, causes and comparison of an experiment.
 
     ``rows`` are those of the comparison, empty where there is no model. ``inputs`` are values and uncertainties of
     what the rows name in their slopes; ``shared`` is what they name there too because they have it in common, but
@@ -177,7 +156,7 @@ class Scene(NamedTuple):
 
     @property
     def another_material(self) -> str:
-        """What is said where another modulus would explain a model that differs."""
+        """Sentence where another modulus would explain a model that differs."""
         return _OF_ANOTHER.format(self.measured_by) if self.measured_by else _OF_NAME
 
 

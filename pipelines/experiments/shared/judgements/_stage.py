@@ -38,46 +38,59 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     would explain a model that differs.
     """
     judged = judge(entitled([*scene.checks, *scene.basis.checks], titles), scene.causes, laws(titles))
-    compared_rows = [row for row in scene.rows if row.deviation is not None]
-    rows = [row for row in compared_rows if not scene.basis.carries(row, scene.inputs)]
-    is_held = scene.basis.is_sound and (bool(rows) or not scene.basis.wrong)
+    rows = [row for row in scene.rows if row.deviation is not None]
     named = {name for row in rows for name in row.slopes}
     known = {**scene.inputs, **scene.shared}
     # a change of a rheometer's spectrum is no value that could have been stated wrongly
     names = sorted(name for name in named & set(scene.inputs) if not is_of_spectrum(name))
     found, smallest = None, np.full(len(names), np.inf)
-    told: list[str] = []
-    own: Any = None
-    covariance: Any = None
+    differences = [row.difference or 0.0 for row in rows]
+    own, covariance = np.empty((0, 0)), np.empty((0, 0))
     if rows:
         every = [*names, *sorted(named & set(known) - set(names))]
         slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
-        covariance, slack = _covariance(rows, slopes, [known[name].u for name in every])
-        found = agreement([row.difference or 0.0 for row in rows], covariance, slack)
-        smallest = detectable(slopes[:, : len(names)], covariance, slack=slack) if names else smallest
         own = slopes[:, : len(names)]
+        covariance, slack = _covariance(rows, slopes, [known[name].u for name in every])
+        found = agreement(differences, covariance, slack)
+        smallest = detectable(own, covariance, slack=slack) if names else smallest
     # an error of an input that is 0 has no size to be compared with, nor has that of a temperature in °C
     values = np.array([0.0 if scene.inputs[name].si == "degC" else scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
-    could_notice = bool((relative < MATTERS).any()) if names else True
-    units = [scene.inputs[name].si for name in names]
-    made = _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
-    # what an impossible experiment on which little rests does to that little, nobody knows
-    if not is_held or (scene.basis.wrong and made.attrs["model"] == "differs"):
-        made.attrs["model"], is_held = "undecided", False
-    exact = ""
-    if made.attrs["model"] == "differs" and own is not None:
-        exact = _undecided_by(names, scene.inputs, own, [row.difference or 0.0 for row in rows], covariance)
-    if exact:
-        made.attrs["model"], is_held = "undecided", False
-    doubted = _doubted(judged, {*named, *scene.inputs}) if made.attrs["model"] == "agrees" else ""
-    if doubted:
-        made.attrs["model"], is_held = "undecided", False
-    if made.attrs["model"] == "differs" or not is_held:
+    model = model_verdict(found, bool((relative < MATTERS).any()) if names else True)
+    reason = ""
+    if model == "differs" and scene.basis.is_sound:
+        reason = _undecided_by(names, scene.inputs, own, differences, covariance)
+    elif model == "agrees":
+        reason = _doubted(judged, {*named, *scene.inputs})
+    is_held = scene.basis.is_sound and not reason
+    told: list[str] = []
+    if model == "differs" or not is_held:
         first = f"{scene.basis.reason}: see there first" if scene.basis.reason else ""
-        told = [text for text in (first, exact, doubted, scene.unstated) if text]
+        told = [text for text in (first, reason, scene.unstated) if text]
         told += explanations(scene, judged, names, rows, own, covariance) if rows else []
-    return made.assign_attrs(suspects=json.dumps(told))
+    compared = found or Agreement(np.nan, 0, np.nan, np.nan)
+    numbers = (
+        ("n_checks", judged.n_made, "checks that were made"),
+        ("chi_square", compared.chi2, "chi square of the comparison"),
+        ("degrees_of_freedom", compared.degrees_of_freedom, "degrees of freedom"),
+        ("p", compared.p, "probability of a larger chi square"),
+        ("largest_deviation", compared.largest, "largest deviation of a row, in u"),
+    )
+    return xr.Dataset(
+        {name: variable((), float(value), "1", text) for name, value, text in numbers}
+        | {
+            "detectable": variable("input", relative, "1", "smallest relative error that would have shown"),
+            "detectable_error": variable("input", smallest, "1", "the same in SI units of the input"),
+        },
+        coords={"input": np.array(names, dtype=str)},
+        attrs={
+            "judgement": to_json(judged),
+            "believable": judged.believable,
+            "units": json.dumps([scene.inputs[name].si for name in names]),
+            "model": model if is_held else "undecided",
+            "suspects": json.dumps(told),
+        },
+    )
 
 
 def _doubted(judged: Judgement, inputs: Set[str]) -> str:
@@ -92,7 +105,7 @@ def _doubted(judged: Judgement, inputs: Set[str]) -> str:
 
 
 def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> tuple[Any, Any]:
-    """Return the covariance of the differences, and what of its diagonal only makes up for slopes.
+    """Return the covariance of the differences, and the part of its diagonal that allows for uncertain slopes.
 
     It is what inputs share, and what is each row's own.
     """
@@ -104,38 +117,6 @@ def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> tuple[A
     return shared + np.diag(least), least - own
 
 
-def _dataset(
-    judged: Judgement,
-    found: Agreement | None,
-    units: Mapping[str, str],
-    smallest: Any,
-    relative: Any,
-    could_notice: bool,
-) -> xr.Dataset:
-    def number(value: float, text: str) -> Any:
-        return variable((), value, "1", text)
-
-    known = found or Agreement(np.nan, 0, np.nan, np.nan)
-    return xr.Dataset(
-        {
-            "n_checks": number(float(judged.n_made), "checks that were made"),
-            "chi_square": number(known.chi2, "chi square of the comparison"),
-            "degrees_of_freedom": number(float(known.degrees_of_freedom), "degrees of freedom"),
-            "p": number(known.p, "probability of a larger chi square"),
-            "largest_deviation": number(known.largest, "largest deviation of a row, in u"),
-            "detectable": variable("input", relative, "1", "smallest relative error that would have shown"),
-            "detectable_error": variable("input", smallest, "1", "the same in SI units of the input"),
-        },
-        coords={"input": np.array(list(units), dtype=str)},
-        attrs={
-            "judgement": to_json(judged),
-            "believable": judged.believable,
-            "units": json.dumps(list(units.values())),
-            "model": model_verdict(found, could_notice),
-        },
-    )
-
-
 def _undecided_by(
     names: Sequence[str],
     inputs: Mapping[str, Quantity],
@@ -143,7 +124,7 @@ def _undecided_by(
     differences: Sequence[float],
     covariance: Floats,
 ) -> str:
-    """Say which values need an uncertainty, where usual ones would explain why a model differs.
+    """Name which values need an uncertainty, where usual ones would explain why a model differs.
 
     Parameters
     ----------
@@ -192,7 +173,7 @@ class Judging:
     ``scene``: asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too; ``names``: of the results
     that the stage is given, in its order; ``rests_on``: fields that name experiments, as the stage lists them; their
     judgements follow the results; ``expected``: names of what is no expectation where one of these experiments is
-    impossible; ``titles``: of the checks; ``slight``: see :meth:`Basis.of`.
+    impossible; ``titles``: of the checks.
     """
 
     scene: Callable[..., Scene]
@@ -200,7 +181,6 @@ class Judging:
     rests_on: tuple[str, ...]
     expected: tuple[str, ...]
     titles: Titles
-    slight: Mapping[str, str]
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -211,7 +191,7 @@ class Judging:
         """Judge an experiment."""
         known = dict(zip(self.inputs, results, strict=False))
         named = {field: known.pop(field, None) for field in self.rests_on}
-        basis = Basis.of(settings, named, **self.slight)
+        basis = Basis.of(settings, named)
         if not basis.is_sound:
             known |= dict.fromkeys(self.expected)
         made = judgement(Given(**known, settings=settings, context=context, basis=basis).ask(self.scene), self.titles)
@@ -223,7 +203,6 @@ def judging(
     rests_on: tuple[str, ...] = (),
     expected: tuple[str, ...] = ("model", "comparison"),
     titles: Titles = MappingProxyType({}),
-    **slight: str,
 ) -> Callable[[Callable[..., Scene]], Judging]:
     """Make the stage of a function that returns the scene of an experiment, see :class:`Judging`."""
-    return lambda scene: Judging(scene, names, rests_on, expected, titles, slight)
+    return lambda scene: Judging(scene, names, rests_on, expected, titles)

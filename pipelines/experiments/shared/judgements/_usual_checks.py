@@ -1,4 +1,4 @@
-"""Checks and causes that several kinds make alike."""
+"""Checks and causes that several kinds have in common."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -31,16 +31,16 @@ _USUAL = {
     "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
     "of a camera, or a value of it is wrong",
 }
-"""What most likely is wrong with a record, by the reason of the error or the step that fails, of many kinds."""
+"""Most likely fault of a record, by the reason of the error or the step that fails, of many kinds."""
 _SETTINGS = {errors.NO_MATERIAL: "sphere.material", errors.MATERIAL_FILE: "sphere"}
-"""What mends it, by the reason of the error."""
+"""Setting that mends it, by the reason of the error."""
 
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
 
 
 def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
-    """Hold stated uncertainties, each with its setting, against the values to which they belong."""
+    """Compare stated uncertainties, each with its setting, with the values to which they belong."""
     for setting, value in given:
         named = counted_from_one(setting)
         text = f"{named} is stated as {value_with_uncertainty(value.value, value.u, value.si)}"
@@ -56,7 +56,7 @@ def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Chec
 
 
 def day_known(calibrated: xr.Dataset | None, record: str, file: str = "the recording") -> Check:
-    """Hold the day of a recording against what a clock can say; by it a calibration record is chosen."""
+    """Compare the day of a recording with that of its clock; a calibration record is chosen by it."""
     name = "day of the recording"
     if calibrated is None or not str(calibrated.attrs.get("calibration", "")).startswith("{"):
         return not_made(name, "a calibration record")

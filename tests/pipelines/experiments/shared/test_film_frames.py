@@ -4,26 +4,15 @@ import struct
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 import instruments
 from instruments import phantom
 from labpipe.errors import InputError, LabpipeError
-from labpipe.frames import SmoothedFilmWarning
 from labpipe.judging import stated
-from labpipe.units import quantity
 from labpipe.workflow.context import Context, Failed, Warned
-from pipelines.experiments.shared.film_frames import (
-    CAUSES,
-    explained,
-    key_frames,
-    not_smoothed,
-    open_film,
-    repeated,
-    whole_film,
-)
+from pipelines.experiments.shared.film_frames import CAUSES, explained, key_frames, open_film, repeated, whole_film
 from pipelines.experiments.shared.judgements import failed_steps
 
 
@@ -117,25 +106,6 @@ def test_a_step_that_fails_over_a_film_that_broke_off_is_told_so():
     failed = stated("step bounces", "no bounce found", "impossible", cause="the film shows no drop")
     assert explained(failed, whole).cause.startswith("the film was not copied whole")
     assert explained(failed, whole_film(replace(context, warnings=()), "film/f.avi")).cause == "the film shows no drop"
-
-
-def test_a_film_that_compression_smoothed_has_a_note(tmp_path):
-    for i, image in enumerate(_smooth()):
-        cv2.imwrite(str(tmp_path / f"f{i}.jpg"), image)
-    with pytest.warns(SmoothedFilmWarning) as caught:
-        open_film(tmp_path, quantity("10000 Hz"))
-    (told,) = (w for w in caught if w.category is SmoothedFilmWarning)
-    warned = Warned("track", None, told.category.__name__, str(told.message), 1)
-    context = Context("film", "dic_validation", "", "", "", True, warnings=(warned,))
-    found = not_smoothed(context, tmp_path.name)
-    assert (found.level, found.cause[:38]) == ("note", "the film was exported with lossy compr")
-    assert found.message.startswith(f"{tmp_path.name}: JPEG images have their levels baked in")
-    assert not_smoothed(replace(context, warnings=()), "film").level is None
-
-
-def test_lines_along_the_image_are_no_exchanged_header(tmp_path):
-    stripes = np.tile(np.where(np.arange(40) % 2, 40, 200)[:, np.newaxis], (3, 1, 200)).astype(np.uint8)
-    assert open_film(_film(tmp_path / "a.cine", stripes)).shape == (3, 40, 200)
 
 
 def test_frames_that_come_twice_are_found(tmp_path):

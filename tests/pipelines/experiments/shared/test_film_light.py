@@ -20,8 +20,8 @@ def film(mean: float = 120.0) -> np.ndarray:
     return scene + 2.0 * random.standard_normal((COUNT, *SHAPE))
 
 
-def digitised(images: np.ndarray, white: int = 255) -> np.ndarray:
-    return np.clip(np.rint(images), 0, white).astype(np.uint8)
+def digitised(images: np.ndarray) -> np.ndarray:
+    return np.clip(np.rint(images), 0, 255).astype(np.uint8)
 
 
 def judged(images: np.ndarray, wanted: tuple[int, ...] = ()):
@@ -33,16 +33,11 @@ def test_a_film_within_its_grey_levels_is_not_over_exposed(mean: float) -> None:
     assert judged(digitised(film(mean))).level is None
 
 
-@pytest.mark.parametrize(
-    ("factor", "white", "level"),
-    [(1.22, 255, "note"), (1.3, 255, "note"), (3.0, 255, "doubtful"), (1.3, 180, "doubtful")],
-)
-def test_an_over_exposed_film_is_named_with_its_level(factor: float, white: int, level: str) -> None:
-    images = digitised(factor * film(), white)
-    images[:, 5, 7] = images[:, 33, 8] = 255  # stuck pixels do not hide it
-    found = judged(images)
+@pytest.mark.parametrize(("factor", "level"), [(1.22, "note"), (3.0, "doubtful")])
+def test_an_over_exposed_film_is_named_with_its_level(factor: float, level: str) -> None:
+    found = judged(digitised(factor * film()))
     assert found.level == level
-    assert f"highest grey level, {white}" in found.message
+    assert "highest grey level, 255" in found.message
     assert "over-exposed" in found.cause
 
 
@@ -67,25 +62,6 @@ def test_a_lamp_that_flickers_is_no_dark_frame() -> None:
     assert lit("a.cine", brightness, np.ones(COUNT, bool), np.arange(COUNT) * 1e-3).level is None
 
 
-def test_a_lamp_that_flickers_by_much_is_told() -> None:
-    found = lit(
-        "a.cine", {i: 1.0 + 0.5 * np.sin(i) for i in range(COUNT)}, np.ones(COUNT, bool), np.arange(COUNT) / 1e3
-    )
-    assert (found.level, "times the light of dim ones" in found.message) == ("note", True)
-
-
-def test_a_dark_film_is_told_by_its_few_grey_levels() -> None:
-    found = judged(digitised(film(6.0)))
-    assert (found.level, "grey levels above black" in found.message) == ("note", True)
-    assert judged(digitised(film(6.0 * 16)).astype(np.uint16) << 8).level is None
-
-
 def test_a_film_without_readable_frames_is_not_judged() -> None:
     assert lit("a.cine", {}, np.ones(3, bool), np.arange(3.0)).needs
     assert exposed(xr.Dataset(), "a.cine").needs
-
-
-def test_a_camera_of_fewer_bits_than_its_file_is_not_over_exposed() -> None:
-    images = np.clip(np.rint(4 * film()), 0, 1023).astype(np.uint16)
-    assert judged(images << 6).level is None
-    assert judged(np.minimum(images, 720) << 6).level == "note"

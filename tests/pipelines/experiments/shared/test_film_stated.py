@@ -35,8 +35,7 @@ def hertz(value: float, u: float = 0.0) -> Quantity:
 
 
 @pytest.mark.parametrize(
-    ("stated", "level"),
-    [(RATE, "note"), (1.005 * RATE, "note"), (1.03 * RATE, "doubtful"), (30.0, "doubtful"), (10 * RATE, "doubtful")],
+    ("stated", "level"), [(RATE, "note"), (1.005 * RATE, "note"), (1.03 * RATE, "doubtful"), (10 * RATE, "doubtful")]
 )
 def test_a_rate_that_the_film_knows_better_has_no_effect(
     film: Callable[..., xr.Dataset], stated: float, level: str
@@ -48,11 +47,6 @@ def test_a_rate_that_the_film_knows_better_has_no_effect(
     assert "4.00 kHz" in check.message
     assert "no effect" in check.cause
     assert not is_rate_used(hertz(stated), found)
-
-
-def test_a_rate_known_to_its_uncertainty_does_not_contradict(film: Callable[..., xr.Dataset]) -> None:
-    (check,) = stated_twice(film(np.arange(COUNT) / RATE), "a.cine", hertz(1.05 * RATE, 60.0))
-    assert check.level == "note"
 
 
 @pytest.mark.filterwarnings("ignore:.*dropped by the camera")

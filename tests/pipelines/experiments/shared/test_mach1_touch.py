@@ -76,12 +76,6 @@ def test_noise_that_the_filter_has_smoothed_counts_as_fewer_readings() -> None:
     assert np.sqrt(np.mean(z**2)) < 1.4
 
 
-def test_a_slow_stage_shows_its_steps() -> None:
-    z, u = scores(LOSSY, 10, start=-8e-6, speed=5e-6)
-    assert np.sqrt(np.mean(z**2)) < 1.4
-    assert u < 0.2e-6
-
-
 def test_a_stage_that_goes_back_after_it_has_touched_tells_the_same() -> None:
     part = Part("Find Contact", *approach(-50e-6, 2e-6, 50e-6), {})
     force = indentations._force(Specimen(LOSSY), [part], np.zeros(1))

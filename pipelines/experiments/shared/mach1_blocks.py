@@ -1,4 +1,4 @@
-"""The blocks of a Mach-1 file as its checks look at them: columns, what the header declares, and the motion seen."""
+"""Blocks of a Mach-1 file: columns, declared values of the header, and the motion and stiffness in the readings."""
 
 import json
 import re
@@ -11,11 +11,10 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from pipelines.experiments.shared import mach1_readings, mach1_traces
+from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
 OSCILLATION, FIND_CONTACT = "Sinusoid", "Find Contact"
-SETTLED = 0.3  # s after a ramp within which the filter of the cell settles
 _CLEAR = 5.0  # rise of a force over its noise, if the cell lives
 
 
@@ -50,6 +49,15 @@ class Part:
                 return float(value), last * factor / 12**0.5, self.line + len(self.header["info_lines"]) + 3 + place
         return nan, nan, None
 
+    def row_line(self, index: int) -> int:
+        """Return the line of a reading; a line divides each segment from the next."""
+        return self.header_line + 1 + index + int(self.segment[index] - self.segment[0])
+
+    def header_place(self, key: str) -> int:
+        """Return the line of the header that begins with a key."""
+        lines = self.header["info_lines"]
+        return self.line + 1 + next((i for i, text in enumerate(lines) if text.startswith(key)), 0)
+
     def text(self, key: str) -> str:
         """Return a parameter as written; empty where there is none."""
         return next((str(p["text"]) for p in self.header["parameters"] if p["key"] == key), "")
@@ -73,18 +81,6 @@ def parts(readings: xr.Dataset) -> list[Part]:
             found.append(Part(number, header["function"], header, time, x, sign * f, segment, line, names, runs))
         line = names - 1 + (header["rows"] + len(header["dividers"]) + 3 if header["has_data"] else 0)
     return found
-
-
-def trace(name: str, part: Part) -> mach1_traces.Trace:
-    """Return the columns of a block, and from when on its stage holds or only oscillates."""
-    rests = -np.inf if part.function == OSCILLATION else np.inf
-    if part.function == RELAXATION:
-        first = part.segment == part.segment[0]
-        lasted = travel_and_speed(part)[2]
-        rests = float(part.time[first][-1]) - lasted + SETTLED if lasted > SETTLED else np.inf
-    criterion = part.declared("Contact Criteria")[0] if part.function == FIND_CONTACT else nan
-    line, columns = part.header_line + 1, (part.time, part.force, part.segment)
-    return mach1_traces.Trace(name, part.number, line, *columns, rests, criterion, part.outliers)
 
 
 def between(part: Part, after: Part) -> float:
@@ -173,8 +169,3 @@ def response_of(part: Part) -> tuple[float, float, float]:
     share = 1.0 - float(np.var(rest)) / variance if variance > 0.0 else 0.0
     u = float(rest.std()) / (float(x.std()) * np.sqrt(x.size / 10))
     return float(answer[2] / scale[2]), u, share
-
-
-def line_of(part: Part, key: str) -> int:
-    lines = part.header["info_lines"]
-    return part.line + 1 + next((i for i, text in enumerate(lines) if text.startswith(key)), 0)
