@@ -1,7 +1,7 @@
-"""The drop simulated, with the uncertainty of its inputs."""
+"""The drop simulated, and the effect of its inputs' uncertainties on its impacts and on its path."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -12,20 +12,44 @@ import xarray as xr
 from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.materials import Prony
+from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
-from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED, UNCERTAIN, with_uncertainty
-from pipelines.experiments.ball_drop._swing import with_swing
+from labpipe.variables import variable
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE, plate_inputs, resolve_plate
 
+FOLLOWED = 20
+"""Impacts whose sensitivities are found, and that are compared with the model one by one.
+
+Three are compared; PEEK bounces a hundred times, and each impact costs a contact for every input.
+"""
+_UNCERTAIN = (
+    "restitution",
+    "impact_time",
+    "peak_force",
+    "peak_contact_radius",
+    "contact_duration",
+    "penetration",
+    "impact_speed",
+)
+_OF_SWING = ("restitution", "contact_duration")
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
-_MODULUS = "modulus"
-_STIFFER = 0.01  # relative change of the modulus by which its sensitivity is found
+_STIFFER = 0.01  # the same of the modulus
+
+
+class _Trial(NamedTuple):
+    """A simulation with one input changed by a step: a solid, or other numbers of the body or plate."""
+
+    name: str
+    given: Quantity
+    step: float
+    solid: Prony
+    change: Mapping[str, float] = {}
 
 
 def model(
@@ -39,50 +63,38 @@ def model(
 ) -> xr.Dataset:
     """Simulate the drop as long as the record lasts, with the uncertainty of its inputs.
 
-    ``full`` takes the simulator's shortcuts away; the numbers stay the same within ``rtol``.
+    ``full`` disables the simulator's shortcuts; the numbers stay the same within ``rtol``.
     """
     sphere, chosen = settings.sphere, settings.model
     solid = resolve(sphere, material_file, fitted)
-    gravity = chosen.gravity.value
-    fall = np.sqrt(2 * settings.height.value / gravity)
-    duration = float(fall + repeats["time"].max())
-    times = np.arange(0.0, duration, _CURVE_STEP)
-    body = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
-    substrate = resolve_plate(settings.plate, plate)
-    floor = plate_inputs(settings.plate, plate)
-    inputs = body | {f"{OF_PLATE}{name}": quantity for name, quantity in floor.items()}
-    solids = variations(sphere, material_file, fitted, IMPACT_TIMES)
+    gravity, height = chosen.gravity.value, settings.height.value
+    duration = float(np.sqrt(2 * height / gravity) + repeats["time"].max())
+    substrate, floor = resolve_plate(settings.plate, plate), plate_inputs(settings.plate, plate)
+    inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
+    inputs |= {f"{OF_PLATE}{name}": given for name, given in floor.items()}
+    made = contact.drop(
+        solid,
+        sphere.radius.value,
+        sphere.mass.value,
+        height,
+        duration,
+        chosen.solver,
+        chosen.profile,
+        chosen.rtol,
+        gravity=gravity,
+        times=np.arange(0.0, duration, _CURVE_STEP),
+        plate=substrate,
+        fold=not full,
+        shortcuts=contact.Shortcuts.chosen(full=full),
+    )
 
-    def values_of(change: Mapping[str, float]) -> tuple[dict[str, float], contact.Plate | None]:
-        values = {**{name: quantity.value for name, quantity in inputs.items()}, **change}
-        moved = {name: values[f"{OF_PLATE}{name}"] for name in floor}
-        return values, None if substrate is None else replace(substrate, **moved)
-
-    def simulate(other: Prony, rtol: float, times: Floats | None, change: Mapping[str, float]) -> xr.Dataset:
-        values, beneath = values_of(change)
-        return contact.drop(
-            other,
-            values["radius"],
-            values["mass"],
-            values["height"],
-            duration,
-            chosen.solver,
-            chosen.profile,
-            rtol,
-            gravity=gravity,
-            times=times,
-            plate=beneath,
-            fold=not full,
-            shortcuts=contact.Shortcuts.chosen(full=full),
-        )
-
-    def bounces(trials: Sequence[_Trial], rtol: float, count: int) -> dict[str, Floats]:
-        """Return each uncertain result (trial, impact), NaN where there is none."""
-        if full or chosen.solver != "mdr":
-            found = [simulate(trial.solid, rtol, None, trial.change) for trial in trials]
-            return {name: np.stack([padded(one[name].values[:count], count) for one in found]) for name in UNCERTAIN}
-        values, beneath = zip(*(values_of(trial.change) for trial in trials), strict=True)
-        made = contact.impacts(
+    def bounces(trials: Sequence[_Trial], count: int) -> dict[str, Floats]:
+        """Return each uncertain result (trial, impact), NaN where there is none; times count from first contact."""
+        if not count:
+            return {name: np.zeros((len(trials), 0)) for name in _UNCERTAIN}
+        values = [{name: given.value for name, given in inputs.items()} | dict(trial.change) for trial in trials]
+        moved = [{name: one[f"{OF_PLATE}{name}"] for name in floor} for one in values]
+        found = contact.impacts(
             [trial.solid for trial in trials],
             [one["radius"] for one in values],
             [one["mass"] for one in values],
@@ -90,42 +102,26 @@ def model(
             duration,
             count,
             chosen.profile,
-            rtol,
+            max(chosen.rtol, _COARSE),
             gravity=gravity,
-            plate=beneath,
+            plate=[None if substrate is None else replace(substrate, **one) for one in moved],
         )
-        return {name: made[name].values for name in UNCERTAIN}
-
-    made = simulate(solid, chosen.rtol, times, {})
-    # On a ringing plate a later touch meets it at another moment when the height changes, so the
-    # body's sensitivities are those on the plate; a few per cent of a sensitivity do no harm.
-    count = min(made.sizes["impact"], FOLLOWED)
-    trials = [_Trial("", Quantity(0.0, 0.0, "1"), 1.0, solid)]
-    for key, given in inputs.items():  # one without an uncertainty may be stated wrongly as well
-        change = max(given.u, _LEAST_CHANGE * given.value)
-        trials.append(_Trial(key, given, change, solid, {key: given.value + change}))
-    trials += [_Trial(key, given, change, other) for key, (given, change, other) in solids.items()]
-    trials.append(_Trial(_MODULUS, Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
-    found = (
-        bounces(trials, max(chosen.rtol, _COARSE), count)
-        if count
-        else {name: np.zeros((len(trials), 0)) for name in UNCERTAIN}
-    )
-    # what is compared counts from the first contact
-    found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]
-    slopes = {
-        trial.name: (trial.given, {name: (found[name][i] - found[name][0]) / trial.step for name in UNCERTAIN})
-        for i, trial in enumerate(trials)
-        if i > 0
-    }
-    made = with_uncertainty(made, slopes)
+        made = {name: found[name].values for name in _UNCERTAIN}
+        return made | {"impact_time": made["impact_time"] - made["impact_time"][:, :1]}
 
     def falls(heights: Floats, count: int) -> dict[str, Floats]:
-        drops = [_Trial("", Quantity(0.0, 0.0, "m"), 0.0, solid, {"height": float(height)}) for height in heights]
-        found = bounces(drops, max(chosen.rtol, _COARSE), count)
-        return found | {"impact_time": found["impact_time"] - found["impact_time"][:, :1]}
+        return bounces([_Trial("", settings.height, 0.0, solid, {"height": float(h)}) for h in heights], count)
 
-    made = with_swing(made, repeats, substrate, settings.height.value, falls, min(IMPACTS, count))
+    count = min(made.sizes["impact"], FOLLOWED)
+    trials = [_Trial("", settings.height, 1.0, solid)]
+    for key, given in inputs.items():  # one without an uncertainty may be stated wrongly as well
+        step = max(given.u, _LEAST_CHANGE * given.value)
+        trials.append(_Trial(key, given, step, solid, {key: given.value + step}))
+    for key, (given, step, other) in variations(sphere, material_file, fitted, IMPACT_TIMES).items():
+        trials.append(_Trial(key, given, step, other))
+    trials.append(_Trial("modulus", Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
+    made = _with_uncertainty(made, trials[1:], bounces(trials, count))
+    made = with_swing(made, repeats, substrate, height, falls, min(IMPACTS, count))
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
@@ -133,11 +129,108 @@ def model(
     return made
 
 
-class _Trial(NamedTuple):
-    """A simulation with one input changed by a step: a solid, or another value of the body or plate."""
+def _with_uncertainty(made: xr.Dataset, trials: Sequence[_Trial], found: Mapping[str, Floats]) -> xr.Dataset:
+    """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts and the path until then.
 
-    name: str
-    given: Quantity
-    step: float
-    solid: Prony
-    change: Mapping[str, float] = {}
+    ``found`` are results (1 + trial, impact) without a change and with that of each trial.
+    """
+    count, names = made.sizes["impact"], [trial.name for trial in trials]
+    steps, u = (np.array(column)[:, None] for column in zip(*((t.step, t.given.u) for t in trials), strict=True))
+    slopes = {name: (values[1:] - values[0]) / steps for name, values in found.items()}
+    made = made.assign_coords(slope_input=np.array(names, dtype=str))
+    for name, text in (("value", "value"), ("u", "standard uncertainty")):
+        values = [getattr(trial.given, name) for trial in trials]
+        made[f"input_{name}"] = variable("slope_input", values, "1", f"{text} of an input of the model, SI")
+    for name, slope in slopes.items():
+        units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(names)}: {name}"
+        whole = np.sqrt(np.sum(np.square(np.nan_to_num(slope) * u), axis=0))
+        made[f"u_{name}"] = variable("impact", padded(whole, count), units, text)
+        text = f"change per SI unit of input: {name}"
+        made[f"slope_{name}"] = variable(("slope_input", "impact"), padded(slope.T, count).T, units, text)
+    squares = np.full(made["time"].shape, 0.0 if count else np.nan)
+    for moved in path_by_input(made):
+        squares += np.square(moved)
+    text = "standard uncertainty from the inputs, from first contact on: displacement"
+    made["u_displacement"] = variable("time", np.sqrt(squares), "m", text)
+    sources = [
+        Source.of(trial.name, trial.given, float(np.nan_to_num(slope[0])))
+        for trial, slope in zip(trials, slopes["restitution"], strict=True)
+        if count and trial.given.u > 0.0
+    ]
+    units = [trial.given.si for trial in trials]
+    return made.assign_attrs(input_units=json.dumps(units), budget=json.dumps(budget_rows(sources)))
+
+
+def path_by_input(made: xr.Dataset) -> Iterator[Floats]:
+    """Yield the effect of one standard uncertainty of each uncertain input on the displacement (time,) [m].
+
+    Times count from the first contact; NaN after the last impact whose sensitivities were found.
+    """
+    of_contact = ("impact_time", "contact_duration", "penetration")
+    time, path = made["time"].values, made["displacement"].values
+    touches, durations, depths = (made[name].values for name in of_contact)
+    for i, u in enumerate(made["input_u"].values):
+        if u > 0.0 and touches.size:
+            slope, longer, deeper = (made[f"slope_{name}"].values[i][:FOLLOWED] for name in of_contact)
+            whole = np.isfinite(durations[: slope.size] + depths[: slope.size] + longer + deeper)
+            count = int(np.cumprod(whole).sum())  # a contact that the end of the record cuts has neither
+            pairs = (touches, durations), (slope, longer)
+            nodes, later = (np.stack((a[:count], a[:count] + b[:count]), axis=1).ravel() for a, b in pairs)
+            deeper = deeper[:count] / depths[:count]
+            faster = float(made["slope_impact_speed"].values[i][0])
+            fall = np.where(time < touches[0], faster * (touches[0] - time), 0.0)
+            up, down = (_moved(time, path, nodes, by * later, by * deeper) + by * fall for by in (u, -u))
+            yield 0.5 * (up - down)
+
+
+def _moved(time: Floats, path: Floats, nodes: Floats, later: Floats, deeper: Floats) -> Floats:
+    """Return the path (time,) whose touches and lift-offs (2 impact,) come later; contacts are deeper by a share.
+
+    The path between them is stretched: a contact in time, and a flight, as it is free, by the square in height too.
+    """
+    moved = nodes + later
+    # a shift as long as a flight says nothing of the path any more
+    if not moved.size or not np.all(np.diff(moved) > 0.0):
+        return np.full(time.shape, np.nan)
+    last = np.searchsorted(moved, time, side="right") - 1
+    found = np.interp(np.where(last < 0, time, np.interp(time, moved, nodes, right=np.nan)), time, path)
+    higher = np.square(np.diff(moved) / np.diff(nodes))
+    higher[::2] = 1.0 + deeper
+    return np.where(last < 0, found, found * np.append(higher, 1.0)[last])
+
+
+def with_swing(
+    made: xr.Dataset,
+    repeats: xr.Dataset,
+    plate: contact.Plate | None,
+    height: float,
+    falls: Callable[[Floats, int], Mapping[str, Floats]],
+    most: int,
+) -> xr.Dataset:
+    """Add the error of linear sensitivities where a touch comes so much later that the plate has swung elsewhere.
+
+    A body that falls from so much higher that a touch comes when it was measured meets the plate as the measured
+    one did, and little else is changed. The departure of its impact from the line of the height's slope is the
+    curvature.
+
+    ``repeats`` holds ``touch_time`` (impact,) [s] as measured, from the first; ``falls`` takes heights (drop,) [m] and
+    a number of impacts and returns results (drop, impact) by name, of which ``most`` are compared. If later impacts are
+    on a plate, ``swing_restitution`` [1] and ``swing_contact_duration`` [s] (impact,) are added.
+    """
+    count = min(most, repeats.sizes["impact"])
+    if plate is None or count < 2:
+        return made
+    touches = made["impact_time"].values[:count]
+    late = np.nan_to_num(repeats["touch_time"].values[:count] - (touches - touches[:1]))
+    # a delay by more than half a swing cannot be distinguished from others
+    late = np.clip(late, -0.5 / plate.frequency, 0.5 / plate.frequency)
+    step = _LEAST_CHANGE * height
+    near = falls(height + step * np.array([0.0, -1.0, 1.0]), count)
+    slopes = {name: (near[name][2] - near[name][1]) / (2 * step) for name in (*_OF_SWING, "impact_time")}
+    higher = np.divide(late, slopes["impact_time"], out=np.zeros(count), where=np.arange(count) > 0)
+    moved = falls(height + higher, count)
+    for name in _OF_SWING:
+        apart = np.abs(np.diagonal(moved[name]) - near[name][0] - slopes[name] * higher)
+        text = f"error of sensitivities where the touch meets the plate elsewhere in its swing: {name}"
+        made[f"swing_{name}"] = variable("impact", padded(apart, made.sizes["impact"]), made[name].attrs["units"], text)
+    return made

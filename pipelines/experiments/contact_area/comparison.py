@@ -2,17 +2,18 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
-from pipelines.experiments.contact_area._form import Form
-from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
+from pipelines.experiments.contact_area.measured import BESIDE, STILL, WINDOW, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.material_inputs import material_slopes
@@ -32,80 +33,103 @@ _SIZE_STEPS = 8  # of Gauss and Newton, from the model's own size and time
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
 
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A course of the radius from touch to lift-off.
+
+    The radius begins and ends as a root of time: straight lines between its values lie below it, by 10 µm beside
+    a touch where they are 20 µs apart. Its square goes with the approach and is smooth.
+    """
+
+    area: CubicSpline
+
+    @classmethod
+    def of(cls, model: xr.Dataset, impact: int) -> "Form":
+        """Return that of an impact of a model, from its values between touch and lift-off."""
+        time, a = model["time"].values, model["contact_radius"].values
+        begin, end = (float(model[name][impact]) for name in ("impact_time", "lift_off_time"))
+        within = (time > begin) & (a > 0.0) & (time < (end if np.isfinite(end) else begin + STILL))
+        leaves = [end] if np.isfinite(end) else []
+        square = np.concatenate([[0.0], a[within] ** 2, np.zeros(len(leaves))])
+        return cls(CubicSpline(np.concatenate([[begin], time[within], leaves]), square))
+
+    def __call__(self, time: Floats) -> Floats:
+        """Return the radius (m) at times (s) of the model's clock; 0 outside of the contact."""
+        within = (time >= self.area.x[0]) & (time <= self.area.x[-1])
+        return np.sqrt(np.where(within, np.maximum(self.area(time), 0.0), 0.0))
+
+    def rate(self, time: Floats) -> Floats:
+        """Return its change with time (m/s); 0 where there is no contact."""
+        radius = self(time)
+        touches = radius > 0.0
+        return np.where(touches, self.area(time, 1) / np.where(touches, 2.0 * radius, 1.0), 0.0)
+
+
 def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Compare film and model around the largest radius of each impact.
 
-    Both are aligned at their largest radius, then by the small shift in time that leaves least: the
-    largest radius is flat in time, and what is left of its error shows where a contact ends.
+    Both are aligned at their largest radius, then by the small shift in time that minimises the residual: the
+    largest radius is flat in time, and the remaining error of it shows where a contact ends.
     """
+    del settings
     count = min(impacts.sizes["impact"], model.sizes["impact"])
     time, a = radius["time"].values, radius["radius"].values
-    seen = radius["in_contact"].values.astype(bool)
+    seen = radius["in_contact"].values.astype(bool) & np.isfinite(a)
     random, shared = radius["u_radius"].values, radius["radius_systematic"].values
-    known = np.hypot(random, shared)
-    points: dict[str, list[Floats]] = {"number": [], "since": [], "film": [], "u_film": [], "model": []}
-    errors, peak_times, shifts, sizes, agreed = [], [], [], [], []
+    points: list[Floats] = []
+    table: dict[str, list[float]] = {name: [] for name in ("peak", "shift", "u_shift", "size", "u_size", "nrmse")}
+    agreed: list[Agreement | None] = []
     for i in range(count):
-        peak = _model_peak(model, i)
-        peak_times.append(peak)
+        peak, form = _model_peak(model, i), Form.of(model, i)
         since = time - float(impacts["peak_time"][i])
-        inside = (np.abs(since) < WINDOW) & np.isfinite(a) & seen
-        inside &= time >= float(impacts["first_seen"][i])
-        inside &= time <= float(impacts["last_seen"][i])
-        form, moments = Form.of(model, i), since[inside] + peak
+        begin, end = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
+        inside = seen & (np.abs(since) < WINDOW) & (time >= begin) & (time <= end)
+        ours, own, common, moments = a[inside], random[inside], shared[inside], since[inside] + peak
         relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
-        shift = _time_shift(moments, a[inside], shared[inside], form, relative)
-        shifts.append(shift)
-        sizes.append(_size(moments, a[inside], random[inside], shared[inside], form))
-        moments = moments + shift[0]
-        theirs = form(moments)
-        for key, values in (
-            ("number", np.full(inside.sum(), i + 1.0)),
-            ("since", since[inside]),
-            ("film", a[inside]),
-            ("u_film", known[inside]),
-            ("model", theirs),
-        ):
-            points[key].append(values)
-        agreed.append(_along(moments, a[inside] - theirs, random[inside], shared[inside], form, relative))
-        largest = max(float(np.max(theirs)), 1e-12)
-        errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / largest)
-    joined = {k: np.concatenate(v) if v else np.empty(0) for k, v in points.items()}
+        shift = _time_shift(moments, ours, common, form, relative)
+        size = _size(moments, ours, own, common, form)
+        theirs = form(moments + shift[0])
+        points.append(np.stack([np.full(ours.size, i + 1.0), since[inside], ours, np.hypot(own, common), theirs]))
+        agreed.append(_along(moments + shift[0], ours - theirs, own, common, form, relative))
+        nrmse = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
+        for name, value in zip(table, (peak, *shift, *size, nrmse), strict=True):
+            table[name].append(value)
+    number, since, film, u_film, expected = np.concatenate([np.empty((5, 0)), *points], axis=1)
+    known = {name: np.array(values, dtype=float) for name, values in table.items()}
     theirs = model["peak_contact_radius"].values[:count]
     # where the frames of a whole contact are too few, its largest radius alone
     ours, u_ours = (
-        np.where(np.isfinite(fitted), fitted, impacts[name].values[:count])
-        for fitted, name in zip(
-            (theirs * np.array(sizes, dtype=float).reshape(-1, 2).T), ("peak_radius", "u_peak_radius"), strict=True
-        )
+        np.where(np.isfinite(known[of]), theirs * known[of], impacts[name].values[:count])
+        for of, name in (("size", "peak_radius"), ("u_size", "u_peak_radius"))
     )
     alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
     beyond = sqrt(max(alike**2 - float(radius.attrs.get("u_systematic_relative", 0.0)) ** 2, 0.0))
     u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
-    earlier, u_earlier = np.array(shifts, dtype=float).reshape(-1, 2).T
     edge, u_edge = (model[name].values[:count] for name in ("adhesion_shift", "u_adhesion_shift"))
+    u_edge, apart = np.hypot(u_ours, u_edge), "largest radius, film minus model"
+    of_frames = {
+        "impact_number": (number, "1", "impact of a compared frame"),
+        "since_peak": (since, "s", "time since the largest radius"),
+        "film": (film, "m", "contact radius, film"),
+        "u_film": (u_film, "m", "standard uncertainty: contact radius, film"),
+        "model": (expected, "m", "contact radius, model"),
+    }
+    of_impacts = {
+        "nrmse": (known["nrmse"], "1", "root-mean-square error over largest radius of the model"),
+        "peak_radius_alike": (beyond * ours, "m", f"part of its uncertainty that all impacts share: {FRAMES}"),
+        "peak_radius_model": (theirs, "m", "largest radius, model"),
+        "model_peak_time": (known["peak"], "s", "time of the model's largest radius"),
+    }
     return xr.Dataset(
         {
-            "impact_number": variable("sample", joined["number"], "1", "impact of a compared frame"),
-            "since_peak": variable("sample", joined["since"], "s", "time since the largest radius"),
-            **with_u("film", "sample", joined["film"], joined["u_film"], "m", "contact radius, film"),
-            "model": variable("sample", joined["model"], "m", "contact radius, model"),
-            "nrmse": variable(
-                "impact", np.array(errors), "1", "root-mean-square error over largest radius of the model"
-            ),
+            **{name: variable("sample", *each) for name, each in of_frames.items()},
+            **{name: variable("impact", *each) for name, each in of_impacts.items()},
             **with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film"),
-            "peak_radius_alike": variable(
-                "impact", beyond * ours, "m", f"part of that uncertainty that all impacts share: {FRAMES}"
-            ),
-            "peak_radius_model": variable("impact", theirs, "m", "largest radius, model"),
-            **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", "largest radius, film minus model"),
+            **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", apart),
+            **with_u("edge_radius", "impact", ours + edge, u_edge, "m", "radius of the edge of the contact"),
             **with_u(
-                "edge_radius", "impact", ours + edge, np.hypot(u_ours, u_edge), "m", "radius of the edge of the contact"
+                "time_shift", "impact", known["shift"], known["u_shift"], "s", "shift of the model to earlier times"
             ),
-            **with_u(
-                "time_shift", "impact", earlier, u_earlier, "s", "shift of the model to earlier times against its peak"
-            ),
-            "model_peak_time": variable("impact", np.array(peak_times), "s", "time of the model's largest radius"),
             **curve_table("impact", agreed),
         },
         coords={"impact": np.arange(1, count + 1)},

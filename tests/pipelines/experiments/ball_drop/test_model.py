@@ -131,9 +131,9 @@ def test_without_the_floor_the_model_rebounds_too_fast(measured: Measured) -> No
     assert difference.mean() == pytest.approx(-5e-4, abs=2e-4)
 
 
-def test_the_page_tells_the_phases_of_every_recording(processed_session: Path) -> None:
+def test_the_page_shows_the_phases_of_every_recording(processed_session: Path) -> None:
     page = (processed_session / "labpipe/reports/drop.html").read_text("utf-8")
-    assert "Phases" in page
+    assert "vibration" in page
     assert "static from" in page
     assert page.count("still moving when the recording ends") >= 2  # 0.15 s are too short
 

@@ -6,7 +6,7 @@ import xarray as xr
 
 from labpipe import contact
 from labpipe.arrays import Floats
-from pipelines.experiments.ball_drop._swing import with_swing
+from pipelines.experiments.ball_drop.model import with_swing
 
 HEIGHT, PLATE = 5e-3, contact.Plate(mass=40.0, frequency=200.0, damping_ratio=0.0)
 LATER = np.array([0.0, 6.0, 12.0])  # s of a touch per metre of height

@@ -5,8 +5,7 @@ import pytest
 import xarray as xr
 
 from labpipe.units import Quantity
-from pipelines.experiments.contact_area._form import Form
-from pipelines.experiments.contact_area.comparison import _time_shift, comparison
+from pipelines.experiments.contact_area.comparison import Form, _time_shift, comparison
 from pipelines.experiments.contact_area.page import _alignment
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.settings import Sphere

@@ -7,8 +7,7 @@ import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
 
-from pipelines.experiments.contact_area._peaks import peak_of
-from pipelines.experiments.contact_area.measured import impacts, keys
+from pipelines.experiments.contact_area.measured import impacts, keys, peak_of
 
 
 def seen_in_film(time: np.ndarray, radius: np.ndarray, in_contact: np.ndarray) -> xr.Dataset:

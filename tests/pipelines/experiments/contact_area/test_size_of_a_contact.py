@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pipelines.experiments.contact_area._form import Form
-from pipelines.experiments.contact_area.comparison import _size
+from pipelines.experiments.contact_area.comparison import Form, _size
 
 _TIME = np.arange(0.0, 4e-3, 2e-5)
 
