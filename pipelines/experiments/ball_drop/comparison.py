@@ -1,7 +1,6 @@
 """Comparison of a ball drop with the model: displacement, free fall, and the first impacts."""
 
 from collections.abc import Iterator
-from math import hypot
 from typing import Any
 
 import numpy as np
@@ -181,8 +180,6 @@ def _of_impact(
     u_apart, seen = u_measured, float(value(comparison, f"seen_{ours}"))
     if np.isfinite(seen):
         expected, u_apart = seen, float(_without_shape(repeats, ours)[impact])
-    if f"swing_{theirs}" in model:
-        u_apart = hypot(u_apart, float(np.nan_to_num(value(model, f"swing_{theirs}"))))
     inputs, changes = model.variables["slope_input"].values, model.variables[f"slope_{theirs}"].values[:, impact]
     slopes = {str(name): -float(slope) for name, slope in zip(inputs, changes, strict=True) if np.isfinite(slope)}
     if unit in ("m", "m/s"):

@@ -1,7 +1,7 @@
 """The drop simulated, and the effect of its inputs' uncertainties on its impacts and on its path."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +17,6 @@ from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE, plate_inputs, resolve_plate
 
@@ -35,7 +34,6 @@ _UNCERTAIN = (
     "penetration",
     "impact_speed",
 )
-_OF_SWING = ("restitution", "contact_duration")
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
@@ -88,13 +86,19 @@ def model(
         shortcuts=contact.Shortcuts.chosen(full=full),
     )
 
-    def bounces(trials: Sequence[_Trial], count: int) -> dict[str, Floats]:
-        """Return each uncertain result (trial, impact), NaN where there is none; times count from first contact."""
-        if not count:
-            return {name: np.zeros((len(trials), 0)) for name in _UNCERTAIN}
+    count = min(made.sizes["impact"], FOLLOWED)
+    trials = [_Trial("", settings.height, 1.0, solid)]
+    for key, given in inputs.items():  # one without an uncertainty may be stated wrongly as well
+        step = max(given.u, _LEAST_CHANGE * given.value)
+        trials.append(_Trial(key, given, step, solid, {key: given.value + step}))
+    for key, (given, step, other) in variations(sphere, material_file, fitted, IMPACT_TIMES).items():
+        trials.append(_Trial(key, given, step, other))
+    trials.append(_Trial("modulus", Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
+    found = {name: np.zeros((len(trials), 0)) for name in _UNCERTAIN}
+    if count:
         values = [{name: given.value for name, given in inputs.items()} | dict(trial.change) for trial in trials]
         moved = [{name: one[f"{OF_PLATE}{name}"] for name in floor} for one in values]
-        found = contact.impacts(
+        train = contact.impacts(
             [trial.solid for trial in trials],
             [one["radius"] for one in values],
             [one["mass"] for one in values],
@@ -106,22 +110,9 @@ def model(
             gravity=gravity,
             plate=[None if substrate is None else replace(substrate, **one) for one in moved],
         )
-        made = {name: found[name].values for name in _UNCERTAIN}
-        return made | {"impact_time": made["impact_time"] - made["impact_time"][:, :1]}
-
-    def falls(heights: Floats, count: int) -> dict[str, Floats]:
-        return bounces([_Trial("", settings.height, 0.0, solid, {"height": float(h)}) for h in heights], count)
-
-    count = min(made.sizes["impact"], FOLLOWED)
-    trials = [_Trial("", settings.height, 1.0, solid)]
-    for key, given in inputs.items():  # one without an uncertainty may be stated wrongly as well
-        step = max(given.u, _LEAST_CHANGE * given.value)
-        trials.append(_Trial(key, given, step, solid, {key: given.value + step}))
-    for key, (given, step, other) in variations(sphere, material_file, fitted, IMPACT_TIMES).items():
-        trials.append(_Trial(key, given, step, other))
-    trials.append(_Trial("modulus", Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
-    made = _with_uncertainty(made, trials[1:], bounces(trials, count))
-    made = with_swing(made, repeats, substrate, height, falls, min(IMPACTS, count))
+        found = {name: train[name].values for name in _UNCERTAIN}
+        found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]  # compared from first contact
+    made = _with_uncertainty(made, trials[1:], found)
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
@@ -197,40 +188,3 @@ def _moved(time: Floats, path: Floats, nodes: Floats, later: Floats, deeper: Flo
     higher = np.square(np.diff(moved) / np.diff(nodes))
     higher[::2] = 1.0 + deeper
     return np.where(last < 0, found, found * np.append(higher, 1.0)[last])
-
-
-def with_swing(
-    made: xr.Dataset,
-    repeats: xr.Dataset,
-    plate: contact.Plate | None,
-    height: float,
-    falls: Callable[[Floats, int], Mapping[str, Floats]],
-    most: int,
-) -> xr.Dataset:
-    """Add the error of linear sensitivities where a touch comes so much later that the plate has swung elsewhere.
-
-    A body that falls from so much higher that a touch comes when it was measured meets the plate as the measured
-    one did, and little else is changed. The departure of its impact from the line of the height's slope is the
-    curvature.
-
-    ``repeats`` holds ``touch_time`` (impact,) [s] as measured, from the first; ``falls`` takes heights (drop,) [m] and
-    a number of impacts and returns results (drop, impact) by name, of which ``most`` are compared. If later impacts are
-    on a plate, ``swing_restitution`` [1] and ``swing_contact_duration`` [s] (impact,) are added.
-    """
-    count = min(most, repeats.sizes["impact"])
-    if plate is None or count < 2:
-        return made
-    touches = made["impact_time"].values[:count]
-    late = np.nan_to_num(repeats["touch_time"].values[:count] - (touches - touches[:1]))
-    # a delay by more than half a swing cannot be distinguished from others
-    late = np.clip(late, -0.5 / plate.frequency, 0.5 / plate.frequency)
-    step = _LEAST_CHANGE * height
-    near = falls(height + step * np.array([0.0, -1.0, 1.0]), count)
-    slopes = {name: (near[name][2] - near[name][1]) / (2 * step) for name in (*_OF_SWING, "impact_time")}
-    higher = np.divide(late, slopes["impact_time"], out=np.zeros(count), where=np.arange(count) > 0)
-    moved = falls(height + higher, count)
-    for name in _OF_SWING:
-        apart = np.abs(np.diagonal(moved[name]) - near[name][0] - slopes[name] * higher)
-        text = f"error of sensitivities where the touch meets the plate elsewhere in its swing: {name}"
-        made[f"swing_{name}"] = variable("impact", padded(apart, made.sizes["impact"]), made[name].attrs["units"], text)
-    return made

@@ -17,7 +17,6 @@ from calibration import camera as camera_scale
 from labpipe import imaging
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.uncertainty import Source, budget_rows
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import about_contacts, key_frames, open_film, recorded_on, repeated
@@ -68,35 +67,14 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     found["centre_y"].values += rows.start
     found["pixel_size"] = variable((), size.value, "m/px", "length of one pixel")
     found["u_pixel_size"] = variable((), size.u, "m/px", "standard uncertainty: length of one pixel")
-    budget, u_view = checked.pop("budget"), u_of_view(found)
-    if u_view:  # widens the uncertainty that all radii share
-        beyond = u_view * found["radius"].values
-        part = found["systematic_part"].copy(deep=True)
-        part.loc[{"source": "pixel_size"}] = np.hypot(part.sel(source="pixel_size").values, beyond)
-        whole = found["radius_systematic"].copy(data=np.hypot(found["radius_systematic"].values, beyond))
-        found = found.assign(systematic_part=part, radius_systematic=whole)
-        of_record = [Source(*(row[key] for key in Source._fields)) for row in budget]
-        budget = budget_rows([*of_record, Source("oblique view", 0.0, u_view, "1", size.value, "systematic")])
     return found.assign_attrs(
-        scale_budget=json.dumps(budget),
+        scale_budget=json.dumps(checked.pop("budget")),
         calibration=json.dumps(checked, ensure_ascii=False),
-        u_systematic_relative=math.hypot(size.u / size.value, u_view),
+        u_systematic_relative=size.u / size.value,
         repeated=json.dumps(repeated(seen, read)),
         light=light_of(seen, about_contacts(read)),
         said_by_file=said_by_file(source),
     )
-
-
-def u_of_view(radius: xr.Dataset) -> float:
-    """Return the relative uncertainty of lengths where the axis along which the scale was measured is not known.
-
-    An oblique view shortens one axis of the rings. The radius is that of equal area, between both. 0 without fringes.
-    """
-    if "semi_axis_minor" not in radius:
-        return 0.0
-    ratio = (radius["semi_axis_minor"] / radius["semi_axis_major"]).values
-    known = np.sort(ratio[np.isfinite(ratio)])
-    return (1.0 - math.sqrt(float(known[known.size // 2]))) / math.sqrt(3.0) if known.size else 0.0
 
 
 def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice]:

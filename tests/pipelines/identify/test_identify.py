@@ -56,7 +56,7 @@ def test_indentation_finds_the_rigs_modulus_where_it_oscillated(rubber: Path) ->
     known = found["is_determined"].values == 1
     frequencies = found["frequency"].values[known]
     assert (
-        float(found["lowest_frequency"]) <= frequencies.min() < frequencies.max() <= float(found["highest_frequency"])
+        float(found["lowest_frequency"]) <= frequencies.min() <= frequencies.max() <= float(found["highest_frequency"])
     )
     for name, exact in (("storage", truth.real), ("loss_factor", truth.imag / truth.real)):
         gap = np.log(found[name].values / exact) / found[f"u_ln_{name}"].values

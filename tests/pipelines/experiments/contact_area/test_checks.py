@@ -12,7 +12,7 @@ from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.contact_area import checks
 from pipelines.experiments.contact_area.comparison import comparison
-from pipelines.experiments.contact_area.measured import impacts, u_of_view
+from pipelines.experiments.contact_area.measured import impacts
 from pipelines.experiments.contact_area.model import model
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.judgements import believed
@@ -97,16 +97,6 @@ def test_frames_of_an_impact_that_show_no_contact_are_named(film):
     told = finding(found, "contacts without gaps")
     assert (found.believable, told.level) == ("doubtful", "doubtful")
     assert f"frame {top + 1} within an impact shows no contact" in told.message
-
-
-@pytest.mark.parametrize("tilt", [0.0, 2.0, 6.0, 10.0])
-def test_rings_of_an_oblique_view_make_the_radius_uncertain(film, tilt):
-    """The longer axis is that of the contact: between it and equal area lies what the uncertainty allows for."""
-    ratio = np.cos(np.deg2rad(tilt))
-    radius = film["radius"]
-    axes = {"semi_axis_major": radius / np.sqrt(ratio), "semi_axis_minor": radius * np.sqrt(ratio)}
-    film = film.assign(axes)
-    assert u_of_view(film) == pytest.approx((1.0 - np.sqrt(ratio)) / np.sqrt(3.0))
 
 
 def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):
