@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from labpipe.identification import DETERMINED, Band as Prediction, informative_range, moduli, predictive_bands
+from labpipe.identification import DETERMINED, Band as Prediction, moduli, predictive_bands
 from labpipe.report import (
     Band,
     Block,
@@ -15,13 +15,11 @@ from labpipe.report import (
     LineChart,
     Notice,
     Paragraph,
-    Role,
     Section,
     Series,
     Table,
     quantity,
 )
-from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.pages import log_log, session_document, spanned, synthetic_notice
@@ -199,15 +197,8 @@ def _curves(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
             values = before.storage if name == "storage" else before.loss_factor
             series.append(Series("rheometer alone", frequency, values / unit, role="reference"))
         charts.append(log_log(title, "frequency / Hz", label, series, group="frequency", vlines=marks))
-    times: tuple[tuple[str, str, Role], ...] = (("u", "after", "model"), ("prior", "before", "reference"))
-    spreads = [
-        Series(f"{name}, {when}", frequency, made[f"{prefix}_ln_{key}"].values, role=role)
-        for key, name in (("storage", "storage modulus"), ("loss_factor", "loss factor"))
-        for prefix, when, role in times
-    ]
-    text = "Outside the two marks there are no data: curves and bands follow from what is assumed of polymers."
-    title, x, y = "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm"
-    return Paragraph(text), *charts, log_log(title, x, y, spreads, group="frequency", vlines=marks)
+    text = "Outside the two marks there are no data: curves and bands follow from the assumptions about polymers."
+    return Paragraph(text), *charts
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
@@ -235,22 +226,15 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
     predicted, wide = shown.predicted[order], _REACH * shown.u_predicted[order]
     label = f"{group.axis_name} / {group.axis_units}" if group.axis_units != "1" else "impact"
     title = f"{shown.evidence}: {group.name}"
-    fit = LineChart(
-        title,
-        label,
-        f"{group.name} / {group.units}",
-        (
-            Band("95 % of the prediction", axis, predicted - wide, predicted + wide),
-            Series("predicted", axis, predicted, role="model"),
-            Series("observed", axis, values, "points", "measured", u),
-        ),
-        group=title,
-        x_scale=scale,
+    curves = (
+        Band("95 % of the prediction", axis, predicted - wide, predicted + wide),
+        Series("predicted", axis, predicted, role="model"),
+        Series("observed", axis, values, "points", "measured", u),
     )
     left = (Series("residual", axis, shown.residual[order], "points", "residual"),)
     labels = (f"{title}, residuals", label, "observed − predicted, in deviations")
-    rest = LineChart(*labels, left, group=title, x_scale=scale, height_px=180)
-    return fit, rest
+    fit = LineChart(title, label, f"{group.name} / {group.units}", curves, group=title, x_scale=scale)
+    return fit, LineChart(*labels, left, group=title, x_scale=scale, height_px=180)
 
 
 def _unknowns(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
@@ -267,29 +251,7 @@ def _unknowns(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
     table = Table(tuple(map(Column, titles)), rows, sortable=False)
     drawn = found.drawn
     said = () if drawn is None else (Notice("ok" if drawn.is_reliable else "warning", drawn.statement),)
-    return table, *said, _spectrum(found)
-
-
-def _spectrum(found: Identified) -> Block:
-    """Draw the weight per decade over relaxation time."""
-    known = found.known
-    spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
-    xi = known.fit.xi[:n]
-    slopes = spectrum.slopes(xi)[1:]
-    u = propagated_u(slopes, known.covariance[:n, :n])
-    weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho)) / 1e6
-    wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
-    low, high = (0.5 / np.pi / f for f in reversed(informative_range(known)))
-    return log_log(
-        "Relaxation spectrum",
-        "relaxation time / s",
-        "modulus per decade / MPa",
-        (
-            Band("95 % of the posterior", spectrum.rho, weight / wide, weight * wide),
-            Series("most probable", spectrum.rho, weight, role="model"),
-        ),
-        vlines=(("data begin", low), ("data end", high)),
-    )
+    return table, *said
 
 
 def _method(found: Identified) -> tuple[Block, ...]:
@@ -300,7 +262,7 @@ def _method(found: Identified) -> tuple[Block, ...]:
         "starts; more expensive models (finite amplitude, a vibrating plate, finer steps) "
         "correct the fast ones until convergence. Intervals follow from Laplace's approximation. The long-time "
         "modulus is bounded by the modulus at the longest time of the data, and stated only where at most 5 % of "
-        "it would relax within thirty years at the rate of the last decade. What is assumed of the spectrum: its "
+        "it would relax within thirty years at the rate of the last decade. Assumptions about the spectrum: its "
         "weight per decade of time is a random walk over the decades, in which a factor of ten per decade is two "
         "standard deviations; its slope has a correlation length of two decades (smooth) or of half a decade "
         "(uneven), each with a probability of one half before the data, and the curves are averages over "

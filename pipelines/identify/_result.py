@@ -57,8 +57,12 @@ def dataset(found: Identified) -> xr.Dataset:
     predicted, residuals. With draws of the posterior also their 95 % intervals,
     ``drawn_…_low`` and ``drawn_…_high``.
     """
-    known = found.known
-    solid = known.fit.problem.material(known.fit.xi)
+    known, fit = found.known, found.known.fit
+    solid = fit.problem.material(fit.xi)
+    misfits = {
+        f"{experiment}: {group}": {"relative": m.relative, "correlation": m.correlation}
+        for (experiment, group), m in fit.misfits.items()
+    }
     low, high = informative_range(known)
     count = int(np.log10(high / low * _BEYOND**2) * _PER_DECADE)
     curve = moduli(known, np.geomspace(low / _BEYOND, high * _BEYOND, count))
@@ -89,7 +93,18 @@ def dataset(found: Identified) -> xr.Dataset:
     return xr.Dataset(
         table,
         coords={"frequency": ("frequency", curve.frequency, described("Hz", "frequency"))},
-        attrs=_attributes(found),
+        attrs={
+            "material": found.material,
+            "experiments": json.dumps([e.name for e in fit.problem.evidence]),
+            "cost": fit.cost,
+            "costs_from_starts": json.dumps(list(fit.costs_from_starts)),
+            "is_settled": int(fit.is_converged),
+            "discrepancies": json.dumps(misfits),
+            "long_time": json.dumps(asdict(found.relaxed)),
+            "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
+            "sampler": "laplace" if found.drawn is None else found.drawn.statement,
+            "work": json.dumps({"evaluations": fit.evaluations, "differentiations": fit.differentiations}),
+        },
     )
 
 
@@ -179,27 +194,6 @@ def _observations(found: Identified) -> dict[str, Any]:
     }
     table["observation_name"] = ("observation", names, described("1", "experiment and quantity"))
     return table
-
-
-def _attributes(found: Identified) -> dict[str, Any]:
-    fit = found.known.fit
-    misfits = {
-        f"{experiment}: {group}": {"relative": m.relative, "correlation": m.correlation}
-        for (experiment, group), m in fit.misfits.items()
-    }
-    work = {"evaluations": fit.evaluations, "differentiations": fit.differentiations}
-    return {
-        "material": found.material,
-        "experiments": json.dumps([e.name for e in fit.problem.evidence]),
-        "cost": fit.cost,
-        "costs_from_starts": json.dumps(list(fit.costs_from_starts)),
-        "is_settled": int(fit.is_converged),
-        "discrepancies": json.dumps(misfits),
-        "long_time": json.dumps(asdict(found.relaxed)),
-        "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
-        "sampler": "laplace" if found.drawn is None else found.drawn.statement,
-        "work": json.dumps(work),
-    }
 
 
 def document(found: Identified) -> dict[str, Any]:

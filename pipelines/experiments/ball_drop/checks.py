@@ -1,6 +1,5 @@
 """Checks of a ball drop: free fall, stated height, order of bounces, contact, levels, repeats, and the record."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,6 +20,7 @@ from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
 from pipelines.experiments.shared.alternatives import of_drop
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.drop_model import inputs_of
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.fall_checks import BY_NAME, HEIGHT, Fall, G, Stiffness
 from pipelines.experiments.shared.given import Given
@@ -132,7 +132,10 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         for c in checks
     ]
     compared = given.each([rows])
-    inputs = _inputs(model, repeats)
+    inputs = inputs_of(model)
+    if inputs:
+        relative = 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"])
+        inputs[SCALE] = Quantity(1.0, relative, "1")
     in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
     sources = {name: given.get(name) for name in _SOURCES}
     return Scene(
@@ -262,16 +265,6 @@ def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> Stiffness | None
     except LabpipeError:
         return None
     return Stiffness(float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2), BY_NAME)
-
-
-def _inputs(model: xr.Dataset | None, repeats: xr.Dataset | None) -> dict[str, Quantity]:
-    """Return values and uncertainties of the inputs of the model's rows."""
-    if model is None or "slope_input" not in model.coords:
-        return {}
-    relative = 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"])
-    columns = (model[name].values.tolist() for name in ("slope_input", "input_value", "input_u"))
-    known = zip(*columns, json.loads(model.attrs["input_units"]), strict=True)
-    return {name: Quantity(value, u, unit) for name, value, u, unit in known} | {SCALE: Quantity(1.0, relative, "1")}
 
 
 def _causes(

@@ -14,6 +14,7 @@ from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_by_input
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.drop_model import slopes_of
 from pipelines.experiments.shared.flights import flights, moved_by_scatter
 from pipelines.experiments.shared.plate_under_drop import floor_under
 
@@ -180,8 +181,7 @@ def _of_impact(
     u_apart, seen = u_measured, float(value(comparison, f"seen_{ours}"))
     if np.isfinite(seen):
         expected, u_apart = seen, float(_without_shape(repeats, ours)[impact])
-    inputs, changes = model.variables["slope_input"].values, model.variables[f"slope_{theirs}"].values[:, impact]
-    slopes = {str(name): -float(slope) for name, slope in zip(inputs, changes, strict=True) if np.isfinite(slope)}
+    slopes = slopes_of(model, theirs, impact)
     if unit in ("m", "m/s"):
         slopes[SCALE] = measured
     # the noise of an impact is common to all that is measured of it

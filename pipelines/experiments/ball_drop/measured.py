@@ -19,6 +19,7 @@ from labpipe.uncertainty import scatter_beyond
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared.drop_model import padded
 from pipelines.experiments.shared.plate_under_drop import floor_under
 
 NOISE = "noise"
@@ -156,8 +157,3 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
             table[of_unknowns] = variable(("impact", "unknown"), parts, units, f"by common unknowns: {name}")
     table["n_repeats"] = variable("impact", n, "1", "repeats that show the bounce")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1), "unknown": unknown})
-
-
-def padded(values: Floats, count: int) -> Floats:
-    """Return values (impact, …) and NaN up to a number of impacts."""
-    return np.concatenate([values, np.full((count - len(values), *values.shape[1:]), np.nan)])

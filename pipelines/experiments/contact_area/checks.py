@@ -26,12 +26,13 @@ from labpipe.judging import (
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
+from pipelines.experiments.contact_area.comparison import FRAMES, SCALE, WAVELENGTH, rows
 from pipelines.experiments.contact_area.measured import FRINGE_FIT, OPEN_GAP, READ, brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import of_drop
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.drop_model import inputs_of
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.film_frames import (
     CAUSES,
@@ -46,7 +47,6 @@ from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stat
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, times_over
-from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE
 
 _LASTS = 0.03
@@ -136,12 +136,14 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     causes = given.each([_causes])
     if not any(FLIGHT in one.checks for one in explain(checks, causes)):
         checks = [replace(c, cause=c.cause or _UNSEEN) if c.name == FLIGHT else c for c in checks]
+    inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
+    inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
     sources = {name: given.get(name) for name in _SOURCES}
     return Scene(
         checks,
         causes,
         given.each([rows]),
-        given.ask(_inputs),
+        inputs,
         {FRAMES: Quantity(0.0, 1.0, "1")},
         basis=basis,
         measured_by=judgements.measured_by(settings.sphere),
@@ -153,17 +155,6 @@ def _simulated(row: Row) -> tuple[str, int] | None:
     """Return which result of a simulation a row compares, and of which impact."""
     title, _, number = row.quantity.partition(", impact ")
     return ("peak_contact_radius", int(number) - 1) if title == "largest radius" else None
-
-
-def _inputs(
-    settings: ContactArea, radius: xr.Dataset | None = None, model: xr.Dataset | None = None
-) -> dict[str, Quantity]:
-    """Return values and uncertainties of the inputs of the rows."""
-    sphere, relative = settings.sphere, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
-    found = {WAVELENGTH: settings.wavelength, PLATE: None if model is None else plate_mass(model)}
-    found |= {"radius": sphere.radius, "mass": sphere.mass, "height": settings.height}
-    found |= {"modulus": Quantity(1.0, 0.0, "1"), SCALE: Quantity(1.0, relative, "1")}
-    return {name: given for name, given in found.items() if given is not None} | material_inputs(model)
 
 
 def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:

@@ -1,6 +1,5 @@
 """Comparison of film and model: contact radii around an impact, and the largest ones."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import sqrt
@@ -11,20 +10,17 @@ from scipy.interpolate import CubicSpline
 
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve
-from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.measured import BESIDE, STILL, WINDOW, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
-from pipelines.experiments.shared.material_inputs import material_slopes
-from pipelines.experiments.shared.plate_under_drop import OF_PLATE
+from pipelines.experiments.shared.drop_model import slopes_of
 
 SCALE = "scale of the image"
 """Input of the rows beside those of the model."""
 WAVELENGTH = "wavelength"
 FRAMES = "radius in all frames alike"
 """Of the rows: what frames have in common beside the length of a pixel, as the light's phase."""
-PLATE = f"{OF_PLATE}mass"
 
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
@@ -220,50 +216,21 @@ def _model_peak(model: xr.Dataset, impact: int) -> float:
     return peak_of(time[low:high], a[low:high], np.full(high - low, 1e-9)).time
 
 
-def plate_mass(model: xr.Dataset) -> Quantity | None:
-    """Return the modal mass of the plate with which the drop was simulated; None for a rigid one."""
-    given = json.loads(model.attrs.get("plate_mass", "null"))
-    return None if given is None else Quantity(given[0], given[1], "kg")
-
-
-def _of_plate(impact: int, plate: float, mass: float, model: xr.Dataset) -> float:
-    """Return the relative change of a largest radius per kilogram of the plate.
-
-    The plate gives way, as if the body weighed m M/(m + M), and takes (1 + e) m/(m + M) of the speed
-    of each bounce before; a ~ m^0.2 v^0.4.
-    """
-    gives_way = mass / (plate * (mass + plate))
-    e = model["restitution"].values[:impact]
-    return 0.2 * gives_way + 0.4 * float(np.sum((1 + e) / e)) * mass / (mass + plate) ** 2
-
-
-def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea) -> Iterator[Row]:
+def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
-    sphere = settings.sphere
     counts = comparison["impact_number"].values
-    plate = plate_mass(model)
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         inside = counts == i + 1
-        expected = float(comparison["peak_radius_model"][i])
         gap = (comparison["film"] - comparison["model"]).values[inside]
-        title, n, told = f"contact radius, impact {i + 1}", int(inside.sum()), of_curve(comparison.isel(impact=i))
-        yield row(title, "m", n, nrmse=comparison["nrmse"][i], difference=gap.mean(), **told)
+        title, n, curve = f"contact radius, impact {i + 1}", int(inside.sum()), of_curve(comparison.isel(impact=i))
+        yield row(title, "m", n, nrmse=comparison["nrmse"][i], difference=gap.mean(), **curve)
+        own = {SCALE: float(comparison["peak_radius_film"][i]), FRAMES: float(comparison["peak_radius_alike"][i])}
         yield row(
             f"largest radius, impact {i + 1}",
             "m",
             1,
             measured=with_its_u(comparison, "peak_radius_film", i),
-            model=(expected, model["u_peak_contact_radius"][i]),
+            model=(comparison["peak_radius_model"][i], model["u_peak_contact_radius"][i]),
             difference=with_its_u(comparison, "peak_radius_difference", i),
-            slopes={
-                SCALE: float(comparison["peak_radius_film"][i]),
-                FRAMES: float(comparison["peak_radius_alike"][i]),
-                # Hertz's impact: a ~ R^0.4 (m h)^0.2 E^-0.2
-                "radius": -0.4 * expected / sphere.radius.value,
-                "mass": -0.2 * expected / sphere.mass.value,
-                "height": -0.2 * expected / settings.height.value,
-                "modulus": 0.2 * expected,
-            }
-            | material_slopes(model, expected, i)
-            | ({} if plate is None else {PLATE: -expected * _of_plate(i, plate.value, sphere.mass.value, model)}),
+            slopes=own | slopes_of(model, "peak_contact_radius", i),
         )

@@ -16,7 +16,6 @@ from labpipe import files, materials
 from labpipe.errors import UsageError
 from labpipe.identification import Bounces, moduli, sample
 from labpipe.units import Quantity
-from labpipe.workflow.session import Experiment
 from pipelines.cli import main
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.drop_evidence import of_drop
@@ -29,7 +28,7 @@ from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.samples import session_head
 from pipelines.rig.session_text import cell_record
-from pipelines.session import derive, needed, opened, plan
+from pipelines.session import derive, opened, plan
 
 DROP = KINDS["ball_drop"].evidence
 
@@ -187,23 +186,6 @@ def test_drop_on_a_plate_is_told_by_the_plate(processed_session: Path) -> None:
     assert model.names["plate"] == "mass of the plate"
     (mass,) = (p for p in proof.unknowns if p.name == "mass of the plate")
     assert (mass.mean, mass.sd) == (30.0, 0.04)
-
-
-def test_plate_and_material_of_others_are_processed_too(processed_session: Path) -> None:
-    session = plan(processed_session).session
-    experiment = session.experiments["drop"]
-    own = needed(session, experiment, DROP)
-    assert own == ["drop/bounces", "drop/repeats"]
-    others = {kind: Experiment(kind, kind, None, {}) for kind in ("plate_vibration", "dma")}
-    session = replace(session, experiments={**session.experiments, **others})
-    settings = msgspec.structs.replace(
-        experiment.settings,
-        plate=None,
-        plate_from="experiment:plate_vibration",
-        sphere=msgspec.structs.replace(experiment.settings.sphere, material=None, material_from="experiment:dma"),
-    )
-    found = needed(session, replace(experiment, settings=settings), DROP)
-    assert found == [*own, "plate_vibration/plate", "dma/master_curve"]
 
 
 @pytest.mark.parametrize(

@@ -67,11 +67,3 @@ def test_a_moving_floor_takes_energy_and_a_heavy_one_takes_none() -> None:
     assert heavy.outgoing_speed[0] == pytest.approx(rigid.outgoing_speed[0], rel=1e-5)
     assert light.outgoing_speed[0] < 0.995 * rigid.outgoing_speed[0]
     assert np.abs(light.floor).max() > 1e-6
-
-
-def test_heights_between_steps_are_interpolated_smoothly(train: Trajectory) -> None:
-    middle = 0.5 * (train.time[1:] + train.time[:-1])
-    before_touch = middle < train.touch[0]
-    exact = 1.5e-3 - 0.5 * 9.81 * middle[before_touch] ** 2
-    np.testing.assert_allclose(train.at(middle[before_touch]), exact, atol=1e-13)
-    assert train.at(np.array([-1.0]))[0] == pytest.approx(1.5e-3)

@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.signal import lfilter
 
 from labpipe import files, materials
 from labpipe.errors import InputError
@@ -252,46 +251,6 @@ def test_budget_of_the_modulus_is_that_of_the_table(session: Path) -> None:
         assert linear_budget(peak.model, peak.inputs).u == pytest.approx(
             float(table["u_peak_force_unfiltered"][i]), rel=1e-3
         )
-
-
-def test_a_plateau_is_free_of_the_lag_of_the_filter(session: Path) -> None:
-    """A Butterworth filter of order 3 delays a slow force by 2 / (2 pi 20 Hz)."""
-    loads = result(session, "nbr", "loads", files_of(session)[0])
-    bare = loads.assign_attrs(filter_delay="null")
-    assert mach1_readings.filter_delay(bare).value == pytest.approx(2 / (40 * np.pi), rel=1e-3)
-    hold = ramps_and_holds.find(loads)[0]
-    falling = loads.assign(force=50.0 - 0.5 * loads["time"])
-    late = ramps_and_holds.mean_force(falling, hold, 10.0, 20.0)
-    delay = mach1_readings.filter_delay(loads)
-    assert late.lag == pytest.approx(0.5 * delay.value, rel=1e-6)
-    time = loads["time"].values[hold.rows]
-    middle = float(time[(time >= 10.0) & (time <= 20.0)].mean())
-    assert late.force == pytest.approx(50.0 - 0.5 * (middle + delay.value), abs=1e-9)
-    assert late.u_lag == pytest.approx(0.5 * delay.u, rel=1e-6)
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.6])
-def test_the_uncertainty_of_a_bin_is_that_of_its_noise(memory: float) -> None:
-    """What falls within a bin is no noise, and neighbours that are alike count as fewer."""
-    rng = np.random.default_rng(5)
-    made = history((0.1e-3, 60.0))
-    time = made["time"].values
-    hold = ramps_and_holds.find(made)[0]
-    fall = 8.0 * np.maximum(time - hold.begin, 0.005) ** -0.2
-    edges = np.geomspace(0.1, 60.0, 20)
-    since = time[hold.rows] - hold.end
-    exact = ramps_and_holds.binned(since, fall[hold.rows], edges)[1]
-    scores = []
-    for _ in range(20):
-        noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(0.0, 0.01, time.size))
-        loads = made.assign(force=("sample", fall + noise), u_force=("sample", 0.0 * time + 0.01))
-        force = loads["force"].values[hold.rows]
-        u = ramps_and_holds.u_of_means(since, force, edges, ramps_and_holds.noise(loads, hold), 0.0)
-        scores.append((ramps_and_holds.binned(since, force, edges)[1] - exact) / u)
-    square = np.mean(np.square(scores), axis=0)
-    # the scatter of a mean of a few that are alike is less than that of one
-    assert square[5:].mean() == pytest.approx(1.0, abs=0.25)
-    assert square.max() < 2.0
 
 
 def test_a_bin_belongs_to_the_mean_time_of_its_readings(session: Path) -> None:
