@@ -6,6 +6,8 @@ of harmonic indentations, and moduli of the rheometer as prior. Experiments on o
 taken together; a shared sphere, punch or load cell is one unknown.
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
