@@ -5,16 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from labpipe.errors import InputError
-from labpipe.workflow.engines import Call, Died, elsewhere
-from labpipe.workflow.graph import imports_of
 from labpipe.workflow.run_result import Event, RunResult
-from labpipe.workflow.session import FILE_NAME, Session
-from pipelines.session import STAGES, open_session, process
-
-DEMO_TITLE = "Demonstration (synthetic)"
-_KINDS = ("dma", "ball_drop", "harmonic")
-_RECORDING, _COMPILER = "pipelines.rig.samples", "labpipe.compilation"
+from labpipe.workflow.session import Session
+from pipelines.rig._ahead import holds_demo, record_elsewhere
+from pipelines.session import open_session, process
 
 
 def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session:
@@ -52,25 +46,11 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session
 
 
 def record_demo(folder: str | Path) -> bool:
-    """Write the demonstration into a folder unless it is there; tell whether it was written.
-
-    It is recorded in a process of those that will work on it: they are forked from one that has loaded the numerical
-    libraries, which this one then need not do.
-
-    Raises
-    ------
-    InputError
-        The process died.
-    """
-    source = Path(folder) / FILE_NAME
-    if source.is_file() and f'title = "{DEMO_TITLE}"' in source.read_text("utf-8", "replace"):
-        return False
-    imports = (*imports_of(stage for kind in _KINDS for stage in STAGES[kind]), _RECORDING, _COMPILER)
-    try:
-        elsewhere(Call(f"{_RECORDING}:write_sample", ("demo", Path(folder)), imports=imports))
-    except Died as death:
-        raise InputError(f"the demonstration was not recorded: {death}; remove {folder} and try again") from None
-    return True
+    """Write the demonstration into a folder unless it is there; tell whether it was written."""
+    is_there = holds_demo(folder)
+    if not is_there:
+        record_elsewhere(Path(folder))
+    return not is_there
 
 
 def demo(

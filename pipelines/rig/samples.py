@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from labpipe.errors import UsageError
-from pipelines.rig._verbs import DEMO_TITLE
+from pipelines.rig._ahead import DEMO_TITLE
 from pipelines.rig.dma import sweeps
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
