@@ -1,9 +1,10 @@
 """Identification of a material from the experiments of a session, with its result and its page."""
 
 from pipelines.identify._identify import (
-    Identified as Identified,
+    Identification as Identification,
     Wish as Wish,
+    identify as identify,
     identify_materials as identify_materials,
 )
 from pipelines.identify._materials import material_name as material_name
-from pipelines.identify._verb import Identification as Identification, identify as identify
+from pipelines.identify._result import Identified as Identified

@@ -6,39 +6,26 @@ of harmonic indentations, and moduli of the rheometer as prior. Experiments on o
 taken together; a shared sphere, punch or load cell is one unknown.
 """
 
+from __future__ import annotations
+
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal
 
-from labpipe import identification
+from labpipe import files, identification
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, UsageError
+from labpipe.notebook import html_table
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
-from pipelines.experiments import KINDS, Derived
+from pipelines.experiments import KINDS
 from pipelines.experiments.shared.material_evidence import MaterialEvidence
-from pipelines.identify._materials import known_before, material_name, of_temperature, prior_of, temperature_of
+from pipelines.identify._materials import choice, derived_of, material_name, of_temperature, prior_of
+from pipelines.identify._page import relaxed_text, render, statements
+from pipelines.identify._result import Identified, dataset, document
 from pipelines.session import derive, processed_for, reopen_session
-
-Say = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Identified:
-    """One identified material.
-
-    ``material`` is its name in the session, ``known`` the posterior (its fit is ``known.fit``), ``relaxed`` the
-    limits of the long-time modulus. ``prior`` is the posterior of the rheometer alone, when it was taken as prior;
-    ``remarks`` name omitted data and the reasons; ``drawn`` are draws of the posterior, when they were asked for.
-    """
-
-    material: str
-    known: identification.Posterior
-    relaxed: identification.LongTimeModulus
-    prior: identification.Posterior | None
-    remarks: tuple[str, ...]
-    drawn: identification.Sample | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +49,7 @@ class _Group:
 
 
 def identify_materials(
-    folder: str | Path, wish: Wish | None = None, *, say: Say | None = None, jobs: int = 1
+    folder: str | Path, wish: Wish | None = None, *, say: Callable[[str], None] | None = None, jobs: int = 1
 ) -> list[Identified]:
     """Identify every material on which a session holds experiments, and write nothing.
 
@@ -74,7 +61,7 @@ def identify_materials(
     >>> found.relaxed.verdict  # doctest: +SKIP
     'bounded from above'
     """
-    wish, tell = wish or Wish(), say or _silent
+    wish, tell = wish or Wish(), say or (lambda text: None)
     session = reopen_session(folder)
     groups: dict[str, _Group] = {}
     for name in _chosen(session, wish.experiments):
@@ -86,42 +73,29 @@ def identify_materials(
             group.prior = prior_of(session, wish.prior, group.experiments)
     n = sum(len(group.experiments) for group in groups.values())
     tell(f"{n} experiment{'s' * (n != 1)} to identify from; what is missing is processed first")
-    wanted = [(experiment, _evidence(experiment)) for group in groups.values() for experiment in group.experiments]
-    wanted += [(group.prior, known_before(group.prior)) for group in groups.values() if group.prior is not None]
+    wanted = [(one, derived_of(one, "evidence")) for group in groups.values() for one in group.experiments]
+    wanted += [(group.prior, derived_of(group.prior, "prior")) for group in groups.values() if group.prior is not None]
     results = processed_for(folder, wanted, jobs=jobs)
     remarks: list[str] = []
     found = []
     for number, (material, group) in enumerate(groups.items(), 1):
-        own = _gather(results, group, wish.impacts)
+        own, able = [], []
+        for experiment in group.experiments:
+            evidence = derived_of(experiment, "evidence")
+            given = derive(results, experiment, evidence, name=experiment.name, impacts=wish.impacts)
+            if isinstance(given, str):
+                own.append(f"{experiment.name}: {given}")
+            else:
+                able.append(experiment)
+                group.contributions.append(given)
         remarks += own
-        if group.contributions:
-            names = ", ".join(e.name for e in group.experiments)
-            tell(f"material {number} of {len(groups)}, {material}, from {names}")
+        if able:
+            group.experiments = able
+            tell(f"material {number} of {len(groups)}, {material}, from {', '.join(e.name for e in able)}")
             found.append(_identified(results, material, group, wish, own, tell))
     if not found:
         raise InputError("no experiment can identify a material: " + "; ".join(remarks))
     return found
-
-
-def _gather(results: Results, group: _Group, impacts: int) -> list[str]:
-    """Collect the data of the experiments; return why some have none."""
-    remarks, able = [], []
-    for experiment in group.experiments:
-        contribution = derive(results, experiment, _evidence(experiment), name=experiment.name, impacts=impacts)
-        if isinstance(contribution, str):
-            remarks.append(f"{experiment.name}: {contribution}")
-            continue
-        able.append(experiment)
-        group.contributions.append(contribution)
-    group.experiments = able or group.experiments
-    return remarks
-
-
-def _evidence(experiment: Experiment) -> Derived:
-    derived = KINDS[experiment.kind].evidence
-    if derived is None:
-        raise UsageError(f"{experiment.name} cannot identify a material")
-    return derived
 
 
 def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
@@ -137,11 +111,14 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
     return [n for n in able if not wanted or n in wanted]
 
 
-def _identified(results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say) -> Identified:
+def _identified(
+    results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Callable[[str], None]
+) -> Identified:
     contributions, before = list(group.contributions), None
     if group.prior is not None:
-        keywords = {"name": group.prior.name, "temperature": temperature_of(group.experiments[0])}
-        contributions.append(derive(results, group.prior, known_before(group.prior), **keywords))
+        stated = choice(group.experiments[0]).temperature
+        keywords = {"name": group.prior.name, "temperature": None if stated is None else float(stated.value)}
+        contributions.append(derive(results, group.prior, derived_of(group.prior, "prior"), **keywords))
     data = (min(each.window[0] for each in contributions), max(each.window[1] for each in contributions))
     nu = contributions[0].nu
     spectrum = (
@@ -168,5 +145,104 @@ def _identified(results: Results, material: str, group: _Group, wish: Wish, rema
     return Identified(material, known, identification.long_time_modulus(known), before, tuple(said), drawn)
 
 
-def _silent(text: str) -> None:
-    del text
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The identified materials of a session, with the page and the netCDF file of each."""
+
+    materials: tuple[Identified, ...]
+    pages: tuple[Path, ...]
+    paths: tuple[Path, ...]
+
+    def __iter__(self) -> Iterator[Identified]:
+        return iter(self.materials)
+
+    def lines(self) -> list[str]:
+        """Say the main results as lines of text."""
+        return [
+            line
+            for found, page in zip(self.materials, self.pages, strict=True)
+            for line in (
+                f"{found.material}: {relaxed_text(found)}",
+                *(f"  {statement}" for statement in statements(found)),
+                f"page: {page}",
+            )
+        ]
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        rows = [(m.material, relaxed_text(m), " ".join(statements(m))) for m in self.materials]
+        caption = f"pages: {', '.join(map(str, self.pages))}"
+        return html_table(caption, ("material", "long-time modulus", "what the data say"), rows)
+
+    def documents(self) -> list[dict[str, Any]]:
+        """Return plain values of every material, for JSON."""
+        return [
+            document(found) | {"page": str(page), "result": str(path)}
+            for found, page, path in zip(self.materials, self.pages, self.paths, strict=True)
+        ]
+
+
+def identify(
+    folder: str | Path,
+    experiments: Iterable[str] = (),
+    *,
+    prior: str | None = None,
+    spectrum: Literal["smooth", "fractional"] = "smooth",
+    impacts: int = 6,
+    sampler: Literal["laplace", "rto"] = "laplace",
+    jobs: int = 1,
+    say: Callable[[str], None] | None = None,
+) -> Identification:
+    """Identify the viscoelastic materials of a session's experiments, with credible intervals.
+
+    Drops, contact films, relaxations and harmonic indentations of one material are fitted
+    together. One page and one netCDF file per material: ``FOLDER/labpipe/identify_MATERIAL``.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; missing results are computed first.
+    experiments : str or iterable of str
+        Only these; by default all that can identify a material.
+    prior : str, optional
+        ``"dma"`` for the moduli of the session's rheometer experiment, or the name of one.
+    spectrum : {"smooth", "fractional"}
+        Family of relaxation spectra.
+    impacts : int
+        Bounces of a drop that are evaluated.
+    sampler : {"laplace", "rto"}
+        Normal approximation alone, or with independent draws of the posterior.
+    jobs : int
+        Experiments processed side by side; 0 processes in this process.
+    say : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    UsageError
+        An experiment is unknown, or none of them can identify a material.
+    InputError
+        A step before failed.
+
+    Examples
+    --------
+    >>> identify("my-session", ["acrylic_5mm", "acrylic_10mm"])  # doctest: +SKIP
+    """
+    names = (experiments,) if isinstance(experiments, str) else tuple(experiments)
+    wish = Wish(names, prior, spectrum, impacts, sampler)
+    found = identify_materials(folder, wish, say=say, jobs=jobs)
+    session = reopen_session(folder)
+    pages, paths = [], []
+    for one in found:
+        stem = "identify_" + "".join(c if c.isalnum() or c in "-_" else "_" for c in one.material.replace("°", "deg"))
+        paths.append(session.folder / f"{stem}.nc")
+        pages.append(session.folder / f"{stem}.html")
+        files.write_dataset(paths[-1], dataset(one))
+        files.write_text(pages[-1], render(session, one))
+    return Identification(tuple(found), tuple(pages), tuple(paths))

@@ -1,7 +1,7 @@
 """The material of an experiment in a session, and its prior."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 from labpipe.errors import UsageError
 from labpipe.workflow.fields import REFERENCE
@@ -21,12 +21,6 @@ def material_name(experiment: Experiment) -> str:
     return str(chosen.source) + at
 
 
-def temperature_of(experiment: Experiment) -> float | None:
-    """Return the temperature [degC] at which the material was, where it is stated."""
-    stated = choice(experiment).temperature
-    return None if stated is None else float(stated.value)
-
-
 def of_temperature(experiments: Sequence[Experiment]) -> str:
     """Say at which temperature the moduli are, and that how well it is known does not widen them; "" if unstated."""
     stated = {choice(experiment).temperature for experiment in experiments} - {None}
@@ -39,17 +33,17 @@ def of_temperature(experiments: Sequence[Experiment]) -> str:
     )
 
 
-def known_before(experiment: Experiment) -> Derived:
-    """Return the prior that an experiment gives.
+def derived_of(experiment: Experiment, use: Literal["evidence", "prior"]) -> Derived:
+    """Return the evidence or the prior that an experiment gives.
 
     Raises
     ------
     UsageError
         It gives none.
     """
-    derived = KINDS[experiment.kind].prior
+    derived: Derived | None = getattr(KINDS[experiment.kind], use)
     if derived is None:
-        raise UsageError(f"{experiment.name} cannot be a prior")
+        raise UsageError(f"{experiment.name} cannot {'be a prior' if use == 'prior' else 'identify a material'}")
     return derived
 
 

@@ -5,31 +5,25 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
-from labpipe.identification import DETERMINED, Band as Prediction, informative_range, moduli, predictive_bands
+from labpipe.identification import DETERMINED, Band as Prediction, moduli, predictive_bands
 from labpipe.report import (
     Band,
-    Bars,
     Block,
     Column,
     KeyValues,
     LineChart,
     Notice,
     Paragraph,
-    Role,
     Section,
     Series,
     Table,
     quantity,
 )
-from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
-from pipelines.experiments.shared.pages import log_log, session_document, synthetic_notice
-from pipelines.identify._identify import Identified
-from pipelines.identify._result import UNCHANGED, dataset, verdicts
+from pipelines.experiments.shared.pages import log_log, session_document, spanned, synthetic_notice
+from pipelines.identify._result import UNCHANGED, Identified, dataset
 
 _REACH = 1.96
 SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's shape
@@ -42,12 +36,12 @@ _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior witho
 
 def render(session: Session, found: Identified) -> str:
     """Return the page as HTML text."""
+    made = dataset(found)
     sections = (
-        Section("Answer", (*_answer(found), *synthetic_notice(session))),
-        Section("Moduli over frequency", _curves(found)),
+        Section("Answer", (*_answer(found, made), *synthetic_notice(session))),
+        Section("Moduli over frequency", _curves(found, made)),
         Section("Fit and residuals", _fits(found)),
-        Section("Unknowns", _unknowns(found)),
-        Section("Information about the experiments", _contraction(found)),
+        Section("Unknowns", _unknowns(found, made)),
         Section("Method", _method(found)),
     )
     return session_document(session, f"Identification: {found.material}", sections)
@@ -67,7 +61,7 @@ def _percent(share: float) -> str:
 def relaxed_text(found: Identified) -> str:
     """State the limits of the long-time modulus and their reason."""
     said = found.relaxed
-    end, high = quantity(said.end, "s"), _shown(said.high, "Pa")
+    end, high = quantity(said.end, "s"), quantity(said.high, "Pa", _DIGITS)
     if said.verdict == "not identifiable":
         return (
             f"E_relaxed is not identifiable from these experiments: the modulus at {end}, the longest time they "
@@ -77,11 +71,11 @@ def relaxed_text(found: Identified) -> str:
     fell = fall + (f" (at most {most})" if most != fall else "")
     if said.verdict == "identified":
         return (
-            f"E_relaxed is {_shown(said.low, 'Pa')} to {high} (95 %): at {end} there is a plateau, for over the decade "
-            f"of time before it the modulus fell by {fell}; the lower end is what is left if it falls by as much in "
-            "every further decade, for thirty years"
+            f"E_relaxed is {quantity(said.low, 'Pa', _DIGITS)} to {high} (95 %): at {end} there is a plateau, for over "
+            f"the decade of time before it the modulus fell by {fell}; the lower end is the modulus that is left if it "
+            "falls by as much in every further decade, for thirty years"
         )
-    left = f"{_shown(said.left, 'Pa')} is" if said.left > 0.0 else "nothing is"
+    left = f"{quantity(said.left, 'Pa', _DIGITS)} is" if said.left > 0.0 else "nothing is"
     return (
         f"E_relaxed is bounded from above only: it is below {high} (95 %). There is no plateau: over the last decade "
         f"of time that these experiments cover, up to {end}, the modulus fell by {fell}; if it falls by as much in "
@@ -89,34 +83,51 @@ def relaxed_text(found: Identified) -> str:
     )
 
 
-def _shown(value: float, unit: str) -> str:
-    """Write an end of an interval: gains are known to a thousandth and better."""
-    return quantity(value, unit, _DIGITS)
+def statements(found: Identified, made: xr.Dataset | None = None) -> list[str]:
+    """Return the other findings, the undetermined quantities and the remarks, one sentence each.
 
-
-def statements(found: Identified) -> list[str]:
-    """Return the other findings, the undetermined quantities and the remarks, one sentence each."""
+    ``made`` is the result of :func:`dataset`, where it is known already.
+    """
     known = found.known
-    texts = [*_found(found), *_not_found(found)]
-    for (experiment, group), misfit in known.fit.misfits.items():
-        if misfit.relative < _NOTHING:
-            continue
+    texts = [*_found(found, dataset(found) if made is None else made)]
+    texts.append(
+        "not found: modulus and loss at lower and higher frequencies; curves and bands there follow from the "
+        "assumptions about polymers"
+    )
+    nuisances = [
+        (p.name, sd, abs(float(away)))
+        for p, sd, away in zip(known.fit.problem.parameters, known.sd.tolist(), known.fit.xi, strict=True)
+        if p.is_nuisance
+    ]
+    better = [f"{name} by {100 * (1 - sd):.0f} %" for name, sd, _ in nuisances if DETERMINED <= sd < UNCHANGED]
+    if better:
         texts.append(
-            f"{experiment}, {group}: the model misses by {100 * misfit.relative:.2g} % more than "
-            "the stated uncertainties explain; the intervals allow for it"
+            f"a little better known than stated: {', '.join(better)} of the uncertainty; the remaining uncertainty is "
+            "part of every result"
         )
-    for i, parameter in enumerate(known.fit.problem.parameters):
-        away = float(known.fit.xi[i])
-        if parameter.is_nuisance and abs(away) > _LOUD:
-            texts.append(f"{parameter.name} lies {abs(away):.1f} standard deviations from what is stated")
+    if silent := [name for name, sd, _ in nuisances if sd >= UNCHANGED]:
+        texts.append(
+            f"nothing new about {', '.join(silent)}: the stated values were taken, and their uncertainty is part of "
+            "every result"
+        )
+    texts += [
+        f"{experiment}, {group}: the model misses by {100 * misfit.relative:.2g} % more than "
+        "the stated uncertainties explain; the intervals allow for it"
+        for (experiment, group), misfit in known.fit.misfits.items()
+        if misfit.relative >= _NOTHING
+    ]
+    texts += [
+        f"{name} lies {away:.1f} standard deviations from the stated value"
+        for name, _, away in nuisances
+        if away > _LOUD
+    ]
     if not known.fit.is_converged:
         texts.append("the fit did not converge; use the intervals with care")
     return [*texts, *found.remarks]
 
 
-def _found(found: Identified) -> list[str]:
+def _found(found: Identified, made: xr.Dataset) -> list[str]:
     """State the range in which modulus and loss are known, their uncertainty, and its part from assumptions."""
-    made = dataset(found)
     inside = made["is_determined"].values.astype(bool)
     if not inside.any():
         return ["modulus and loss are not determined at any frequency"]
@@ -126,89 +137,47 @@ def _found(found: Identified) -> list[str]:
     u, u_loss = (100.0 * made[f"u_ln_{n}"].values[inside] for n in ("storage", "loss_factor"))
     best = int(np.argmin(u**2 + u_loss**2))
     texts = [
-        f"found: from {low} to {high} the storage modulus is known to {_span(u)} and the loss factor to "
-        f"{_span(u_loss)} (standard uncertainties); best at {quantity(float(frequency[best]), 'Hz')}: "
+        f"found: from {low} to {high} the storage modulus is known to {spanned(u, '.2g')} % and the loss factor to "
+        f"{spanned(u_loss, '.2g')} % (standard uncertainties); best at {quantity(float(frequency[best]), 'Hz')}: "
         f"{quantity(float(storage[best]), 'Pa')} ± {u[best]:.2g} %, loss factor {loss[best]:.3g} ± {u_loss[best]:.2g} %"
     ]
-    texts.append(_of_poissons_ratio(found))
-    if found.known.structures:
-        texts.append(
-            "of a polymer's spectrum it is assumed that it is smooth, or that it has a shoulder or a peak half a "
-            f"decade wide; which of the two it is changes the modulus there by {_most(made, 'storage', inside)} and "
-            f"the loss factor by {_most(made, 'loss_factor', inside)}, included in these uncertainties"
-        )
-    return texts
-
-
-def _of_poissons_ratio(found: Identified) -> str:
-    """State the effect of Poisson's ratio on the moduli, and whether their uncertainties include it."""
     problem = found.known.fit.problem
     nu = float(problem.spectrum.nu)
     by_ratio = 2.0 * nu / (1.0 - nu**2)
     known = next((p for p in problem.nuisances if p.name == CONTACT_MODULUS), None)
-    if known is None:
-        return (
-            f"contacts show moduli over 1 - nu²: Poisson's ratio was taken as exactly {nu:.3g}, and were it "
-            f"{_NU_STEP:g} larger, every modulus would be {100 * by_ratio * _NU_STEP:.2g} % smaller, which no "
-            "uncertainty here contains"
-        )
-    return (
-        f"contacts show moduli over 1 - nu²: Poisson's ratio is stated as {nu:.3g} ± {known.sd / by_ratio:.2g}, which "
-        f"makes {100 * known.sd:.2g} % of every modulus and is included in these uncertainties"
+    texts.append(
+        f"contacts show moduli over 1 - nu²: Poisson's ratio was taken as exactly {nu:.3g}, and were it "
+        f"{_NU_STEP:g} larger, every modulus would be {100 * by_ratio * _NU_STEP:.2g} % smaller, which no "
+        "uncertainty here contains"
+        if known is None
+        else f"contacts show moduli over 1 - nu²: Poisson's ratio is stated as {nu:.3g} ± {known.sd / by_ratio:.2g}, "
+        f"which makes {100 * known.sd:.2g} % of every modulus and is included in these uncertainties"
     )
-
-
-def _most(made: xr.Dataset, name: str, inside: NDArray[np.bool_]) -> str:
-    """Write the largest share that the unknown structure has in a curve."""
-    percent = 100.0 * float(made[f"open_ln_{name}"].values[inside].max())
-    return f"at most {percent:.1g} %" if percent >= _LEAST_PERCENT else f"less than {_LEAST_PERCENT:g} %"
-
-
-def _span(percent: Floats) -> str:
-    """Write the least and the largest of uncertainties in %."""
-    least, most = f"{percent.min():.2g}", f"{percent.max():.2g}"
-    return f"{most} %" if least == most else f"{least} to {most} %"
-
-
-def _not_found(found: Identified) -> list[str]:
-    """Name the quantities that the experiments do not determine."""
-    texts = [
-        "not found: modulus and loss at lower and higher frequencies; curves and bands there follow from what is "
-        "assumed of polymers"
-    ]
-    known = found.known
-    pairs = zip(known.fit.problem.parameters, known.sd.tolist(), strict=True)
-    stated = [(p.name, sd) for p, sd in pairs if p.is_nuisance]
-    better = [f"{name} by {100 * (1 - sd):.0f} %" for name, sd in stated if DETERMINED <= sd < UNCHANGED]
-    silent = [name for name, sd in stated if sd >= UNCHANGED]
-    if better:
-        texts.append(
-            f"a little better known than stated: {', '.join(better)} of the uncertainty; what is left is part of "
-            "every result"
+    if found.known.structures:
+        percent = [100.0 * float(made[f"open_ln_{name}"].values[inside].max()) for name in ("storage", "loss_factor")]
+        of_modulus, of_loss = (
+            f"at most {p:.1g} %" if p >= _LEAST_PERCENT else f"less than {_LEAST_PERCENT:g} %" for p in percent
         )
-    if silent:
         texts.append(
-            f"nothing new about {', '.join(silent)}: the stated values were taken, and their uncertainty is part of "
-            "every result"
+            "of a polymer's spectrum it is assumed that it is smooth, or that it has a shoulder or a peak half a "
+            f"decade wide; which of the two it is changes the modulus there by {of_modulus} and "
+            f"the loss factor by {of_loss}, included in these uncertainties"
         )
     return texts
 
 
-def _answer(found: Identified) -> tuple[Block, ...]:
+def _answer(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
     """Show the determined range, the long-time modulus, and the remarks on both."""
-    first, *further = (f"{text[0].upper()}{text[1:]}." for text in statements(found))
-    is_found = bool(dataset(found)["is_determined"].values.any())
-    is_known = found.relaxed.verdict == "identified"
+    first, *further = (f"{text[0].upper()}{text[1:]}." for text in statements(found, made))
     notices = (
-        Notice("ok" if is_found else "warning", first),
-        Notice("ok" if is_known else "info", f"{relaxed_text(found)}."),
+        Notice("ok" if made["is_determined"].values.any() else "warning", first),
+        Notice("ok" if found.relaxed.verdict == "identified" else "info", f"{relaxed_text(found)}."),
     )
     rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
     return *notices, KeyValues(rows), *map(Paragraph, further)
 
 
-def _curves(found: Identified) -> tuple[Block, ...]:
-    made = dataset(found)
+def _curves(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
     frequency = made["frequency"].values
     low, high = float(made["lowest_frequency"]), float(made["highest_frequency"])
     marks = (("data begin", low), ("data end", high))
@@ -228,15 +197,8 @@ def _curves(found: Identified) -> tuple[Block, ...]:
             values = before.storage if name == "storage" else before.loss_factor
             series.append(Series("rheometer alone", frequency, values / unit, role="reference"))
         charts.append(log_log(title, "frequency / Hz", label, series, group="frequency", vlines=marks))
-    times: tuple[tuple[str, str, Role], ...] = (("u", "after", "model"), ("prior", "before", "reference"))
-    spreads = [
-        Series(f"{name}, {when}", frequency, made[f"{prefix}_ln_{key}"].values, role=role)
-        for key, name in (("storage", "storage modulus"), ("loss_factor", "loss factor"))
-        for prefix, when, role in times
-    ]
-    text = "Outside the two marks there are no data: curves and bands follow from what is assumed of polymers."
-    title, x, y = "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm"
-    return Paragraph(text), *charts, log_log(title, x, y, spreads, group="frequency", vlines=marks)
+    text = "Outside the two marks there are no data: curves and bands follow from the assumptions about polymers."
+    return Paragraph(text), *charts
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
@@ -264,74 +226,32 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
     predicted, wide = shown.predicted[order], _REACH * shown.u_predicted[order]
     label = f"{group.axis_name} / {group.axis_units}" if group.axis_units != "1" else "impact"
     title = f"{shown.evidence}: {group.name}"
-    fit = LineChart(
-        title,
-        label,
-        f"{group.name} / {group.units}",
-        (
-            Band("95 % of the prediction", axis, predicted - wide, predicted + wide),
-            Series("predicted", axis, predicted, role="model"),
-            Series("observed", axis, values, "points", "measured", u),
-        ),
-        group=title,
-        x_scale=scale,
+    curves = (
+        Band("95 % of the prediction", axis, predicted - wide, predicted + wide),
+        Series("predicted", axis, predicted, role="model"),
+        Series("observed", axis, values, "points", "measured", u),
     )
     left = (Series("residual", axis, shown.residual[order], "points", "residual"),)
     labels = (f"{title}, residuals", label, "observed − predicted, in deviations")
-    rest = LineChart(*labels, left, group=title, x_scale=scale, height_px=180)
-    return fit, rest
+    fit = LineChart(title, label, f"{group.name} / {group.units}", curves, group=title, x_scale=scale)
+    return fit, LineChart(*labels, left, group=title, x_scale=scale, height_px=180)
 
 
-def _unknowns(found: Identified) -> tuple[Block, ...]:
-    made, texts = dataset(found), verdicts(found)
+def _unknowns(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
     rows: list[tuple[str, ...]] = []
     for i, parameter in enumerate(found.known.fit.problem.parameters):
         if parameter.name.startswith(SHAPE):
             continue
         ends = [float(made[n][i]) for n in ("low", "high", "prior_low", "prior_high")]
-        shown = [_shown(e, parameter.unit) if isfinite(e) else "none" for e in ends]
-        value, after, before = _shown(float(made["value"][i]), parameter.unit), shown[:2], shown[2:]
-        rows.append((parameter.name, parameter.text, value, " to ".join(after), " to ".join(before), texts[i]))
+        shown = [quantity(e, parameter.unit, _DIGITS) if isfinite(e) else "none" for e in ends]
+        value, verdict = quantity(float(made["value"][i]), parameter.unit, _DIGITS), str(made["verdict"].values[i])
+        after, before = " to ".join(shown[:2]), " to ".join(shown[2:])
+        rows.append((parameter.name, parameter.text, value, after, before, verdict))
     titles = ("unknown", "meaning", "most probable", "95 % posterior", "95 % prior", "verdict")
     table = Table(tuple(map(Column, titles)), rows, sortable=False)
     drawn = found.drawn
     said = () if drawn is None else (Notice("ok" if drawn.is_reliable else "warning", drawn.statement),)
-    return table, *said, _spectrum(found)
-
-
-def _spectrum(found: Identified) -> Block:
-    """Draw the weight per decade over relaxation time."""
-    known = found.known
-    spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
-    xi = known.fit.xi[:n]
-    slopes = spectrum.slopes(xi)[1:]
-    u = propagated_u(slopes, known.covariance[:n, :n])
-    weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho)) / 1e6
-    wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
-    low, high = (0.5 / np.pi / f for f in reversed(informative_range(known)))
-    return log_log(
-        "Relaxation spectrum",
-        "relaxation time / s",
-        "modulus per decade / MPa",
-        (
-            Band("95 % of the posterior", spectrum.rho, weight / wide, weight * wide),
-            Series("most probable", spectrum.rho, weight, role="model"),
-        ),
-        vlines=(("data begin", low), ("data end", high)),
-    )
-
-
-def _contraction(found: Identified) -> tuple[Block, ...]:
-    known = found.known
-    parameters = known.fit.problem.parameters
-    text = (
-        "Share of the prior variance of a quantity of the experiments that the data remove: 1 where they determine it, "
-        "0 where the result is only what was stated before."
-    )
-    pairs = zip(parameters, known.sd.tolist(), strict=True)
-    reduced = [(p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "") for p, sd in pairs if p.is_nuisance]
-    bars = Bars("Reduction of the prior's variance by the data", reduced)
-    return Paragraph(text), bars
+    return table, *said
 
 
 def _method(found: Identified) -> tuple[Block, ...]:
@@ -342,7 +262,7 @@ def _method(found: Identified) -> tuple[Block, ...]:
         "starts; more expensive models (finite amplitude, a vibrating plate, finer steps) "
         "correct the fast ones until convergence. Intervals follow from Laplace's approximation. The long-time "
         "modulus is bounded by the modulus at the longest time of the data, and stated only where at most 5 % of "
-        "it would relax within thirty years at the rate of the last decade. What is assumed of the spectrum: its "
+        "it would relax within thirty years at the rate of the last decade. Assumptions about the spectrum: its "
         "weight per decade of time is a random walk over the decades, in which a factor of ten per decade is two "
         "standard deviations; its slope has a correlation length of two decades (smooth) or of half a decade "
         "(uneven), each with a probability of one half before the data, and the curves are averages over "

@@ -1,22 +1,48 @@
 """The result of an identification as one Dataset, for the store, Python and JSON."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
-from labpipe.identification import DETERMINED, Moduli, informative_range, moduli, predictive_bands, sampled_moduli
+from labpipe.identification import (
+    DETERMINED,
+    LongTimeModulus,
+    Moduli,
+    Posterior,
+    Sample,
+    informative_range,
+    moduli,
+    predictive_bands,
+    sampled_moduli,
+)
 from labpipe.variables import described
-from pipelines.identify._identify import Identified
 
 _PER_DECADE = 6
 _BEYOND = 100.0  # factor by which the curves go on beyond the data
 _LEVEL = 0.95
 UNCHANGED = 0.95
 """Standard deviation over that before, from which on the data are said to tell nothing new."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """One identified material.
+
+    ``material`` is its name in the session, ``known`` the posterior (its fit is ``known.fit``), ``relaxed`` the
+    limits of the long-time modulus. ``prior`` is the posterior of the rheometer alone, when it was taken as prior;
+    ``remarks`` name omitted data and the reasons; ``drawn`` are draws of the posterior, when they were asked for.
+    """
+
+    material: str
+    known: Posterior
+    relaxed: LongTimeModulus
+    prior: Posterior | None
+    remarks: tuple[str, ...]
+    drawn: Sample | None = None
 
 
 def dataset(found: Identified) -> xr.Dataset:
@@ -31,8 +57,12 @@ def dataset(found: Identified) -> xr.Dataset:
     predicted, residuals. With draws of the posterior also their 95 % intervals,
     ``drawn_…_low`` and ``drawn_…_high``.
     """
-    known = found.known
-    solid = known.fit.problem.material(known.fit.xi)
+    known, fit = found.known, found.known.fit
+    solid = fit.problem.material(fit.xi)
+    misfits = {
+        f"{experiment}: {group}": {"relative": m.relative, "correlation": m.correlation}
+        for (experiment, group), m in fit.misfits.items()
+    }
     low, high = informative_range(known)
     count = int(np.log10(high / low * _BEYOND**2) * _PER_DECADE)
     curve = moduli(known, np.geomspace(low / _BEYOND, high * _BEYOND, count))
@@ -63,7 +93,18 @@ def dataset(found: Identified) -> xr.Dataset:
     return xr.Dataset(
         table,
         coords={"frequency": ("frequency", curve.frequency, described("Hz", "frequency"))},
-        attrs=_attributes(found),
+        attrs={
+            "material": found.material,
+            "experiments": json.dumps([e.name for e in fit.problem.evidence]),
+            "cost": fit.cost,
+            "costs_from_starts": json.dumps(list(fit.costs_from_starts)),
+            "is_settled": int(fit.is_converged),
+            "discrepancies": json.dumps(misfits),
+            "long_time": json.dumps(asdict(found.relaxed)),
+            "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
+            "sampler": "laplace" if found.drawn is None else found.drawn.statement,
+            "work": json.dumps({"evaluations": fit.evaluations, "differentiations": fit.differentiations}),
+        },
     )
 
 
@@ -98,26 +139,13 @@ def structure(found: Identified) -> dict[str, float]:
     return dict(sorted(made.items(), key=lambda pair: -pair[1]))
 
 
-def verdicts(found: Identified) -> list[str]:
-    """Return for every unknown whether the data determine it.
+def _parameters(found: Identified) -> dict[str, Any]:
+    """Return values, intervals and verdicts of the unknowns.
 
     The long-time modulus is judged by whether the data show a plateau; any other unknown is
     determined where the data at least halve the standard deviation of its prior, and better known
     where less than :data:`UNCHANGED` of it is left.
     """
-    texts = [
-        "determined by the data"
-        if sd < DETERMINED
-        else "better known by the data"
-        if sd < UNCHANGED
-        else "known from the prior only"
-        for sd in found.known.sd.tolist()
-    ]
-    texts[0] = found.relaxed.verdict
-    return texts
-
-
-def _parameters(found: Identified) -> dict[str, Any]:
     known = found.known
     parameters = known.fit.problem.parameters
     reach = float(ndtri(0.5 + 0.5 * _LEVEL))
@@ -137,7 +165,16 @@ def _parameters(found: Identified) -> dict[str, Any]:
     }
     made["parameter_name"] = ("parameter", [p.name for p in parameters], described("1", "unknown"))
     made["parameter_unit"] = ("parameter", [p.unit for p in parameters], described("1", "its unit"))
-    made["verdict"] = ("parameter", verdicts(found), described("1", "whether the data determine it"))
+    verdicts = [
+        "determined by the data"
+        if sd < DETERMINED
+        else "better known by the data"
+        if sd < UNCHANGED
+        else "known from the prior only"
+        for sd in known.sd.tolist()
+    ]
+    verdicts[0] = found.relaxed.verdict
+    made["verdict"] = ("parameter", verdicts, described("1", "whether the data determine it"))
     return made
 
 
@@ -159,51 +196,20 @@ def _observations(found: Identified) -> dict[str, Any]:
     return table
 
 
-def _attributes(found: Identified) -> dict[str, Any]:
-    fit = found.known.fit
-    misfits = {
-        f"{experiment}: {group}": {"relative": m.relative, "correlation": m.correlation}
-        for (experiment, group), m in fit.misfits.items()
-    }
-    work = {"evaluations": fit.evaluations, "differentiations": fit.differentiations}
-    return {
-        "material": found.material,
-        "experiments": json.dumps([e.name for e in fit.problem.evidence]),
-        "cost": fit.cost,
-        "costs_from_starts": json.dumps(list(fit.costs_from_starts)),
-        "is_settled": int(fit.is_converged),
-        "discrepancies": json.dumps(misfits),
-        "long_time": json.dumps(asdict(found.relaxed)),
-        "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
-        "sampler": "laplace" if found.drawn is None else found.drawn.statement,
-        "work": json.dumps(work),
-    }
-
-
 def document(found: Identified) -> dict[str, Any]:
     """Return the main results as plain JSON types."""
     made, said = dataset(found), found.relaxed
-    rows = [
-        {
-            "name": str(made["parameter_name"].values[i]),
-            "unit": str(made["parameter_unit"].values[i]),
-            "value": float(made["value"][i]),
-            "low": _finite(float(made["low"][i])),
-            "high": _finite(float(made["high"][i])),
-            "verdict": str(made["verdict"].values[i]),
-        }
-        for i in range(made.sizes["parameter"])
-    ]
+    rows = []
+    for i in range(made.sizes["parameter"]):
+        name, unit, verdict = (str(made[n].values[i]) for n in ("parameter_name", "parameter_unit", "verdict"))
+        ends = {end: float(made[end][i]) for end in ("low", "high")}
+        finite = {end: value if np.isfinite(value) else None for end, value in ends.items()}
+        rows.append({"name": name, "unit": unit, "value": float(made["value"][i]), **finite, "verdict": verdict})
+    limits = {"end": said.end, "modulus_at_end": said.modulus, "fall_per_decade": said.fall}
     return {
         "material": found.material,
         "experiments": json.loads(made.attrs["experiments"]),
-        "E_relaxed": rows[0]
-        | {
-            "end": said.end,
-            "modulus_at_end": said.modulus,
-            "fall_per_decade": said.fall,
-            "after_thirty_years": said.left,
-        },
+        "E_relaxed": rows[0] | limits | {"after_thirty_years": said.left},
         "unknowns": rows[1:],
         "structure": structure(found),
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
@@ -212,7 +218,3 @@ def document(found: Identified) -> dict[str, Any]:
         "sampler": made.attrs["sampler"],
         "remarks": list(found.remarks),
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

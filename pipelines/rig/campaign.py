@@ -39,7 +39,7 @@ from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_section, write_ringing_of
 from pipelines.rig.reference_drop import GRAVITY
 from pipelines.rig.relaxations import Relaxation
-from pipelines.rig.solids import SOLIDS, specimen_of
+from pipelines.rig.solids import SOLIDS, Viscoelastic, specimen_of
 from pipelines.rig.static_loading import record_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
@@ -178,22 +178,7 @@ def written(part: Part) -> str:
 def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
     """List what is recorded, the longest first, so that two workers end together."""
     highest = max(extent.heights)
-    filmed = [(highest, HEATED), *((h, None) for h in reversed(extent.heights))]
-    films = [Part((_film(h, warm),), partial(_contact_film, folder, h, warm, extent)) for h, warm in filmed]
-    rubber = Part(
-        ("nbr_relaxation", "nbr_harmonic"), partial(_indentations, folder, start + timedelta(days=20), extent)
-    )
-    static = Part(("ptfe_static",), partial(record_static, folder, "ptfe_static", start + timedelta(days=12)))
-    front = Part(("ptfe_film",), partial(_front_film, folder, extent))
-    exports = [
-        Part((session_text.dma_name(name),), partial(sweeps, folder, name, protocol=extent.dma)) for name in SOLIDS
-    ]
-    drops, rings = _laser_parts(folder, start, extent)
-    return [rubber, *films, static, front, *drops, *rings, *exports]
-
-
-def _laser_parts(folder: Path, start: datetime, extent: Extent) -> tuple[list[Part], list[Part]]:
-    """List the drops that the laser sees on the holder, and those that it sees on the plate."""
+    filmed = [(highest, HEATED), *((height, None) for height in reversed(extent.heights))]
     drops: list[tuple[str, float, float | None, int, datetime]] = []
     rings: list[Part] = []
     for day, material in enumerate(POLYMERS):
@@ -201,29 +186,44 @@ def _laser_parts(folder: Path, start: datetime, extent: Extent) -> tuple[list[Pa
             begun = start + timedelta(days=day, minutes=20 * number)
             seed = 1000 * sum(map(ord, material)) + 100 * number
             drops.append((material, height, None, seed, begun))
-            later = begun + timedelta(days=5)
             if material in extent.ringing:
-                of = (extent.plate_rig, material, height, extent.plate_repeats, seed + 50, later)
+                of = (extent.plate_rig, material, height, extent.plate_repeats, seed + 50, begun + timedelta(days=5))
                 rings.append(Part((), partial(write_ringing_of, folder, *of)))
-    drops.append(("acrylic", max(extent.heights), HEATED, 9900, start + timedelta(days=10)))
-    return [Part((_name(*one[:3]),), partial(_drops, folder, extent, *one)) for one in drops], rings
+    drops.append(("acrylic", highest, HEATED, 9900, start + timedelta(days=10)))
+    return [
+        Part(("nbr_relaxation", "nbr_harmonic"), partial(_indentations, folder, start + timedelta(days=20), extent)),
+        *(
+            Part((f"{_name('acrylic', height, warm)}_film",), partial(_contact_film, folder, height, warm, extent))
+            for height, warm in filmed
+        ),
+        Part(("ptfe_static",), partial(record_static, folder, "ptfe_static", start + timedelta(days=12))),
+        Part(("ptfe_film",), partial(_front_film, folder, extent)),
+        *(Part((_name(*one[:3]),), partial(_drops, folder, extent, *one)) for one in drops),
+        *rings,
+        *(Part((session_text.dma_name(name),), partial(sweeps, folder, name, protocol=extent.dma)) for name in SOLIDS),
+    ]
 
 
 def _name(material: str, height: float, temperature: float | None) -> str:
     return f"{material}_{session_text.height_name(height)}" + ("" if temperature is None else f"_{temperature:g}C")
 
 
-def _film(height: float, temperature: float | None) -> str:
-    return f"{_name('acrylic', height, temperature)}_film"
+def _specimen(material: str, temperature: float | None) -> Viscoelastic:
+    """Return a solid in the room or heated: the thermometer is a little off, within its u of 1 K."""
+    return specimen_of(material, None if temperature is None else temperature + _THERMOMETER)
+
+
+def _until_rest(material: str, height: float) -> float:
+    """Return how long after its release [s] a sphere is surely at rest."""
+    return _TIMES_OF_FALL[material] * float(np.sqrt(2 * height / GRAVITY)) + _AT_REST
 
 
 def _contact_film(folder: Path, height: float, temperature: float | None, extent: Extent) -> str:
     """Film the contact of acrylic through the disc."""
-    name = _film(height, temperature)
-    body = Body(specimen_of("acrylic", _true(temperature)), height, floor=PLATE)
-    if extent.bursts is None:
-        times = FULL_TIMES
-    else:
+    name = f"{_name('acrylic', height, temperature)}_film"
+    body = Body(_specimen("acrylic", temperature), height, floor=PLATE)
+    times = FULL_TIMES
+    if extent.bursts is not None:
         bursts = replace(extent.bursts, rest=_until_rest("acrylic", height)) if extent.to_rest else extent.bursts
         times = burst_times(body, extent.under.release, bursts)
     seed = 3700 + round(1e4 * height) + (0 if temperature is None else 1)
@@ -232,9 +232,8 @@ def _contact_film(folder: Path, height: float, temperature: float | None, extent
 
 
 def _front_film(folder: Path, extent: Extent) -> str:
-    height = extent.front_height
-    film = write_front(folder, "ptfe", height, extent.front, 31, PLATE)
-    return front_section(film, extent.front, height)
+    film = write_front(folder, "ptfe", extent.front_height, extent.front, 31, PLATE)
+    return front_section(film, extent.front, extent.front_height)
 
 
 def _drops(
@@ -245,20 +244,10 @@ def _drops(
     if extent.to_rest:
         duration = rig.release + _until_rest(material, height)
         rig = replace(rig, duration=float(np.ceil(duration / _WHOLE) * _WHOLE))
-    solid = specimen_of(material, _true(temperature))
+    solid = _specimen(material, temperature)
     recordings = write_drops(folder, name, rig, solid, height, extent.repeats, seed, start)
     source = session_text.from_dma(material, temperature)
     return session_text.drop_section(name, recordings, height, material, _ON_PLATE, source)
-
-
-def _until_rest(material: str, height: float) -> float:
-    """Return how long after its release [s] a sphere is surely at rest."""
-    return _TIMES_OF_FALL[material] * float(np.sqrt(2 * height / GRAVITY)) + _AT_REST
-
-
-def _true(temperature: float | None) -> float | None:
-    """Return where a heated sphere truly is: the thermometer is a little off, within its u of 1 K."""
-    return None if temperature is None else temperature + _THERMOMETER
 
 
 def _indentations(folder: Path, start: datetime, extent: Extent) -> str:

@@ -51,28 +51,41 @@ CAMPAIGN = Protocol(u_scale=0.01, delay=20e-6)
 def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: int) -> str:
     """Write one export and the truth beside it; returns the export's name in the folder."""
     generator = np.random.default_rng(seed)
-    clock = 0.0
     scale = float(np.exp(protocol.u_scale * generator.standard_normal())) if protocol.u_scale else 1.0
-    intervals = []
+    is_torsion = solid.mode == "torsion"
+    kind, factor = ("Shear", 2 * (1 + solid.nu)) if is_torsion else ("Extensional", 1.0)
+    make = anton_paar.make_column
+
+    def columns(time: Floats, frequency: Floats, temperature: Floats) -> list[anton_paar.Column]:
+        """Make the columns of one table: the moduli with multiplicative noise."""
+        phase = np.exp(2j * np.pi * frequency * protocol.delay)
+        true = scale * phase * solid.modulus(frequency, temperature) / factor
+        storage = true.real * np.exp(protocol.u_storage * generator.standard_normal(time.size))
+        loss = true.imag * np.exp(protocol.u_loss * generator.standard_normal(time.size))
+        shown = temperature + protocol.u_temperature * generator.standard_normal(time.size)
+        strain = np.full(time.size, _RELATIVE_STRAIN)
+        return [
+            make("Time", "[s]", time),
+            make("Temperature", "[°C]", np.round(shown, 2)),
+            make("Angular Frequency", "[rad/s]", 2 * np.pi * frequency),
+            make("Storage Modulus", "[MPa]", storage),
+            make("Loss Modulus", "[MPa]", loss),
+            make("Loss Factor", "[1]", loss / storage),
+            make(f"{kind} Strain", "[%]", strain),
+            make(f"{kind} Stress", "[kPa]", strain * np.hypot(storage, loss)),
+            make("Status", "", ["Dy_auto"] * time.size),
+        ]
+
+    clock, intervals = 0.0, []
+    frequency = np.asarray(protocol.frequencies)
     for number, temperature in enumerate(protocol.temperatures, 1):
-        frequency = np.asarray(protocol.frequencies)
-        T = np.full(frequency.size, temperature + protocol.offset_temperature)
-        clock += _SETTLE
-        time = np.asarray(clock + np.cumsum(3.0 / frequency), dtype=np.float64)
+        time = np.asarray(clock + _SETTLE + np.cumsum(3.0 / frequency), dtype=np.float64)
         clock = float(time[-1])
-        columns = _columns(solid, protocol, generator, time, frequency, T, scale)
-        intervals.append(anton_paar.make_interval(f"{name} (synthetic)", "Frequency sweeps", number, columns))
+        table = columns(time, frequency, np.full(frequency.size, temperature + protocol.offset_temperature))
+        intervals.append(anton_paar.make_interval(f"{name} (synthetic)", "Frequency sweeps", number, table))
     T = np.asarray(protocol.ramp)
-    columns = _columns(
-        solid,
-        protocol,
-        generator,
-        30.0 * np.arange(1.0, T.size + 1.0, dtype=np.float64),
-        np.full(T.size, protocol.ramp_frequency),
-        T,
-        scale,
-    )
-    intervals.append(anton_paar.make_interval(f"{name} ramp (synthetic)", "Temperature sweep 1", 1, columns))
+    table = columns(30.0 * np.arange(1.0, T.size + 1.0), np.full(T.size, protocol.ramp_frequency), T)
+    intervals.append(anton_paar.make_interval(f"{name} ramp (synthetic)", "Temperature sweep 1", 1, table))
     project = f"{name}, SYNTHETIC, layout assumed | the virtual rig, 5/14/2024 | 1"
     export = anton_paar.assemble(intervals, project=project)
     anton_paar.write(folder / f"dma/{name}.csv", export, digits=_DIGITS)
@@ -89,38 +102,6 @@ def sweeps(folder: Path, *of: str, protocol: Protocol = CAMPAIGN) -> str:
         export = write_dma(folder, name, solid, protocol, 500 + list(SOLIDS).index(material))
         sections += dma_section(name, export, solid)
     return sections
-
-
-def _columns(
-    solid: Solid,
-    protocol: Protocol,
-    generator: np.random.Generator,
-    time: Floats,
-    frequency: Floats,
-    temperature: Floats,
-    scale: float,
-) -> list[anton_paar.Column]:
-    """Make the columns of one table: the moduli with multiplicative noise."""
-    phase = np.exp(2j * np.pi * frequency * protocol.delay)
-    true = scale * phase * solid.modulus(frequency, temperature)
-    factor = 2 * (1 + solid.nu) if solid.mode == "torsion" else 1.0
-    storage = true.real / factor * np.exp(protocol.u_storage * generator.standard_normal(time.size))
-    loss = true.imag / factor * np.exp(protocol.u_loss * generator.standard_normal(time.size))
-    shown = temperature + protocol.u_temperature * generator.standard_normal(time.size)
-    kind = "Shear" if solid.mode == "torsion" else "Extensional"
-    strain = np.full(time.size, _RELATIVE_STRAIN)
-    make = anton_paar.make_column
-    return [
-        make("Time", "[s]", time),
-        make("Temperature", "[°C]", np.round(shown, 2)),
-        make("Angular Frequency", "[rad/s]", 2 * np.pi * frequency),
-        make("Storage Modulus", "[MPa]", storage),
-        make("Loss Modulus", "[MPa]", loss),
-        make("Loss Factor", "[1]", loss / storage),
-        make(f"{kind} Strain", "[%]", strain),
-        make(f"{kind} Stress", "[kPa]", strain * np.hypot(storage, loss)),
-        make("Status", "", ["Dy_auto"] * time.size),
-    ]
 
 
 def _truth(solid: Solid, protocol: Protocol) -> dict[str, Any]:

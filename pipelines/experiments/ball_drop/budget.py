@@ -1,4 +1,4 @@
-"""Budgets of a ball drop, heated or not: height, speed, restitution, and the model's."""
+"""Budgets of a ball drop: height, speed, restitution, and the model's."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -7,7 +7,6 @@ from math import cos
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
 from labpipe.uncertainty import Input
 from pipelines.experiments.shared.budget_quantity import (
     IMPACTS,
@@ -20,14 +19,17 @@ from pipelines.experiments.shared.budget_quantity import (
 )
 from pipelines.experiments.shared.pages import present
 
-_CAMERA = ("pixel size", "there is no camera")
-_LAG = ("filter lag", "the moving average of the sensor delays all readings equally")
-_MODEL = (
-    "mass, radius, Poisson's ratio, temperature",
-    "they affect the model; what the masses of body and plate tell of the pulse stands in the row of its shape",
+_INERT = (
+    ("pixel size", "there is no camera"),
+    ("filter lag", "the moving average of the sensor delays all readings equally"),
+    (
+        "mass, radius, Poisson's ratio, temperature",
+        "they affect the model; the masses of body and plate act on the pulse by the row of its shape",
+    ),
+    ("zero", "a difference of two readings has none"),
+    ("height", "that of session.toml enters only the model"),
 )
-_ZERO = ("zero", "a difference of two readings has none")
-_HEIGHT = ("height", "that of session.toml enters only the model")
+_LEVELS = ("sampling", "levels are fitted and do not depend on time")
 _RATIO = ("inclination, sampling", "common to both speeds, so that the scales of length and time cancel")
 
 
@@ -35,83 +37,58 @@ def quantities(
     bounces: Sequence[xr.Dataset | None], displacement: Sequence[xr.Dataset | None], model: xr.Dataset | None = None
 ) -> Iterator[Quantity]:
     """Yield drop height, speed of the first impact, and restitutions of the first ones, the model's first one too."""
-    made, moved = present(bounces), present(displacement)
-    yield _fall(made, moved[0])
-    yield _speed(made, moved[0])
-    for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
-        yield from _restitution(made, i)
-    if model is not None and model.sizes["impact"] and "budget" in model.attrs:
-        inputs = ("mass", "radius", "height", "Poisson's ratio", "temperature")
-        best, sources = float(model["restitution"][0]), json.loads(model.attrs["budget"])
-        yield model_quantity("restitution of the model, impact 1", best, "1", sources, inputs)
+    made, moved = present(bounces), present(displacement)[0]
+    tilt = Input(float(moved["inclination"]), float(moved["u_inclination"]), "rad")
+    gain = Input(float(moved["gain"]), float(moved["u_gain"]))
+    relative = float(moved.attrs["u_systematic_relative"])
 
-
-def _fall(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:
-    inputs, _ = _along(made, moved, "drop_height", "m")
-    return Quantity(
+    fallen = _read(made, "drop_height", "m", 0, relative)
+    along = cos(tilt.value) / gain.value  # of a true length, as it is read
+    scale = {"gain": gain, "inclination": tilt}
+    yield Quantity(
         "height of the fall",
         "m",
         lambda measured, gain, inclination, noise, repeatability, pulse_shape: (
             (measured + noise) * gain / cos(inclination) + repeatability + pulse_shape
         ),
-        inputs,
-        (_CAMERA, _ZERO, ("sampling", "levels are fitted and do not depend on time"), _LAG, _MODEL, _HEIGHT),
+        fallen | {MEASURED: Input(fallen[MEASURED].value * along, 0.0, "m")} | scale,
+        (*_INERT, _LEVELS),
     )
-
-
-def _speed(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:
-    inputs, _ = _along(made, moved, "incoming_speed", "m/s")
-    return Quantity(
+    speed = _read(made, "incoming_speed", "m/s", 0, relative)
+    yield Quantity(
         "speed of the first impact",
         "m/s",
         lambda measured, gain, inclination, noise, repeatability, pulse_shape, clock: (
             (measured + noise) * gain / cos(inclination) / clock + repeatability + pulse_shape
         ),
-        inputs | {"clock": clock(moved)},
-        (_CAMERA, _ZERO, _LAG, _MODEL, _HEIGHT),
+        speed | {MEASURED: Input(speed[MEASURED].value * along, 0.0, "m/s")} | scale | {"clock": clock(moved)},
+        _INERT,
     )
+    for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
+        inputs = _read(made, "restitution", "1", i, 0.0)
+        if np.isfinite(inputs[MEASURED].value):
+            yield Quantity(f"restitution, impact {i + 1}", "1", summed, inputs, (*_INERT, _RATIO), "restitution")
+    if model is not None and model.sizes["impact"] and "budget" in model.attrs:
+        asked = ("mass", "radius", "height", "Poisson's ratio", "temperature")
+        best, sources = float(model["restitution"][0]), json.loads(model.attrs["budget"])
+        yield model_quantity("restitution of the model, impact 1", best, "1", sources, asked)
 
 
-def _along(made: list[xr.Dataset], moved: xr.Dataset, name: str, unit: str) -> tuple[dict[str, Input], Floats]:
-    """Return the inputs of what goes with the scale of the laser, and the repeats."""
-    tilt = Input(float(moved["inclination"]), float(moved["u_inclination"]), "rad")
-    gain = Input(float(moved["gain"]), float(moved["u_gain"]))
-    relative = float(moved.attrs["u_systematic_relative"])
-    values, u = (np.array([float(np.atleast_1d(b[n].values)[0]) for b in made]) for n in (name, f"u_{name}"))
-    shape = _pulse_shape(made, name, 0)
-    own = np.sqrt(np.maximum(u**2 - (relative * values) ** 2 - shape.u**2, 0.0))
-    noise, scatter = repeats(values, own)
-    along = float(values.mean()) * cos(tilt.value) / gain.value
-    return {
-        MEASURED: Input(along, 0.0, unit),
-        "gain": gain,
-        "inclination": tilt,
-        "noise": noise._replace(unit=unit),
-        "repeatability": scatter._replace(unit=unit),
-        "pulse_shape": shape._replace(unit=unit),
-    }, values
+def _read(made: Sequence[xr.Dataset], name: str, unit: str, impact: int, relative: float) -> dict[str, Input]:
+    """Return the mean of the repeats, and its noise, repeatability and the shape of the pulse that they share.
 
-
-def _restitution(made: list[xr.Dataset], impact: int) -> Iterator[Quantity]:
-    values = np.array([float(b["restitution"][impact]) for b in made])
-    own = np.array([float(b["u_restitution"][impact]) for b in made])
-    if not np.isfinite(values).all():
-        return
-    shape = _pulse_shape(made, "restitution", impact)
-    noise, scatter = repeats(values, np.sqrt(np.maximum(own**2 - shape.u**2, 0.0)))
-    yield Quantity(
-        f"restitution, impact {impact + 1}",
-        "1",
-        summed,
-        {MEASURED: Input(float(values.mean()), 0.0), "noise": noise, "repeatability": scatter, "pulse_shape": shape},
-        (_RATIO, _CAMERA, _ZERO, _LAG, _MODEL, _HEIGHT),
-        "restitution",
+    ``relative`` is the uncertainty of the scale, which the repeats' own contains.
+    """
+    values, u, shared = (
+        np.array([float(np.atleast_1d(b[key].values)[impact]) if key in b else 0.0 for b in made])
+        for key in (name, f"u_{name}", f"shared_u_{name}")
     )
-
-
-def _pulse_shape(made: list[xr.Dataset], name: str, impact: int) -> Input:
-    """Return what the unknown shape of the contact's pulse leaves, in all repeats alike."""
-    if f"shared_u_{name}" not in made[0]:
-        return Input(0.0, 0.0)
-    shared = np.array([float(b[f"shared_u_{name}"][impact]) for b in made])
-    return Input(0.0, float(np.sqrt(np.mean(shared**2))))
+    pulse = float(np.sqrt(np.mean(shared**2)))
+    noise, scatter = repeats(values, np.sqrt(np.maximum(u**2 - (relative * values) ** 2 - pulse**2, 0.0)))
+    inputs = {
+        MEASURED: Input(float(values.mean()), 0.0),
+        "noise": noise,
+        "repeatability": scatter,
+        "pulse_shape": Input(0.0, pulse),
+    }
+    return {key: each._replace(unit=unit) for key, each in inputs.items()}

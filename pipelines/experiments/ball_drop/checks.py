@@ -1,11 +1,10 @@
 """Checks of a ball drop: free fall, stated height, order of bounces, contact, levels, repeats, and the record."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
-from math import acos, cos, inf, pi
+from math import acos, cos, degrees, inf
 
 import numpy as np
 import xarray as xr
@@ -21,6 +20,7 @@ from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
 from pipelines.experiments.shared.alternatives import of_drop
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.drop_model import inputs_of
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.fall_checks import BY_NAME, HEIGHT, Fall, G, Stiffness
 from pipelines.experiments.shared.given import Given
@@ -29,10 +29,10 @@ from pipelines.experiments.shared.record_checks import Trace
 
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
-_LIGHTEST_PLATE = 5.0  # times the mass that falls on it: lighter, it would be hit again before it leaves
+_LIGHTEST = 5.0  # times the falling mass: a lighter plate would be hit again before the body leaves
 _LESS, _SHORTENED = 2.0, 0.1
 """Standard uncertainties by which a plate must lower the first restitution to be named where all bounces differ, and
-the part of a contact's duration that it changes at most: t goes with (1 + m/M)^-0.4."""
+the part of a contact's duration that it changes at most."""
 _FINE = 2.0  # standard uncertainties within which a record is in order where another is not
 _SMEARED = (HEIGHT, fall_checks.DURATION)
 _OF_ANOTHER = (
@@ -89,10 +89,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     """Judge one ball drop; a step without a result is judged by its error."""
     readings, displacement, bounces, repeats, model, _ = map(given.get, _STEPS)
     sphere, gravity = settings.sphere, settings.model.gravity
-    each = [
+    read, moved, bounced = (
         dict(zip(settings.laser, found or repeat(None), strict=False)) for found in (readings, displacement, bounces)
-    ]
-    read, moved, bounced = each
+    )
     traces = [
         trace
         for name, one in read.items()
@@ -119,10 +118,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     is_damaged = any(check.level == "impossible" for check in of_traces)
     causes = [] if is_damaged else list(_causes(settings, read, records))
     stiffness = _stiffness(settings, model)
-    of_falls = [_of_fall(fall, one, stiffness, settings) for fall, one in records]
-    of_falls = [
-        _of_readings_blamed(found, fall.name, of_traces) for found, (fall, _) in zip(of_falls, records, strict=True)
-    ]
+    of_falls = [_of_fall(fall, one, stiffness, settings, of_traces) for fall, one in records]
     checks += _explained(of_falls, records, read, causes, settings)
     checks += fall_checks.repeats_agree([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     named = {name for found in explain(checks, causes) for name in found.checks}
@@ -131,7 +127,10 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         for c in checks
     ]
     compared = given.each([rows])
-    inputs = _inputs(model, repeats)
+    inputs = inputs_of(model)
+    if inputs:
+        relative = 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"])
+        inputs[SCALE] = Quantity(1.0, relative, "1")
     in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
     sources = {name: given.get(name) for name in _SOURCES}
     return Scene(
@@ -147,8 +146,10 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
     )
 
 
-def _of_fall(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, settings: BallDrop) -> list[Check]:
-    """Evaluate all redundancies of one recording."""
+def _of_fall(
+    fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, settings: BallDrop, of_traces: Sequence[Check]
+) -> list[Check]:
+    """Evaluate all redundancies of one recording; lost rows, or an averaging controller, explain their effects."""
     gravity, radius, mass = settings.model.gravity, settings.sphere.radius.value, settings.sphere.mass.value
     modulus = 1e9 if stiffness is None else stiffness.modulus
     sag = float((0.75 * mass * gravity.value / (modulus * np.sqrt(radius))) ** (2 / 3))  # Hertz, under the weight
@@ -160,7 +161,7 @@ def _of_fall(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, setting
         cause="the recording ends too soon, in the first flight",
         file=fall.name,
     )
-    return [
+    checks = [
         fall_checks.acceleration(fall, gravity),
         fall_checks.height(fall, settings.height),
         fall_checks.restitution(fall),
@@ -170,15 +171,10 @@ def _of_fall(fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, setting
         fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
         ended,
     ]
-
-
-def _of_readings_blamed(checks: list[Check], name: str, of_traces: Sequence[Check]) -> list[Check]:
-    """Blame lost rows, or an average of the controller, for what they do to times and contacts of a recording."""
-    for wrong in (c for c in of_traces if c.level and c.file == name):
-        if wrong.name == record_checks.SINGLE_ROWS:
-            checks = judgements.because(checks, wrong.cause, *{c.name for c in checks}, file=name)
-        elif wrong.name == record_checks.SMOOTHED:
-            checks = judgements.because(checks, wrong.cause, *_SMEARED, file=name)
+    blamed = {record_checks.SINGLE_ROWS: {c.name for c in checks}, record_checks.SMOOTHED: _SMEARED}
+    for wrong in of_traces:
+        if wrong.level and wrong.file == fall.name and wrong.name in blamed:
+            checks = judgements.because(checks, wrong.cause, *blamed[wrong.name], file=fall.name)
     return checks
 
 
@@ -234,23 +230,19 @@ def _unstated_plate(compared: Sequence[Row], settings: BallDrop) -> str:
     """Say which plate would explain a first bounce that returns too little, where none is stated.
 
     A plate of modal mass M takes e - (1 + e) m/(m + M) in place of e, as long as it hardly moves
-    while it is struck.
+    while it is struck, and changes the contact's duration by t ~ (1 + m/M)^-0.4.
     """
     by_name = {row.quantity: row for row in compared}
     first, lasts = by_name.get(f"{RESTITUTION}1"), by_name.get(f"{DURATION}1")
     if first is None or lasts is None or settings.plate is not None or settings.plate_from is not None:
         return ""
-    less, model = -(first.difference or 0.0), first.model or 0.0
+    less, own = -(first.difference or 0.0), settings.sphere.mass.value
     is_of_material = abs(lasts.difference or 0.0) > _SHORTENED * (lasts.model or 0.0)
     if is_of_material or less <= _LESS * (first.u_difference or inf):
         return ""
-    mass = settings.sphere.mass.value * ((1.0 + model) / less - 1.0)
-    if not mass > _LIGHTEST_PLATE * settings.sphere.mass.value:
-        return ""
-    return (
-        f"the session states no plate under the drop (plate or plate_from): one that swings with about "
-        f"{quantity(mass, 'kg', 2)} would take that much of the first bounce"
-    )
+    mass = own * ((1.0 + (first.model or 0.0)) / less - 1.0)
+    text = "the session states no plate under the drop (plate or plate_from): one that swings with about "
+    return f"{text}{quantity(mass, 'kg', 2)} would take that much of the first bounce" if mass > _LIGHTEST * own else ""
 
 
 def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> Stiffness | None:
@@ -268,78 +260,59 @@ def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> Stiffness | None
     return Stiffness(float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2), BY_NAME)
 
 
-def _inputs(model: xr.Dataset | None, repeats: xr.Dataset | None) -> dict[str, Quantity]:
-    """Return values and uncertainties of the inputs of the model's rows."""
-    if model is None or "slope_input" not in model.coords:
-        return {}
-    relative = 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"])
-    columns = (model[name].values.tolist() for name in ("slope_input", "input_value", "input_u"))
-    known = zip(*columns, json.loads(model.attrs["input_units"]), strict=True)
-    return {name: Quantity(value, u, unit) for name, value, u, unit in known} | {SCALE: Quantity(1.0, relative, "1")}
-
-
 def _causes(
     settings: BallDrop, readings: Mapping[str, xr.Dataset | None], records: Sequence[tuple[Fall, xr.Dataset]]
 ) -> Iterator[Cause]:
-    duration, of_lengths = fall_checks.DURATION, {G: 1.0, HEIGHT: 1.0}
-    for file, first in [(name, found) for name, found in readings.items() if found is not None][:1]:
+    record, of_lengths = settings.calibration, {G: 1.0, HEIGHT: 1.0}
+    file, first = next(((name, found) for name, found in readings.items() if found is not None), ("", None))
+    if first is not None:
         header, interval = str(first.attrs.get("header", "")), float(first.attrs["sampling_interval"])
         line, unit_line = line_of(header, "cycle", "period", "周期"), line_of(header, "unit", "単位")
         given = settings.keyence.cycle is not None
         where = "" if line is None or given else f"line {line} of {file}"
         yield Cause(
-            {G: -2.0, duration: 1.0},
+            {G: -2.0, fall_checks.DURATION: 1.0},
             times_over("the sampling interval", interval, "s", where),
             SLIPS["interval"],
             file="" if given else file,
             line=None if given else line,
             setting="keyence.cycle" if given else "",
         )
+        of_unit = f"the unit, the decimal point or the display factor of {file} is not what it says"
+        of_unit += f" (line {unit_line})" if unit_line else ""
         yield Cause(
             of_lengths,
-            partial(_in_unit, file, unit_line),
+            lambda k: f"lengths come out {too_large(k)}: {of_unit}",
             SLIPS["length"] + SLIPS["gain"],
             only_usual=True,
             file=file,
             line=unit_line,
         )
-    for fall, moved in records[:1]:
+    if records:
+        fall, moved = records[0]
         angle = float(moved["inclination"])
         cosine = cos(angle) * float(fall.values("fall_acceleration")) / settings.model.gravity.value
-        is_angle = _LEAST_COSINE < cosine < 1.01
-        yield Cause(
-            of_lengths,
-            partial(_inclined if is_angle else _scaled, angle, settings.calibration),
-            file=settings.calibration,
-            setting="values.inclination" if is_angle else "values.scale",
-        )
+        of_scale = f"the scale of {record} or the gain of the sensor is not what it says"
+
+        def inclined(k: float) -> str:
+            right = degrees(acos(min(cos(angle) * k, 1.0)))
+            twice = ": it was corrected twice, by the controller too" if right < _LEVEL else ""
+            text = f"the inclination of {degrees(angle):.3g}° in {record} makes lengths {too_large(k)}"
+            return f"{text}; {right:.3g}° would be right{twice}"
+
+        if _LEAST_COSINE < cosine < 1.01:
+            yield Cause(of_lengths, inclined, file=record, setting="values.inclination")
+        else:
+            yield Cause(
+                of_lengths,
+                lambda k: f"lengths come out {too_large(k)}: {of_scale}",
+                file=record,
+                setting="values.scale",
+            )
     yield Cause(
         {HEIGHT: -1.0},
         times_over("the drop height", settings.height.value, "m", "height in session.toml"),
         SLIPS["decimal"],
         u=(settings.height.u or usual_uncertainty(settings.height)) / settings.height.value,
         setting="height",
-    )
-
-
-def _in_unit(file: str, line: int | None, factor: float) -> str:
-    """Say that a unit is wrong where lengths are a usual factor too large."""
-    where = f" (line {line})" if line else ""
-    reason = f"the unit, the decimal point or the display factor of {file} is not what it says{where}"
-    return f"lengths come out {too_large(factor)}: {reason}"
-
-
-def _scaled(angle: float, record: str, factor: float) -> str:
-    """Say that a scale is wrong where no inclination would explain lengths."""
-    del angle
-    return f"lengths come out {too_large(factor)}: the scale of {record} or the gain of the sensor is not what it says"
-
-
-def _inclined(angle: float, record: str, factor: float) -> str:
-    """Say which inclination would explain lengths that are a factor too large."""
-    right = acos(min(cos(angle) * factor, 1.0)) * 180 / pi
-    more = ": it was corrected twice, by the controller too" if right < _LEVEL else ""
-    return (
-        f"the inclination of {angle * 180 / pi:.3g}° in {record} makes lengths {too_large(factor)}; "
-        f"{right:.3g}° would be right{more}"
     )

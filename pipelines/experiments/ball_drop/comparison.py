@@ -1,7 +1,6 @@
-"""Comparison of a ball drop with the model: displacement and restitution."""
+"""Comparison of a ball drop with the model: displacement, free fall, and the first impacts."""
 
 from collections.abc import Iterator
-from math import hypot
 from typing import Any
 
 import numpy as np
@@ -9,28 +8,31 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.arrays import Floats
+from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import variable
-from pipelines.experiments.ball_drop._curve import along
-from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED
 from pipelines.experiments.ball_drop.measured import NOISE
+from pipelines.experiments.ball_drop.model import FOLLOWED, path_by_input
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.drop_model import slopes_of
+from pipelines.experiments.shared.flights import flights, moved_by_scatter
 from pipelines.experiments.shared.plate_under_drop import floor_under
 
 RESTITUTION, DURATION = "restitution, impact ", "contact duration, impact "
 SCALE = "scale of length (gain and inclination)"
-"""Input of the rows beside those of the model: the laser's gain and inclination together."""
-_U_GRAVITY = 0.01
-"""m/s2; where the record tells no acceleration of the fall."""
+"""Input of the rows in addition to those of the model: the laser's gain and inclination together."""
+_U_GRAVITY = 0.01  # m/s2; where the record gives no acceleration of the fall
+_LOST = 0.03  # of a flight, uncertainty of its end from which sensitivities do not give the path
+_FEW_REPEATS = 3.0  # by which the variance of two or three is taken larger
 
 
 def comparison(
     repeats: xr.Dataset, model: xr.Dataset, plate: xr.Dataset | None = None, *, settings: BallDrop
 ) -> xr.Dataset:
-    """Lay the model over the mean of the repeats, both from first contact, and measure the gap.
+    """Compare the mean of the repeats with the model, both from first contact.
 
-    What an impact shows is found by a fit that expects the pulse of polymers in general. The model's own impacts
-    are fitted alike, so that what its pulse departs from that by is in both.
+    An impact is measured by a fit that expects the pulse of polymers in general. The model's own impacts are fitted
+    in the same way, so that the departure of its pulse from the expected one is in both.
     """
     first = float(model["impact_time"][0])
     since = model["time"].values - first
@@ -39,64 +41,90 @@ def comparison(
     measured = repeats["displacement_mean"].sel(time=time)
     simulated = np.interp(time, since, model["displacement"].values)
     curves = signals.compare(measured, measured.copy(data=simulated))
-    seen = _seen(repeats, model, floor_under(settings.plate, plate, settings.sphere.mass), settings)
-    found = along(repeats.sel(time=time), model, since, curves["residual"].values)
-    return curves.assign(curve_table((), [found])).merge(_bounces_compared(repeats, model, seen, first))
+    found = _along(repeats.sel(time=time), model, since, curves["residual"].values)
+    made = curves.assign(curve_table((), [found]))
 
-
-def _seen(repeats: xr.Dataset, model: xr.Dataset, floor: signals.Floor | None, settings: BallDrop) -> xr.Dataset:
-    """Return the model's first impacts as the analysis finds them (``impact``), NaN where it was not asked."""
     count = min(repeats.sizes["impact"], model.sizes["impact"], FOLLOWED)
-    compared = min(IMPACTS, count)
+    shown = min(IMPACTS, count)
     interval = float(np.median(np.diff(repeats["time"])))
     every = max(1, round(interval / float(model["time"][1] - model["time"][0])))
-    found = signals.as_fitted(
+    seen = signals.as_fitted(
         model["displacement"][::every],
-        np.append(model["impact_time"].values, float(model["final_contact_time"]))[: compared + 1],
-        np.append(model["contact_duration"].values, np.nan)[: compared + 1],
-        compared,
+        np.append(model["impact_time"].values, float(model["final_contact_time"]))[: shown + 1],
+        np.append(model["contact_duration"].values, np.nan)[: shown + 1],
+        shown,
         noise=repeats.attrs["noise"],
         gravity=settings.model.gravity.value,
         u_gravity=float(repeats.get("u_fall_acceleration", _U_GRAVITY)),
         contact=settings.analysis.contact,
-        floor=floor,
-    )
-    return found.reindex(impact=np.arange(1, count + 1)).rename({name: f"seen_{name}" for name in found.data_vars})
+        floor=floor_under(settings.plate, plate, settings.sphere.mass),
+    ).reindex(impact=np.arange(1, count + 1))
+    made = made.merge(seen.rename({name: f"seen_{name}" for name in seen.data_vars}))
 
-
-def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, seen: xr.Dataset, first: float) -> xr.Dataset:
-    count = seen.sizes["impact"]
-    fitted = seen["seen_restitution"].values
+    fitted, own = seen["restitution"].values, repeats["u_restitution"].values[:count]
     is_fitted = np.isfinite(fitted)
-    theirs, ours = model["restitution"].values[:count], repeats["u_restitution"].values[:count]
-    pairs = {
-        "restitution": (
-            np.where(is_fitted, fitted, theirs),
-            np.where(is_fitted, without_shape(repeats, "restitution")[:count], ours),
+    for name, theirs, u_ours, u_theirs in (
+        (
+            "restitution",
+            np.where(is_fitted, fitted, model["restitution"].values[:count]),
+            np.where(is_fitted, _without_shape(repeats, "restitution")[:count], own),
             model["u_restitution"],
         ),
-        "touch_time": (
+        (
+            "touch_time",
             model["impact_time"].values[:count] - first,
             repeats["u_touch_time"].values[:count],
             model["u_impact_time"],
         ),
-    }
-    table: dict[str, Any] = {}
-    for name, (b, u_ours, u_theirs) in pairs.items():
-        units = repeats[name].attrs["units"]
-        a = repeats[name].values[:count]
-        u = np.hypot(u_ours, u_theirs.values[:count])
+    ):
+        units, ours = repeats[name].attrs["units"], repeats[name].values[:count]
         for key, values, text in (
-            (f"{name}_measured", a, "measured"),
-            (f"{name}_model", b, "model"),
-            (f"{name}_difference", a - b, "measured minus model"),
+            (f"{name}_measured", ours, f"{name}, measured"),
+            (f"{name}_model", theirs, f"{name}, model"),
+            (f"{name}_difference", ours - theirs, f"{name}, measured minus model"),
+            (
+                f"u_{name}_difference",
+                np.hypot(u_ours, u_theirs.values[:count]),
+                f"standard uncertainty: {name} difference",
+            ),
         ):
-            table[key] = variable("impact", values, units, f"{name}, {text}")
-        table[f"u_{name}_difference"] = variable("impact", u, units, f"standard uncertainty: {name} difference")
-    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)}).merge(seen)
+            made[key] = variable("impact", values, units, text)
+    return made
 
 
-def without_shape(repeats: xr.Dataset, name: str) -> Floats:
+def _along(repeats: xr.Dataset, model: xr.Dataset, since: Floats, left: Floats) -> Agreement | None:
+    """Compare fall and flights with the model, each in a few stretches.
+
+    They share the scale of length, the moment of first touch, the uncertainty of the model from its inputs, and the
+    scatter between repeats, of each as a whole and of each impact, which moves all that follows.
+    """
+    flown = np.diff(model["impact_time"].values[:FOLLOWED], prepend=0.0)
+    lost = np.flatnonzero(model["u_impact_time"].values[:FOLLOWED] > _LOST * flown)
+    known = slice(int(lost[0]) if lost.size else FOLLOWED)
+    touches = model["impact_time"].values[known] - float(model["impact_time"][0])
+    leaves = touches + model["contact_duration"].values[known]
+    time, path = repeats["time"].values, model["displacement"].values
+    places = flights(time, touches, leaves, float(since[0]))
+    if not places:
+        return None
+    means, own = stretches(left, places)
+    relative, u_touch = float(repeats.attrs["u_systematic_relative"]), float(repeats["u_touch_time"][0])
+    # a touch that is taken too late has its level too low
+    later = np.interp(time, since, np.gradient(path, since))
+    touched = u_touch * (later + float(model["impact_speed"][0]))
+    shared = [relative * np.interp(time, since, path), touched]
+    shared += [np.interp(time, since, one) for one in path_by_input(model)]
+    n = repeats.sizes["repeat"]
+    if n > 1:
+        wider = np.sqrt((n - 1) / (n - 3) if n > 3 else _FEW_REPEATS)  # variance of Student's distribution
+        apart = (repeats["displacement"] - repeats["displacement"].mean("repeat", skipna=False)).values
+        shared += list(apart * wider / np.sqrt(n * (n - 1)))
+        sd = repeats["touch_time_sd"].values * wider / np.sqrt(n)
+        shared += moved_by_scatter(time, repeats["touch_time"].values, sd, later)
+    return along_curve(means, own, stretch_means(shared, places))
+
+
+def _without_shape(repeats: xr.Dataset, name: str) -> Floats:
     """Return the standard uncertainty (impact,) without the shape of the pulse, which the model's fit shares."""
     of_shape = [i for i, text in enumerate(repeats["unknown"].values.tolist()) if not text.startswith(NOISE)]
     shape = np.nansum(repeats.variables[f"common_{name}"].values[:, of_shape] ** 2, axis=1)
@@ -104,12 +132,12 @@ def without_shape(repeats: xr.Dataset, name: str) -> Floats:
 
 
 def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
-    """Yield the rows of ``compare``: the curve, the free fall, and what each impact shows."""
+    """Yield the rows of ``compare``: the curve, the free fall, and the results of each impact."""
     n = int(repeats.sizes["repeat"])
     relative = float(repeats.attrs["u_systematic_relative"])
     mean_size = float(np.abs(repeats["displacement_mean"]).mean())
-    bias, u, told = comparison["bias"], relative * mean_size, of_curve(comparison)
-    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=bias, u_difference=u, **told)
+    bias, u, curve = comparison["bias"], relative * mean_size, of_curve(comparison)
+    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=bias, u_difference=u, **curve)
     if "fall_acceleration" in repeats:
         seen, u, gravity = repeats["fall_acceleration"], float(repeats["u_fall_acceleration"]), settings.model.gravity
         yield row(
@@ -121,55 +149,47 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
             model=(gravity.value, gravity.u),
             difference=(float(seen) - gravity.value, np.hypot(u, gravity.u)),
         )
-    shown = min(IMPACTS, comparison.sizes["impact"])
-    for i in range(shown):
-        yield _event(f"{RESTITUTION}{i + 1}", "1", ("restitution",) * 2, i, repeats, model, comparison)
-    for i in range(shown):
-        names = ("contact_duration",) * 2
-        yield _event(f"{DURATION}{i + 1}", "s", names, i, repeats, model, comparison)
-    if shown:
-        for title, unit, names in (
-            ("speed of the first impact", "m/s", ("incoming_speed", "impact_speed")),
-            ("penetration of the first impact", "m", ("penetration",) * 2),
-        ):
-            yield _event(title, unit, names, 0, repeats, model, comparison, is_length=True)
+    numbers = range(min(IMPACTS, comparison.sizes["impact"]))
+    shown: list[tuple[str, str, str, str, int]] = [
+        *((f"{RESTITUTION}{i + 1}", "1", "restitution", "restitution", i) for i in numbers),
+        *((f"{DURATION}{i + 1}", "s", "contact_duration", "contact_duration", i) for i in numbers),
+    ]
+    if numbers:
+        shown.append(("speed of the first impact", "m/s", "incoming_speed", "impact_speed", 0))
+        shown.append(("penetration of the first impact", "m", "penetration", "penetration", 0))
+    for title, unit, ours, theirs, i in shown:
+        yield _of_impact(title, unit, ours, theirs, i, repeats, model, comparison)
 
 
-def common(repeats: xr.Dataset, name: str, impact: int) -> dict[str, float]:
-    """Return what the noise of an impact, common to several rows, adds to a measured value by its deviations."""
-    values = repeats.variables[f"common_{name}"].values[impact]
-    return {
-        f"impact {impact + 1}, {text}": float(value)
-        for text, value in zip(repeats["unknown"].values.tolist(), values, strict=True)
-        if text.startswith(NOISE) and np.isfinite(value)
-    }
-
-
-def _event(
+def _of_impact(
     title: str,
     unit: str,
-    names: tuple[str, str],
+    ours: str,
+    theirs: str,
     impact: int,
     repeats: xr.Dataset,
     model: xr.Dataset,
     comparison: xr.Dataset,
-    *,
-    is_length: bool = False,
 ) -> Row:
-    """Return one row; `names` are its variable in the repeats and in the model."""
-    ours, theirs = names
-    measured, u_measured = (float(repeats.variables[name].values[impact]) for name in (ours, f"u_{ours}"))
-    expected, u_expected = (float(model.variables[name].values[impact]) for name in (theirs, f"u_{theirs}"))
-    u_apart, seen = u_measured, float(comparison.variables[f"seen_{ours}"].values[impact])
+    """Return one row of a variable ``ours`` of the repeats and ``theirs`` of the model."""
+
+    def value(result: xr.Dataset, name: str) -> Any:
+        return result.variables[name].values[impact]
+
+    measured, u_measured = float(value(repeats, ours)), float(value(repeats, f"u_{ours}"))
+    expected, u_expected = float(value(model, theirs)), float(value(model, f"u_{theirs}"))
+    u_apart, seen = u_measured, float(value(comparison, f"seen_{ours}"))
     if np.isfinite(seen):
-        expected, u_apart = seen, float(without_shape(repeats, ours)[impact])
-    if f"swing_{theirs}" in model:
-        u_apart = hypot(u_apart, float(np.nan_to_num(model.variables[f"swing_{theirs}"].values[impact])))
-    inputs, changes = model.variables["slope_input"].values, model.variables[f"slope_{theirs}"].values[:, impact]
-    slopes = {str(name): -float(slope) for name, slope in zip(inputs, changes, strict=True) if np.isfinite(slope)}
-    if is_length:
+        expected, u_apart = seen, float(_without_shape(repeats, ours)[impact])
+    slopes = slopes_of(model, theirs, impact)
+    if unit in ("m", "m/s"):
         slopes[SCALE] = measured
-    slopes |= common(repeats, ours, impact)
+    # the noise of an impact is common to all that is measured of it
+    slopes |= {
+        f"impact {impact + 1}, {text}": float(by)
+        for text, by in zip(repeats["unknown"].values.tolist(), value(repeats, f"common_{ours}"), strict=True)
+        if text.startswith(NOISE) and np.isfinite(by)
+    }
     return row(
         title,
         unit,

@@ -12,7 +12,7 @@ from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.drop_evidence import body, mean_height, of_drop
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 
-_LEAST_OF_TIME = 5e-5  # of a time of touch: what simulated and recorded clocks are good for
+_LEAST_OF_TIME = 5e-5  # of a time of touch: accuracy of simulated and recorded clocks
 
 
 def evidence(
@@ -29,45 +29,39 @@ def evidence(
     """Gather times of touch and durations of contact, the mean of the repeats.
 
     The shape of the pulse that was fitted to the contacts is the same for all of them: it moves
-    all durations alike, so it is one unknown, and leaves the times between touches as they are.
+    all durations by one unknown, and leaves the times between touches as they are.
     """
     count = min(impacts + 1, *(b.sizes["impact"] for b in bounces))
     if count < 2:
         return "fewer than two impacts were seen"
-    touch = np.array([b["touch_time"].values[:count] - float(b["touch_time"][0]) for b in bounces])
-    own = np.mean([_own_square(b, "touch_time", count) for b in bounces], axis=0)
+
+    def of_each(variable: str) -> Floats:
+        return np.array([b[variable].values[:count] for b in bounces])
+
+    touch = of_each("touch_time") - of_each("touch_time")[:, :1]
+    own = np.maximum(of_each("u_touch_time") ** 2 - of_each("shared_u_touch_time") ** 2, 0.0).mean(axis=0)
     u_touch = np.maximum(np.sqrt(own), _scatter(touch)) / np.sqrt(len(bounces))
     u_touch = np.maximum(u_touch, _LEAST_OF_TIME * touch.mean(axis=0))
-    table = repeats.isel(impact=slice(count))
     names, unknowns = body(settings.sphere)
     height = mean_height(name, settings.height, np.array([float(b["drop_height"]) for b in bounces]))
     trigger = nuisance(f"{name} trigger", 0.0, float(u_touch[0]), "s", "delay of the first contact")
     pulse = nuisance("pulse shape", 0.0, 1.0, "1", "shape of the force pulse, in standard uncertainties")
     names |= {"height": height.name, "trigger": trigger.name, "pulse": pulse.name}
     unknowns += [height, trigger, pulse]
-    none = np.full(count, np.nan)
-    shared = np.mean([b["shared_u_contact_duration"].values[:count] ** 2 for b in bounces], axis=0)
-    u_duration = np.sqrt(np.maximum(table["u_contact_duration"].values ** 2 - shared, 0.0))
-    seen = Bounces(
-        touch.mean(axis=0), u_touch, table["contact_duration"].values, u_duration, none, none, np.sqrt(shared)
-    )
+    none, shared = np.full(count, np.nan), (of_each("shared_u_contact_duration") ** 2).mean(axis=0)
+    duration, u_duration = (repeats[f"{u}contact_duration"].values[:count] for u in ("", "u_"))
+    u_duration = np.sqrt(np.maximum(u_duration**2 - shared, 0.0))
+    seen = Bounces(touch.mean(axis=0), u_touch, duration, u_duration, none, none, np.sqrt(shared))
     return of_drop(name, settings, seen, names, unknowns, plate, file, fitted)
-
-
-def _own_square(bounces: xr.Dataset, name: str, count: int) -> Floats:
-    """Return the squared uncertainty (impact,) without the part that the pulse's shape makes."""
-    stated, shared = (bounces[f"{part}{name}"].values[:count] for part in ("u_", "shared_u_"))
-    return np.asarray(np.maximum(stated**2 - shared**2, 0.0))
 
 
 def _scatter(touch: Floats) -> Floats:
     """Return the scatter (impact,) of times between repeats that their heights do not explain.
 
-    All times go with the root of the height: what repeats have in common with the mean is height.
+    All times go with the root of the height: the part that repeats have in common with the mean is height.
     """
     if len(touch) < 3:
         return np.zeros(touch.shape[1])
     mean = touch.mean(axis=0)
-    share = touch @ mean / (mean @ mean)
-    rest = touch - share[:, None] * mean
+    rest = touch - (touch @ mean / (mean @ mean))[:, None] * mean
     return np.asarray(np.sqrt(np.sum(rest**2, axis=0) / (len(touch) - 1)))

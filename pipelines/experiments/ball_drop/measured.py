@@ -19,6 +19,7 @@ from labpipe.uncertainty import scatter_beyond
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared.drop_model import padded
 from pipelines.experiments.shared.plate_under_drop import floor_under
 
 NOISE = "noise"
@@ -126,42 +127,33 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
     uncertain of the mean as of one of them; only the rest falls with their number.
     """
     count = max(b.sizes["impact"] for b in bounces)
+
+    def of_all(name: str) -> Floats:
+        return np.array([padded(b[name].values, count) for b in bounces])
+
+    first, unknown = bounces[0], bounces[0]["unknown"].values
+    of_noise = [text.startswith(NOISE) for text in unknown.tolist()]
+    begins = np.array([float(b["first_contact_time"]) for b in bounces])[:, None]
     table: dict[str, Any] = {}
     for name in _PER_IMPACT:
-        shift = [float(b["first_contact_time"]) if name == "touch_time" else 0.0 for b in bounces]
-        values = np.array([padded(b[name].values - s, count) for b, s in zip(bounces, shift, strict=True)])
-        own = np.array([padded(b[f"u_{name}"].values, count) for b in bounces])
-        n = np.isfinite(values).sum(axis=0)
-        mean = np.nanmean(values, axis=0)
-        of_shape = f"shared_u_{name}"
-        shape = np.array(
-            [padded(b[of_shape].values if of_shape in b else 0.0 * b[name].values, count) for b in bounces]
-        )
-        shared = np.nanmean(shape**2, axis=0)
-        if name in _LENGTHS:
-            shared = shared + (relative * mean) ** 2
+        values, own, units = of_all(name), of_all(f"u_{name}"), first[name].attrs["units"]
+        if name == "touch_time":
+            values = values - begins
+        shape = of_all(f"shared_u_{name}") if f"shared_u_{name}" in first else 0.0 * values
+        n, mean = np.isfinite(values).sum(axis=0), np.nanmean(values, axis=0)
+        shared = np.nanmean(shape**2, axis=0) + (relative * mean) ** 2 * (name in _LENGTHS)
         # scatter between repeats counts where it is more than what each states of itself
         scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
         stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
         apart = np.hypot(stated, scatter_beyond(scatter, stated, n)) / np.sqrt(n)
-        u = np.hypot(apart, np.sqrt(shared))
-        if (of_unknowns := f"common_{name}") in bounces[0]:
-            parts = np.array([padded(b[of_unknowns].values, count) for b in bounces])
-            of_noise = [text.startswith(NOISE) for text in bounces[0]["unknown"].values.tolist()]
-            mean_parts = np.nanmean(parts, axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
-            unit = bounces[0][name].attrs["units"]
-            table[of_unknowns] = variable(("impact", "unknown"), mean_parts, unit, f"by common unknowns: {name}")
-        text = bounces[0][name].attrs
-        table[name] = ("impact", mean, text)
-        table[f"u_{name}"] = variable("impact", u, text["units"], f"standard uncertainty: {name}")
-        table[f"{name}_sd"] = variable(
-            "impact", np.where(n > 1, scatter, np.nan), text["units"], f"standard deviation over repeats: {name}"
-        )
+        table[name] = ("impact", mean, first[name].attrs)
+        for key, column, text in (
+            (f"u_{name}", np.hypot(apart, np.sqrt(shared)), f"standard uncertainty: {name}"),
+            (f"{name}_sd", np.where(n > 1, scatter, np.nan), f"standard deviation over repeats: {name}"),
+        ):
+            table[key] = variable("impact", column, units, text)
+        if (of_unknowns := f"common_{name}") in first:
+            parts = np.nanmean(of_all(of_unknowns), axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
+            table[of_unknowns] = variable(("impact", "unknown"), parts, units, f"by common unknowns: {name}")
     table["n_repeats"] = variable("impact", n, "1", "repeats that show the bounce")
-    unknown = bounces[0]["unknown"].values
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1), "unknown": unknown})
-
-
-def padded(values: Floats, count: int) -> Floats:
-    """Return values (impact, …) and NaN up to a number of impacts."""
-    return np.concatenate([values, np.full((count - len(values), *values.shape[1:]), np.nan)])

@@ -6,23 +6,25 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.report import (
+    Band,
     Block,
     KeyValues,
+    LineChart,
     Listed,
     Notice,
     Paragraph,
     Section,
-    Table,
+    Series,
     listed,
     quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines.experiments.ball_drop._charts import motion
-from pipelines.experiments.ball_drop._model_uncertainty import FOLLOWED
 from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
+from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
@@ -33,10 +35,11 @@ _RIGID_FLOOR = (
     "m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which the uncertainty above does not include. Give "
     "the floor as plate (mass, frequency, damping_ratio), or name an experiment that measured it as plate_from."
 )
-
-
-def _moduli(settings: BallDrop) -> str:
-    return "with that of their DMA" if settings.sphere.material_from else "are taken as exact"
+_MARGIN = 0.3  # of a contact's duration, shown before and after it
+_CONTACT = 1e-3  # s, shown where no duration was found
+_MM, _UM, _MS = 1e3, 1e6, 1e3
+_LABEL = "time since first contact / ms"
+_SPREAD = "± 2 sd of the repeats"
 
 
 def _summary(
@@ -51,9 +54,10 @@ def _summary(
         remark = f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard uncertainty"
         rows.append(("restitution of the first impact, measured", pages.told(repeats, "restitution", 0), remark))
     if model is not None and model.sizes["impact"]:
+        moduli = "with that of their DMA" if settings.sphere.material_from else "are taken as exact"
         remark = (
             "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where stated "
-            f"with an uncertainty; the moduli {_moduli(settings)}"
+            f"with an uncertainty; the moduli {moduli}"
         )
         rows.append(("restitution of the first impact, model", pages.told(model, "restitution", 0), remark))
     if model is not None and comparison is not None:
@@ -71,7 +75,155 @@ def _summary(
     return Section("Summary", tuple(blocks))
 
 
-def _measured(settings: BallDrop, context: Context, readings: Sequence[xr.Dataset | None] = ()) -> Section:
+def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
+    """Draw position, difference, velocity, force and contact radius over one axis of time.
+
+    Without model or comparison the measurement alone is drawn.
+    """
+    views, is_repeated = impact_views(repeats), repeats.sizes["repeat"] > 1
+
+    def chart(
+        title: str, label: str, drawn: Sequence[Series | Band], caption: str = "", height: int = 220
+    ) -> LineChart:
+        curves = tuple(drawn)
+        return LineChart(title, _LABEL, label, curves, group="drop", views=views, height_px=height, caption=caption)
+
+    position, speed = _measured("displacement", repeats, _MM), _measured("velocity", repeats, 1.0)
+    texts = []
+    if is_repeated:
+        texts.append("Mean of the repeats with the band of ± 2 standard deviations.")
+        texts.append("Point at the chart to show each repeat.")
+    since = np.zeros(0) if model is None else model["time"].values - float(model["impact_time"][0])
+    if model is not None:
+        position += pages.model_curves(since * _MS, model["displacement"] * _MM, model["u_displacement"] * _MM)
+        speed.append(Series("model", since * _MS, model["velocity"].values, role="model"))
+        if followed := int(np.isfinite(model["u_impact_time"]).sum()):
+            texts.append(f"The model's band is the effect of its inputs' uncertainties, until impact {followed}.")
+    charts = [chart("Displacement", "height over first contact / mm", position, " ".join(texts))]
+    if model is not None and comparison is not None:
+        time = comparison["time"].values
+        known = 2 * np.interp(time, since, model["u_displacement"].values) * _UM
+        drawn: list[Series | Band] = [Band("model ± 2 u", time * _MS, -known, known, role="model")]
+        if is_repeated:
+            wide = 2 * repeats["displacement_sd"].sel(time=time).values * _UM
+            drawn.append(Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
+        drawn.append(Series("difference", time * _MS, comparison["residual"].values * _UM, role="residual"))
+        caption = (
+            "An impact that is early or late in the model shows as a spike, as both curves are steep there; the table "
+            "of bounces gives the difference in time."
+        )
+        charts.append(chart("Measured minus model", "difference / µm", drawn, caption, 220))
+    charts.append(chart("Velocity", "velocity / (m/s), upwards", speed))
+    if model is not None:
+        for title, label, name, factor in (
+            ("Contact force (model)", "force / N", "force", 1.0),
+            ("Contact radius (model)", "contact radius / mm", "contact_radius", _MM),
+        ):
+            curve = Series("model", since * _MS, model[name].values * factor, role="model")
+            charts.append(chart(title, label, [curve], height=220))
+    return Section("Motion", tuple(charts))
+
+
+def impact_views(repeats: xr.Dataset) -> tuple[tuple[str, float, float], ...]:
+    """Return windows in ms that show one of the first impacts each, a little more than its contact."""
+    touches = repeats["touch_time"].values[:IMPACTS]
+    found = repeats["contact_duration"].values[:IMPACTS]
+    durations = np.where(np.isfinite(found), found, _CONTACT)
+    return tuple(
+        (f"impact {i + 1}", float((t - _MARGIN * d) * _MS), float((t + (1 + _MARGIN) * d) * _MS))
+        for i, (t, d) in enumerate(zip(touches, durations, strict=True))
+        if np.isfinite(t)
+    )
+
+
+def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Band]:
+    """Give the mean, and behind it the band and each repeat where there are several."""
+    time: Floats = repeats["time"].values * _MS
+    mean = repeats[f"{name}_mean"].values * factor
+    curve = Series("mean of the repeats", time, mean, role="measured")
+    if repeats.sizes["repeat"] < 2:
+        return [curve]
+    wide = 2 * repeats[f"{name}_sd"].values * factor
+    titles = [
+        f"repeat {int(n)}{' (outlier)' * bool(flag)}"
+        for n, flag in zip(repeats["repeat"].values, repeats["is_outlier"].values, strict=True)
+    ]
+    single = [
+        Series(title, time, values * factor, role="repeat", on_hover=True)
+        for title, values in zip(titles, repeats[name].values, strict=True)
+    ]
+    return [Band(_SPREAD, time, mean - wide, mean + wide, role="measured"), *single, curve]
+
+
+def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
+    count = repeats.sizes["impact"]
+    columns = [
+        Listed("impact", repeats["impact"].values.tolist()),
+        Listed("repeats", repeats["n_repeats"].values.astype(int).tolist()),
+        pages.column(repeats, "touch_time", "touch"),
+        pages.column(repeats, "incoming_speed", "speed in"),
+        pages.column(repeats, "outgoing_speed", "speed out"),
+        pages.column(repeats, "restitution", "restitution"),
+    ]
+    caption = (
+        "Every bounce: mean over the repeats that show it, with its standard uncertainty. Touch times are counted from "
+        "the first touch."
+    )
+    if comparison is not None:
+        columns += [
+            pages.column(comparison, f"{name}_difference", f"{title}, measured − model").extended(count)
+            for name, title in (("touch_time", "touch"), ("restitution", "restitution"))
+        ]
+        caption += (
+            f" The first {FOLLOWED} impacts at most are compared with the model; the uncertainty of a difference "
+            f"includes that of the model from its inputs. Restitutions of the first {IMPACTS} impacts are compared "
+            "with the result of the same fit to the model's motion, so that an error of the pulse's shape is in both."
+        )
+    return Section("Bounces", (listed(columns, caption),))
+
+
+def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None = None) -> Section:
+    """List every recording with the phases of its motion: bouncing, vibration, rest."""
+    flags = [False] * len(bounces) if repeats is None else repeats["is_outlier"].values.astype(bool).tolist()
+    known = [
+        (name, flag, each) for name, flag, each in zip(settings.laser, flags, bounces, strict=True) if each is not None
+    ]
+    found = [each for _, _, each in known]
+    touch, settled, rest, u_rest = (
+        np.array([float(each[f"{which}_time"]) for each in found])
+        for which in ("first_contact", "settling", "rest", "u_rest")
+    )
+    remarks = [
+        ", ".join(["outlier"] * flag + ["still moving when the recording ends"] * (not np.isfinite(end)))
+        for (_, flag, _), end in zip(known, rest, strict=True)
+    ]
+    columns = (
+        Listed("recording", [name for name, _, _ in known]),
+        pages.of_each(found, "release_time", "release", has_u=False),
+        pages.of_each(found, "first_contact_time", "first contact"),
+        pages.of_each(found, "drop_height", "fall"),
+        Listed("bounces", [each.sizes["impact"] for each in found]),
+        Listed("bouncing", (settled - touch).tolist(), "s"),
+        Listed("vibration", (rest - settled).tolist(), "s"),
+        Listed("static from", (rest - touch).tolist(), "s", u_rest.tolist()),
+        Listed("remark", remarks),
+    )
+    text = (
+        "Release and first contact by the clock of the recording. Phases count from first contact: bouncing to the "
+        "last resolved flight, vibration until the speed stays below a hundredth of that of the first impact, static "
+        "from then on. Outliers are flagged, never removed."
+    )
+    if len(found) < len(bounces):
+        text += f" {pages.counted(len(bounces) - len(found), 'recording')} gave no bounces: see the errors."
+    return Section("Repeats", (listed(columns, text),))
+
+
+def _files(
+    settings: BallDrop,
+    context: Context,
+    readings: Sequence[xr.Dataset | None] = (),
+    displacement: Sequence[xr.Dataset | None] = (),
+) -> Section:
     rows = [
         ("recordings", str(len(settings.laser)), "repeats of the same drop"),
         ("sphere radius", pages.stated(settings.sphere.radius), ""),
@@ -81,107 +233,23 @@ def _measured(settings: BallDrop, context: Context, readings: Sequence[xr.Datase
     blocks: list[Block] = []
     if read := pages.present(readings):
         first = read[0]
-        interval = float(first.attrs["sampling_interval"])
-        rate = value_with_uncertainty(1 / interval, 0.0, "Hz")
+        rate = value_with_uncertainty(1 / float(first.attrs["sampling_interval"]), 0.0, "Hz")
         name, model = (str(first.attrs.get(key, "")) for key in ("instrument", "model"))
         rows[1:1] = [("instrument", name, model), ("sampling", rate, f"{first.sizes['time']} points")]
         if first.attrs.get("layout") == "assumed":
             blocks.append(Notice("info", "The layout of Keyence storage files is assumed, as no such file is public."))
         blocks += pages.raw_headers(read)
-    return pages.folded("What was measured", "Files and readings", (KeyValues([r for r in rows if r[1]]), *blocks))
-
-
-def _calibration(displacement: Sequence[xr.Dataset | None]) -> Section:
-    first = pages.present(displacement)[0]
-    caption = "Budget for the largest displacement of the first repeat"
-    blocks = pages.laser_calibration(first, "for every sample", "from the part at rest before the drop", caption)
-    if "inclination_of_record" in first.attrs:
-        recorded = json.loads(first.attrs["inclination_of_record"])
-        shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
-        text = f"The inclination was fitted from the drop height; the record says {shown}."
-        blocks.insert(1, Notice("info", text))
-    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
-
-
-def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
-    columns = (
-        Listed("impact", repeats["impact"].values.tolist()),
-        Listed("repeats", repeats["n_repeats"].values.astype(int).tolist()),
-        pages.column(repeats, "touch_time", "touch"),
-        pages.column(repeats, "incoming_speed", "speed in"),
-        pages.column(repeats, "outgoing_speed", "speed out"),
-        pages.column(repeats, "restitution", "restitution"),
-    )
-    caption = (
-        "Every bounce: mean over the repeats that show it, with its standard uncertainty. Touch "
-        "times are counted from the first touch."
-    )
-    measured = listed(columns, caption)
-    if comparison is None:
-        return Section("Bounces", (measured,))
-    return Section("Bounces", (measured, _against_model(comparison)))
-
-
-def _against_model(comparison: xr.Dataset) -> Table:
-    columns = (
-        Listed("impact", comparison["impact"].values.tolist()),
-        pages.column(comparison, "restitution_model", "restitution, model", digits=6),
-        pages.column(comparison, "restitution_difference", "measured − model"),
-        pages.column(comparison, "touch_time_model", "touch, model", digits=6),
-        pages.column(comparison, "touch_time_difference", "measured − model"),
-    )
-    caption = (
-        f"Comparison with the model, of the first {FOLLOWED} impacts at most. The uncertainty of a difference "
-        "includes that of the model from its inputs, as in the summary. Restitutions, durations and penetrations of "
-        f"the first {IMPACTS} impacts are compared with what the same fit finds in the model's motion: where the fit "
-        "errs by the shape of the pulse that it expects, it errs alike in both."
-    )
-    return listed(columns, caption)
-
-
-def _repeats(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None = None) -> Section:
-    names, found = _recorded(settings, bounces)
-    flags = [False] * len(bounces) if repeats is None else repeats["is_outlier"].values.astype(bool).tolist()
-    columns = (
-        names,
-        pages.of_each(found, "release_time", "release", has_u=False),
-        pages.of_each(found, "first_contact_time", "first contact"),
-        pages.of_each(found, "drop_height", "fall"),
-        Listed("bounces", [each.sizes["impact"] for each in found]),
-        pages.of_each(found, "rest_time", "rest", has_u=False),
-        Listed("remark", ["outlier" * flag for flag, each in zip(flags, bounces, strict=True) if each is not None]),
-    )
-    text = "Times of each recording by its own clock. Outliers are flagged, never removed."
-    if len(found) < len(bounces):
-        text += f" {pages.counted(len(bounces) - len(found), 'recording')} gave no bounces: see the errors."
-    return Section("Repeats", (listed(columns, text),))
-
-
-def _recorded(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> tuple[Listed, list[xr.Dataset]]:
-    """Return the names of the recordings that gave bounces, and those."""
-    names = [name for name, each in zip(settings.laser, bounces, strict=True) if each is not None]
-    return Listed("recording", names), pages.present(bounces)
-
-
-def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section:
-    """Say of every recording how long the sphere bounces, vibrates and rests."""
-    names, found = _recorded(settings, bounces)
-    touch, settled, rest, u_rest = (
-        np.array([float(each[f"{which}_time"]) for each in found])
-        for which in ("first_contact", "settling", "rest", "u_rest")
-    )
-    columns = (
-        names,
-        Listed("bouncing", (settled - touch).tolist(), "s"),
-        Listed("vibration", (rest - settled).tolist(), "s"),
-        Listed("static from", (rest - touch).tolist(), "s", u_rest.tolist()),
-        Listed("remark", ["" if np.isfinite(end) else "still moving when the recording ends" for end in rest]),
-    )
-    text = (
-        "Bouncing: from first contact to the last resolved flight. Vibration: until the speed stays below a hundredth "
-        "of that of the first impact. Static: from then on. Times are counted from first contact."
-    )
-    return Section("Phases", (listed(columns, text),))
+    if moved := pages.present(displacement):
+        caption = "Budget for the largest displacement of the first repeat"
+        quiet = "from the part at rest before the drop"
+        blocks += pages.laser_calibration(moved[0], "for every sample", quiet, caption)
+        if "inclination_of_record" in moved[0].attrs:
+            recorded = json.loads(moved[0].attrs["inclination_of_record"])
+            shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
+            blocks.append(Notice("info", f"The inclination was fitted from the drop height; the record says {shown}."))
+    shown_rows = KeyValues([r for r in rows if r[1]])
+    title = "What was measured, and its calibration"
+    return pages.folded(title, "Files, readings and calibration record", (shown_rows, *blocks))
 
 
 def _model(model: xr.Dataset) -> Section:
@@ -197,18 +265,12 @@ def _model(model: xr.Dataset) -> Section:
         f"A viscoelastic sphere on {floor} by the method of dimensionality reduction: independent springs with exact "
         "exponential memory, adaptive time steps, one step per flight."
     )
-    blocks: list[Block] = [Paragraph(text), KeyValues(rows)]
     if plate is None:
-        blocks.append(Paragraph(_RIGID_FLOOR))
-    else:
-        rigid = f"on a rigid one the first restitution is {float(model['rigid_restitution']):.5f}"
-        swing = f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz"
-        rows.append(("flat", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
-    return Section("Model", tuple(blocks))
-
-
-def _times(n: int) -> str:
-    return {1: "once", 2: "twice"}.get(n, f"{n} times")
+        return Section("Model", (Paragraph(text), KeyValues(rows), Paragraph(_RIGID_FLOOR)))
+    rigid = f"on a rigid one the first restitution is {float(model['rigid_restitution']):.5f}"
+    swing = f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz"
+    rows.append(("flat", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
+    return Section("Model", (Paragraph(text), KeyValues(rows)))
 
 
 def _methods(
@@ -218,10 +280,11 @@ def _methods(
     model: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
 ) -> Section:
-    sphere = settings.sphere
+    sphere, n = settings.sphere, len(settings.laser)
+    times = {1: "once", 2: "twice"}.get(n, f"{n} times")
     text = (
         f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of {pages.stated(sphere.mass)} was "
-        f"dropped {_times(len(settings.laser))} from {pages.stated(settings.height)}. "
+        f"dropped {times} from {pages.stated(settings.height)}. "
     )
     if moved := pages.present(displacement):
         shown = pages.told(moved[0], "inclination")
@@ -246,13 +309,14 @@ def _methods(
             f"of the model, was {float(comparison['nrmse']) * 100:.2f} %. "
         )
     first = pages.told(repeats, "restitution", 0)
-    text += f"The coefficient of restitution of the first impact was {first} (standard uncertainty)."
-    return pages.methods(text)
+    return pages.methods(
+        f"{text}The coefficient of restitution of the first impact was {first} (standard uncertainty)."
+    )
 
 
 page = Report(
     lambda settings: f"Ball drop from {pages.stated(settings.height)}",
     ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-    (_summary, motion, _bounces, _repeats, _phases, _measured, _calibration, _model, budgets(quantities), _methods),
+    (_summary, motion, _bounces, _recordings, _files, _model, budgets(quantities), _methods),
     compared_rows,
 )

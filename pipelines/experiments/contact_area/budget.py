@@ -32,36 +32,32 @@ def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None
     total = float(np.sqrt(sum(share**2 for share in shares.values())))
     # rings in pixels of another size are taken for those of another gap, too
     power = shares["pixel_size"] * size / u_size if u_size > 0.0 else 1.0
+
+    def radius_of(measured: float, pixel_size: float, **errors: float) -> float:
+        return measured * size * (pixel_size / size) ** power + sum(errors.values())
+
     for i in range(min(IMPACTS, impacts.sizes["impact"])):
-        largest, u = float(impacts["peak_radius"][i]), float(impacts["u_peak_radius"][i])
-        sampling = float(impacts["peak_sampling"][i])
-        inputs = {
-            MEASURED: Input(largest / size, 0.0, "px"),
-            "pixel_size": Input(size, u_size, "m/px"),
-            "noise": Input(0.0, excess_uncertainty(u, total * largest, sampling), "m"),
-            "sampling": Input(0.0, sampling, "m"),
-        } | {n: Input(0.0, share * largest, "m") for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
-        yield Quantity(
-            f"largest contact radius, impact {i + 1}",
-            "m",
-            lambda measured, pixel_size, **errors: (
-                measured * size * (pixel_size / size) ** power + sum(errors.values())
-            ),
-            inputs,
-            (*_UNDER, ("adhesion", "fringes show the Hertz-equivalent radius, whether surfaces stick or not")),
+        largest, u, sampling = (float(impacts[n][i]) for n in ("peak_radius", "u_peak_radius", "peak_sampling"))
+        errors = {"noise": excess_uncertainty(u, total * largest, sampling), "sampling": sampling}
+        errors |= {n: share * largest for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
+        inputs = {MEASURED: Input(largest / size, 0.0, "px"), "pixel_size": Input(size, u_size, "m/px")}
+        inputs |= {n: Input(0.0, error, "m") for n, error in errors.items()}
+        family, why = (
             "largest contact radius",
+            "fringes show the Hertz-equivalent radius, whether surfaces stick or not",
         )
+        inert = (*_UNDER, ("adhesion", why))
+        yield Quantity(f"{family}, impact {i + 1}", "m", radius_of, inputs, inert, family)
         if model is not None and i < model.sizes["impact"]:
-            shift, u_shift = (float(model[name][i]) for name in ("adhesion_shift", "u_adhesion_shift"))
+            family = "largest contact area"
+            beyond, u_beyond = (float(model[name][i]) for name in ("adhesion_shift", "u_adhesion_shift"))
             yield Quantity(
-                f"largest contact area, impact {i + 1}",
+                f"{family}, impact {i + 1}",
                 "m2",
-                lambda measured, pixel_size, **errors: (
-                    pi * (measured * size * (pixel_size / size) ** power + sum(errors.values())) ** 2
-                ),
-                inputs | {"adhesion": Input(shift, u_shift, "m")},
+                lambda **given: pi * radius_of(**given) ** 2,
+                inputs | {"adhesion": Input(beyond, u_beyond, "m")},
                 _UNDER,
-                "largest contact area",
+                family,
             )
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:
         yield model_quantity(

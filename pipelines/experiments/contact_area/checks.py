@@ -26,12 +26,13 @@ from labpipe.judging import (
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.contact_area.comparison import FRAMES, PLATE, SCALE, WAVELENGTH, plate_mass, rows
+from pipelines.experiments.contact_area.comparison import FRAMES, SCALE, WAVELENGTH, rows
 from pipelines.experiments.contact_area.measured import FRINGE_FIT, OPEN_GAP, READ, brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.alternatives import of_drop
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.drop_model import inputs_of
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.film_frames import CAUSES, explained, no_copies, sound_frames, whole_film
 from pipelines.experiments.shared.film_light import LIGHT, exposed, lit
@@ -39,11 +40,9 @@ from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stat
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, times_over
-from pipelines.experiments.shared.material_inputs import material_inputs
 
 _LASTS = 0.03
 """Relative, by which gravity and losses (restitutions of 0.4 to 0.93) change a contact's duration over a²."""
-_LARGEST = 0.5  # contact radius over the sphere's above which no drop of a solid gets
 _CLOCK = 1e-4
 """Relative uncertainty of the frame rate of a camera."""
 _LIKE_MODEL = (1.6, 0.1)
@@ -54,8 +53,6 @@ _LOSSES = 0.03
 _LOSSES_KNOWN = 1.03, 0.012
 """Where a model shows how restitution changes with speed: factor by which the first flight may miss what follows, and
 its relative uncertainty, of a plate that swings and of another grade."""
-_BY_RADII = 1.05
-"""The same factor where the radii of two impacts tell restitution, by the model's law of both."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
 _OF_LINES = 5e-3  # by which lamps and diodes differ from them: they lie so close that more would hit one by chance
 _ASLANT, _MOST_ASLANT = ", or the camera looks aslant at the disc", 0.94
@@ -67,9 +64,6 @@ _NEAR, _OF_HEIGHT = 3.0, ", or the drop is of another height than stated"
 _UNSEEN = "frames of the flights were lost or left out, as by bursts, and those after them numbered on, or are repeated"
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _OF_FORM = 1.5e-3  # relative, by which a sphere differs from a paraboloid, and a cone of light from a ray
-_POWER, _LAW = 2.5, 0.012
-"""Power of the largest radius with which the speed of an impact goes (Hertz), and the relative error of a model's
-restitution by the radii."""
 _STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
 _SMEARED, _TOO_SHARP = 4, 0.4  # frames with a smear to compare, and the share of the stated one that says it is wrong
 _LONGER = 1.5  # of the usual interval between frames in contact, from which some are missing
@@ -86,19 +80,18 @@ TITLES = {
     **judgements.OF_FILM,
     "fringes": Title(
         "Sphere, wavelength and image scale determine the spacing of the fringes.",
-        ("spacing of the fringes", "fringes are resolved"),
+        (FRINGE, "fringes are resolved"),
     ),
     "contacts": Title(
         "A contact stays in place and shows in every frame of an impact; between impacts the sphere flies.",
         ("contact and flight", "middle of the contacts", "place of the contacts", "contacts without gaps"),
     ),
     "contact radius": Title(
-        "Hertz: a ∝ R^0.4 (m h)^0.2 E^-0.2; a contact is smaller than its sphere.",
-        ("largest radius", "contact radius over the sphere's", "radius at rest"),
+        "Hertz: a ∝ R^0.4 (m h)^0.2 E^-0.2.", (RADIUS,)
     ),
-    "contact duration": Title("The first contact lasts as long as its radius tells.", ("duration of the contact",)),
+    "contact duration": Title("The first contact lasts as long as one of its radius.", (DURATION,)),
     "flights": Title(
-        "A flight lasts 2 v/g, with v from the stated height and the restitution.", ("first flight", "end of the film")
+        "A flight lasts 2 v/g, with v from the stated height and the restitution.", (FLIGHT,)
     ),
     "order of the impacts": Title("No impact is harder than the one before.", (ORDER,)),
 }  # fmt: skip
@@ -127,19 +120,21 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks.append(sound_frames(radius["valid"].values.astype(bool), whole, film))
         checks += given.each((_times, _copies, _in_order, _fringes, _method, _shutter, _flies, _in_view, _stays))
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
-        checks += given.each((_size, _like_model, _rest, _order, _flight, _duration, _ends, _contacts_whole))
+        checks += given.each((_like_model, _order, _flight, _duration, _contacts_whole))
         # where impacts do not follow each other, or frames are lost, another flight is compared with the stated height
         order = next(c for c in checks if c.name == ORDER)
         checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, DURATION, log_ratio=nan)
     causes = given.each([_causes])
     if not any(FLIGHT in one.checks for one in explain(checks, causes)):
         checks = [replace(c, cause=c.cause or _UNSEEN) if c.name == FLIGHT else c for c in checks]
+    inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
+    inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
     sources = {name: given.get(name) for name in _SOURCES}
     return Scene(
         checks,
         causes,
         given.each([rows]),
-        given.ask(_inputs),
+        inputs,
         {FRAMES: Quantity(0.0, 1.0, "1")},
         basis=basis,
         measured_by=judgements.measured_by(settings.sphere),
@@ -151,29 +146,6 @@ def _simulated(row: Row) -> tuple[str, int] | None:
     """Return which result of a simulation a row compares, and of which impact."""
     title, _, number = row.quantity.partition(", impact ")
     return ("peak_contact_radius", int(number) - 1) if title == "largest radius" else None
-
-
-def _inputs(
-    settings: ContactArea, radius: xr.Dataset | None = None, model: xr.Dataset | None = None
-) -> dict[str, Quantity]:
-    """Return values and uncertainties of what the rows depend on."""
-    relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
-    sphere = settings.sphere
-    light = {} if settings.wavelength is None else {WAVELENGTH: settings.wavelength}
-    plate = None if model is None else plate_mass(model)
-    beneath = {} if plate is None else {PLATE: plate}
-    return (
-        light
-        | beneath
-        | {
-            "radius": sphere.radius,
-            "mass": sphere.mass,
-            "height": settings.height,
-            "modulus": Quantity(1.0, 0.0, "1"),
-            SCALE: Quantity(1.0, relative, "1"),
-        }
-        | material_inputs(model)
-    )
 
 
 def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
@@ -209,21 +181,6 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     return stated(name, message, level, cause=cause, file=settings.film)
 
 
-def _largest(impacts: xr.Dataset) -> tuple[float, float]:
-    return float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
-
-
-def _size(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name = "contact radius over the sphere's"
-    seen, own = _largest(impacts)
-    body = settings.sphere.radius
-    ratio = seen / body.value
-    u = ratio * hypot(own / seen, body.u / body.value)
-    message = f"{settings.film}: {quantity(seen, 'm')} in a sphere of {quantity(body.value, 'm')}: {ratio:.3g}"
-    cause = f"the scale in {settings.camera} is wrong or of another view, or sphere.radius is"
-    return bounded(name, message, ratio, u, at_most=_LARGEST, file=settings.camera, cause=cause)
-
-
 def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
     """Hold a ratio against one within a factor, so that causes may be told from it."""
     found = bounded(name, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
@@ -233,7 +190,7 @@ def _like(name: str, message: str, ratio: float, allowed: float, u: float, file:
 def _like_model(impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
     if model is None or not model.sizes["impact"]:
         return not_made(RADIUS, "a model of the drop")
-    seen, expected = _largest(impacts)[0], float(model["peak_contact_radius"][0])
+    seen, expected = float(impacts["peak_radius"][0]), float(model["peak_contact_radius"][0])
     message = f"{settings.film}: {quantity(seen, 'm')} seen, {quantity(expected, 'm')} expected"
     allowed, u = _LIKE_MODEL
     return _like(RADIUS, message, seen / expected, allowed, u, settings.film)
@@ -254,83 +211,55 @@ def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
     return bounded(ORDER, text, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
 
 
-def _flies(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for flight: before the first impact, and after it."""
-    name = "contact and flight"
-    touches = radius["in_contact"].values.astype(bool)
+def _flies(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
+    """Look for flight before the first impact and after it."""
+    time, touches = radius["time"].values, radius["in_contact"].values.astype(bool)
     share = float(touches.mean()) if touches.size else 0.0
-    message = f"{settings.film}: contact in {share * 100:.0f} % of the frames"
+    level: Level | None = None
+    text, cause = f"contact in {share * 100:.0f} % of the frames", ""
     if share > _ALWAYS:
+        level = "impossible"
         cause = "the film is of a sphere at rest, of another view, or a mark in the image is taken for a contact"
-        return stated(name, message, "impossible", cause=cause, file=settings.film)
-    if touches.size and touches[0]:
+    elif touches.size and touches[0]:
+        level, text = "doubtful", f"{text}, from the first frame on"
         cause = "the film begins too late: its first impact is not the first one, or is cut"
-        text = f"{message}, from the first frame on"
-        return stated(name, text, "doubtful", cause=cause, file=settings.film)
-    return stated(name, message, None, file=settings.film)
-
-
-def _ends(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for a film whose last frame shows the only impact that it holds."""
-    name = "end of the film"
-    time = radius["time"].values
-    lasts = float(impacts["last_seen"][-1] - impacts["first_seen"][-1])
-    ends_in_it = impacts.sizes["impact"] == 1 and float(impacts["last_seen"][-1]) >= float(time[-1])
-    if not ends_in_it or isfinite(float(impacts["static_radius"])):
-        return stated(name, f"{settings.film}: goes on after the first contact", None, file=settings.film)
-    text = f"{settings.film}: the film ends {quantity(lasts, 's')} after the first contact began, still in contact"
-    cause = "the film was stopped or cut too soon: its largest contact may not be the impact's"
-    return stated(name, text, "doubtful", cause=cause, file=settings.film)
+    elif impacts is not None and impacts.sizes["impact"] == 1 and not isfinite(float(impacts["static_radius"])):
+        begins, ends = float(impacts["first_seen"][0]), float(impacts["last_seen"][0])
+        if ends >= float(time[-1]):
+            lasts = quantity(ends - begins, "s")
+            level, text = "doubtful", f"the film ends {lasts} after the first contact began, still in contact"
+            cause = "the film was stopped or cut too soon: its largest contact may not be the impact's"
+    return stated("contact and flight", f"{settings.film}: {text}", level, cause=cause, file=settings.film)
 
 
 def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, model: xr.Dataset | None = None) -> Check:
-    """Hold the first flight against the stated height and the restitution by the second flight."""
+    """Compare the first flight with the stated height and the restitution by the second flight."""
     peak = impacts["peak_time"].values
-    if peak.size < 2 or (peak.size < 3 and (model is None or model.sizes["impact"] < 2)):
-        return not_made(FLIGHT, "three impacts, or two and a model")
-    gravity = settings.model.gravity.value
-    count = min(peak.size, 3) - 1
-    seen = [_seen_lasting(radius, impacts, i) for i in range(count)]
+    if peak.size < 3:
+        return not_made(FLIGHT, "three impacts")
+    seen = [_seen_lasting(radius, impacts, i) for i in range(2)]
     touches = np.array([shortest for shortest, _ in seen])
     alike, allowed, rough = 1.0, 1.1, _LOSSES
     if model is not None and model.sizes["impact"] > 2:
-        # that of a wrong mass lasts otherwise than what the frames show
-        touches = np.clip(model["contact_duration"].values[:count], touches, [longest for _, longest in seen])
+        # the contact of a wrong mass lasts otherwise than the frames show
+        touches = np.clip(model["contact_duration"].values[:2], touches, [longest for _, longest in seen])
         # how restitution changes with speed hardly depends on what it is, nor on the material's grade
         bounced = model["restitution"].values
         alike, allowed, rough = float(bounced[0] / bounced[1]), *_LOSSES_KNOWN
-    flights = np.diff(peak[:3]) - touches
-    if not np.all(flights > 0):
+    first, second = (float(lasts) for lasts in np.diff(peak[:3]) - touches)
+    if min(first, second) <= 0.0:
         return not_made(FLIGHT, "flights that last longer than contacts")
-    first, by = float(flights[0]), "the second flight"
-    if flights.size > 1 or model is None:
-        e = alike * float(flights[-1]) / first
-    else:
-        e, rough = _restitution_by_radii(impacts, model, float(radius.attrs["u_systematic_relative"]))
-        by, alike, allowed = "the radii of the two", 1.0, _BY_RADII
-    expected = 2 * e * sqrt(2 * settings.height.value / gravity)
+    e = alike * second / first
+    expected = 2 * e * sqrt(2 * settings.height.value / settings.model.gravity.value)
     message = (
         f"{settings.film}: the first flight lasts {quantity(first, 's')}, expected are {quantity(expected, 's')} "
-        f"for e = {e:.3f} by {by}"
+        f"for e = {e:.3f} by the second flight"
     )
     shown = 0.5 * settings.height.u / settings.height.value
     found = _like(FLIGHT, message, first / expected, allowed, hypot(rough, shown), settings.film)
     loose = _like(FLIGHT, message, first / (expected / alike), 1.1, hypot(_LOSSES, shown), settings.film)
-    if flights.size < 2:
-        return replace(found, level="doubtful") if found.level else found
-    # by how a model's restitution changes nothing is impossible: the material may be another
+    # a model's change of restitution makes nothing impossible: the material may be another
     return replace(found, level=loose.level or "doubtful") if found.level else loose
-
-
-def _restitution_by_radii(impacts: xr.Dataset, model: xr.Dataset, u_scale: float) -> tuple[float, float]:
-    """Return the first restitution by the radii of two impacts and the model's law between both, and its relative u.
-
-    ``u_scale`` is the relative uncertainty that all radii share.
-    """
-    a, ours = impacts["peak_radius"].values, model["peak_contact_radius"].values
-    own = np.sqrt(np.maximum((impacts["u_peak_radius"].values / a) ** 2 - u_scale**2, 0.0))
-    bounced = float(model["restitution"][0] * (a[1] / a[0] * ours[0] / ours[1]) ** _POWER)
-    return bounced, hypot(_LAW, _POWER * float(np.hypot(*own[:2])))
 
 
 def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[float, float]:
@@ -354,7 +283,7 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
     if shortest > 0.0:  # bounds far apart, with undecided frames between them, are a bound of the logarithm
         seen = sqrt(shortest * longest)
         own = seen * log(longest / shortest) / sqrt(24.0)
-    a, u_a = _largest(impacts)
+    a, u_a = (float(impacts[name][0]) for name in ("peak_radius", "u_peak_radius"))
     expected = float(model["contact_duration"][0]) * (a / float(model["peak_contact_radius"][0])) ** 2
     height, body = settings.height, settings.sphere.radius
     u = hypot(2 * u_a / a, 0.5 * height.u / height.value, body.u / body.value, _LASTS)
@@ -365,37 +294,27 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
     return compared(DURATION, message, seen, own, expected, u * expected, file=settings.film, setting="height")
 
 
-def _rest(impacts: xr.Dataset, settings: ContactArea) -> Check:
-    name = "radius at rest"
-    rest, u = float(impacts["static_radius"]), float(impacts["u_static_radius"])
-    if not (isfinite(rest) and isfinite(u)):
-        return not_made(name, "a film that lasts until rest")
-    seen, own = _largest(impacts)
-    message = f"{settings.film}: {quantity(rest, 'm')} at rest, {quantity(seen, 'm')} in the first impact"
-    return bounded(name, message, rest - seen, hypot(u, own), at_most=0.0, file=settings.film)
-
-
 def _times(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
     """Look for frames that are not later than the one before, or missing within a contact."""
-    name, time, frame = "times of the frames", radius["time"].values, radius["frame"].values
+    film, time, frame = settings.film, radius["time"].values, radius["frame"].values
     steps = np.diff(time)
-    wrong = np.flatnonzero(~(steps > 0))
-    if wrong.size:
-        at = int(frame[wrong[0] + 1])
-        text = f"{settings.film}: frame {at} is not later than the one before ({wrong.size} such frames)"
-        cause = f"frames are exchanged or repeated at frame {at}"
-        return stated(name, text, "impossible", cause=cause, file=settings.film)
+    level: Level | None = None
+    text, cause = f"{time.size} frames in order", ""
     contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
     inside = [np.flatnonzero((time[:-1] >= first) & (time[1:] <= last)) for first, last in contacts]
     within = np.concatenate([np.empty(0, int), *inside])
     usual = float(np.median(steps[within])) if within.size else nan
-    lost = within[steps[within] > _LONGER * usual]
-    if not lost.size:
-        return stated(name, f"{settings.film}: {time.size} frames in order", None, file=settings.film)
-    at, lasts = int(lost[0]), quantity(float(steps[lost[0]]), "s")
-    text = f"{settings.film}: {lasts} pass between frames {frame[at]} and {frame[at + 1]} of a contact, usual are "
-    cause = "the camera recorded in bursts or dropped frames: the contact may have been larger between them"
-    return stated(name, f"{text}{quantity(usual, 's')}", "doubtful", cause=cause, file=settings.film)
+    wrong, lost = np.flatnonzero(~(steps > 0)), within[steps[within] > _LONGER * usual]
+    if wrong.size:
+        at = int(frame[wrong[0] + 1])
+        text = f"frame {at} is not later than the one before ({wrong.size} such frames)"
+        level, cause = "impossible", f"frames are exchanged or repeated at frame {at}"
+    elif lost.size:
+        at, lasts = int(lost[0]), quantity(float(steps[lost[0]]), "s")
+        text = f"{lasts} pass between frames {frame[at]} and {frame[at + 1]} of a contact, usual are "
+        text, level = f"{text}{quantity(usual, 's')}", "doubtful"
+        cause = "the camera recorded in bursts or dropped frames: the contact may have been larger between them"
+    return stated("times of the frames", f"{film}: {text}", level, cause=cause, file=film)
 
 
 def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
@@ -421,23 +340,25 @@ def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 def _contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
     """Look for frames without a contact between frames that show it."""
-    name = "contacts without gaps"
     time, frame = radius["time"].values, radius["frame"].values
     shows = radius["in_contact"].values.astype(bool) | ~radius["valid"].values.astype(bool)
     inside = np.zeros(time.size, bool)
     for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True):
         inside |= (time > first) & (time < last)
     lost = frame[inside & ~shows]
-    cause = (
-        "the contact is hidden there or its fringes are spoiled (glare, speckle, blur, a lost image), or frames beside "
-        "each other are exchanged: look at these"
-    )
-    if not lost.size:
-        return stated(name, f"{settings.film}: every frame of an impact shows its contact", None, file=settings.film)
     which = ", ".join(str(int(k)) for k in lost[:5]) + (", …" if lost.size > 5 else "")
     named, show = ("frame", "shows") if lost.size == 1 else ("frames", "show")
-    text = f"{settings.film}: {named} {which} within an impact {show} no contact"
-    return stated(name, text, "doubtful", cause=cause, file=settings.film)
+    text = (
+        f"{named} {which} within an impact {show} no contact"
+        if lost.size
+        else "no frame of an impact lacks its contact"
+    )
+    cause = (
+        "the contact is hidden there or its fringes are spoiled (glare, speckle, blur, a lost image), or neighbouring "
+        "frames are exchanged: look at these"
+    )
+    level: Level | None = "doubtful" if lost.size else None
+    return stated("contacts without gaps", f"{settings.film}: {text}", level, cause=cause, file=settings.film)
 
 
 def _in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
@@ -501,17 +422,13 @@ def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
     step, u = np.hypot(np.diff(x), np.diff(y)), np.hypot(own[1:], own[:-1])
     is_next = (np.diff(at) == 1) & (np.diff(time) < _LONGER * float(np.median(np.diff(time))))
     jumps = is_next & (step > _CONTRADICTS * u) & (step > _STEADY) & np.isfinite(u)
-    if not jumps.any():
-        return stated(name, f"{settings.film}: no contact jumps in the image", None, file=settings.film)
-    k = int(np.argmax(np.where(jumps, step, 0.0)))
-    more = f", and {jumps.sum() - 1} times more" if jumps.sum() > 1 else ""
-    text = f"{settings.film}: the contact jumps by {step[k]:.3g} px to frame {frame[k + 1]}{more}"
+    text = "no contact jumps in the image"
+    if jumps.any():
+        k, more = int(np.argmax(np.where(jumps, step, 0.0))), int(jumps.sum()) - 1
+        text = f"the contact jumps by {step[k]:.3g} px to frame {frame[k + 1]}{f', and {more} times more' * bool(more)}"
     cause = "the bench, the camera or the plate was knocked or moved, the lens was refocused, or frames are exchanged"
-    return stated(name, text, "doubtful", cause=cause, file=settings.film)
-
-
-def _stiffer(k: float) -> str:
-    return f"some {in_words(max(k, 1 / k), 1)} times {'stiffer' if k > 1.0 else 'softer'}"
+    level: Level | None = "doubtful" if jumps.any() else None
+    return stated(name, f"{settings.film}: {text}", level, cause=cause, file=settings.film)
 
 
 def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator[Cause]:
@@ -563,7 +480,10 @@ def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator
     mass = times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml")
     yield Cause(
         {RADIUS: -0.2},
-        lambda k: f"{mass(k)}; or the polymer is another than stated, {_stiffer(k)} in the impact",
+        lambda k: (
+            f"{mass(k)}; or the polymer is another than stated, some {in_words(max(k, 1 / k), 1)} times "
+            f"{'stiffer' if k > 1.0 else 'softer'} in the impact"
+        ),
         SLIPS["mass"],
         only_usual=True,
         setting="sphere.mass",

@@ -1,29 +1,26 @@
 """Comparison of film and model: contact radii around an impact, and the largest ones."""
 
-import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve
-from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
-from pipelines.experiments.contact_area._form import Form
-from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, peak_of
+from pipelines.experiments.contact_area.measured import BESIDE, STILL, WINDOW, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
-from pipelines.experiments.shared.material_inputs import material_slopes
-from pipelines.experiments.shared.plate_under_drop import OF_PLATE
+from pipelines.experiments.shared.drop_model import slopes_of
 
 SCALE = "scale of the image"
 """Input of the rows beside those of the model."""
 WAVELENGTH = "wavelength"
 FRAMES = "radius in all frames alike"
 """Of the rows: what frames have in common beside the length of a pixel, as the light's phase."""
-PLATE = f"{OF_PLATE}mass"
 
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
@@ -32,80 +29,103 @@ _SIZE_STEPS = 8  # of Gauss and Newton, from the model's own size and time
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
 
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A course of the radius from touch to lift-off.
+
+    The radius begins and ends as a root of time: straight lines between its values lie below it, by 10 µm beside
+    a touch where they are 20 µs apart. Its square goes with the approach and is smooth.
+    """
+
+    area: CubicSpline
+
+    @classmethod
+    def of(cls, model: xr.Dataset, impact: int) -> "Form":
+        """Return that of an impact of a model, from its values between touch and lift-off."""
+        time, a = model["time"].values, model["contact_radius"].values
+        begin, end = (float(model[name][impact]) for name in ("impact_time", "lift_off_time"))
+        within = (time > begin) & (a > 0.0) & (time < (end if np.isfinite(end) else begin + STILL))
+        leaves = [end] if np.isfinite(end) else []
+        square = np.concatenate([[0.0], a[within] ** 2, np.zeros(len(leaves))])
+        return cls(CubicSpline(np.concatenate([[begin], time[within], leaves]), square))
+
+    def __call__(self, time: Floats) -> Floats:
+        """Return the radius (m) at times (s) of the model's clock; 0 outside of the contact."""
+        within = (time >= self.area.x[0]) & (time <= self.area.x[-1])
+        return np.sqrt(np.where(within, np.maximum(self.area(time), 0.0), 0.0))
+
+    def rate(self, time: Floats) -> Floats:
+        """Return its change with time (m/s); 0 where there is no contact."""
+        radius = self(time)
+        touches = radius > 0.0
+        return np.where(touches, self.area(time, 1) / np.where(touches, 2.0 * radius, 1.0), 0.0)
+
+
 def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Compare film and model around the largest radius of each impact.
 
-    Both are aligned at their largest radius, then by the small shift in time that leaves least: the
-    largest radius is flat in time, and what is left of its error shows where a contact ends.
+    Both are aligned at their largest radius, then by the small shift in time that minimises the residual: the
+    largest radius is flat in time, and the remaining error of it shows where a contact ends.
     """
+    del settings
     count = min(impacts.sizes["impact"], model.sizes["impact"])
     time, a = radius["time"].values, radius["radius"].values
-    seen = radius["in_contact"].values.astype(bool)
+    seen = radius["in_contact"].values.astype(bool) & np.isfinite(a)
     random, shared = radius["u_radius"].values, radius["radius_systematic"].values
-    known = np.hypot(random, shared)
-    points: dict[str, list[Floats]] = {"number": [], "since": [], "film": [], "u_film": [], "model": []}
-    errors, peak_times, shifts, sizes, agreed = [], [], [], [], []
+    points: list[Floats] = []
+    table: dict[str, list[float]] = {name: [] for name in ("peak", "shift", "u_shift", "size", "u_size", "nrmse")}
+    agreed: list[Agreement | None] = []
     for i in range(count):
-        peak = _model_peak(model, i)
-        peak_times.append(peak)
+        peak, form = _model_peak(model, i), Form.of(model, i)
         since = time - float(impacts["peak_time"][i])
-        inside = (np.abs(since) < WINDOW) & np.isfinite(a) & seen
-        inside &= time >= float(impacts["first_seen"][i])
-        inside &= time <= float(impacts["last_seen"][i])
-        form, moments = Form.of(model, i), since[inside] + peak
+        begin, end = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
+        inside = seen & (np.abs(since) < WINDOW) & (time >= begin) & (time <= end)
+        ours, own, common, moments = a[inside], random[inside], shared[inside], since[inside] + peak
         relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
-        shift = _time_shift(moments, a[inside], shared[inside], form, relative)
-        shifts.append(shift)
-        sizes.append(_size(moments, a[inside], random[inside], shared[inside], form))
-        moments = moments + shift[0]
-        theirs = form(moments)
-        for key, values in (
-            ("number", np.full(inside.sum(), i + 1.0)),
-            ("since", since[inside]),
-            ("film", a[inside]),
-            ("u_film", known[inside]),
-            ("model", theirs),
-        ):
-            points[key].append(values)
-        agreed.append(_along(moments, a[inside] - theirs, random[inside], shared[inside], form, relative))
-        largest = max(float(np.max(theirs)), 1e-12)
-        errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / largest)
-    joined = {k: np.concatenate(v) if v else np.empty(0) for k, v in points.items()}
+        shift = _time_shift(moments, ours, common, form, relative)
+        size = _size(moments, ours, own, common, form)
+        theirs = form(moments + shift[0])
+        points.append(np.stack([np.full(ours.size, i + 1.0), since[inside], ours, np.hypot(own, common), theirs]))
+        agreed.append(_along(moments + shift[0], ours - theirs, own, common, form, relative))
+        nrmse = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
+        for name, value in zip(table, (peak, *shift, *size, nrmse), strict=True):
+            table[name].append(value)
+    number, since, film, u_film, expected = np.concatenate([np.empty((5, 0)), *points], axis=1)
+    known = {name: np.array(values, dtype=float) for name, values in table.items()}
     theirs = model["peak_contact_radius"].values[:count]
     # where the frames of a whole contact are too few, its largest radius alone
     ours, u_ours = (
-        np.where(np.isfinite(fitted), fitted, impacts[name].values[:count])
-        for fitted, name in zip(
-            (theirs * np.array(sizes, dtype=float).reshape(-1, 2).T), ("peak_radius", "u_peak_radius"), strict=True
-        )
+        np.where(np.isfinite(known[of]), theirs * known[of], impacts[name].values[:count])
+        for of, name in (("size", "peak_radius"), ("u_size", "u_peak_radius"))
     )
     alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
     beyond = sqrt(max(alike**2 - float(radius.attrs.get("u_systematic_relative", 0.0)) ** 2, 0.0))
     u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
-    earlier, u_earlier = np.array(shifts, dtype=float).reshape(-1, 2).T
     edge, u_edge = (model[name].values[:count] for name in ("adhesion_shift", "u_adhesion_shift"))
+    u_edge, apart = np.hypot(u_ours, u_edge), "largest radius, film minus model"
+    of_frames = {
+        "impact_number": (number, "1", "impact of a compared frame"),
+        "since_peak": (since, "s", "time since the largest radius"),
+        "film": (film, "m", "contact radius, film"),
+        "u_film": (u_film, "m", "standard uncertainty: contact radius, film"),
+        "model": (expected, "m", "contact radius, model"),
+    }
+    of_impacts = {
+        "nrmse": (known["nrmse"], "1", "root-mean-square error over largest radius of the model"),
+        "peak_radius_alike": (beyond * ours, "m", f"part of its uncertainty that all impacts share: {FRAMES}"),
+        "peak_radius_model": (theirs, "m", "largest radius, model"),
+        "model_peak_time": (known["peak"], "s", "time of the model's largest radius"),
+    }
     return xr.Dataset(
         {
-            "impact_number": variable("sample", joined["number"], "1", "impact of a compared frame"),
-            "since_peak": variable("sample", joined["since"], "s", "time since the largest radius"),
-            **with_u("film", "sample", joined["film"], joined["u_film"], "m", "contact radius, film"),
-            "model": variable("sample", joined["model"], "m", "contact radius, model"),
-            "nrmse": variable(
-                "impact", np.array(errors), "1", "root-mean-square error over largest radius of the model"
-            ),
+            **{name: variable("sample", *each) for name, each in of_frames.items()},
+            **{name: variable("impact", *each) for name, each in of_impacts.items()},
             **with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film"),
-            "peak_radius_alike": variable(
-                "impact", beyond * ours, "m", f"part of that uncertainty that all impacts share: {FRAMES}"
-            ),
-            "peak_radius_model": variable("impact", theirs, "m", "largest radius, model"),
-            **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", "largest radius, film minus model"),
+            **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", apart),
+            **with_u("edge_radius", "impact", ours + edge, u_edge, "m", "radius of the edge of the contact"),
             **with_u(
-                "edge_radius", "impact", ours + edge, np.hypot(u_ours, u_edge), "m", "radius of the edge of the contact"
+                "time_shift", "impact", known["shift"], known["u_shift"], "s", "shift of the model to earlier times"
             ),
-            **with_u(
-                "time_shift", "impact", earlier, u_earlier, "s", "shift of the model to earlier times against its peak"
-            ),
-            "model_peak_time": variable("impact", np.array(peak_times), "s", "time of the model's largest radius"),
             **curve_table("impact", agreed),
         },
         coords={"impact": np.arange(1, count + 1)},
@@ -196,50 +216,21 @@ def _model_peak(model: xr.Dataset, impact: int) -> float:
     return peak_of(time[low:high], a[low:high], np.full(high - low, 1e-9)).time
 
 
-def plate_mass(model: xr.Dataset) -> Quantity | None:
-    """Return the modal mass of the plate with which the drop was simulated; None for a rigid one."""
-    given = json.loads(model.attrs.get("plate_mass", "null"))
-    return None if given is None else Quantity(given[0], given[1], "kg")
-
-
-def _of_plate(impact: int, plate: float, mass: float, model: xr.Dataset) -> float:
-    """Return the relative change of a largest radius per kilogram of the plate.
-
-    The plate gives way, as if the body weighed m M/(m + M), and takes (1 + e) m/(m + M) of the speed
-    of each bounce before; a ~ m^0.2 v^0.4.
-    """
-    gives_way = mass / (plate * (mass + plate))
-    e = model["restitution"].values[:impact]
-    return 0.2 * gives_way + 0.4 * float(np.sum((1 + e) / e)) * mass / (mass + plate) ** 2
-
-
-def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea) -> Iterator[Row]:
+def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
-    sphere = settings.sphere
     counts = comparison["impact_number"].values
-    plate = plate_mass(model)
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         inside = counts == i + 1
-        expected = float(comparison["peak_radius_model"][i])
         gap = (comparison["film"] - comparison["model"]).values[inside]
-        title, n, told = f"contact radius, impact {i + 1}", int(inside.sum()), of_curve(comparison.isel(impact=i))
-        yield row(title, "m", n, nrmse=comparison["nrmse"][i], difference=gap.mean(), **told)
+        title, n, curve = f"contact radius, impact {i + 1}", int(inside.sum()), of_curve(comparison.isel(impact=i))
+        yield row(title, "m", n, nrmse=comparison["nrmse"][i], difference=gap.mean(), **curve)
+        own = {SCALE: float(comparison["peak_radius_film"][i]), FRAMES: float(comparison["peak_radius_alike"][i])}
         yield row(
             f"largest radius, impact {i + 1}",
             "m",
             1,
             measured=with_its_u(comparison, "peak_radius_film", i),
-            model=(expected, model["u_peak_contact_radius"][i]),
+            model=(comparison["peak_radius_model"][i], model["u_peak_contact_radius"][i]),
             difference=with_its_u(comparison, "peak_radius_difference", i),
-            slopes={
-                SCALE: float(comparison["peak_radius_film"][i]),
-                FRAMES: float(comparison["peak_radius_alike"][i]),
-                # Hertz's impact: a ~ R^0.4 (m h)^0.2 E^-0.2
-                "radius": -0.4 * expected / sphere.radius.value,
-                "mass": -0.2 * expected / sphere.mass.value,
-                "height": -0.2 * expected / settings.height.value,
-                "modulus": 0.2 * expected,
-            }
-            | material_slopes(model, expected, i)
-            | ({} if plate is None else {PLATE: -expected * _of_plate(i, plate.value, sphere.mass.value, model)}),
+            slopes=own | slopes_of(model, "peak_contact_radius", i),
         )

@@ -57,7 +57,7 @@ KIND = Kind(
     schemas=(DROP,),
     key_numbers=(KeyNumber("largest contact radius", "m", "impacts", "peak_radius"),),
     picture=Picture("radius", "time", "radius", is_first=True),
-    rows=derived("contact_area.comparison:rows", "comparison", "impacts", "model"),
+    rows=derived("contact_area.comparison:rows", "comparison", "model"),
     budget=derived("contact_area.budget:quantities", "impacts", "radius", "model"),
     body="sphere",
     evidence=derived(

@@ -7,11 +7,9 @@ import cv2
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
 from labpipe.imaging import USUAL_WORK
 from labpipe.report import (
     Band,
-    Bars,
     Block,
     Gallery,
     KeyValues,
@@ -25,10 +23,8 @@ from labpipe.report import (
     budget_table,
     listed,
     quantity,
-    share_bars,
     value_with_uncertainty,
 )
-from labpipe.uncertainty import Source, budget_rows
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
@@ -47,12 +43,6 @@ _METHODS = {
     2: "edge",
     3: "interpolation between equal frames at rest",
     4: "contact fills the view (no radius)",
-}
-_SOURCES = {
-    "sphere_radius": "radius of the sphere",
-    "wavelength": "wavelength",
-    "pixel_size": "length of one pixel",
-    "phase": "phase in the contact",
 }
 _AROUND = (
     "Film and model around each largest radius: both are aligned there, and the model then shifted in time to fit all "
@@ -164,39 +154,12 @@ def _picture(key: xr.Dataset) -> Picture:
     return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film, {found}", at=time)
 
 
-def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]:
-    """Show what all frames share, for the largest contact and at rest."""
-    a = radius["radius"].values
-    if not np.isfinite(a).any():
-        return ()
-    chosen = [("largest contact", int(np.nanargmax(a)))]
-    if impacts is not None and np.isfinite(float(impacts["static_radius"])):
-        chosen.append(("at rest", int(np.flatnonzero(np.isfinite(a))[-1])))
-    at = [radius.isel(frame=frame) for _, frame in chosen]
-    titles = [f"{where}, {quantity(float(a[frame]), 'm', 4)}" for where, frame in chosen]
-    columns = [Listed("source", [*_SOURCES.values(), "total, common to all frames", "noise and misfit of the frame"])]
-    for one, title in zip(at, titles, strict=True):
-        parts = one["systematic_part"].sel(source=list(_SOURCES)).values.tolist()
-        columns.append(Listed(title, [*parts, float(one["radius_systematic"]), float(one["u_radius"])], "m", digits=2))
-    table = listed(columns, "Standard uncertainty of the contact radius by source", sortable=False)
-    return (table, *(_shares(one, where) for one, (where, _) in zip(at, chosen, strict=True)))
-
-
-def _shares(one: xr.Dataset, where: str) -> Bars:
-    """Draw what each source has in the variance of the radius in one frame."""
-    parts = {text: float(one["systematic_part"].sel(source=n)) for n, text in _SOURCES.items()}
-    parts["noise and misfit of the frame"] = float(one["u_radius"])
-    rows = budget_rows([Source(text, 0.0, u, "m", 1.0) for text, u in parts.items()])
-    return share_bars(rows, f"Share of the variance, {where}")
-
-
-def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None = None) -> Section:
+def _calibration(radius: xr.Dataset) -> Section:
     size = pages.told(radius, "pixel_size")
     blocks: list[Block] = [
         pages.calibration_rows(radius.attrs["calibration"]),
         KeyValues([("length of one pixel", size, "in the plane of the disc")]),
         *budget_table(json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"),
-        *_budget(radius, impacts),
     ]
     return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
@@ -232,7 +195,6 @@ def _over_time(
     )
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
-    charts += _gap_factor(radius)
     if comparison is not None and model is not None and comparison.sizes["impact"]:
         charts.append(Paragraph(_AROUND))
         for i in range(comparison.sizes["impact"]):
@@ -240,27 +202,15 @@ def _over_time(
     return Section("Contact radius over time", tuple(charts))
 
 
-def _gap_factor(radius: xr.Dataset) -> list[Block]:
-    """Say where the gap beside the contact was not Hertz's, and how much it differed."""
-    is_open = radius["method"].values == OPEN_GAP
-    if not is_open.any():
-        return []
-    factor = radius["gap_factor"].values[is_open]
-    text = (
-        f"In {pages.counted(int(is_open.sum()), 'frame')} the gap around the contact was {factor.min():.2f} to "
-        f"{factor.max():.2f} times the Hertzian one: the surface of a viscoelastic body still recovers while the "
-        "contact recedes, and when it touches again early. There the factor was fitted as well; the error bars of "
-        "these frames include the uncertainty of the gap's shape."
-    )
-    return [Notice("info", text)]
-
-
 def _around(comparison: xr.Dataset, simulated: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
     """Draw one impact, film and model, and their difference below."""
     mine = comparison["impact_number"].values == i + 1
     since = comparison["since_peak"].values[mine] * 1e3
     film, model, u = (comparison[name].values[mine] for name in ("film", "model", "u_film"))
-    wide = 2e6 * _u_model(since, model, simulated, i)
+    # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
+    relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
+    slope = np.gradient(model, since) if since.size > 1 else np.zeros(since.size)
+    wide = 2e6 * relative * np.abs(model - 2.0 * since * slope)
     curves = LineChart(
         f"Impact {i + 1} around its largest radius",
         "time since the largest radius / ms",
@@ -287,25 +237,13 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset, i: int) -> tuple[Line
     return curves, residual
 
 
-def _u_model(since: Floats, radius: Floats, simulated: xr.Dataset, i: int) -> Floats:
-    """Return the standard uncertainty [m] of the model's radius over the time since its largest.
-
-    Nearly all of it is the modulus', by Poisson's ratio and the rheometer: of an impact by Hertz the radius
-    goes as E^-0.2 and the duration as E^-0.4, so a contact that is larger lasts twice as much longer.
-    """
-    relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
-    slope = np.gradient(radius, since) if since.size > 1 else np.zeros(since.size)
-    return relative * np.abs(radius - 2.0 * since * slope)
-
-
 def _alignment(comparison: xr.Dataset, i: int) -> str:
     """Say by how much the model was shifted in time."""
     shift, u = float(comparison["time_shift"][i]), float(comparison["u_time_shift"][i])
     if not math.isfinite(u):
         return "A shift in time was not fitted."
-    return (
-        f"Model shifted by {value_with_uncertainty(abs(shift), u, 's')} to {'earlier' if shift > 0 else 'later'} times."
-    )
+    shown, way = value_with_uncertainty(abs(shift), u, "s"), "earlier" if shift > 0 else "later"
+    return f"Model shifted by {shown} to {way} times."
 
 
 def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
@@ -324,38 +262,29 @@ def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None = None) -> Secti
     return Section("Impacts", (Paragraph(text), listed(columns)))
 
 
-def _listed(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
-
-
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
-    fitted, free, edges, between = (int(np.sum(codes == code)) for code in (1, 5, 2, 3))
-    parts = []
-    if fitted:
-        known = "" if settings.wavelength is None else f" (wavelength {pages.stated(settings.wavelength)})"
-        parts.append(
-            f"in {pages.counted(fitted, 'frame')} by fitting the interference phase of Hertz's gap to the first "
-            f"fringes{known}, with the exposure's smear modelled"
-        )
-    if free:
-        parts.append(f"in {pages.counted(free, 'frame')} by the same fit with the width of the gap left free")
-    if edges:
-        parts.append(f"in {pages.counted(edges, 'frame')} from the edge of the dark spot")
-    if between:
-        parts.append(f"in {pages.counted(between, 'frame')} at rest by interpolation between equal frames")
+    known = "" if settings.wavelength is None else f" (wavelength {pages.stated(settings.wavelength)})"
+    ways = {
+        1: f"by fitting the interference phase of Hertz's gap to the first fringes{known}, with the exposure's smear "
+        "modelled",
+        OPEN_GAP: "by the same fit with the width of the gap left free",
+        2: "from the edge of the dark spot",
+        3: "at rest by interpolation between equal frames",
+    }
+    counts = {code: int(np.sum(codes == code)) for code in ways}
+    parts = [f"in {pages.counted(counts[code], 'frame')} {text}" for code, text in ways.items() if counts[code]]
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
-    text += f"{_listed(parts)}. " if parts else "in no frame. "
-    if fitted or free:
+    text += " and ".join([part for part in (", ".join(parts[:-1]), *parts[-1:]) if part]) or "in no frame"
+    text += ". "
+    if counts[1] or counts[OPEN_GAP]:
         text += (
             "It is the Hertz-equivalent radius: that of the Hertz contact with the same gap around it, whether the "
             "surfaces stick or not. "
         )
     if impacts.sizes["impact"]:
-        a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
-        text += (
-            f"The largest radius of the first impact was {value_with_uncertainty(a, u, 'm')} (standard uncertainty)."
-        )
+        first = pages.told(impacts, "peak_radius", 0)
+        text += f"The largest radius of the first impact was {first} (standard uncertainty)."
     return pages.methods(text)
 
 

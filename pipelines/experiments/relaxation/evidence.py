@@ -1,6 +1,6 @@
 """Forces of relaxation tests, as data for identification."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,80 +39,65 @@ def evidence(
         if isinstance(shared, str):
             return shared
         label = name + (f" {number + 1}" if len(settings.mach1) > 1 else "")
-        parts.append(_Hold(label, loads[number], found, curves[number], shared))
-    unknowns = [p for part in parts for p in part.unknowns]
-    lags = np.concatenate([part.lag for part in parts])
-    ends = (float(lags.min()), float(lags.max()))
-    return MaterialEvidence(
-        parts[0].shared.nu, ends, tuple(unknowns), lambda rho: _joined(name, [part.evidence(rho) for part in parts])
-    )
+        parts.append((shared, *_of_file(label, loads[number], found, curves[number], shared)))
+    unknowns = [unknown for _, _, own, _ in parts for unknown in own]
+    lags = np.concatenate([lag for _, lag, _, _ in parts])
+
+    def joined(rho: Floats) -> Evidence:
+        each = [build(rho) for *_, build in parts]
+        if len(each) == 1:
+            return each[0]
+        groups = tuple(replace(g, name=f"{g.name}, test {i}") for i, one in enumerate(each, 1) for g in one.groups)
+        return Evidence(name, groups, JoinedModel(tuple(one.model for one in each)))
+
+    return MaterialEvidence(parts[0][0].nu, (float(lags.min()), float(lags.max())), tuple(unknowns), joined)
 
 
-class _Hold:
-    """Ramps and holds of one file as evidence.
+def _of_file(
+    label: str, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset, shared: PunchEvidence
+) -> tuple[Floats, list[Parameter], Callable[[Floats], Evidence]]:
+    """Return times [s], unknowns and the evidence, for relaxation times, of the ramps and holds of one file.
 
     A number is the mean of a bin's readings behind the cell's filter, which comes late by the
     filter's delay. Half of two forces, a standard deviation of the readings' times before and
     after their mean, has the mean of any arc of second degree.
     """
+    declared = mach1_readings.declared_filter(loads)
+    quickest = 0.0 if declared is None else _DELAYS / (2.0 * np.pi * declared["cutoff"])
+    kept = (curves["mean_time"].values >= quickest) & np.isfinite(curves["force"].values)
+    lag, force, width, u = (curves[n].values[kept] for n in ("mean_time", "force", "time_spread", "u_force"))
+    u = np.maximum(u, _LEAST_OF_FORCE * force)
+    touch, u_touch = (float(ramps[n]) for n in ("contact_position", "u_contact_position"))
+    zero = nuisance(f"{label} first touch", 0.0, u_touch, "m", "stage position of first touch")
+    tare = nuisance(f"{label} tare", 0.0, max(float(loads["u_tare"]), 1e-6), "N", "zero of the force")
+    delay = mach1_readings.filter_delay(loads)
+    # the file's time (number,) at which the stage arrived from every number's ramp
+    clock, time = mach1_readings.clock(loads), loads["time"].values
+    begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in ramps_and_holds.find(loads)]
+    at = np.array(begins)[np.nonzero(kept)[0]] + lag - delay.value
+    places = np.array([at - width, at + width, at - width - delay.u, at + width - delay.u])
+    # the history of the contact, which no choice of relaxation times changes
+    position = loads["position_z"].values
+    told = mach1_readings.history(clock, position)
+    grid = np.union1d(clock[told], places)
+    rows = np.searchsorted(grid, places)
+    areas = [
+        np.interp(grid, clock[told], elastic_area(position[told] - touch - shift, shared.geometry))
+        for shift in (0.0, SHIFT)
+    ]
 
-    def __init__(
-        self, label: str, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset, shared: PunchEvidence
-    ) -> None:
-        self.label, self.shared = label, shared
-        declared = mach1_readings.declared_filter(loads)
-        quickest = 0.0 if declared is None else _DELAYS / (2.0 * np.pi * declared["cutoff"])
-        lag, force = curves["mean_time"].values, curves["force"].values
-        kept = (lag >= quickest) & np.isfinite(force)
-        self.lag, self.force, width = lag[kept], force[kept], curves["time_spread"].values[kept]
-        self.u = np.maximum(curves["u_force"].values[kept], _LEAST_OF_FORCE * self.force)
-        self.zero = nuisance(
-            f"{label} first touch", 0.0, float(ramps["u_contact_position"]), "m", "stage position of first touch"
-        )
-        self.tare = nuisance(f"{label} tare", 0.0, max(float(loads["u_tare"]), 1e-6), "N", "zero of the force")
-        delay = mach1_readings.filter_delay(loads)
-        self.u_delay = delay.u
-        # the file's time (number,) at which the stage arrived from every number's ramp
-        clock, time = mach1_readings.clock(loads), loads["time"].values
-        begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in ramps_and_holds.find(loads)]
-        at = np.array(begins)[np.nonzero(kept)[0]] + self.lag - delay.value
-        self.places = np.array([at - width, at + width, at - width - delay.u, at + width - delay.u])
-        self._follow(loads, float(ramps["contact_position"]))
-
-    def _follow(self, loads: xr.Dataset, touch: float) -> None:
-        """Keep the history of the contact: what no choice of relaxation times changes."""
-        clock, position = mach1_readings.clock(loads), loads["position_z"].values
-        kept = mach1_readings.history(clock, position)
-        self.time = np.union1d(clock[kept], self.places)
-        self.rows = np.searchsorted(self.time, self.places)
-        self.areas = [
-            np.interp(self.time, clock[kept], elastic_area(position[kept] - touch - shift, self.shared.geometry))
-            for shift in (0.0, SHIFT)
-        ]
-
-    @property
-    def unknowns(self) -> list[Parameter]:
-        late = [FILTER] if self.u_delay > 0.0 else []
-        return [*self.shared.unknowns, self.zero, self.tare, *late]
-
-    def _basis(self, rho: Floats, area: Floats) -> tuple[Floats, Floats]:
+    def basis(rho: Floats, area: Floats) -> tuple[Floats, Floats]:
         """Return the basis (number, 1 + term), and the same with a delay one deviation longer."""
-        made = lee_radok_basis(self.time, area, rho, self.shared.nu)
-        early, late, *longer = (made[rows] for rows in self.rows)
-        return 0.5 * (early + late), 0.5 * (longer[0] + longer[1])
+        made = lee_radok_basis(grid, area, rho, shared.nu)
+        early, late, early_longer, late_longer = (made[row] for row in rows)
+        return 0.5 * (early + late), 0.5 * (early_longer + late_longer)
 
-    def evidence(self, rho: Floats) -> Evidence:
-        basis, longer = self._basis(rho, self.areas[0])
-        shifts = {self.zero.name: (self._basis(rho, self.areas[1])[0] - basis) / SHIFT}
-        if self.u_delay > 0.0:
-            shifts[FILTER.name] = longer - basis
-        measured, factors, offsets = (self.label, self.lag, self.force, self.u), self.shared.factors, (self.tare.name,)
-        return force_evidence(*measured, basis, shifts=shifts, factors=factors, offsets=offsets)
+    def build(rho: Floats) -> Evidence:
+        usual, longer = basis(rho, areas[0])
+        shifts = {zero.name: (basis(rho, areas[1])[0] - usual) / SHIFT}
+        if delay.u > 0.0:
+            shifts[FILTER.name] = longer - usual
+        factors, offsets = shared.factors, (tare.name,)
+        return force_evidence(label, lag, force, u, usual, shifts=shifts, factors=factors, offsets=offsets)
 
-
-def _joined(name: str, parts: list[Evidence]) -> Evidence:
-    """Return the holds of several files as one experiment."""
-    if len(parts) == 1:
-        return parts[0]
-    groups = tuple(replace(g, name=f"{g.name}, test {i + 1}") for i, part in enumerate(parts) for g in part.groups)
-    return Evidence(name, groups, JoinedModel(tuple(part.model for part in parts)))
+    return lag, [*shared.unknowns, zero, tare, *([FILTER] if delay.u > 0.0 else [])], build

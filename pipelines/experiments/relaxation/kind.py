@@ -67,7 +67,7 @@ _STAGES = (
         summary="measurement against model: ramp, early, late",
     ),
     stage(
-        "relaxation.gathered:tests",
+        "relaxation.measured:tests",
         ("ramps", "curves", "comparison"),
         ("mach1",),
         schema="relaxations",
@@ -88,7 +88,7 @@ KIND = Kind(
     picture=Picture("loads", "time", "force"),
     error="nrmse_all",
     rows=derived("relaxation.comparison:rows", "tests"),
-    budget=derived("relaxation.budget:quantities", "loads", "ramps", "curves"),
+    budget=derived("relaxation.budget:quantities", "loads", "curves"),
     body="substrate",
     evidence=derived("relaxation.evidence:evidence", "loads", "ramps", "curves", *solid_of("substrate")),
     proposal=proposal("force", "relaxation.proposal:proposed"),

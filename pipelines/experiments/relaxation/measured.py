@@ -1,15 +1,20 @@
-"""Relaxation under a periodic punch: force, ramps and holds with their peaks and plateaus."""
+"""Relaxation under a periodic punch: force, ramps and holds with their peaks and plateaus, and all tests in a table."""
 
+import json
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.variables import with_u
+from labpipe.variables import variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared.punch_model import INPUTS
+
+_BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
 
 
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Relaxation) -> xr.Dataset:
@@ -31,3 +36,79 @@ def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
     value, u = (np.nan, np.nan) if touch is None else (touch.value, touch.u)
     result = result.assign(with_u("contact_position", (), value, u, "m", "stage position of first touch"))
     return result.assign_attrs(contact=how)
+
+
+def tests(
+    ramps: list[xr.Dataset], curves: list[xr.Dataset], comparison: list[xr.Dataset], *, settings: Relaxation
+) -> xr.Dataset:
+    """Gather every ramp of every file, and average the modulus over the depths."""
+    names = [
+        Path(file).stem + (f", ramp {i + 1}" if found.sizes["ramp"] > 1 else "")
+        for file, found in zip(settings.mach1, ramps, strict=True)
+        for i in range(found.sizes["ramp"])
+    ]
+    parts = [
+        xr.merge(
+            [
+                found,
+                curve.drop_dims(["lag", "elapsed"], errors="ignore"),
+                compared.drop_dims("sample", errors="ignore"),
+            ],
+            combine_attrs="drop_conflicts",
+        )
+        for found, curve, compared in zip(ramps, curves, comparison, strict=True)
+    ]
+    # a hold that ended sooner depends on fewer modes of a spectrum: on the others not at all
+    known = [part for part in parts if "uncertain" in part.coords]
+    simulated = max(known, key=lambda part: part.sizes["uncertain"], default=None)
+    if simulated is not None:
+        effects = simulated["uncertain"].values
+        parts = [
+            part.drop_vars([*INPUTS]).reindex(uncertain=effects, fill_value=0.0) if "uncertain" in part.coords else part
+            for part in parts
+        ]
+    wanted = sorted({str(n) for part in parts for n in part.data_vars if "ramp" in part[n].dims})
+    table: dict[str, Any] = {}
+    for name in wanted:
+        first = next(part[name] for part in parts if name in part)
+        empty = (np.full((part.sizes["ramp"], *first.shape[1:]), np.nan) for part in parts)
+        values = [part[name].values if name in part else none for part, none in zip(parts, empty, strict=True)]
+        table[name] = (("test", *first.dims[1:]), np.concatenate(values), first.attrs)
+    made = xr.Dataset(table, coords={"test": np.arange(1, len(names) + 1)})
+    if simulated is not None:
+        made = made.merge(simulated[[*INPUTS]])
+    made.attrs = {"names": json.dumps(names)}
+    if "reduced_modulus" in made:
+        nus = [float(c["nu"]) for c in curves if "nu" in c]
+        made = made.merge(_averaged(made, nus[0]))
+    return made
+
+
+def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
+    """Average the modulus over the tests, weighted by what they do not share.
+
+    The scatter is tested against the stated uncertainties; where it is larger, they grow by the
+    Birge ratio.
+    """
+    value = table["reduced_modulus"].values
+    own, whole = table["reduced_modulus_own_part"].values, table["u_reduced_modulus"].values
+    usable = np.isfinite(value) & (own > 0)
+    weight = 1 / own[usable] ** 2
+    mean = float(np.sum(weight * value[usable]) / weight.sum())
+    shared = float(np.mean(np.sqrt(np.maximum(whole[usable] ** 2 - own[usable] ** 2, 0.0))))
+    chi = float(np.sum(weight * (value[usable] - mean) ** 2))
+    freedom = int(usable.sum()) - 1
+    birge = max(1.0, np.sqrt(chi / freedom)) if freedom > 0 else 1.0
+    if birge > _BIRGE_LIMIT:
+        warnings.warn(
+            f"the moduli of the depths differ by {birge:.1f} times their uncertainties: the rubber "
+            "is not linear, or the punch is not what session.toml says",
+            stacklevel=2,
+        )
+    u = float(np.hypot(birge / np.sqrt(weight.sum()), shared))
+    tension = 1 - nu**2
+    return xr.Dataset(
+        with_u("mean_reduced_modulus", (), mean, u, "Pa", "relaxed reduced modulus over all tests")
+        | with_u("mean_relaxed_modulus", (), mean * tension, u * tension, "Pa", "relaxed modulus in tension")
+        | {"birge_ratio": variable((), birge, "1", "scatter between tests over their uncertainties")}
+    )

@@ -23,6 +23,7 @@ from scipy.optimize import nnls
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.identification import lee_radok_basis
 from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
@@ -119,21 +120,21 @@ def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dic
     value = force / float(elastic_force(np.array([depth]), geometry)[0])
     punch = (geometry.radius, geometry.period, geometry.depth, geometry.tips)
     cosine = Geometry(*punch, np.inf, geometry.nu, type(geometry.model)(profile="cosine"))
-    gain = float(np.nan_to_num(float(loads["u_gain"])))
-    tare = float(loads["u_tare"])
-    noise = excess_uncertainty(float(at["u_plateau_force"]), ramps_and_holds.systematic(loads, force))
+    lag, u = float(at["u_plateau_lag"]), float(at["u_plateau_force"])
+    noise = excess_uncertainty(u, ramps_and_holds.systematic(loads, force), lag)
     of_force = value / force
     sources = [
-        Source("noise of the plateau", force, noise, "N", of_force, "random"),
-        Source("tare", float(loads["tare"]), tare, "N", -of_force, "systematic"),
-        Source("relaxation not finished", 0.0, float(at["unfinished"]), "N", -of_force, "systematic"),
-        Source("gain of the cell", float(loads["gain"]), gain, "1", value, "systematic"),
+        Source("noise", 0.0, noise, "N", of_force, "random"),
+        Source("filter lag", 0.0, lag, "N", -of_force, "systematic"),
+        Source("tare", float(loads["tare"]), float(loads["u_tare"]), "N", -of_force, "systematic"),
+        Source("unfinished relaxation", 0.0, float(at["unfinished"]), "N", -of_force, "systematic"),
+        Source("gain", float(loads["gain"]), float(np.nan_to_num(loads["u_gain"])), "1", value, "systematic"),
     ]
     # a deeper contact at the same force is a softer one
     sources += [
         s._replace(sensitivity=-value * s.sensitivity) for s in relative_sources(depth, float(at["u_depth"]), geometry)
     ]
-    shared = {"gain of the cell", "tip radius", "period", "length of a tip"}
+    shared = {"gain", "tip radius", "period", "length of a tip"}
     own = [s for s in sources if s.source not in shared]
     row = {
         "reduced_modulus": value,
@@ -157,7 +158,7 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     longest = max(hold.last - hold.end for hold in found)
     decades = np.log10(longest / (_FASTEST * interval))
     rho = np.geomspace(_FASTEST * interval, longest, int(decades * _TERMS_PER_DECADE))
-    basis = np.column_stack([area] + [_maxwell(time, area, r) for r in rho])
+    basis = lee_radok_basis(time, area, rho, 0.0)
     rows = _fit_rows(loads, found, interval)
     measured = loads["force"].values[rows]
     answers = []
@@ -175,7 +176,12 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     peaks = np.array([[c[hold.rows].max() for hold in found] for c in clean])
     systematic = np.array([ramps_and_holds.systematic(loads, p) for p in peaks[0]])
     rest = measured - through(loads, clean[0], interval, declared, kinds[0])[rows]
-    misfit = np.array([_misfit(loads, rest, rows, hold) for hold in found])
+    at = loads["time"].values[rows]
+    misfit = np.zeros(len(found))
+    for i, hold in enumerate(found):  # about the end of the ramp
+        inside = (rows >= hold.rows.start) & (rows < hold.rows.stop)
+        near = inside & (np.abs(at - hold.end) < max(hold.end - hold.begin, 0.1))
+        misfit[i] = np.sqrt(np.mean(rest[near] ** 2))
     of_filter = np.abs(peaks[-1] - peaks[0]) / np.sqrt(3.0)
     u_peak = np.sqrt(systematic**2 + misfit**2 + of_filter**2)
     return xr.Dataset(
@@ -200,20 +206,6 @@ def elastic_area(depth: Floats, geometry: Geometry) -> Floats:
     # a contact that once was as wide keeps its width: the running maximum stands for the depth
     reached = np.maximum.accumulate(np.maximum(depth, 0.0))
     return np.asarray(np.interp(reached, grid, area))
-
-
-def _maxwell(time: Floats, area: Floats, rho: float) -> Floats:
-    """Return ∫ exp(−(t − s)/ρ) dA(s) on the samples, A linear between them."""
-    step = np.diff(time) / rho
-    decay = np.exp(-step)
-    share = np.where(step > 0, -np.expm1(-step) / np.where(step > 0, step, 1.0), 1.0)
-    gained = share * np.diff(area)
-    made = np.zeros(time.size)
-    level = 0.0
-    for n, (d, g) in enumerate(zip(decay.tolist(), gained.tolist(), strict=True)):
-        level = level * d + g
-        made[n + 1] = level
-    return made
 
 
 def through(
@@ -245,11 +237,3 @@ def _fit_rows(loads: xr.Dataset, found: list[Hold], interval: float) -> NDArray[
         rows += range(hold.rows.start, hold.rows.start + arrival + 1)
         rows += (hold.rows.start + arrival + after).tolist()
     return np.array(sorted(set(rows)), dtype=np.int64)
-
-
-def _misfit(loads: xr.Dataset, rest: Floats, rows: NDArray[np.int64], hold: Hold) -> float:
-    """Return the root mean square misfit [N] around the end of a ramp."""
-    time = loads["time"].values[rows]
-    inside = (rows >= hold.rows.start) & (rows < hold.rows.stop)
-    near = inside & (np.abs(time - hold.end) < max(hold.end - hold.begin, 0.1))
-    return float(np.sqrt(np.mean(rest[near] ** 2)))

@@ -16,49 +16,35 @@ from labpipe.report import (
     Paragraph,
     Section,
     Series,
-    Table,
-    budget_table,
     listed,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
+from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, pages, ramps_and_holds
 from pipelines.experiments.shared.punch_sections import header_blocks, punch_rows, substrate_name
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
-_FILTERED = "The load cell's filter was applied to the model too."
 _RAMP_VIEW = 2.0  # s around a ramp that are drawn sample by sample
-_POINTS_PER_DECADE = 12
 
 
-def _names(tests: xr.Dataset) -> list[str]:
-    return list(json.loads(tests.attrs["names"]))
-
-
-def _label(tests: xr.Dataset, number: int) -> str:
+def _label(tests: xr.Dataset | None, number: int) -> str:
+    if tests is None:
+        return f"test {number + 1}"
     depth = float(tests["depth"][number])
-    if np.isfinite(depth):
-        return f"{depth * 1e3:.3f} mm"
-    return _names(tests)[number]
+    return f"{depth * 1e3:.3f} mm" if np.isfinite(depth) else str(json.loads(tests.attrs["names"])[number])
 
 
 def _summary(
     context: Context, tests: xr.Dataset | None = None, comparison: Sequence[xr.Dataset] | None = None
 ) -> Section:
-    blocks: list[Block] = []
     rows = []
     if tests is not None:
         rows.append(("tests", str(tests.sizes["test"]), "ramps with their holds"))
-        peak = _peak(tests)
-        of_peak = "force as recorded" if peak == "peak_force" else "force; the peak before the cell's filter"
-        for i in range(tests.sizes["test"]):
-            at = tests.isel(test=i)
-            shown = ", ".join(pages.told(at, name) for name in (peak, "plateau_force"))
-            rows.append((f"peak and plateau, {_label(tests, i)}", shown, of_peak))
         if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
             remark = "in tension, from the plateaus of all tests"
             rows.append(("relaxed modulus", pages.told(tests, "mean_relaxed_modulus"), remark))
@@ -69,8 +55,7 @@ def _summary(
             errors = tests["nrmse_all"].values * 100
             remark = "root mean square of measured minus model, over the range of the simulated force of each test"
             rows.append(("nRMSE of force", f"{np.nanmin(errors):.3g} to {np.nanmax(errors):.3g} %", remark))
-    if rows:
-        blocks.append(KeyValues(rows))
+    blocks: list[Block] = [KeyValues(rows)] if rows else []
     reasons = sorted({str(c.attrs["absent"]) for c in comparison or () if "absent" in c.attrs})
     blocks += [Notice("info", f"No comparison with a model: {reason}.") for reason in reasons]
     return Section("Summary", (*blocks, *pages.failed_notice(context)))
@@ -82,71 +67,51 @@ def _measured(
     readings: list[xr.Dataset] | None = None,
     loads: list[xr.Dataset] | None = None,
 ) -> Section:
-    rows = [("files", ", ".join(settings.mach1), "")]
-    rows += punch_rows(settings.punch)
-    blocks: list[Block] = [KeyValues([r for r in (*rows, *pages.remarks(context)) if r[1]])]
+    rows = [("files", ", ".join(settings.mach1), ""), *punch_rows(settings.punch), *pages.remarks(context)]
+    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
     for number, name in enumerate(settings.mach1):
-        ours = None if loads is None else loads[number]
-        raw = None if readings is None else readings[number]
+        raw, ours = (None if found is None else found[number] for found in (readings, loads))
         blocks += header_blocks(raw, ours, name)
     return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
 
 
-def _peak(tests: xr.Dataset) -> str:
-    """Return the name of the peak that the hold had: before the cell's filter where that is known."""
-    clean = "peak_force_unfiltered"
-    return clean if clean in tests and bool(np.isfinite(tests[clean]).all()) else "peak_force"
-
-
 def _tests(tests: xr.Dataset) -> Section:
-    peak = _peak(tests)
-    has_model = "nrmse_all" in tests
+    clean = "peak_force_unfiltered"
+    is_clean = clean in tests and bool(np.isfinite(tests[clean]).all())
+    peak = clean if is_clean else "peak_force"
     top, level = tests[peak].values, tests["plateau_force"].values
     ratio = top / level
-    # The cell's gain is in both and cancels, so that this is rather too large.
+    # the cell's gain is in both and cancels, so that this is rather too large
     u = np.abs(ratio) * np.hypot(tests[f"u_{peak}"].values / top, tests["u_plateau_force"].values / level)
     first = (
-        Listed("test", _names(tests)),
+        Listed("test", list(json.loads(tests.attrs["names"]))),
         *([pages.column(tests, "depth", "depth")] if np.isfinite(tests["depth"]).any() else []),
         pages.column(tests, peak, "peak"),
-        *([pages.column(tests, "peak_force", "peak as recorded")] if peak != "peak_force" else []),
+        *([pages.column(tests, "peak_force", "peak as recorded")] if is_clean else []),
         pages.column(tests, "plateau_force", "plateau"),
         Listed("peak/plateau", ratio.tolist(), u=u.tolist()),
     )
     caption = (
-        "The peak is that before the load cell's filter, from the relaxation fitted to the force behind it"
-        if peak != "peak_force"
+        "The peak is that before the load cell's filter, from the relaxation fitted to the force behind it; its "
+        "uncertainty includes the filter's unknown type"
+        if is_clean
         else "The peak is as recorded, behind the load cell's filter if it has one"
     )
-    caption += "; the plateau is the mean over the end of the hold."
     second = [
         Listed("test", [_label(tests, i) for i in range(tests.sizes["test"])]),
         pages.column(tests, "speed", "ramp speed"),
         pages.column(tests, "duration", "hold"),
     ]
-    told = "Measured displacement."
-    if has_model:
+    text = "Measured displacement."
+    if "nrmse_all" in tests:
         errors = {part: (tests[f"nrmse_{part}"].values * 100).tolist() for part in ("ramp", "early", "late", "all")}
         second += [Listed(f"nRMSE {part}", error, "%", digits=3) for part, error in errors.items()]
-        told = (
+        text = (
             "Measured displacement, and errors of the simulated force relative to the range of the simulated force "
             "in the whole test."
         )
-    return Section("Tests", (listed(first, caption), listed(second, told)))
-
-
-def _each(
-    loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset]
-) -> list[tuple[xr.Dataset, xr.Dataset, ramps_and_holds.Hold]]:
-    return [
-        (load, compared, hold)
-        for load, compared in zip(loads, comparison, strict=True)
-        for hold in ramps_and_holds.find(load)
-    ]
-
-
-def _title(tests: xr.Dataset | None, number: int) -> str:
-    return f"test {number + 1}" if tests is None else _label(tests, number)
+    caption += "; the plateau is the mean over the end of the hold."
+    return Section("Tests", (listed(first, caption), listed(second, text)))
 
 
 def _ramps(
@@ -156,72 +121,64 @@ def _ramps(
     tests: xr.Dataset | None = None,
 ) -> Section:
     charts: list[Block] = []
-    touches = [float(r["contact_position"]) for r in ramps for _ in range(r.sizes["ramp"])]
-    for number, (load, compared, hold) in enumerate(_each(loads, comparison)):
-        time = load["time"].values[hold.rows]
-        near = (time >= hold.begin - _RAMP_VIEW) & (time <= hold.end + _RAMP_VIEW)
-        since, label = time[near] - hold.begin, _title(tests, number)
-        force = load["force"].values[hold.rows][near]
-        series: list[Series | Band] = [Series("measured", since, force, role="measured")]
-        has_model = "absent" not in compared.attrs
-        if has_model:
-            theirs, u = (compared[name].values[hold.rows][near] for name in ("simulated_force", "u_simulated_force"))
-            series += pages.model_curves(since, theirs, u)
-        labels = (f"Force around the ramp, {label}", "time since the ramp began / s", "force / N")
-        caption = _FILTERED if has_model and mach1_readings.declared_filter(load) else ""
-        charts.append(LineChart(*labels, tuple(series), group=label, height_px=240, caption=caption))
-        position = load["position_z"].values[hold.rows][near]
-        datum = touches[number] if np.isfinite(touches[number]) else hold.start
-        labels = (f"Indentation around the ramp, {label}", "time since the ramp began / s", "indentation / mm")
-        name = f"measured{', input of the model' * has_model}"
-        pressed = (Series(name, since, (position - datum) * 1e3, role="measured"),)
-        charts.append(LineChart(*labels, pressed, group=label, height_px=150))
+    for load, found, compared in zip(loads, ramps, comparison, strict=True):
+        touch, has_model = float(found["contact_position"]), "absent" not in compared.attrs
+        is_filtered = has_model and mach1_readings.declared_filter(load)
+        caption = "The load cell's filter was applied to the model too." if is_filtered else ""
+        for hold in ramps_and_holds.find(load):
+            label = _label(tests, len(charts) // 2)
+            time = load["time"].values[hold.rows]
+            near = (time >= hold.begin - _RAMP_VIEW) & (time <= hold.end + _RAMP_VIEW)
+            since, force = time[near] - hold.begin, load["force"].values[hold.rows][near]
+            series: list[Series | Band] = [Series("measured", since, force, role="measured")]
+            if has_model:
+                names = ("simulated_force", "u_simulated_force")
+                series += pages.model_curves(since, *(compared[name].values[hold.rows][near] for name in names))
+            labels = (f"Force around the ramp, {label}", "time since the ramp began / s", "force / N")
+            charts.append(LineChart(*labels, tuple(series), group=label, height_px=240, caption=caption))
+            position = load["position_z"].values[hold.rows][near]
+            depth = (position - (touch if np.isfinite(touch) else hold.start)) * 1e3
+            labels = (f"Indentation around the ramp, {label}", "time since the ramp began / s", "indentation / mm")
+            pressed = (Series(f"measured{', input of the model' * has_model}", since, depth, role="measured"),)
+            charts.append(LineChart(*labels, pressed, group=label, height_px=150))
     return Section("Ramp and peak", tuple(charts))
 
 
 def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None = None) -> Section:
     curves: list[Series] = []
     gaps: list[Series | Band] = []
-    for number, (load, compared, hold) in enumerate(_each(loads, comparison)):
-        label = _title(tests, number)
-        time = load["time"].values[hold.rows] - hold.end
-        longest = float(time[-1])
-        first = float(np.min(time[time > 0]))
-        count = int(np.log10(longest / first) * _POINTS_PER_DECADE) + 2
-        edges = np.geomspace(0.99 * first, 1.001 * longest, count)
-        force = load["force"].values[hold.rows]
+    held = [
+        (load, compared, hold)
+        for load, compared in zip(loads, comparison, strict=True)
+        for hold in ramps_and_holds.find(load)
+    ]
+    for number, (load, compared, hold) in enumerate(held):
+        label = _label(tests, number)
+        time, force = load["time"].values[hold.rows] - hold.end, load["force"].values[hold.rows]
+        first, longest = float(np.min(time[time > 0])), float(time[-1])
+        edges = np.geomspace(0.99 * first, 1.001 * longest, int(np.log10(longest / first) * BINS_PER_DECADE) + 2)
         lag, mean, _, _ = ramps_and_holds.binned(time, force, edges)
         curves.append(Series(f"{label}, measured", lag, mean, style="points", role="measured"))
         if "absent" in compared.attrs:
             continue
-        theirs = compared["simulated_force"].values[hold.rows]
+        theirs, u_theirs = (compared[f"{u}simulated_force"].values[hold.rows] for u in ("", "u_"))
         _, model, _, _ = ramps_and_holds.binned(time, theirs, edges)
+        _, wide, _, _ = ramps_and_holds.binned(time, u_theirs, edges)
         _, gap, spread, n = ramps_and_holds.binned(time, force - theirs, edges)
         u = np.maximum(spread, float(np.nanmax(load["u_force"].values))) / np.sqrt(n)
         curves.append(Series(f"{label}, model", lag, model, role="model"))
-        _, wide, _, _ = ramps_and_holds.binned(time, compared["u_simulated_force"].values[hold.rows], edges)
-        gaps += [
-            Series(label, lag, gap, role="residual", u=u),
-            Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"),
-        ]
-    labels = ("time since the stage arrived / s", "force / N")
-    caption = "Means over equal steps of the logarithm of time."
-    charts: list[Block] = [
-        LineChart("Relaxation", *labels, tuple(curves), x_scale="log", height_px=320, caption=caption)
-    ]
+        gaps.append(Series(label, lag, gap, role="residual", u=u))
+        gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))
+    x, caption = "time since the stage arrived / s", "Means over equal steps of the logarithm of time."
+    drawn = tuple(curves)
+    charts = [LineChart("Relaxation", x, "force / N", drawn, x_scale="log", height_px=320, caption=caption)]
     if gaps:
-        charts.append(
-            LineChart(
-                "Measured minus model",
-                "time since the stage arrived / s",
-                "difference / N",
-                tuple(gaps),
-                x_scale="log",
-                height_px=200,
-                caption="Bars: noise of each mean, one standard uncertainty. An error of "
-                "the depth, the gain or the modulus shifts the whole curve; the area is what the model leaves open.",
-            )
+        caption = (
+            "Bars: noise of each mean, one standard uncertainty. An error of the depth, the gain or the modulus shifts "
+            "the whole curve; the area is the uncertainty of the model."
         )
+        title, y, rest = "Measured minus model", "difference / N", tuple(gaps)
+        charts.append(LineChart(title, x, y, rest, x_scale="log", height_px=200, caption=caption))
     return Section("Relaxation", tuple(charts))
 
 
@@ -229,65 +186,47 @@ def _moduli(curves: Sequence[xr.Dataset], tests: xr.Dataset, model: Sequence[xr.
     absent = next((str(c.attrs["absent"]) for c in curves if "absent" in c.attrs), None)
     if absent is not None:
         return Section("Modulus", (Notice("info", f"{absent}."),))
-    blocks: list[Block] = [
-        Paragraph(
-            "The plateau gives the relaxed reduced modulus E/(1 − ν²) as force over the elastic "
-            "force of a unit modulus at the same depth (eq. 2.17 inverted, for the punch's own "
-            "profile). The relaxation modulus is fitted to the force from the ramp to the end of "
-            "the hold through Lee and Radok's integral; no material was assumed."
-        )
-    ]
-    series = []
-    number = 0
+    text = (
+        "The plateau gives the relaxed reduced modulus E/(1 − ν²) as force over the elastic "
+        "force of a unit modulus at the same depth (eq. 2.17 inverted, for the punch's own "
+        "profile). The relaxation modulus is fitted to the force from the ramp to the end of "
+        "the hold through Lee and Radok's integral; no material was assumed."
+    )
+    series, number = [], 0
     for curve in curves:
         if "relaxation_modulus" in curve:
             modulus = curve["relaxation_modulus"].values * _MPA
             series.append(Series(_label(tests, number), curve["elapsed"].values, modulus, role="measured"))
         number += curve.sizes["ramp"]
-    there = next((m for m in model or () if "relaxation_modulus" in m), None)
-    if series and there is not None:
-        series.append(
-            Series("of the material", there["elapsed"].values, there["relaxation_modulus"].values * _MPA, role="model")
-        )
+    known = next((m for m in model or () if "relaxation_modulus" in m), None)
+    if series and known is not None:
+        modulus = known["relaxation_modulus"].values * _MPA
+        series.append(Series("of the material", known["elapsed"].values, modulus, role="model"))
+    blocks: list[Block] = [Paragraph(text)]
     if series:
         caption = "For a linear material all curves coincide. They begin where ramp and filter allow processes to be "
         caption += "resolved."
         labels = ("Relaxation modulus from the force", "time / s", "reduced modulus / MPa")
         blocks.append(LineChart(*labels, tuple(series), x_scale="log", height_px=280, caption=caption))
-    blocks.append(_modulus_table(tests))
-    budgets = json.loads(curves[0].attrs["budgets"])
-    blocks += budget_table(budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}", "Pa")
+    columns = (
+        Listed("depth", [_label(tests, i) for i in range(tests.sizes["test"])]),
+        pages.column(tests, "reduced_modulus", "reduced modulus"),
+        pages.plain(tests, "reduced_modulus_cosine", "by eq. (2.17) as printed"),
+    )
+    blocks.append(listed(columns, "Eq. (2.17) holds for a cosine on a half-plane.", sortable=False))
     return Section("Modulus", tuple(blocks))
 
 
-def _modulus_table(tests: xr.Dataset) -> Table:
-    count = tests.sizes["test"]
-    peak = "peak_force_unfiltered"
-    columns = (
-        Listed("depth", [_label(tests, i) for i in range(count)]),
-        pages.column(tests, "reduced_modulus", "reduced modulus"),
-        pages.column(tests, peak, "peak before the filter")
-        if peak in tests
-        else Listed("peak before the filter", [np.nan] * count, "N"),
-        pages.plain(tests, "reduced_modulus_cosine", "by eq. (2.17) as printed"),
-    )
-    caption = (
-        "Eq. (2.17) holds for a cosine on a half-plane. The peak before the filter "
-        "follows from the fit; its uncertainty includes the filter's unknown type."
-    )
-    return listed(columns, caption, sortable=False)
-
-
 def _model(settings: Relaxation, model: Sequence[xr.Dataset]) -> Section | None:
-    there = next(filter(is_there, model), None)
-    if there is None:
+    found = next(filter(is_there, model), None)
+    if found is None:
         return None
     rows = [
         ("material", substrate_name(settings.substrate), ""),
-        ("its relaxed reduced modulus", value_with_uncertainty(float(there["reduced_modulus"]), 0.0, "Pa"), ""),
+        ("its relaxed reduced modulus", value_with_uncertainty(float(found["reduced_modulus"]), 0.0, "Pa"), ""),
         ("profile of the tips", settings.model.profile, ""),
-        ("solver", there.attrs["solver"], there.attrs["solver_reason"]),
-        ("datum of displacement", there.attrs["datum"], ""),
+        ("solver", found.attrs["solver"], found.attrs["solver_reason"]),
+        ("datum of displacement", found.attrs["datum"], ""),
     ]
     text = (
         "Boundary elements of a periodic line contact with exact exponential memory, driven by the "
@@ -298,8 +237,7 @@ def _model(settings: Relaxation, model: Sequence[xr.Dataset]) -> Section | None:
 
 def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> Section:
     depths = tests["depth"].values * 1e3
-    speed = float(np.median(tests["speed"])) * 1e3
-    hold = float(np.median(tests["duration"]))
+    speed, hold = float(np.median(tests["speed"])) * 1e3, float(np.median(tests["duration"]))
     punch = "a punch" if settings.punch is None else "a periodic punch"
     text = f"In {pages.counted(tests.sizes['test'], 'relaxation test')} {punch} was pressed into the sample"
     if np.isfinite(depths).all():
@@ -309,13 +247,12 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
         f"{min(settings.hold.plateau.value, 0.1 * hold):.0f} s. "
     )
     if ramps and all(np.isfinite(float(ramp["contact_position"])) for ramp in ramps):
-        how = dict.fromkeys(str(ramp.attrs["contact"]) for ramp in ramps)
-        text += f"First touch was {' or '.join(how)}. "
+        text += f"First touch was {' or '.join(dict.fromkeys(str(ramp.attrs['contact']) for ramp in ramps))}. "
     if "mean_reduced_modulus" in tests:
-        value, u = (float(tests[f"{p}mean_reduced_modulus"]) for p in ("", "u_"))
+        shown = pages.told(tests, "mean_reduced_modulus")
         text += (
             "The relaxed reduced modulus, from the plateau and the elastic force at the measured "
-            f"depth, is {value_with_uncertainty(value, u, 'Pa')} (standard uncertainty). "
+            f"depth, is {shown} (standard uncertainty). "
         )
     if "nrmse_all" in tests:
         error = tests["nrmse_all"].values * 100

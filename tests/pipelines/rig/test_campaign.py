@@ -92,21 +92,3 @@ def test_every_regenerable_figure_can_be_drawn_from_it(session: Path, tmp_path: 
     assert heated not in states["3.10"].experiments
     assert f"{heated}_film" not in states["3.15"].experiments
     assert {f"{heated}_film", "acrylic_10mm_film"} <= set(states["3.16"].experiments)
-
-
-@pytest.mark.slow
-def test_one_lost_recording_concerns_only_the_figures_that_show_it(session: Path, tmp_path: Path) -> None:
-    def keys() -> dict[str, str]:
-        shelf = make.Shelf.of(tmp_path / "figures", session)
-        return {s.figure.id: shelf.key(s.figure, s.experiments) for s in make.states(shelf, FIGURES)}
-
-    before = keys()
-    files.write_text(session / "laser/nylon_5mm_1.csv", "another recording")
-    after = keys()
-    assert {name for name in before if before[name] != after[name]} == {"3.11"}
-    lost = "laser/peek_5mm_2.csv"
-    (session / lost).unlink()
-    path = session / "session.toml"
-    files.write_text(path, path.read_text("utf-8").replace(f'  "{lost}",\n', ""))
-    last = keys()
-    assert {name for name in after if after[name] != last[name]} == {"3.12"}

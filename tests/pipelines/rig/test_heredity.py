@@ -5,7 +5,7 @@ import pytest
 
 from labpipe import materials
 from labpipe.compilation import lean
-from pipelines.rig.heredity import History, copy_of, no_history, pull, remember, stiffness_of_step
+from pipelines.rig.heredity import History, no_history, pull, remember, stiffness_of_step
 from pipelines.rig.solids import SOLIDS, Viscoelastic, solid_of
 
 SECONDS = np.concatenate([np.full(300, 2e-6), 2e-6 * 1.15 ** np.arange(60), np.full(300, 2e-6)])
@@ -72,12 +72,3 @@ def test_relaxation_and_creep_of_a_solid_belong_together(name: str) -> None:
         s, w = np.exp(x), 0.5 * np.log(0.5 / 1e-12) * weight * np.exp(x)
         sides = solid.creep(t - s) * solid.relaxation(s) + solid.creep(s) * solid.relaxation(t - s)
         assert (w * sides).sum() == pytest.approx(t, rel=1e-6)
-
-
-def test_what_happens_to_a_copy_leaves_the_history_alone() -> None:
-    history, base = no_history(SOLIDS["ptfe"].at(), 2), np.zeros(2)
-    _pressed(history, 0.0, 1e-3, np.array([1e-5, 2e-5]), base)
-    _pressed(copy_of(history, 2), 1e-3, 2e-3, np.array([5.0, 5.0]), base)
-    _pressed(history, 1e-3, 2e-3, np.zeros(2), base)
-    assert 0.0 < base[0] < 1e5
-    assert base[1] == pytest.approx(2 * base[0])

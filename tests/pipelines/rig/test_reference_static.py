@@ -26,19 +26,6 @@ def test_the_compliance_is_that_of_exact_interconversion(name: str) -> None:
     np.testing.assert_allclose(found, solid.creep(time), rtol=1e-9)
 
 
-def test_an_elastic_sphere_is_hertz_s() -> None:
-    found = reference_static(
-        Viscoelastic((), 1e9, 0.3),
-        radius=9.525e-3,
-        load_times=np.array([0.0]),
-        loads=np.array([10.0]),
-        time=np.array([1.0]),
-    )
-    reduced = 1e9 / (1 - 0.3**2)
-    known = (9 * 10.0**2 / (16 * 9.525e-3 * reduced**2)) ** (1 / 3)
-    assert found[0] == pytest.approx(known, rel=1e-12)
-
-
 def test_steps_of_load_agree_with_the_simulator() -> None:
     solid = materials.load("ptfe")
     begin, load = np.array([0.0, 100.0, 400.0]), np.array([5.0, 25.0, 35.0])

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from labpipe.report import Band, Series
-from pipelines.experiments.ball_drop._charts import impact_views, motion
+from pipelines.experiments.ball_drop.page import impact_views, motion
 
 
 def repeats(count: int) -> xr.Dataset:
@@ -45,12 +45,6 @@ def test_each_repeat_shows_on_hover_behind_a_band_of_all_and_an_outlier_is_named
     spread = 2 * repeats(3)["displacement_sd"].values * 1e3
     assert np.allclose(band.high - mean.y, spread)
     assert "Point at the chart" in chart.caption
-
-
-def test_a_single_recording_has_neither_band_nor_repeats() -> None:
-    charts = motion(repeats(1), None, None).blocks
-    assert [len(chart.series) for chart in charts] == [1, 1]
-    assert "Point at" not in charts[0].caption
 
 
 def test_the_difference_stands_on_the_scatter_of_the_repeats_and_on_the_model_s_uncertainty() -> None:

@@ -45,12 +45,6 @@ def test_the_shifted_material_agrees_and_the_cold_one_does_not(session: Path) ->
     assert float(found["cold"]["nrmse"]) > 3 * float(found["heated"]["nrmse"])
 
 
-def test_a_warmer_sphere_returns_less_and_is_pressed_in_deeper(session: Path) -> None:
-    heated, cold = (result(session, name, "model") for name in ("heated", "cold"))
-    assert float(heated["restitution"][0]) < float(cold["restitution"][0])
-    assert float(heated["peak_contact_radius"][0]) > float(cold["peak_contact_radius"][0])
-
-
 def test_the_temperature_stands_in_the_budget_of_the_model(session: Path) -> None:
     heated, cold = (result(session, name, "model") for name in ("heated", "cold"))
     rows = {row["source"]: row for row in json.loads(heated.attrs["budget"])}

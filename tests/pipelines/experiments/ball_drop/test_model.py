@@ -1,6 +1,5 @@
 """The floor in the comparison of a drop: stated, the model agrees; left out, it does not."""
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from pipelines.experiments.ball_drop.measured import repeats
 from pipelines.experiments.ball_drop.model import model
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.settings import Plate
-from pipelines.process import open_session, process, result
+from pipelines.process import open_session, result
 
 Measured = tuple[BallDrop, xr.Dataset]
 # The rig's table is 1500 kg at 400 Hz; this is what a laboratory might know of it.
@@ -131,9 +130,9 @@ def test_without_the_floor_the_model_rebounds_too_fast(measured: Measured) -> No
     assert difference.mean() == pytest.approx(-5e-4, abs=2e-4)
 
 
-def test_the_page_tells_the_phases_of_every_recording(processed_session: Path) -> None:
+def test_the_page_shows_the_phases_of_every_recording(processed_session: Path) -> None:
     page = (processed_session / "labpipe/reports/drop.html").read_text("utf-8")
-    assert "Phases" in page
+    assert "vibration" in page
     assert "static from" in page
     assert page.count("still moving when the recording ends") >= 2  # 0.15 s are too short
 
@@ -156,16 +155,3 @@ def test_a_wrong_input_shows_in_the_comparison(measured: Measured, wrong: dict[s
     )
     _, found = compared((changed, kept), STATED)
     assert float(found["nrmse"]) > at_least
-
-
-def test_a_wrong_inclination_shows_in_the_comparison(processed_session: Path, tmp_path: Path) -> None:
-    """30 instead of 12 degrees stretch every length by 13 %."""
-    folder = tmp_path / "session"
-    shutil.copytree(processed_session, folder)
-    record = folder / "calibration/laser.toml"
-    text = record.read_text("utf-8")
-    assert "12.00 ±" in text
-    record.write_text(text.replace("12.00 ±", "30.00 ±"), "utf-8")
-    outcome = process(folder, ["comparison"], ["drop"], jobs=0)
-    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
-    assert float(result(folder, "drop", "comparison")["nrmse"]) > 0.03

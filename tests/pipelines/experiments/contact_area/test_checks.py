@@ -1,8 +1,6 @@
 """Mistakes with films of a contact are named; clean films are believed."""
 
 import re
-import warnings
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -13,15 +11,12 @@ from labpipe import contact, materials
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context, Failed
 from pipelines.experiments.contact_area import checks
-from pipelines.experiments.contact_area._axes import u_of_view, with_uneven_scale
 from pipelines.experiments.contact_area.comparison import comparison
 from pipelines.experiments.contact_area.measured import impacts
 from pipelines.experiments.contact_area.model import model
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.judgements import believed
 from pipelines.experiments.shared.settings import Sphere
-from pipelines.process import process, result
-from tests.pipelines.deviations import write_specimens
 
 CONTEXT = Context("film", "contact_area", "", "", "", True)
 SETTINGS = ContactArea(
@@ -84,12 +79,6 @@ def finding(found, check):
     return next(c for c in found.checks if c.level and c.name == check)
 
 
-def enlarged(film, factor):
-    for name in ("radius", "u_radius", "radius_systematic"):
-        film[name].values[:] *= factor
-    return film
-
-
 def test_a_clean_film_is_believed_and_says_what_it_could_notice(film):
     found, result = judged(film)
     assert found.believable == "yes", found.findings
@@ -100,11 +89,6 @@ def test_a_clean_film_is_believed_and_says_what_it_could_notice(film):
     assert 0.01 < noticed["height"] < 0.2
 
 
-def test_a_contact_larger_than_half_the_sphere_is_impossible(film):
-    found, _ = judged(enlarged(film, 10.0))
-    assert finding(found, "contact radius over the sphere's").level == "impossible"
-
-
 def test_frames_of_an_impact_that_show_no_contact_are_named(film):
     top = int(np.nanargmax(film["radius"].values))
     for name, value in (("in_contact", False), ("method", 0), ("radius", np.nan)):
@@ -113,20 +97,6 @@ def test_frames_of_an_impact_that_show_no_contact_are_named(film):
     told = finding(found, "contacts without gaps")
     assert (found.believable, told.level) == ("doubtful", "doubtful")
     assert f"frame {top + 1} within an impact shows no contact" in told.message
-
-
-@pytest.mark.parametrize("tilt", [0.0, 2.0, 6.0, 10.0])
-def test_rings_of_an_oblique_view_make_the_radius_uncertain(film, tilt):
-    """The longer axis is that of the contact: between it and equal area lies what the uncertainty allows for."""
-    ratio = np.cos(np.deg2rad(tilt))
-    radius = film["radius"]
-    axes = {"semi_axis_major": radius / np.sqrt(ratio), "semi_axis_minor": radius * np.sqrt(ratio)}
-    film = film.assign(axes | {"axis_angle": radius * 0.0, "u_pixel_size": 2.2e-3 * film["pixel_size"]})
-    assert u_of_view(film) == pytest.approx((1.0 - np.sqrt(ratio)) / np.sqrt(3.0))
-    parts = xr.zeros_like(film["radius_systematic"]).expand_dims(source=["pixel_size"], axis=1)
-    wide = with_uneven_scale(film.assign(systematic_part=parts), 0.01)
-    np.testing.assert_allclose(wide["systematic_part"].sel(source="pixel_size"), 0.01 * radius)
-    np.testing.assert_allclose(wide["radius_systematic"], np.hypot(film["radius_systematic"], 0.01 * radius))
 
 
 def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):
@@ -157,20 +127,6 @@ def test_a_record_of_another_day_is_impossible():
     found = believed(checks.judgement(None, None, None, None, settings=SETTINGS, context=context))
     assert found.believable == "impossible"
     assert "view or day" in found.causes[0]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [5001, 6009])
-def test_a_poor_fit_of_hertz_gap_is_replaced_by_the_edge_of_the_contact(tmp_path: Path, seed: int) -> None:
-    """In one frame of these films a contact that opens was taken for one that is 90 µm wider."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        write_specimens(tmp_path, seed)
-        process(tmp_path, ["judgement"], jobs=0, only=["film"])
-    assert believed(result(tmp_path, "film", "judgement")).believable == "yes"
-    largest = result(tmp_path, "film", "impacts")["peak_radius"].values
-    assert (np.diff(largest) < 0.0).all()
-    assert largest == pytest.approx([8.4e-4, 8.1e-4, 7.8e-4], rel=0.02)
 
 
 @pytest.mark.parametrize(("exposure", "level"), [(2e-6, None), (9e-5, "doubtful")])

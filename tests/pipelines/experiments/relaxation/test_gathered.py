@@ -5,7 +5,7 @@ import json
 import numpy as np
 import xarray as xr
 
-from pipelines.experiments.relaxation.gathered import tests as gathered
+from pipelines.experiments.relaxation.measured import tests as gathered
 from pipelines.experiments.relaxation.settings import Relaxation
 
 
