@@ -35,9 +35,4 @@ from labpipe.identification._posterior import (
     predictive_bands as predictive_bands,
 )
 from labpipe.identification._problem import Misfit as Misfit, Problem as Problem, split_by_group as split_by_group
-from labpipe.identification._sampling import Sample as Sample, sample as sample, sampled_moduli as sampled_moduli
-from labpipe.identification._spectra import (
-    FractionalSpectrum as FractionalSpectrum,
-    SmoothSpectrum as SmoothSpectrum,
-    relaxation_times as relaxation_times,
-)
+from labpipe.identification._spectra import SmoothSpectrum as SmoothSpectrum, relaxation_times as relaxation_times

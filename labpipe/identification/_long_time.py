@@ -21,7 +21,7 @@ from scipy.special import ndtri
 
 from labpipe.arrays import Floats
 from labpipe.identification._posterior import Posterior
-from labpipe.identification._spectra import HORIZON, Spectrum
+from labpipe.identification._spectra import HORIZON, SmoothSpectrum
 
 Verdict = Literal["identified", "bounded from above", "not identifiable"]
 
@@ -62,7 +62,7 @@ def long_time_modulus(known: Posterior) -> LongTimeModulus:
     """Return the limits of the long-time modulus, with an interval of 95 %."""
     end = max(each.model.window[1] for each in known.fit.problem.evidence)
 
-    def at_the_end(spectrum: Spectrum, xi: Floats) -> tuple[Floats, Floats]:
+    def at_the_end(spectrum: SmoothSpectrum, xi: Floats) -> tuple[Floats, Floats]:
         """Return the logarithms of modulus and fall, with their derivatives."""
         n = len(spectrum.parameters)
         terms = np.exp(spectrum.log_terms(xi[:n]))

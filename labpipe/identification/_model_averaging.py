@@ -55,8 +55,6 @@ def infer(problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None]
     them. ``progress``: Called with a line of text now and then. Returns: With its structures. Raises InputError:
     There is no evidence. Raises LabpipeError: No start can be simulated.
     """
-    if not isinstance(problem.spectrum, SmoothSpectrum):
-        return posterior(fit(problem, progress=progress))
     found = fit(problem, progress=progress).differentiated()
     begin = problem.material(found.xi)
     made = structures(replace(found, misfits={}), rebuilt, begin)

@@ -16,7 +16,7 @@ from labpipe.identification._evidence import Group
 from labpipe.identification._fit import Fit, Objective, laplace
 from labpipe.identification._linear import modulus_basis
 from labpipe.identification._problem import Misfit, split_by_group
-from labpipe.identification._spectra import Spectrum
+from labpipe.identification._spectra import SmoothSpectrum
 from labpipe.uncertainty import propagated_covariance, propagated_u
 
 _DRAWS = 1000  # of the prior
@@ -34,7 +34,7 @@ class Structure:
     """
 
     name: str
-    spectrum: Spectrum
+    spectrum: SmoothSpectrum
     xi: Floats
     covariance: Floats
     weight: float
@@ -87,7 +87,7 @@ class Posterior:
         return mean, np.sqrt(weights @ (u**2 + (values - mean) ** 2))
 
 
-Stated = Callable[[Spectrum, Floats], tuple[Floats, Floats]]
+Stated = Callable[[SmoothSpectrum, Floats], tuple[Floats, Floats]]
 
 
 def posterior(found: Fit) -> Posterior:
@@ -166,7 +166,7 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
     )
 
 
-def ln_moduli(spectrum: Spectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:
+def ln_moduli(spectrum: SmoothSpectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:
     """Return logarithms (2 n,) of storage modulus and loss factor, and derivatives by ``xi``."""
     n = len(spectrum.parameters)
     terms = np.exp(spectrum.log_terms(xi[:n]))

@@ -8,7 +8,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Group
 from labpipe.identification._parameters import Parameter
-from labpipe.identification._spectra import Spectrum, material
+from labpipe.identification._spectra import SmoothSpectrum, material
 from labpipe.materials import Prony
 
 Corrections = tuple[Floats, ...]
@@ -40,7 +40,7 @@ class Problem:
     stands there twice.
     """
 
-    spectrum: Spectrum
+    spectrum: SmoothSpectrum
     evidence: tuple[Evidence, ...]
     nuisances: tuple[Parameter, ...] = ()
 

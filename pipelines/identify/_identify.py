@@ -30,7 +30,7 @@ class Identified:
 
     ``material`` is its name in the session, ``known`` the posterior (its fit is ``known.fit``), ``relaxed`` the
     limits of the long-time modulus. ``prior`` is the posterior of the rheometer alone, when it was taken as prior;
-    ``remarks`` name omitted data and the reasons; ``drawn`` are draws of the posterior, when they were asked for.
+    ``remarks`` name omitted data and the reasons.
     """
 
     material: str
@@ -38,7 +38,6 @@ class Identified:
     relaxed: identification.LongTimeModulus
     prior: identification.Posterior | None
     remarks: tuple[str, ...]
-    drawn: identification.Sample | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +46,7 @@ class Wish:
 
     experiments: tuple[str, ...] = ()
     prior: str | None = None
-    spectrum: str = "smooth"
     impacts: int = 6
-    sampler: str = "laplace"
 
 
 @dataclass(slots=True)
@@ -144,11 +141,7 @@ def _identified(results: Results, material: str, group: _Group, wish: Wish, rema
         contributions.append(derive(results, group.prior, known_before(group.prior), **keywords))
     data = (min(each.window[0] for each in contributions), max(each.window[1] for each in contributions))
     nu = contributions[0].nu
-    spectrum = (
-        identification.SmoothSpectrum(identification.relaxation_times(*data), nu)
-        if wish.spectrum == "smooth"
-        else identification.FractionalSpectrum.over(*data, nu)
-    )
+    spectrum = identification.SmoothSpectrum(identification.relaxation_times(*data), nu)
 
     def rebuilt(rho: Floats) -> tuple[identification.Evidence, ...]:
         return tuple(each.build(rho) for each in contributions)
@@ -160,12 +153,8 @@ def _identified(results: Results, material: str, group: _Group, wish: Wish, rema
         warnings.warn(f"{material}: the fit did not converge; use its intervals with care", UserWarning, stacklevel=2)
     if group.prior is not None:
         before = identification.posterior(identification.fit(problem.only(prior=True)))
-    drawn = None
-    if wish.sampler == "rto":
-        say("draws of the posterior")
-        drawn = identification.sample(known)
     said = [*remarks, *filter(None, [of_temperature(group.experiments)])]
-    return Identified(material, known, identification.long_time_modulus(known), before, tuple(said), drawn)
+    return Identified(material, known, identification.long_time_modulus(known), before, tuple(said))
 
 
 def _silent(text: str) -> None:

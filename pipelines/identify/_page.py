@@ -294,9 +294,7 @@ def _unknowns(found: Identified) -> tuple[Block, ...]:
         rows.append((parameter.name, parameter.text, value, " to ".join(after), " to ".join(before), texts[i]))
     titles = ("unknown", "meaning", "most probable", "95 % posterior", "95 % prior", "verdict")
     table = Table(tuple(map(Column, titles)), rows, sortable=False)
-    drawn = found.drawn
-    said = () if drawn is None else (Notice("ok" if drawn.is_reliable else "warning", drawn.statement),)
-    return table, *said, _spectrum(found)
+    return table, _spectrum(found)
 
 
 def _spectrum(found: Identified) -> Block:

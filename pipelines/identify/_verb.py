@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from labpipe import files
 from labpipe.notebook import html_table
@@ -61,9 +61,7 @@ def identify(
     experiments: Iterable[str] = (),
     *,
     prior: str | None = None,
-    spectrum: Literal["smooth", "fractional"] = "smooth",
     impacts: int = 6,
-    sampler: Literal["laplace", "rto"] = "laplace",
     jobs: int = 1,
     say: Callable[[str], None] | None = None,
 ) -> Identification:
@@ -80,12 +78,8 @@ def identify(
         Only these; by default all that can identify a material.
     prior : str, optional
         ``"dma"`` for the moduli of the session's rheometer experiment, or the name of one.
-    spectrum : {"smooth", "fractional"}
-        Family of relaxation spectra.
     impacts : int
         Bounces of a drop that are evaluated.
-    sampler : {"laplace", "rto"}
-        Normal approximation alone, or with independent draws of the posterior.
     jobs : int
         Experiments processed side by side; 0 processes in this process.
     say : callable, optional
@@ -107,7 +101,7 @@ def identify(
     >>> identify("my-session", ["acrylic_5mm", "acrylic_10mm"])  # doctest: +SKIP
     """
     names = (experiments,) if isinstance(experiments, str) else tuple(experiments)
-    wish = Wish(names, prior, spectrum, impacts, sampler)
+    wish = Wish(names, prior, impacts)
     found = identify_materials(folder, wish, say=say, jobs=jobs)
     session = reopen_session(folder)
     pages, paths = [], []
