@@ -286,15 +286,10 @@ def _kramers_kronig(curve: xr.Dataset) -> Details:
         "Loss modulus predicted from the storage",
         label,
         "loss modulus / MPa",
-        [
-            line("kk_loss", "measured", "measured", "points"),
-            line("kk_loss_from_storage", "from E′", "model"),
-            line("kk_loss_from_slope", "slope rule (π/2) dE′/d ln ω", "reference"),
-        ],
+        [line("kk_loss", "measured", "measured", "points"), line("kk_loss_from_storage", "from E′", "model")],
         group="kk",
         height_px=300,
-        caption="The slope rule is for orientation only: on noisy data it errs by tens of "
-        "percent. Near the ends the prediction lacks the data beyond the window.",
+        caption="Near the ends the prediction lacks the data beyond the window.",
     )
     return Details("Each modulus predicted from the other", (storage, loss))
 
