@@ -18,13 +18,7 @@ from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import (
-    Colour,
-    coloured_covariance,
-    corner_in_flight,
-    estimate_corner,
-    velocity_factor,
-)
+from labpipe.signals._noise_spectrum import Colour, coloured_covariance, corner_in_flight
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
@@ -209,7 +203,7 @@ def _measured(
         motion = _followed(time, values, sigma, hum)
         free = _without_swing(time, values, sigma, motion)
     direction, turns = motion.direction, motion.turns
-    colour = Colour(corner_in_flight(time, values, sigma, free, motion.colour.corner), hum)
+    colour = Colour(corner_in_flight(time, values, sigma, free), hum)
     height = direction * values
     fall, u_fall = common_fall(time, height, sigma, turns, gravity, colour)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
@@ -268,12 +262,8 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
     speed, u_speed = evaluate(fit, time, 1)
-    level, u_level = evaluate(fit, time, 0)
-    share = (u_level / fit.sigma) ** 2
-    corner = estimate_corner((values - level) / sigma, share, fit.time_scale)
-    u_speed = u_speed * velocity_factor(share, fit.time_scale, corner)
     speed *= direction
-    return _Motion(fit, direction, speed, u_speed, Colour(corner, hum), find_turns(time, speed, u_speed))
+    return _Motion(fit, direction, speed, u_speed, Colour(hum=hum), find_turns(time, speed, u_speed))
 
 
 def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) -> list[Stretch]:

@@ -1,4 +1,4 @@
-"""Extreme records: derivatives, oscillations, lags, repeats, and measures of agreement.
+"""Extreme records: derivatives, oscillations, repeats, and measures of agreement.
 
 Truth is a formula. Records come unevenly sampled, far from zero, in single precision, reversed or
 strided in memory, read-only, with bursts of missing samples; a fault in them must be refused.
@@ -141,13 +141,11 @@ def record_that_is_none(random: Random) -> Outcome:
         "bounces": lambda: signals.bounces(record),
         "fit_sinusoid": lambda: signals.fit_sinusoid(time, values, 1.4),
         "damped_oscillation": lambda: signals.damped_oscillation(time, values),
-        "lag": lambda: signals.lag(record, whole),
-        "lag of the second": lambda: signals.lag(whole, record),
         "repeats": lambda: signals.combine_repeats([whole, record], [0.0, 0.0]),
         "at_times": lambda: signals.interpolated_at(record, np.linspace(0.2, 0.8, 9)),
     }
     name = str(random.choice(list(calls)))
-    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times", "lag", "lag of the second"):
+    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times"):
         return Outcome(0.0, "")  # any quantity will do
     if fault in ("nothing", "one") and name in ("repeats", "at_times"):
         return Outcome(0.0, "")  # what was not read stays NaN
@@ -245,31 +243,6 @@ def decay(random: Random) -> Outcome:
 # -- several records -------------------------------------------------------------------------------
 
 
-def lag_of_two(random: Random) -> Outcome:
-    """Two instruments on one motion, other gain, zero, rate and time base."""
-    span = 10 ** random.uniform(-6, 4)
-    counts = random.integers(60, 250, 2)
-    late = span * random.uniform(-0.2, 0.2)
-    gain = float(random.choice([-1.0, 1.0])) * 10 ** random.uniform(-6, 6)
-    centres, widths = random.uniform(0.3, 0.7, 3), random.uniform(0.06, 0.15, 3)
-    heights = random.uniform(0.3, 1.0, 3)
-
-    def motion(s: Floats) -> Floats:
-        return np.asarray(np.exp(-0.5 * ((s[:, None] - centres) / widths) ** 2) @ heights)
-
-    first, second = (np.linspace(0.0, 1.0, int(count)) * span for count in counts)
-    share = float(random.choice([0.0, 10 ** random.uniform(-6, -2.5)]))
-    a = motion(first / span) + share * random.standard_normal(first.size)
-    b = gain * (motion((second - late) / span) + random.uniform(-100.0, 100.0))
-    b += abs(gain) * share * random.standard_normal(second.size)
-    begin = span * float(random.choice([0.0, 1e3]))
-    found = signals.lag(record_of(first + begin, laid_out(random, a)), record_of(second + begin, b), 0.3 * span)
-    return worst(
-        (abs(found.lag - late) / (8.0 * found.u_lag + 2e-4 * span), "a lag by 8 u, 2e-4 of it all"),
-        (abs(found.gain / gain - 1.0) / (8.0 * found.u_gain / abs(gain) + 2e-3), "a gain by 2e-3"),
-    )
-
-
 def repeats(random: Random) -> Outcome:
     """Expect a line as the mean of lines, and counts and bands of what was read."""
     n, count = int(random.integers(1, 7)), int(random.integers(2, 60))
@@ -350,7 +323,6 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "sinusoid": (sinusoid, 150),
     "stiffness and lag": (stiffness_and_lag, 100),
     "decay": (decay, 60),
-    "lag of two": (lag_of_two, 40),
     "repeats": (repeats, 100),
     "agreement of two": (agreement_of_two, 300),
     "agreement of invalid input": (figures_of_nothing, 200),
