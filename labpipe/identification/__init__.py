@@ -1,7 +1,7 @@
 """Identification: the Prony series of a material from its experiments, with uncertainty.
 
-A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and what they leave
-unknown. :func:`fit` finds the most probable answer, :func:`posterior` what is known of it,
+A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and their
+nuisance parameters. :func:`fit` finds the most probable answer, :func:`posterior` its uncertainty,
 :func:`infer` both, over the structures that a spectrum may have, :func:`long_time_modulus`
 whether the data show a plateau.
 """

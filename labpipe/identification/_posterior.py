@@ -2,7 +2,7 @@
 
 Laplace's approximation in standard coordinates. Everything that depends on several unknowns is
 carried linearly in its logarithm, consistent with the linear data: along a combination that the
-data leave free, single unknowns may wander by factors while a sum of them stays what it is.
+data leave free, single unknowns may wander by factors while a sum of them hardly changes.
 """
 
 from collections.abc import Callable
@@ -91,7 +91,7 @@ Stated = Callable[[SmoothSpectrum, Floats], tuple[Floats, Floats]]
 
 
 def posterior(found: Fit) -> Posterior:
-    """Approximate what is known after a fit."""
+    """Approximate the posterior about a fit."""
     rows = Objective.of(found).data_jacobian(found.xi)
     return Posterior(found, laplace(rows)[0], rows, np.linalg.svd(rows, full_matrices=False)[1])
 
@@ -102,10 +102,10 @@ class Moduli:
 
     ``frequency`` (n,) [Hz]. ``storage``, ``loss_factor`` (n,) [Pa], [1]: Most probable. ``u_ln_storage``,
     ``u_ln_loss_factor`` (n,): Standard deviations of their natural logarithms. ``structure_ln_storage``,
-    ``structure_ln_loss_factor`` (n,): What the structure of the spectrum adds to the fit's own, in quadrature.
+    ``structure_ln_loss_factor`` (n,): Contribution of the structure of the spectrum, in quadrature.
     ``prior_ln_storage``, ``prior_ln_loss_factor`` (n,): Those of the prior. ``derivatives`` (2 n, parameter): Of the
     logarithms (storage, then loss factor) of the fit by standard coordinates. ``data`` [Hz]: Lowest and highest
-    frequency of which the observations tell.
+    frequency that the observations cover.
     """
 
     frequency: Floats
@@ -180,7 +180,7 @@ def ln_moduli(spectrum: SmoothSpectrum, xi: Floats, omega: Floats) -> tuple[Floa
 
 
 def informative_range(known: Posterior) -> tuple[float, float]:
-    """Return the lowest and highest frequency in Hz of which the observations tell."""
+    """Return the lowest and highest frequency in Hz that the observations cover."""
     windows = [each.model.window for each in known.fit.problem.evidence]
     longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
     return 0.5 / np.pi / longest, 0.5 / np.pi / shortest
@@ -188,10 +188,10 @@ def informative_range(known: Posterior) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """One group of observations against what the identified material predicts.
+    """One group of observations against the predictions of the identified material.
 
-    ``evidence``: Name of the experiment. ``predicted``, ``u_predicted`` (n,): And what the unknowns leave uncertain
-    of it. ``residual`` (n,): Observed minus predicted, over the deviation that the fit allowed.
+    ``evidence``: Name of the experiment. ``predicted``, ``u_predicted`` (n,): And its uncertainty by
+    the unknowns. ``residual`` (n,): Observed minus predicted, over the deviation that the fit allowed.
     """
 
     evidence: str
@@ -208,7 +208,7 @@ class Band:
 
 
 def predictive_bands(known: Posterior) -> tuple[Band, ...]:
-    """Return what the identified material predicts for every group, with its band."""
+    """Return the predictions of the identified material for every group, with their bands."""
     found = known.fit
     problem = found.problem
     predicted = problem.predictions(found.xi, found.corrections)

@@ -16,7 +16,7 @@ Corrections = tuple[Floats, ...]
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """What a group's residuals show beyond its stated uncertainties.
+    """Discrepancy of a group's residuals beyond its stated uncertainties.
 
     ``relative``: Model discrepancy: a further standard deviation, relative to the prediction. ``correlation``: Of
     neighbouring residuals, 0 to 1; it widens every deviation of the group.
@@ -35,9 +35,9 @@ class Misfit:
 class Problem:
     """A material to be identified.
 
-    ``spectrum``: What the material may be. ``evidence``: Experiments on this material. ``nuisances``: What the
-    experiments leave unknown. Raises InputError: An experiment depends on an unknown that is not given, or an unknown
-    stands there twice.
+    ``spectrum``: Family of its spectra. ``evidence``: Experiments on this material. ``nuisances``: Unknowns
+    of the experiments. Raises InputError: An experiment depends on an unknown that is not given, or an unknown
+    is given twice.
     """
 
     spectrum: SmoothSpectrum

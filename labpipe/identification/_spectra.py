@@ -63,9 +63,9 @@ def material(spectrum: "SmoothSpectrum", log_terms: Floats) -> Prony:
 def relaxation_times(shortest: float, longest: float, horizon: float = HORIZON, per_decade: int = _FINE) -> Floats:
     """Choose relaxation times for data that reach from one time to another.
 
-    ``shortest``, ``longest`` [s]: Shortest and longest time that the data can tell of. ``horizon`` [s]: What relaxes
-    later counts as relaxed. ``per_decade``: Through the data and a decade beyond them. Returns (term,) [s]: Beside
-    those one per decade: two decades more towards short times, and on to the horizon. Raises InputError: The times
+    ``shortest``, ``longest`` [s]: Shortest and longest time that the data cover. ``horizon`` [s]: Slower
+    terms count as relaxed. ``per_decade``: Through the data and a decade beyond them. Returns (term,) [s]: In addition
+    one per decade: two decades more towards short times, and on to the horizon. Raises InputError: The times
     are not positive or not in order.
     """
     if not 0.0 < shortest <= longest < np.inf:

@@ -170,7 +170,7 @@ def velocity(
 
 
 def _displacement_of(given: object) -> xr.DataArray:
-    """Return the record that :func:`velocity` was given, or say how to make one of what it was given."""
+    """Return the record that :func:`velocity` was given, or raise an error that says how to make one."""
     if isinstance(given, xr.DataArray):
         return given
     if not isinstance(given, xr.Dataset):
@@ -188,7 +188,7 @@ def _displacement_of(given: object) -> xr.DataArray:
 
 
 def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
-    """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
+    """Time and values of a displacement record as float64 copies, checked."""
     if displacement.dims != ("time",) or "time" not in displacement.coords:
         raise InputError(
             f"displacement must have the one dimension time with its coordinate; found dimensions {displacement.dims}"
@@ -249,7 +249,7 @@ def _spline(
 
 
 def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:
-    """Say when one frequency dominates what was taken for noise."""
+    """Warn when one frequency dominates the estimated noise."""
     is_computed = float(np.std(residual)) < _COMPUTED * extent
     if is_computed or len(residual) < 64 or known.block > 1:
         return

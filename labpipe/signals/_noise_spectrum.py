@@ -32,10 +32,10 @@ _WIDTH = float(np.pi / 8 / np.sin(np.pi / 8))
 
 
 class Colour(NamedTuple):
-    """What noise has besides its white part.
+    """The coloured part of a noise.
 
     ``corner`` [Hz]: Below which it is more than twice as strong. ``hum``: Of the mains, taken out of the record
-    already: what is left of it is noise.
+    already: its remainder is noise.
     """
 
     corner: float = 0.0
@@ -54,7 +54,7 @@ def corner_in_flight(time: Floats, values: Floats, sigma: float, stretches: Sequ
 
     Notes
     -----
-    Likelihood of the cosine transforms of what parabolas leave, whose terms are independent (within 3 %
+    Likelihood of the cosine transforms of the residuals of parabolas, whose terms are independent (within 3 %
     of the variance of a flicker noise) from one more than the parabola's degree on.
     """
     cost = np.zeros(len(_CORNERS))
@@ -104,7 +104,7 @@ def _normal(design: Floats, interval: float, corner: float) -> Floats:
 
 
 def coloured_power(count: int, interval: float, corner: float) -> float:
-    """Return the mean power of what a fit leaves of ``count`` samples, over that of the white part."""
+    """Return the mean power of the residuals of ``count`` samples, over that of the white part."""
     frequency = np.fft.rfftfreq(count, interval)[_LEAST:]
     return 1.0 + corner * float(np.mean(1.0 / frequency)) if len(frequency) else 1.0
 

@@ -4,7 +4,7 @@ The frequency is always fitted, never taken from a header: instruments are off b
 and a lock-in at the wrong frequency turns by tens of degrees over twenty cycles.
 
 Rounding is not noise: a sinusoid that runs over the same steps again in every cycle is rounded
-alike in every cycle. Part of that error looks exactly like the sinusoid, is taken up by the fit and
+equally in every cycle. Part of that error looks exactly like the sinusoid, is taken up by the fit and
 leaves nothing in the residuals. Where the step of the readings is known, its contribution is
 therefore found by rounding the fitted curve itself.
 """
@@ -28,14 +28,14 @@ _HALF_WIDTH = 6  # bins on either side over which the residuals' spectrum is ave
 def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
     """Covariance of least-squares parameters under stationary, correlated residuals.
 
-    ``jacobian`` (n, p) is the derivative of the model by its parameters, at (nearly) even times, ``residual`` (n,) what
-    the fit leaves.
+    ``jacobian`` (n, p) is the derivative of the model by its parameters, at (nearly) even times, ``residual`` (n,)
+    that of the fit.
 
     Notes
     -----
     Sandwich ``(J'J)^-1 J'CJ (J'J)^-1`` with C the circulant covariance of the smoothed residual
     spectrum. The fit has taken power out of the bins that it listens to; the spectrum is enlarged
-    by what it has taken. For white residuals this is the usual ``s^2 (J'J)^-1``.
+    by as much. For white residuals this is the usual ``s^2 (J'J)^-1``.
 
     Examples
     --------
@@ -310,7 +310,7 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
 def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
     """Return the frequency of the strongest spectral line, good to a fraction of 1/T.
 
-    ``s``, ``y`` (n,): Times and finite readings. ``taper``: Weigh the ends down, which tells close lines apart.
+    ``s``, ``y`` (n,): Times and finite readings. ``taper``: Weigh the ends down, which resolves close lines.
     """
     even = np.linspace(s[0], s[-1], len(s))
     values = np.interp(even, s, y)

@@ -22,9 +22,9 @@ _THRESHOLD, _NEIGHBOURS = 8.0, 8  # in units of the noise, and readings on eithe
 class Outliers(NamedTuple):
     """Readings that leave a record and return to it.
 
-    ``flags`` (n,) marks what to leave out. ``runs`` holds the first and the last index of each run of them, ``jumps``
-    the indices at which the remaining readings leave the level of those before them: the begin or the end of a longer
-    run, or a record that continues at another level.
+    ``flags`` (n,) marks the readings to leave out. ``runs`` holds the first and the last index of each run of them,
+    ``jumps`` the indices at which the remaining readings leave the level of those before them: the begin or the end
+    of a longer run, or a record that continues at another level.
     """
 
     flags: Flags

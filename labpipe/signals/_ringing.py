@@ -217,7 +217,7 @@ def ringing(
     Raises
     ------
     InputError
-        Nothing moves, or what moves is not a free ringing.
+        Nothing moves, or the motion is not a free ringing.
 
     Examples
     --------
