@@ -7,9 +7,6 @@ Dissipated energy Q is born where the strain is, in a region of about the contac
   ratio from 0.25 up: it bounds the rise of one impact wherever loss follows strain energy.
 - *train*: each half sphere cools by conduction, at its centre as erf(s) − (2s/√π) e^{−s²},
   s = a/(2√(κt)), and the remains add up; without cooling they add up to the upper bound.
-- *surface*: the effect of the same energy if all of it were released at the interface, as by friction,
-  and entered through the disc of contact, evenly while it lasts. At the centre a disc source of
-  flux q on an insulated half-space reaches (2q√(κt)/k) [1/√π − ierfc(a/(2√(κt)))].
 
 Validity: order of magnitude. Friction adds heat that is not in Q; air and the flat take some away.
 If even the bound without cooling changes the modulus by less than a noticeable part, heating does not.
@@ -17,7 +14,7 @@ If even the bound without cooling changes the modulus by less than a noticeable 
 References
 ----------
 .. [1] H. S. Carslaw, J. C. Jaeger, Conduction of Heat in Solids, 2nd ed. (1959), section 2.2 (the
-   sphere at a uniform temperature) and 10.5 (the disc source).
+   sphere at a uniform temperature).
 """
 
 from dataclasses import dataclass
@@ -25,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.special import erf, erfc
+from scipy.special import erf
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -34,39 +31,6 @@ from labpipe.variables import variable
 
 NOTICEABLE = 0.01
 """Relative change of |E*| from which heating is said to matter: 0.4 % of an impact's force."""
-
-
-def flash_temperature(flux: ArrayLike, radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Floats:
-    """Rise [K] at the centre of a disc that heats an insulated half-space.
-
-    Parameters
-    ----------
-    flux : array [W/m2]
-    radius : array [m]
-        Of the disc.
-    time : array [s]
-        Since the heating began; positive.
-    thermal : Thermal
-
-    Returns
-    -------
-    array [K]
-        Tends to flux · radius / conductivity.
-
-    Examples
-    --------
-    >>> perspex = Thermal(1180.0, 1470.0, 0.19)
-    >>> float(flash_temperature(1e3, 1e-3, 1e9, perspex).round(4))
-    5.263
-    """
-    q, a, t = (np.asarray(v, dtype=float) for v in (flux, radius, time))
-    if not (np.all(q >= 0.0) and np.all(a > 0.0) and np.all(t > 0.0)):
-        raise InputError("flux must be 0 or more, radius and time positive")
-    length = 2.0 * np.sqrt(thermal.diffusivity * t)
-    x = a / length
-    # 1/√π − ierfc(x), without cancellation for small x.
-    share = x * erfc(x) - np.expm1(-(x**2)) / np.sqrt(np.pi)
-    return np.asarray(q * length / thermal.conductivity * share)
 
 
 def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Floats:
@@ -89,9 +53,9 @@ def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Flo
 class Heating:
     """Self-heating over the impacts of a drop; see :func:`self_heating`.
 
-    ``dataset`` over ``impact``: ``bulk_rise``, ``surface_rise``, ``train_rise``, ``train_rise_adiabatic`` [K] and
-    ``modulus_change``. ``bulk``, ``surface`` [K]: largest rise of one impact, of the bulk and if all heat were born at
-    the interface; ``train``, ``train_adiabatic`` [K]: of the train, with conduction and (upper bound) without;
+    ``dataset`` over ``impact``: ``bulk_rise``, ``train_rise``, ``train_rise_adiabatic`` [K] and ``modulus_change``.
+    ``bulk`` [K]: largest rise of one impact; ``train``, ``train_adiabatic`` [K]: of the train, with conduction and
+    (upper bound) without;
     ``modulus_change``, ``modulus_change_bound``: relative change of ``|E*|`` at the contact's frequency by these two;
     ``verdict``: "negligible" when the bound changes ``|E*|`` by less than a hundredth, "matters" when the estimate
     changes it by more, "may matter" between them.
@@ -99,7 +63,6 @@ class Heating:
 
     dataset: xr.Dataset
     bulk: float
-    surface: float
     train: float
     train_adiabatic: float
     modulus_change: float
@@ -144,8 +107,6 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
     ledger = (drop["time"].values, drop["dissipated_energy"].values)
     heat = np.interp(ends, *ledger) - np.interp(drop["impact_time"].values, *ledger)
     bulk = heat / (thermal.density * thermal.heat_capacity * 2.0 / 3.0 * np.pi * radius**3)
-    flux = heat / (np.pi * radius**2 * contact)
-    surface = flash_temperature(flux, radius, contact, thermal)
     end = drop["lift_off_time"].values
     since = end[:, None] - end[None, :]
     remains = np.where(since >= 0.0, remaining_share(radius, np.maximum(since, 0.0), thermal), 0.0)
@@ -159,12 +120,11 @@ def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, tempera
     verdict = "negligible" if abs(largest) < NOTICEABLE else "matters" if abs(change) >= NOTICEABLE else "may matter"
     columns = {
         "bulk_rise": (bulk, "temperature rise of the contact's hemisphere by one impact"),
-        "surface_rise": (surface, "temperature rise if all heat were released at the interface"),
         "train_rise": (train, "temperature rise after all impacts so far, with conduction"),
         "train_rise_adiabatic": (adiabatic, "the same, without conduction"),
     }
     dataset = xr.Dataset({n: variable("impact", v, "K", text) for n, (v, text) in columns.items()})
     label = "relative change of |E*| by the temperature rise after the impact"
     dataset["modulus_change"] = variable("impact", np.array(changes), "1", label)
-    most = [float(rise.max()) for rise in (bulk, surface, train, adiabatic)]
-    return Heating(dataset, most[0], most[1], most[2], most[3], change, largest, verdict)
+    most = [float(rise.max()) for rise in (bulk, train, adiabatic)]
+    return Heating(dataset, most[0], most[1], most[2], change, largest, verdict)

@@ -1,7 +1,7 @@
 """Identification: the Prony series of a material from its experiments, with uncertainty.
 
-A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and what they leave
-unknown. :func:`fit` finds the most probable answer, :func:`posterior` what is known of it,
+A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and their
+nuisance parameters. :func:`fit` finds the most probable answer, :func:`posterior` its uncertainty,
 :func:`infer` both, over the structures that a spectrum may have, :func:`long_time_modulus`
 whether the data show a plateau.
 """
@@ -35,9 +35,4 @@ from labpipe.identification._posterior import (
     predictive_bands as predictive_bands,
 )
 from labpipe.identification._problem import Misfit as Misfit, Problem as Problem, split_by_group as split_by_group
-from labpipe.identification._sampling import Sample as Sample, sample as sample, sampled_moduli as sampled_moduli
-from labpipe.identification._spectra import (
-    FractionalSpectrum as FractionalSpectrum,
-    SmoothSpectrum as SmoothSpectrum,
-    relaxation_times as relaxation_times,
-)
+from labpipe.identification._spectra import SmoothSpectrum as SmoothSpectrum, relaxation_times as relaxation_times

@@ -53,10 +53,10 @@ class DropModel:
     ``radius``, ``mass``, ``height``, ``gravity`` [m], [kg], [m], [m/s2]: Best values. ``touches``, ``durations``,
     ``radii``: Which impacts, from 0, are observed: times of touch since the first contact (from 1), durations of
     contact, largest contact radii. ``last`` [s]: Time of the last observation since first contact.
-    ``expected_duration`` [s]: Of a contact. ``names``: Unknowns of the problem by :data:`ROLES`; what is not named is
+    ``expected_duration`` [s]: Of a contact. ``names``: Unknowns of the problem by :data:`ROLES`; the others are
     taken at its best value. ``plate``: On which the sphere falls; a rigid floor by default. ``rtol``: Of the
-    simulator for the fuller model; the fast one takes coarser steps. ``shared`` (duration,): What one deviation of
-    the pulse's shape adds to every duration.
+    simulator for the fuller model; the fast one takes coarser steps. ``shared`` (duration,): Change of every
+    duration by one deviation of the pulse's shape.
     """
 
     radius: float
@@ -81,7 +81,7 @@ class DropModel:
 
     @property
     def window(self) -> tuple[float, float]:
-        """A tenth of a contact to a contact [s]: what relaxes later is stiffness to an impact.
+        """A tenth of a contact to a contact [s]: slower terms are stiffness to an impact.
 
         Beyond, a record of bounces follows the prior, however long it lasts.
         """
@@ -159,7 +159,7 @@ class DropModel:
         return _ONE_SIDED * abs(complex(material.complex_modulus(np.array([omega]))[0]))
 
     def _term_trials(self, material: Prony, nodes: Floats, given: Given) -> list["_Trial"]:
-        """Return what to run for differences by the long-time modulus and by terms of times."""
+        """Return the simulations for differences by the long-time modulus and by terms of times."""
         step, terms, rho = self._term_step(material), material.E, material.rho
         changed = [Prony(material.E_relaxed + step, terms, rho, nu=material.nu)]
         for time in nodes.tolist():
@@ -247,7 +247,7 @@ class DropModel:
         return [self._observed(columns, factor) for columns, factor in zip(found, wider, strict=True)]
 
     def _observed(self, columns: Floats, wider: float) -> Floats:
-        """Return what was observed of the impacts, from touch, duration and radius (column, impact)."""
+        """Return the observed numbers of the impacts, from touch, duration and radius (column, impact)."""
         touch, lasted, radii = columns[:, np.isfinite(columns[0])]
         if not touch.size:
             raise InputError("the sphere does not bounce: there is nothing to predict")
@@ -261,14 +261,14 @@ class DropModel:
 
 
 class _Trial(NamedTuple):
-    """What to simulate: a material, and the values of the unknowns."""
+    """One simulation: a material, and the values of the unknowns."""
 
     material: Prony
     given: Given
 
 
 def _central(made: Iterator[Floats]) -> Floats:
-    """Return the derivative (n,) by the logarithm of what was changed on both sides."""
+    """Return the derivative (n,) by the logarithm of a quantity changed on both sides."""
     return np.asarray((next(made) - next(made)) / (2.0 * _CHANGE))
 
 
@@ -306,8 +306,8 @@ class Bounces:
 def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
     """Pair observed bounces with the model that predicts them.
 
-    ``name``: Of the experiment. ``seen``: What was observed. ``model``: Everything but ``touches``, ``durations``,
-    ``radii``, ``last``, ``expected_duration`` and ``shared``, which follow from what was seen. Raises InputError:
+    ``name``: Of the experiment. ``seen``: Observations. ``model``: Everything but ``touches``, ``durations``,
+    ``radii``, ``last``, ``expected_duration`` and ``shared``, which follow from the observations. Raises InputError:
     Nothing was seen.
     """
     times = _seen(seen.touch, seen.u_touch)

@@ -1,8 +1,8 @@
 """Observations of one experiment, and the forward model that predicts them from a material.
 
 One :class:`Evidence` is one experiment: groups of numbers with their own, independent standard
-uncertainties, and a model. What several numbers share (a height, a trigger, a zero, a scale) is
-not put into their uncertainties: it is an unknown of the problem, with a prior.
+uncertainties, and a model. A height, a trigger, a zero or a scale that several numbers share is
+not part of their uncertainties: it is an unknown of the problem, with a prior.
 """
 
 import math
@@ -26,7 +26,7 @@ class Group:
     """Observed numbers of one kind.
 
     ``name``: Such as "time of touch". ``values``, ``u`` (n,): Observed, with independent standard uncertainties, in
-    ``units``. ``axis`` (n,): What they are drawn over. ``units``, ``axis_units``, ``axis_name``: SI. Raises
+    ``units``. ``axis`` (n,): Abscissa of their chart. ``units``, ``axis_units``, ``axis_name``: SI. Raises
     InputError: A value is not finite, or an uncertainty not positive.
     """
 
@@ -58,7 +58,7 @@ class Model(Protocol):
 
     @property
     def window(self) -> tuple[float, float]:
-        """Shortest and longest time in s of which the observations can tell."""
+        """Shortest and longest time in s on which the observations depend."""
         ...
 
     def predict(self, material: Prony, given: Given) -> Floats:
@@ -91,7 +91,7 @@ class Model(Protocol):
         ...
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
-        """Return what a costlier, fuller model predicts (n,); None where there is none."""
+        """Return the predictions (n,) of a costlier, fuller model; None where there is none."""
         ...
 
 
@@ -128,7 +128,7 @@ class LinearModel:
     and for moduli. Derivatives are exact.
 
     ``basis`` (n, 1 + term): Prediction per Pa of each term. ``window`` [s]: Shortest and longest time of which the
-    numbers tell. ``shifts``: Derivative of the basis by an unknown whose best value is 0, such as a zero of depth.
+    numbers depend on. ``shifts``: Derivative of the basis by an unknown whose best value is 0, such as a zero of depth.
     ``factors``: Unknowns, 1 at best, by which all numbers are multiplied. ``offsets``: Derivative of the numbers by
     an unknown, 0 at best, that only adds. ``fuller``: The fuller model of :meth:`Model.refined`: takes material and
     given.

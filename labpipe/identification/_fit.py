@@ -53,7 +53,7 @@ class Fit:
 
     ``xi`` (parameter,): Standard coordinates. ``corrections``: Ratios of the fuller models to the fast ones, there.
     ``misfits``: By names of experiment and group. ``cost``: Half the sum of squares, prior included.
-    ``costs_from_starts``: What the separate starts led to, with every number uncertain by another per cent.
+    ``costs_from_starts``: Costs reached from the separate starts, with every number uncertain by another per cent.
     ``evaluations``, ``differentiations``: Times all models were run, and their derivatives. ``is_converged``:
     Corrections and misfits do not change any more. ``tangent``: Derivatives of the models at ``xi``, where they were
     made.
@@ -188,7 +188,7 @@ class Objective:
     def minimised(self, start: Floats, decrease: float, *, is_near: bool = False) -> Floats:
         """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
 
-        Every step goes to the minimum of a surrogate. Where the models do not keep what it promises
+        Every step goes to the minimum of a surrogate. Where the models do not keep its promise
         its tangent learns from the step, and is made anew after a few such steps or one uphill.
 
         ``start`` (parameter,): Standard coordinates. ``decrease``: Of the cost; half a unit is a change of one
@@ -278,9 +278,9 @@ def laplace(rows: Floats) -> tuple[Floats, float]:
 
 
 def _misfit(rest: Floats, u: Floats, size: Floats, freedom: float) -> Misfit | None:
-    """Return the discrepancy that makes chi square what it should be; None where it is.
+    """Return the discrepancy that brings chi square to its expected value; None where none is needed.
 
-    Residuals that go in waves tell of one before they are large.
+    Autocorrelated residuals show one before they are large.
 
     The discrepancy of Mandel and Paule: chi square over the widened deviations equals the degrees
     of freedom.

@@ -148,5 +148,5 @@ def _storage_and_loss(
 
 
 def _window(omega: Floats) -> tuple[float, float]:
-    """Return the times that frequencies tell of [s]."""
+    """Return the times [s] of the frequencies."""
     return 1.0 / float(omega.max()), 1.0 / float(omega.min())

@@ -1,6 +1,6 @@
-r"""The long-time modulus: what a record of finite length says of it.
+r"""The long-time modulus, as far as a record of finite length determines it.
 
-A modulus only falls, so what is left at the end of a record bounds the long-time modulus from above, whatever
+A modulus only falls, so its value at the end of a record bounds the long-time modulus from above, whatever
 the spectrum is. From below nothing does: something may always begin to relax later. A number may
 be stated only where the record shows a plateau, that is where going on to fall as in its last decade
 of time,
@@ -21,7 +21,7 @@ from scipy.special import ndtri
 
 from labpipe.arrays import Floats
 from labpipe.identification._posterior import Posterior
-from labpipe.identification._spectra import HORIZON, Spectrum
+from labpipe.identification._spectra import HORIZON, SmoothSpectrum
 
 Verdict = Literal["identified", "bounded from above", "not identifiable"]
 
@@ -38,9 +38,9 @@ _KNOWN = log(2.0)
 
 @dataclass(frozen=True, slots=True)
 class LongTimeModulus:
-    """Limits of the long-time modulus, and what they rest on; stored as they are.
+    """Limits of the long-time modulus, and their grounds; stored as they are.
 
-    ``end`` [s]: The longest time of which the data tell. ``modulus`` [Pa]: Relaxation modulus at that time.
+    ``end`` [s]: The longest time that the data cover. ``modulus`` [Pa]: Relaxation modulus at that time.
     ``u_ln_modulus``: Standard deviation of its logarithm. ``fall``, ``most_fall``: Share of the modulus that the
     decade of time before ``end`` took, and the upper end of its interval. ``low``, ``high`` [Pa]: Ends of the
     interval; ``low`` is 0 where there is no plateau. ``left`` [Pa]: The least that is left after thirty years if
@@ -62,7 +62,7 @@ def long_time_modulus(known: Posterior) -> LongTimeModulus:
     """Return the limits of the long-time modulus, with an interval of 95 %."""
     end = max(each.model.window[1] for each in known.fit.problem.evidence)
 
-    def at_the_end(spectrum: Spectrum, xi: Floats) -> tuple[Floats, Floats]:
+    def at_the_end(spectrum: SmoothSpectrum, xi: Floats) -> tuple[Floats, Floats]:
         """Return the logarithms of modulus and fall, with their derivatives."""
         n = len(spectrum.parameters)
         terms = np.exp(spectrum.log_terms(xi[:n]))

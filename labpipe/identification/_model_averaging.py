@@ -1,8 +1,8 @@
 r"""How uneven a relaxation spectrum is: inference for several degrees of unevenness, and their average.
 
 Spectra of polymers are smooth: broad dispersions that overlap. Some have a shoulder or a narrow
-peak, or end steeply. How soon a slope may turn decides what the moduli between two readings and
-beyond the last one can be, so that an answer depends on it. Each is a candidate: the smooth spectrum, and an
+peak, or end steeply. How soon a slope may turn limits the moduli between two readings and
+beyond the last one, so that an answer depends on it. Each is a candidate: the smooth spectrum, and an
 uneven one whose slope turns within half a decade. (A series of single terms is neither, and no
 polymer has one; recorded from one, a misfit remains and is said.) Their probability after the data is
 that of Laplace's approximation to the evidence,
@@ -11,7 +11,7 @@ that of Laplace's approximation to the evidence,
 
 and a modulus is averaged over both with their posterior probabilities.
 
-A candidate takes no run of a simulator: what the numbers do with a term of any time is known from
+A candidate takes no run of a simulator: the effect of a term of any time on the numbers is known from
 the derivatives at one point (:mod:`.tangent`).
 
 References
@@ -49,14 +49,12 @@ def infer(problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None]
     """Identify a material, whatever the structure of its spectrum.
 
     The fit is that of the most probable structure, which is asked for without any discrepancy:
-    what a smooth spectrum cannot explain may be no fault of the model.
+    a misfit of a smooth spectrum may be no fault of the model.
 
     ``problem``: With a smooth spectrum. ``rebuilt``: Takes relaxation times (term,) and returns the evidence for
     them. ``progress``: Called with a line of text now and then. Returns: With its structures. Raises InputError:
     There is no evidence. Raises LabpipeError: No start can be simulated.
     """
-    if not isinstance(problem.spectrum, SmoothSpectrum):
-        return posterior(fit(problem, progress=progress))
     found = fit(problem, progress=progress).differentiated()
     begin = problem.material(found.xi)
     made = structures(replace(found, misfits={}), rebuilt, begin)

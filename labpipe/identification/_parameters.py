@@ -14,10 +14,10 @@ from labpipe.errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One unknown and what is known of it beforehand.
+    """One unknown and its prior.
 
     ``name``: Unique in a problem. ``mean``, ``sd``: Of the prior: of the value, or of its natural logarithm where
-    ``is_log``. ``unit``: SI, of the value. ``text``: What it is. ``is_log``: The prior is normal in the logarithm.
+    ``is_log``. ``unit``: SI, of the value. ``text``: Its meaning. ``is_log``: The prior is normal in the logarithm.
     ``is_nuisance``: It belongs to an experiment, not to the material. Raises InputError: Mean or standard deviation
     are not finite, or the latter is not positive.
 

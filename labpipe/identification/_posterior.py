@@ -2,7 +2,7 @@
 
 Laplace's approximation in standard coordinates. Everything that depends on several unknowns is
 carried linearly in its logarithm, consistent with the linear data: along a combination that the
-data leave free, single unknowns may wander by factors while a sum of them stays what it is.
+data leave free, single unknowns may wander by factors while a sum of them hardly changes.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from labpipe.identification._evidence import Group
 from labpipe.identification._fit import Fit, Objective, laplace
 from labpipe.identification._linear import modulus_basis
 from labpipe.identification._problem import Misfit, split_by_group
-from labpipe.identification._spectra import Spectrum
+from labpipe.identification._spectra import SmoothSpectrum
 from labpipe.uncertainty import propagated_covariance, propagated_u
 
 _DRAWS = 1000  # of the prior
@@ -34,7 +34,7 @@ class Structure:
     """
 
     name: str
-    spectrum: Spectrum
+    spectrum: SmoothSpectrum
     xi: Floats
     covariance: Floats
     weight: float
@@ -87,11 +87,11 @@ class Posterior:
         return mean, np.sqrt(weights @ (u**2 + (values - mean) ** 2))
 
 
-Stated = Callable[[Spectrum, Floats], tuple[Floats, Floats]]
+Stated = Callable[[SmoothSpectrum, Floats], tuple[Floats, Floats]]
 
 
 def posterior(found: Fit) -> Posterior:
-    """Approximate what is known after a fit."""
+    """Approximate the posterior about a fit."""
     rows = Objective.of(found).data_jacobian(found.xi)
     return Posterior(found, laplace(rows)[0], rows, np.linalg.svd(rows, full_matrices=False)[1])
 
@@ -102,10 +102,10 @@ class Moduli:
 
     ``frequency`` (n,) [Hz]. ``storage``, ``loss_factor`` (n,) [Pa], [1]: Most probable. ``u_ln_storage``,
     ``u_ln_loss_factor`` (n,): Standard deviations of their natural logarithms. ``structure_ln_storage``,
-    ``structure_ln_loss_factor`` (n,): What the structure of the spectrum adds to the fit's own, in quadrature.
+    ``structure_ln_loss_factor`` (n,): Contribution of the structure of the spectrum, in quadrature.
     ``prior_ln_storage``, ``prior_ln_loss_factor`` (n,): Those of the prior. ``derivatives`` (2 n, parameter): Of the
     logarithms (storage, then loss factor) of the fit by standard coordinates. ``data`` [Hz]: Lowest and highest
-    frequency of which the observations tell.
+    frequency that the observations cover.
     """
 
     frequency: Floats
@@ -166,7 +166,7 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
     )
 
 
-def ln_moduli(spectrum: Spectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:
+def ln_moduli(spectrum: SmoothSpectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:
     """Return logarithms (2 n,) of storage modulus and loss factor, and derivatives by ``xi``."""
     n = len(spectrum.parameters)
     terms = np.exp(spectrum.log_terms(xi[:n]))
@@ -180,7 +180,7 @@ def ln_moduli(spectrum: Spectrum, xi: Floats, omega: Floats) -> tuple[Floats, Fl
 
 
 def informative_range(known: Posterior) -> tuple[float, float]:
-    """Return the lowest and highest frequency in Hz of which the observations tell."""
+    """Return the lowest and highest frequency in Hz that the observations cover."""
     windows = [each.model.window for each in known.fit.problem.evidence]
     longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
     return 0.5 / np.pi / longest, 0.5 / np.pi / shortest
@@ -188,10 +188,10 @@ def informative_range(known: Posterior) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """One group of observations against what the identified material predicts.
+    """One group of observations against the predictions of the identified material.
 
-    ``evidence``: Name of the experiment. ``predicted``, ``u_predicted`` (n,): And what the unknowns leave uncertain
-    of it. ``residual`` (n,): Observed minus predicted, over the deviation that the fit allowed.
+    ``evidence``: Name of the experiment. ``predicted``, ``u_predicted`` (n,): And its uncertainty by
+    the unknowns. ``residual`` (n,): Observed minus predicted, over the deviation that the fit allowed.
     """
 
     evidence: str
@@ -208,7 +208,7 @@ class Band:
 
 
 def predictive_bands(known: Posterior) -> tuple[Band, ...]:
-    """Return what the identified material predicts for every group, with its band."""
+    """Return the predictions of the identified material for every group, with their bands."""
     found = known.fit
     problem = found.problem
     predicted = problem.predictions(found.xi, found.corrections)

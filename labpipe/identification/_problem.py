@@ -8,7 +8,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Group
 from labpipe.identification._parameters import Parameter
-from labpipe.identification._spectra import Spectrum, material
+from labpipe.identification._spectra import SmoothSpectrum, material
 from labpipe.materials import Prony
 
 Corrections = tuple[Floats, ...]
@@ -16,7 +16,7 @@ Corrections = tuple[Floats, ...]
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """What a group's residuals show beyond its stated uncertainties.
+    """Discrepancy of a group's residuals beyond its stated uncertainties.
 
     ``relative``: Model discrepancy: a further standard deviation, relative to the prediction. ``correlation``: Of
     neighbouring residuals, 0 to 1; it widens every deviation of the group.
@@ -35,12 +35,12 @@ class Misfit:
 class Problem:
     """A material to be identified.
 
-    ``spectrum``: What the material may be. ``evidence``: Experiments on this material. ``nuisances``: What the
-    experiments leave unknown. Raises InputError: An experiment depends on an unknown that is not given, or an unknown
-    stands there twice.
+    ``spectrum``: Family of its spectra. ``evidence``: Experiments on this material. ``nuisances``: Unknowns
+    of the experiments. Raises InputError: An experiment depends on an unknown that is not given, or an unknown
+    is given twice.
     """
 
-    spectrum: Spectrum
+    spectrum: SmoothSpectrum
     evidence: tuple[Evidence, ...]
     nuisances: tuple[Parameter, ...] = ()
 

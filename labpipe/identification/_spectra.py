@@ -1,6 +1,6 @@
-r"""Low-dimensional parametrisations of relaxation spectra.
+"""Low-dimensional parametrisation of relaxation spectra.
 
-All families hand out a Prony series on a fixed grid of relaxation times, as the natural logarithms
+A spectrum is a Prony series on a fixed grid of relaxation times, as the natural logarithms
 of ``(E_relaxed, E_1, …, E_n)``, and their derivative by the standard coordinates.
 
 Smooth spectrum. The logarithm of the weight per decade walks over the decades: from one decade to
@@ -15,16 +15,6 @@ Uneven spectrum. The same with slopes that turn within half a decade: a shoulder
 as the steep ends of Havriliak and Negami's dispersions are (:mod:`.structure` asks whether the
 data show any).
 
-Fractional solid (Cole and Cole's; a springpot where its time lies outside the data):
-
-.. math:: E^*(\omega) = E_{relaxed} + \Delta E \frac{(i\omega\tau)^\alpha}{1 + (i\omega\tau)^\alpha}
-
-with the exact spectrum
-
-.. math::
-    H(\rho) = \frac{\Delta E}{2\pi} \frac{\sin \pi\alpha}{\cosh(\alpha \ln(\rho/\tau)) +
-    \cos \pi\alpha}
-
 References
 ----------
 K. S. Cole & R. H. Cole, J. Chem. Phys. 9 (1941) 341, doi:10.1063/1.1750906;
@@ -35,7 +25,6 @@ doi:10.1007/978-3-642-73602-5.
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, log, log10
-from typing import Protocol
 
 import numpy as np
 
@@ -63,41 +52,9 @@ reaches into the data from there (its loss modulus falls only as the frequency).
 _LEAST = 1e-9  # Pa: a term that has fallen to nothing
 HORIZON = 1e9
 """s; "relaxed" is what is left after thirty years, not after a record."""
-_FRACTIONAL_PER_DECADE = 2
 
 
-class Spectrum(Protocol):
-    """What a family of spectra offers."""
-
-    @property
-    def rho(self) -> Floats:
-        """Relaxation times (term,) in s, ascending."""
-        ...
-
-    @property
-    def nu(self) -> float:
-        """Poisson's ratio."""
-        ...
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The unknowns, in the order of their coordinates."""
-        ...
-
-    def log_terms(self, xi: Floats) -> Floats:
-        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa at standard coordinates (parameter,)."""
-        ...
-
-    def slopes(self, xi: Floats) -> Floats:
-        """Return the derivative (1 + term, parameter) of the logarithms."""
-        ...
-
-    def start(self, modulus: float, loss: float) -> Floats:
-        """Return coordinates (parameter,) of about this modulus [Pa] and loss factor."""
-        ...
-
-
-def material(spectrum: Spectrum, log_terms: Floats) -> Prony:
+def material(spectrum: "SmoothSpectrum", log_terms: Floats) -> Prony:
     """Return the Prony series of logarithmic terms (1 + term,)."""
     terms = np.exp(log_terms)
     return Prony(float(terms[0]), terms[1:], spectrum.rho, nu=spectrum.nu)
@@ -106,9 +63,9 @@ def material(spectrum: Spectrum, log_terms: Floats) -> Prony:
 def relaxation_times(shortest: float, longest: float, horizon: float = HORIZON, per_decade: int = _FINE) -> Floats:
     """Choose relaxation times for data that reach from one time to another.
 
-    ``shortest``, ``longest`` [s]: Shortest and longest time that the data can tell of. ``horizon`` [s]: What relaxes
-    later counts as relaxed. ``per_decade``: Through the data and a decade beyond them. Returns (term,) [s]: Beside
-    those one per decade: two decades more towards short times, and on to the horizon. Raises InputError: The times
+    ``shortest``, ``longest`` [s]: Shortest and longest time that the data cover. ``horizon`` [s]: Slower
+    terms count as relaxed. ``per_decade``: Through the data and a decade beyond them. Returns (term,) [s]: In addition
+    one per decade: two decades more towards short times, and on to the horizon. Raises InputError: The times
     are not positive or not in order.
     """
     if not 0.0 < shortest <= longest < np.inf:
@@ -239,76 +196,6 @@ class SmoothSpectrum:
 def _variance(lasting: Floats) -> Floats:
     """Return the variance of a slope's integral over a time, both in units of its memory."""
     return np.asarray(2.0 * (lasting + np.expm1(-lasting)))
-
-
-@dataclass(frozen=True, eq=False)
-class FractionalSpectrum:
-    """Cole and Cole's fractional solid in four unknowns.
-
-    ``rho`` (term,) [s]: Relaxation times of the Prony series that stands for it. ``nu``: Poisson's ratio. ``centre``
-    [s]: Prior of the characteristic time, within a factor of a thousand.
-    """
-
-    rho: Floats
-    nu: float
-    centre: float
-
-    @classmethod
-    def over(cls, shortest: float, longest: float, nu: float) -> "FractionalSpectrum":
-        """Choose the grid for data between two times [s]; it goes two decades beyond them."""
-        low, high = log10(shortest) - 2.0, max(log10(longest) + 2.0, log10(HORIZON))
-        count = ceil((high - low) * _FRACTIONAL_PER_DECADE) + 1
-        return cls(np.logspace(low, high, count), nu, float(np.sqrt(shortest * longest)))
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Long-time modulus, strength of the dispersion, its time, its order."""
-        return (
-            _relaxed_modulus(),
-            Parameter("strength", _POLYMER, _WIDE, "Pa", "strength of the dispersion", is_log=True),
-            Parameter("time", log(self.centre), log(1e3), "s", "time of the dispersion", is_log=True),
-            Parameter("order", log(0.25), log(2.0), "1", "fractional order", is_log=True),
-        )
-
-    def log_terms(self, xi: Floats) -> Floats:
-        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
-        means, sds = _means_and_deviations(self.parameters)
-        relaxed, strength, time, order = means + sds * xi
-        return self._terms(relaxed, strength, time, order)
-
-    def _terms(self, relaxed: float, strength: float, time: float, order: float) -> Floats:
-        alpha = min(np.exp(order), _STEEPEST)
-        x = alpha * (np.log(self.rho) - time)
-        shape = np.log(np.sin(np.pi * alpha) / (2.0 * np.pi))
-        # ln(cosh x + cos) without overflow
-        size = np.abs(x)
-        denominator = size + np.log(0.5 * (1.0 + np.exp(-2.0 * size)) + np.cos(np.pi * alpha) * np.exp(-size))
-        step = float(np.log(self.rho[1] / self.rho[0]))
-        width = np.full(self.rho.size, step)
-        width[[0, -1]] = 0.5 * step + 1.0 / alpha  # what lies beyond the grid falls as a power
-        return np.concatenate([[relaxed], strength + shape - denominator + np.log(width)])
-
-    def slopes(self, xi: Floats) -> Floats:
-        """Return the derivative (1 + term, parameter), by central differences."""
-        made = np.empty((self.rho.size + 1, xi.size))
-        for k in range(xi.size):
-            change = np.zeros(xi.size)
-            change[k] = _CHANGE
-            made[:, k] = (self.log_terms(xi + change) - self.log_terms(xi - change)) / 2.0 / _CHANGE
-        return made
-
-    def start(self, modulus: float, loss: float) -> Floats:
-        """Return a broad dispersion, with this loss factor at its middle."""
-        parameters = self.parameters
-        alpha = 0.25
-        # at its middle the loss modulus is ΔE/2 tan(pi alpha/4)
-        strength = 2.0 * loss * modulus / np.tan(0.25 * np.pi * alpha)
-        values = (modulus, strength, self.centre, alpha)
-        return np.array([p.coordinate(v) for p, v in zip(parameters, values, strict=True)])
-
-
-_STEEPEST = 0.85  # a steeper dispersion is narrower than the grid
-_CHANGE = 1e-5
 
 
 def _means_and_deviations(parameters: tuple[Parameter, ...]) -> tuple[Floats, Floats]:

@@ -2,7 +2,7 @@
 
 Forces, stiffness and moduli are linear in the terms of the relaxation modulus, and a bounce hardly
 minds how a modulus is divided among terms. Logarithms, in which the prior lives, bend this: so
-the bending is kept, and only what a model does with the terms is taken as straight. Such a
+the bending is kept, and only the answer of a model to the terms is taken as linear. Such a
 tangent holds far along the valleys that the data leave open, where a linear step in the
 logarithms would end after a factor of two.
 """
@@ -49,9 +49,9 @@ class Tangent:
         """Return the tangent that would have predicted a step (Broyden's rank-one update).
 
         Differences of a simulator are a little wrong along the valleys that the data leave open;
-        what a step told costs no further run.
+        learning from a step costs no further run.
 
-        ``surrogate``: That made the step, from where it stands. ``to`` (parameter,): Where the step ended. ``missed``
+        ``surrogate``: That made the step. ``to`` (parameter,): Where the step ended. ``missed``
         (n,): Predictions of the fast models there, minus the promised ones.
         """
         n = self.problem.n_material

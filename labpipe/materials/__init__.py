@@ -12,12 +12,7 @@ if TYPE_CHECKING:
         deck_text as deck_text,
         make_deck as make_deck,
     )
-    from labpipe.materials._response import (
-        Inequality as Inequality,
-        entropy_inequality as entropy_inequality,
-        inequalities as inequalities,
-        respond as respond,
-    )
+    from labpipe.materials._response import respond as respond
     from labpipe.materials._shift_law import (
         ShiftLaw as ShiftLaw,
         arrhenius as arrhenius,
@@ -49,16 +44,7 @@ if TYPE_CHECKING:
         relaxation_from_creep as relaxation_from_creep,
         standard_linear_solid as standard_linear_solid,
     )
-    from labpipe.materials.spectrum import (
-        TERMS_PER_DECADE as TERMS_PER_DECADE,
-        KramersKronig as KramersKronig,
-        compress as compress,
-        fewest_terms as fewest_terms,
-        kramers_kronig as kramers_kronig,
-        make_grid as make_grid,
-        maxwell_shapes as maxwell_shapes,
-        solve_by_cross_validation as solve_by_cross_validation,
-    )
+    from labpipe.materials.spectrum import KramersKronig as KramersKronig, kramers_kronig as kramers_kronig
     from labpipe.materials.superposition import (
         MasterCurve as MasterCurve,
         TableRun as TableRun,

@@ -6,14 +6,13 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from labpipe.signals._alignment import (
-        Lag as Lag,
+        combine_repeats as combine_repeats,
         interpolated_at as interpolated_at,
         lag as lag,
         timed_from_event as timed_from_event,
     )
     from labpipe.signals._as_fitted import as_fitted as as_fitted
     from labpipe.signals._bounces import PHASES as PHASES, bounces as bounces
-    from labpipe.signals._damped_oscillation import Damped as Damped, damped_oscillation as damped_oscillation
     from labpipe.signals._derivative import velocity as velocity
     from labpipe.signals._first_touch import FirstTouch as FirstTouch, first_touch as first_touch
     from labpipe.signals._floor import Floor as Floor
@@ -38,7 +37,11 @@ if TYPE_CHECKING:
         fit_sinusoid as fit_sinusoid,
     )
     from labpipe.signals._outliers import Outliers as Outliers, outliers as outliers
-    from labpipe.signals._repeats import combine_repeats as combine_repeats
-    from labpipe.signals._ringing import Ringing as Ringing, ringing as ringing
+    from labpipe.signals._ringing import (
+        Damped as Damped,
+        Ringing as Ringing,
+        damped_oscillation as damped_oscillation,
+        ringing as ringing,
+    )
 else:
     __getattr__ = lazily(__name__)

@@ -1,42 +1,26 @@
-"""Align two records in time: at an event in both, or by the best-fitting lag."""
+"""Records on another time axis: from an event, at given times, and repeats on a common one with their band."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy import fft
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._noise import estimate_noise
+from labpipe.signals._oscillation import parameter_covariance
 from labpipe.signals._readings import checked_times, is_constant, refuse_endless, refuse_infinite
-from labpipe.signals._residuals import parameter_covariance
 from labpipe.signals._smoothing_spline import evaluate, smooth
-from labpipe.variables import described
+from labpipe.variables import described, variable
 
-_STEPS = 30  # of Gauss-Newton at most; four are usual
-_SETTLED = 1e-6  # sampling intervals
-_FEWEST = 12  # readings
-_LEAST_OVERLAP = 0.25  # of the shorter record, when the reach is not given
-
-
-@dataclass(frozen=True, slots=True)
-class Lag:
-    """``second(t + lag) = offset + gain first(t)``, with standard uncertainties.
-
-    ``lag`` in s is positive when the second record is later; ``correlation`` is that of the
-    aligned records; ``n`` the readings compared.
-    """
-
-    lag: float
-    u_lag: float
-    gain: float
-    u_gain: float
-    offset: float
-    u_offset: float
-    correlation: float
-    n: int
+_OUTLYING = 5.0  # robust standard deviations from the median of the repeats
+_STEPS, _SETTLED = 30, 1e-6  # of Gauss and Newton at most, four are usual; in sampling intervals
+_FEWEST = 12  # readings that determine a lag
+_ROUNDING = 1e-6  # of an interval
+_FEWEST_FOR_OUTLIERS = 4  # among three, none can be called wrong
 
 
 def timed_from_event(record: xr.DataArray, event: float) -> xr.DataArray:
@@ -89,16 +73,25 @@ def interpolated_at(record: xr.DataArray, time: Floats) -> xr.DataArray:
     return xr.DataArray(values, dims="time", coords={"time": coordinate}, name=record.name, attrs=record.attrs)
 
 
-def lag(first: xr.DataArray, second: xr.DataArray, largest: float | None = None) -> Lag:
+class Lag(NamedTuple):
+    """``second(t + lag) = offset + gain first(t)``: lag [s] and gain, with standard uncertainties."""
+
+    lag: float
+    u_lag: float
+    gain: float
+    u_gain: float
+
+
+def lag(first: xr.DataArray, second: xr.DataArray, largest: float) -> Lag:
     """Find how much later the second record is, to a fraction of a sample.
 
     Parameters
     ----------
     first, second : DataArray (time,)
-        The same motion seen by two instruments, at any rates; scales and zeros may differ. NaN is
-        bridged linearly for the search and left out of the fit.
-    largest : float, optional [s]
-        Largest lag considered; default such that a quarter of the shorter record overlaps.
+        The same motion seen by two instruments, aligned at an event, at any rates; scales and zeros may
+        differ. NaN is left out of the first and bridged in the second.
+    largest : float [s]
+        Largest lag that may be left; where the records do not agree within it, it is the uncertainty.
 
     Returns
     -------
@@ -111,87 +104,138 @@ def lag(first: xr.DataArray, second: xr.DataArray, largest: float | None = None)
 
     Notes
     -----
-    The maximum of the cross-correlation on a common grid starts a least-squares fit of lag, gain
-    and offset with a cubic spline through the second record; the uncertainty accounts for
-    correlated residuals. The noise of the second record weakens the gain by its share of the
-    variance (attenuation); put the quieter record second.
+    Gauss and Newton's least squares of lag, gain and offset, with a cubic spline through the second record; the
+    uncertainty accounts for autocorrelated residuals. The noise of the second record weakens the gain by its share of
+    the variance (attenuation); put the quieter record second.
 
     Examples
     --------
     >>> time = np.arange(0.0, 1.0, 0.01)
     >>> a = xr.DataArray(np.sin(9 * time), {"time": time})
     >>> b = xr.DataArray(2 * np.sin(9 * (time - 0.0123)), {"time": time})
-    >>> found = lag(a, b, 0.2)
+    >>> found = lag(a, b, 0.05)
     >>> round(found.lag, 5), round(found.gain, 3)
     (0.0123, 2.0)
     """
-    t1, y1 = _readings(first)
-    t2, y2 = _readings(second)
-    start = _coarse(t1, y1, t2, y2, largest)
+    (t, y), (t2, y2) = (
+        (checked_times(r["time"].values)[kept], r.values[kept])
+        for r in (first, second)
+        for kept in [np.isfinite(np.asarray(r.values, float))]
+    )
+    inside = (t >= t2[0] + largest) & (t <= t2[-1] - largest) if t2.size > 1 else np.zeros(t.size, bool)
+    t, y = t[inside], y[inside]
+    if t.size < _FEWEST or t2.size < _FEWEST:
+        raise InputError(f"the records overlap in {t.size} readings only; at least {_FEWEST} are needed for a lag")
+    refuse_infinite(y, "a record")
+    refuse_infinite(y2, "a record")
+    if is_constant(y) or is_constant(y2):
+        raise InputError("a record is constant where the two overlap, so it determines no lag")
     spline = CubicSpline(t2, y2)
     # The derivative of the interpolant is mostly noise and would feign certainty.
     smoothed = smooth(t2, y2, estimate_noise(y2 - y2[0], t2).sigma)
-    interval = float(np.median(np.diff(t1)))
-    # Gauss-Newton on (lag, gain, offset); the overlap is fixed so that the sum stays comparable.
-    inside = (t1 + start >= t2[0] + interval) & (t1 + start <= t2[-1] - interval)
-    t, y = t1[inside], y1[inside]
-    if len(t) < _FEWEST:
-        raise InputError(f"the records overlap in {len(t)} readings only; at least {_FEWEST} are needed")
-    if is_constant(y):
-        raise InputError("a record is constant where the two overlap, so it determines no lag")
-    shift = start
+    interval, shift = float(np.median(np.diff(t))), 0.0
     for _ in range(_STEPS):
         moved, rate = spline(t + shift), evaluate(smoothed, t + shift, 1)[0]
-        design = np.column_stack([y, np.ones_like(t), -rate])
-        solution, *_ = np.linalg.lstsq(design, moved, rcond=None)
-        step = float(np.clip(solution[2], -2 * interval, 2 * interval))
-        shift += step
+        jacobian = np.column_stack([y, np.ones_like(t), -rate])
+        gain, offset, step = np.linalg.lstsq(jacobian, moved, rcond=None)[0].tolist()
+        shift = float(np.clip(shift + np.clip(step, -2 * interval, 2 * interval), -largest, largest))
         if abs(step) < _SETTLED * interval:
             break
-    moved = spline(t + shift)
-    rate = evaluate(smoothed, t + shift, 1)[0]
-    jacobian = np.column_stack([y, np.ones_like(t), -rate])
-    (gain, offset), *_ = np.linalg.lstsq(jacobian[:, :2], moved, rcond=None)
-    left = moved - gain * y - offset
-    u_gain, u_offset, u_shift = np.sqrt(np.maximum(np.diag(parameter_covariance(jacobian, left)), 0))
-    correlation = float(np.corrcoef(y, moved)[0, 1])
-    return Lag(
-        float(shift), float(u_shift), float(gain), float(u_gain), float(offset), float(u_offset), correlation, len(t)
+    covariance = parameter_covariance(jacobian, moved - gain * y - offset)
+    u_gain, _, u_shift = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    return Lag(shift, max(u_shift, largest) if abs(shift) == largest else u_shift, gain, u_gain)
+
+
+def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Dataset:
+    """Put repeats on one time axis, each counted from its own start.
+
+    Parameters
+    ----------
+    records : sequence of DataArray (time,)
+        One quantity, named, of every repeat.
+    starts : array (repeat,) [s]
+        Time in each record that becomes 0, for example its first contact.
+
+    Returns
+    -------
+    Dataset
+        Over ``time`` (from the first to the last moment that any repeat covers, at the finest
+        interval of the repeats) and ``repeat``: the quantity, NaN outside a record;
+        ``<name>_mean``, ``<name>_sd`` over ``time``; ``n`` repeats over ``time``;
+        ``is_outlier`` over ``repeat``: flagged, never left out of mean or band.
+
+    Raises
+    ------
+    InputError
+        There are no records, names, units or counts differ, times do not increase, or a value is
+        infinite.
+
+    Notes
+    -----
+    A repeat is an outlier when its root-mean-square distance from the median curve lies more than
+    five robust standard deviations above that of the others; with fewer than four repeats nothing
+    is flagged. Records are interpolated linearly.
+    """
+    starts = np.asarray(starts, float)
+    if len(records) == 0 or len(records) != starts.size:
+        raise InputError(f"{len(records)} records with {starts.size} starts cannot be combined")
+    name, units = records[0].name, records[0].attrs.get("units")
+    if any(r.name != name or r.attrs.get("units") != units for r in records):
+        raise InputError("repeats must hold one quantity in one unit; names or units differ")
+    if not np.all(np.isfinite(starts)):
+        raise InputError("a repeat has no start to be aligned at")
+    for k, record in enumerate(records):
+        checked_times(record["time"].values, f"time of repeat {k + 1}")
+        refuse_infinite(np.asarray(record.values, float), f"repeat {k + 1}")
+        if record.size < 2:
+            raise InputError(f"a repeat needs two readings; repeat {k + 1} has {record.size}")
+    # A grid through 0 at the finest interval; a point on the very edge of a record counts as inside despite rounding.
+    own = [r["time"].values - s for r, s in zip(records, starts, strict=True)]
+    interval = min(float(np.median(np.diff(t))) for t in own)
+    first, last = min(float(t[0]) for t in own), max(float(t[-1]) for t in own)
+    refuse_endless(last - first, interval)
+    time = interval * np.arange(np.ceil(first / interval - _ROUNDING), np.floor(last / interval + _ROUNDING) + 1)
+    slack = [_ROUNDING * (t[-1] - t[0]) / (t.size - 1) for t in own]
+    values = np.array(
+        [
+            np.where((time >= t[0] - s) & (time <= t[-1] + s), np.interp(time, t, r.values), np.nan)
+            for t, s, r in zip(own, slack, records, strict=True)
+        ]
+    )
+    n = np.isfinite(values).sum(axis=0)
+    mean = np.where(n > 0, np.nansum(values, axis=0) / np.maximum(n, 1), np.nan)
+    spread = np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1)
+    sd = np.where(n > 1, np.sqrt(spread), np.nan)
+    label = records[0].attrs.get("long_name", str(name))
+
+    def text(note: str) -> dict[str, str]:
+        return described(str(units), f"{label}, {note}")
+
+    return xr.Dataset(
+        {
+            str(name): variable(("repeat", "time"), values, str(units), label),
+            f"{name}_mean": ("time", mean, text("mean of the repeats")),
+            f"{name}_sd": ("time", sd, text("standard deviation over repeats")),
+            "n": variable("time", n.astype(float), "1", "repeats at this time"),
+            "is_outlier": ("repeat", _outliers(values), {"long_name": "is an outlier among the repeats"}),
+        },
+        coords={
+            "time": variable("time", time, "s", "time since the repeat's start"),
+            "repeat": np.arange(1, len(records) + 1),
+        },
     )
 
 
-def _readings(record: xr.DataArray) -> tuple[Floats, Floats]:
-    t, y = checked_times(record["time"].values), np.asarray(record.values, float)
-    refuse_infinite(y, "a record")
-    finite = np.isfinite(y)
-    t, y = t[finite], y[finite]
-    if len(t) < _FEWEST:
-        raise InputError(f"a lag needs {_FEWEST} readings; found {len(t)}")
-    if is_constant(y):
-        raise InputError("a record is constant, so it determines no lag")
-    return t, y
-
-
-def _coarse(t1: Floats, y1: Floats, t2: Floats, y2: Floats, largest: float | None) -> float:
-    """Lag of the largest normalised correlation on a common grid."""
-    interval = float(min(np.median(np.diff(t1)), np.median(np.diff(t2))))
-    refuse_endless(float(max(t1[-1] - t1[0], t2[-1] - t2[0])), interval)
-    grid1 = np.arange(t1[0], t1[-1] + 0.5 * interval, interval)
-    grid2 = np.arange(t2[0], t2[-1] + 0.5 * interval, interval)
-    a, b = np.interp(grid1, t1, y1), np.interp(grid2, t2, y2)
-    a, b = (a - a.mean()) / a.std(), (b - b.mean()) / b.std()
-    lags = np.arange(1 - len(a), len(b))
-    size = fft.next_fast_len(len(lags), real=True)
-    # values, squares and ones of each, the first turned around: their products are correlations
-    one, two = (fft.rfft(np.stack([y, y**2, np.ones_like(y)]), size) for y in (a[::-1], b))
-    pairs = np.stack([two[2] * one[2], two[0] * one[0], two[1] * one[2], two[2] * one[1]])
-    overlap, product, second, first = fft.irfft(pairs, size)[:, : len(lags)]
-    overlap, power = overlap.round(), second * first
-    shifts = lags * interval + (grid2[0] - grid1[0])
-    allowed = overlap >= max(_FEWEST, _LEAST_OVERLAP * min(len(a), len(b)))
-    if largest is not None:
-        allowed = (overlap >= _FEWEST) & (np.abs(shifts) <= largest + 0.5 * interval)
-    if not allowed.any():
-        raise InputError("the records do not overlap within the largest lag")
-    score = np.where(allowed, np.abs(product) / np.sqrt(np.maximum(power, 1e-12)), -np.inf)
-    return float(shifts[int(np.argmax(score))])
+def _outliers(values: Floats) -> Flags:
+    if len(values) < _FEWEST_FOR_OUTLIERS:
+        return np.zeros(len(values), dtype=bool)
+    covered = np.isfinite(values).all(axis=0)
+    if not covered.any():
+        return np.zeros(len(values), dtype=bool)
+    shared = values[:, covered]
+    distance = np.sqrt(np.mean((shared - np.median(shared, axis=0)) ** 2, axis=1))
+    centre = np.median(distance)
+    scale = 1.4826 * np.median(np.abs(distance - centre))
+    # identical repeats have no scatter to be compared with
+    floor = 1e-12 * max(float(np.ptp(shared)), np.finfo(float).tiny)
+    return distance > centre + _OUTLYING * max(scale, 0.1 * centre, floor)

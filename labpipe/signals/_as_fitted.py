@@ -27,10 +27,10 @@ def as_fitted(
     contact: str = "any",
     floor: Floor | None = None,
 ) -> xr.Dataset:
-    """Return what :func:`labpipe.signals.bounces` would find in a motion without noise.
+    """Return the result of :func:`labpipe.signals.bounces` for a motion without noise.
 
     A fit that knows the shape of a contact's pulse only as that of polymers in general errs by how far
-    this solid's departs from it. In a simulation of the solid it errs alike: what is measured is compared
+    this solid's departs from it. In a simulation of the solid it errs by the same: a measurement is compared
     with this, and the shape is then in the uncertainty of neither.
 
     Parameters
@@ -42,10 +42,10 @@ def as_fitted(
     count : int
         Impacts from the first on that are wanted.
     noise : float [m]
-        Standard deviation of the record's white noise, which decides what the fit takes from the
-        samples and what from the shape that it expects.
+        Standard deviation of the record's white noise, which weighs the samples against the
+        shape that the fit expects.
     gravity, u_gravity : float [m/s2]
-        Of the simulation, and how well the record tells it.
+        Of the simulation, and its uncertainty in the record.
     contact, floor
         As the record was analysed.
 

@@ -52,7 +52,7 @@ class Met(NamedTuple):
 
 
 class Beneath(NamedTuple):
-    """A plate, how far it stands and how fast it moves downwards at a time [s].
+    """A plate with its displacement and speed downwards at a time [s].
 
     ``u_phase`` [rad] is how well the phase of the swing is known.
     """

@@ -1,9 +1,9 @@
 """Hum of the mains in a record: one line and its multiples, fitted where nothing else can swing.
 
-Where a body rests or flies its position is a polynomial of time, whatever its material. What is
-left there at the frequency of the mains is the sensor's, not the specimen's; contacts, and what
-rings after them, are no part of the fit. Each stretch has a polynomial of its own, and one line
-runs through all of them, so that short stretches tell amplitude and phase and their distance in time
+Where a body rests or flies its position is a polynomial of time, whatever its material. A line
+at the frequency of the mains is then the sensor's, not the specimen's; contacts and the ringing
+after them are no part of the fit. Each stretch has a polynomial of its own, and one line
+runs through all of them, so that short stretches determine amplitude and phase and their distance in time
 the frequency.
 """
 
@@ -64,7 +64,7 @@ class Hum:
         return np.asarray(_waves(time - self.epoch, self.frequency, self.orders) @ self.parameters)
 
     def modes(self, time: Floats) -> Floats:
-        """Return what may be left of the hum: independent errors (n, p) of all readings, of one u each."""
+        """Return the possible remainder of the hum: independent errors (n, p) of all readings, of one u each."""
         design = _design(time - self.epoch, self.frequency, self.orders, self.parameters)
         values, vectors = np.linalg.eigh(self.covariance)
         return np.asarray(design @ (vectors * np.sqrt(np.maximum(values, 0.0))))
@@ -89,7 +89,7 @@ class Hum:
 
     @classmethod
     def of_text(cls, text: str | None) -> "Hum | None":
-        """Read what :meth:`to_text` wrote; None of no text."""
+        """Read the text of :meth:`to_text`; None of no text."""
         if text is None:
             return None
         kept = json.loads(text)
@@ -112,12 +112,12 @@ def hum_at_rest(time: Floats, values: Floats, noise: float) -> tuple[Hum, bool] 
     time, values : array (n,) [s], any unit
         At rest but for a drift; no NaN.
     noise : float
-        Standard deviation of a reading, below which a hum is not told from other noise of a short rest.
+        Standard deviation of a reading, below which a hum is not distinguished from other noise of a short rest.
 
     Returns
     -------
     (Hum, bool) or None
-        The hum, and whether it is told at which of the frequencies of the mains it is, without which it
+        The hum, and whether the frequency of the mains is determined, without which it
         must not be continued beyond these readings. None where none is found.
     """
     span = float(time[-1] - time[0])

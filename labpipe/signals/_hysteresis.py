@@ -8,13 +8,13 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._metrics import independent_count
 from labpipe.signals._noise import difference_sigma, quantisation_step
 from labpipe.signals._oscillation import fit_sinusoid
 from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
-from labpipe.variables import described, variable
+from labpipe.variables import variable
 
 _MOVED_SIGMA, _MOVED_SHARE = 6.0, 5e-3  # off its rest level by noise, and by part of the range
 _FIRST = 10  # readings that are taken to be at rest, if any are
@@ -23,6 +23,14 @@ _STEADY = 0.01  # relative difference from the median of the later half
 _STEADY_SPREADS = 5.0  # or this many robust spreads, whichever is wider
 _ROUNDING = 0.05  # of a cycle that a part may lack of a whole number
 _POINTS_PER_CYCLE = 512  # of the path whose area is taken; its error is below 1e-5
+_COLUMNS = (
+    ("work", "J", "work dissipated in the cycle"),
+    ("position_amplitude", "m", "amplitude of the position"),
+    ("force_amplitude", "N", "amplitude of the force"),
+    ("storage_stiffness", "N/m", "storage stiffness"),
+    ("loss_stiffness", "N/m", "loss stiffness"),
+    ("mean_force", "N", "mean force of the cycle"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,9 +185,33 @@ def hysteresis_loops(
         raise InputError("position or force has unread samples inside the cycles; choose start and end")
     path = CubicSpline(t, np.column_stack([x, load]))
     phase = np.arange(_POINTS_PER_CYCLE) / _POINTS_PER_CYCLE
-    rows = [_one_loop(path, begin + k / frequency, 1.0 / frequency, phase) for k in range(count)]
+    starts = begin + np.arange(count) / frequency
+    rows = [_one_loop(path, start, 1.0 / frequency, phase) for start in starts.tolist()]
     table = np.array(rows)
-    return _table(table, begin + np.arange(count) / frequency)
+    # Leading cycles whose amplitudes differ from those of the later half are transient.
+    amplitudes, later = table[:, 1:3], table[count // 2 :, 1:3]
+    centre = np.median(later, axis=0)
+    spread = 1.4826 * np.median(np.abs(later - centre), axis=0)
+    differs = (np.abs(amplitudes - centre) > np.maximum(_STEADY * centre, _STEADY_SPREADS * spread)).any(axis=1)
+    transient = np.logical_and.accumulate(differs)
+    steady = table[~transient, 0]
+    n = len(steady)
+    sd = float(np.std(steady, ddof=1)) if n > 1 else float("nan")
+    u = sd / float(np.sqrt(independent_count(steady))) if n > 1 else float("nan")
+    result = xr.Dataset(coords={"cycle": variable("cycle", np.arange(1, count + 1), "1", "number of the cycle")})
+    result["cycle_start"] = variable("cycle", starts, "s", "start of the cycle")
+    for values, name, unit, label in zip(table.T, *zip(*_COLUMNS, strict=True), strict=True):
+        result[name] = variable("cycle", values, unit, label)
+    result["is_transient"] = variable("cycle", transient, "1", "left out as transient")
+    for name, value, unit, label in (
+        ("mean_work", float(np.mean(steady)), "J", "mean dissipated work of the steady cycles"),
+        ("u_mean_work", u, "J", "standard uncertainty of the mean dissipated work"),
+        ("sd_work", sd, "J", "standard deviation of the work over the steady cycles"),
+        ("n_cycles", float(n), "1", "steady cycles"),
+    ):
+        result[name] = variable((), value, unit, label)
+    result.attrs["work"] = json.dumps({"cycles": count, "points": count * _POINTS_PER_CYCLE})
+    return result
 
 
 def _one_loop(path: CubicSpline, begin: float, period: float, phase: Floats) -> Floats:
@@ -194,44 +226,3 @@ def _one_loop(path: CubicSpline, begin: float, period: float, phase: Floats) -> 
     stiffness = pushed / moved if moved else complex(np.nan)
     mean_force = float(points[:, 1].mean() + 0.5 * (last[1] - first[1]))
     return np.array([work, abs(moved), abs(pushed), stiffness.real, stiffness.imag, mean_force])
-
-
-def _is_transient(amplitudes: Floats) -> Flags:
-    """Leading cycles that differ from the later half."""
-    later = amplitudes[len(amplitudes) // 2 :]
-    centre = np.median(later, axis=0)
-    spread = 1.4826 * np.median(np.abs(later - centre), axis=0)
-    limit = np.maximum(_STEADY * centre, _STEADY_SPREADS * spread)
-    differs = (np.abs(amplitudes - centre) > limit).any(axis=1)
-    return np.asarray(np.logical_and.accumulate(differs))
-
-
-def _table(table: Floats, starts: Floats) -> xr.Dataset:
-    transient = _is_transient(table[:, 1:3])
-    steady = table[~transient, 0]
-    n = len(steady)
-    sd = float(np.std(steady, ddof=1)) if n > 1 else float("nan")
-    columns = (
-        ("work", "J", "work dissipated in the cycle"),
-        ("position_amplitude", "m", "amplitude of the position"),
-        ("force_amplitude", "N", "amplitude of the force"),
-        ("storage_stiffness", "N/m", "storage stiffness"),
-        ("loss_stiffness", "N/m", "loss stiffness"),
-        ("mean_force", "N", "mean force of the cycle"),
-    )
-    result = xr.Dataset(coords={"cycle": np.arange(1, len(table) + 1)})
-    result["cycle"].attrs = described("1", "number of the cycle")
-    result["cycle_start"] = variable("cycle", starts, "s", "start of the cycle")
-    for i, (name, unit, label) in enumerate(columns):
-        result[name] = variable("cycle", table[:, i], unit, label)
-    result["is_transient"] = variable("cycle", transient, "1", "left out as transient")
-    u = sd / float(np.sqrt(independent_count(steady))) if n > 1 else float("nan")
-    for name, value, unit, label in (
-        ("mean_work", float(np.mean(steady)), "J", "mean dissipated work of the steady cycles"),
-        ("u_mean_work", u, "J", "standard uncertainty of the mean dissipated work"),
-        ("sd_work", sd, "J", "standard deviation of the work over the steady cycles"),
-        ("n_cycles", float(n), "1", "steady cycles"),
-    ):
-        result[name] = variable((), value, unit, label)
-    result.attrs["work"] = json.dumps({"cycles": len(table), "points": len(table) * _POINTS_PER_CYCLE})
-    return result

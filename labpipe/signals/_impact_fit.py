@@ -59,9 +59,9 @@ _CLEAR = 0.8  # of the guessed duration from its middle: surely out of contact
 class ImpactFit:
     """Result of :func:`fit_impact`: ``value`` and ``covariance`` in the order of :data:`OUTPUTS`.
 
-    ``by_shape`` (output, :data:`SHAPE`) is what one deviation of each unknown of the pulse's shape
-    adds, a part of ``covariance``: other impacts and drops of the same body err alike (in simulated impacts of
-    polymers the shapes of the first three differ from what is expected by the same, correlation 0.97 and
+    ``by_shape`` (output, :data:`SHAPE`) is the contribution of one deviation of each unknown of the pulse's
+    shape, a part of ``covariance``: other impacts and drops of the same body err by the same (in simulated impacts of
+    polymers the shapes of the first three differ equally from the expected one, correlation 0.97 and
     more), and their mean errs no less.
     ``chi_square`` is the reduced sum of squares, ``n_evaluations`` the number of model evaluations;
     ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any;
@@ -192,8 +192,8 @@ def _unread_contact(time: Floats, touch: float, liftoff: float) -> tuple[float, 
 def _of_unread(value: Floats, gap: float) -> Floats:
     """Covariance of the outputs when touch and lift-off may be anywhere in a gap.
 
-    The arcs on both sides are known, so levels and speeds follow the times; what the body did in
-    the gap (how deep, how hard) is not known at all. Fitted and true time are both somewhere in
+    The arcs on both sides are known, so levels and speeds follow the times; depth and force in
+    the gap are not known at all. Fitted and true time are both somewhere in
     the gap: their difference has the standard deviation gap / sqrt(6).
     """
     by_name = {name: i for i, name in enumerate(OUTPUTS)}
@@ -212,7 +212,7 @@ def _of_unread(value: Floats, gap: float) -> Floats:
 
 
 class _Pull(NamedTuple):
-    """Mean of the parameters :data:`_WITH_PRIOR`, and what makes their deviations independent, of variance one."""
+    """Mean of the parameters :data:`_WITH_PRIOR`, and the whitening of their deviations."""
 
     mean: Floats
     whitening: Floats
@@ -262,7 +262,7 @@ def _minimise(
 
 
 def _character(p: Floats, beneath: Beneath | None) -> tuple[Character, Beneath | None]:
-    """Return what the expected shape depends on, and how the plate swings at lift-off."""
+    """Return the arguments of the expected shape, and the swing of the plate at lift-off."""
     touch, liftoff, gravity = p[_TOUCH], p[_LIFTOFF], p[_GRAVITY]
     ((before,), (outgoing,)) = _speeds(p[None])
     incoming = max(float(before), 1e-3 * abs(float(outgoing)) + 1e-9)

@@ -144,7 +144,7 @@ def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = N
         Paired values; pairs with a NaN are left out.
     n_effective : float, optional
         Number of independent pairs; by default from the autocorrelation of the differences, as
-        neighbouring samples of two records err alike.
+        errors of neighbouring samples are correlated.
 
     Raises
     ------

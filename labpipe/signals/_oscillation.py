@@ -4,7 +4,7 @@ The frequency is always fitted, never taken from a header: instruments are off b
 and a lock-in at the wrong frequency turns by tens of degrees over twenty cycles.
 
 Rounding is not noise: a sinusoid that runs over the same steps again in every cycle is rounded
-alike in every cycle. Part of that error looks exactly like the sinusoid, is taken up by the fit and
+equally in every cycle. Part of that error looks exactly like the sinusoid, is taken up by the fit and
 leaves nothing in the residuals. Where the step of the readings is known, its contribution is
 therefore found by rounding the fitted curve itself.
 """
@@ -14,17 +14,55 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
-from labpipe.signals._residuals import parameter_covariance
 from labpipe.uncertainty import propagated_u
+
+_HALF_WIDTH = 6  # bins on either side over which the residuals' spectrum is averaged
+
+
+def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
+    """Covariance of least-squares parameters under stationary, correlated residuals.
+
+    ``jacobian`` (n, p) is the derivative of the model by its parameters, at (nearly) even times, ``residual`` (n,)
+    that of the fit.
+
+    Notes
+    -----
+    Sandwich ``(J'J)^-1 J'CJ (J'J)^-1`` with C the circulant covariance of the smoothed residual
+    spectrum. The fit has taken power out of the bins that it listens to; the spectrum is enlarged
+    by as much. For white residuals this is the usual ``s^2 (J'J)^-1``.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(4000)
+    >>> cov = parameter_covariance(np.ones((4000, 1)), noise - noise.mean())
+    >>> bool(abs(cov[0, 0] ** 0.5 * 4000**0.5 - 1) < 0.3)
+    True
+    """
+    n = len(jacobian)
+    scale = np.linalg.norm(jacobian, axis=0)
+    columns = jacobian / np.where(scale > 0, scale, 1.0)
+    inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
+    spectra = np.fft.fft(columns, axis=0)
+    taken = np.real(np.sum((spectra.conj() @ inverse) * spectra, axis=1)) / n
+    width = min(2 * _HALF_WIDTH + 1, n)
+    power = uniform_filter1d(np.abs(np.fft.fft(residual)) ** 2 / n, width, mode="wrap")
+    left = np.maximum(1.0 - uniform_filter1d(taken, width, mode="wrap"), 1.0 / width)
+    middle = np.real(spectra.conj().T @ ((power / left)[:, None] * spectra)) / n
+    both = np.outer(scale, scale)
+    # A parameter on which nothing depends has no uncertainty that could be told: NaN.
+    return np.divide(inverse @ middle @ inverse, both, out=np.full_like(both, np.nan), where=both > 0)
+
 
 _GRID = 4  # trial frequencies per 1/T in the coarse search
 _REACH = 1.2  # in 1/T: the misfit has one minimum within a line's width
 _FEWEST_PER_PARAMETER = 2
+_TREND = 2  # degree of a relaxing mean force
 # Places of the curve between two steps over which rounding is averaged: u is good to 9 %.
 _OFFSETS = 64
 
@@ -176,8 +214,6 @@ def common_fit(
     force: ArrayLike,
     frequency_guess: float | None = None,
     *,
-    harmonics: int = 3,
-    trend_order: int = 2,
     response: Callable[[float], complex] | None = None,
     resolutions: tuple[float, float] = (0.0, 0.0),
 ) -> CommonFit:
@@ -187,8 +223,8 @@ def common_fit(
     ----------
     time, position, force : array (n,) [s, m, N]
         Compression and indentation positive. Samples where either is NaN are left out.
-    frequency_guess, harmonics, trend_order
-        As in :func:`fit_sinusoid`; the default trend leaves room for a relaxing mean force.
+    frequency_guess : float, optional [Hz]
+        As in :func:`fit_sinusoid`.
     response : callable, optional
         Complex response of the force channel at a frequency in Hz, by whose fundamental the force
         is divided (a load cell's low-pass filter).
@@ -198,6 +234,11 @@ def common_fit(
     Returns
     -------
     CommonFit
+
+    Notes
+    -----
+    A parabolic trend leaves room for a relaxing mean force. An uneven stage moves force and position alike: only the
+    part of the force that does not follow the position, delayed by the lag, makes their ratio uncertain.
 
     Examples
     --------
@@ -214,17 +255,32 @@ def common_fit(
     refuse_infinite(load, "force")
     both = np.isfinite(x) & np.isfinite(load)
     t, x, load = t[both], x[both], load[both]
-    readings_of(t, load)  # a force that stands still has no phase
-    moved = fit_sinusoid(t, x, frequency_guess, harmonics=harmonics, trend_order=trend_order, resolution=resolutions[0])
-    s = t - moved.reference_time
-    n_waves = len(moved.harmonic_amplitudes)
-    recorded = _described(
-        s, load, moved.frequency, n_waves, trend_order, moved.reference_time, fixed=True, step=resolutions[1]
+    readings_of(t, load)  # a constant force has no phase
+    moved = fit_sinusoid(t, x, frequency_guess, trend_order=_TREND, resolution=resolutions[0])
+    s, n_waves = t - moved.reference_time, len(moved.harmonic_amplitudes)
+    pushed = recorded = _described(
+        s, load, moved.frequency, n_waves, _TREND, moved.reference_time, fixed=True, step=resolutions[1]
     )
-    pushed = recorded if response is None else _divided(recorded, response(moved.frequency))
+    if response is not None:
+        factor = response(moved.frequency)
+        gain, amplitude = abs(factor), recorded.amplitude / abs(factor)
+        phase = recorded.phase - float(np.angle(factor))
+        pushed = replace(
+            recorded,
+            amplitude=amplitude,
+            u_amplitude=recorded.u_amplitude / gain,
+            phase=phase,
+            harmonic_amplitudes=(amplitude, *recorded.harmonic_amplitudes[1:]),
+            harmonic_phases=(phase, *recorded.harmonic_phases[1:]),
+        )
     lag = float(np.angle(np.exp(1j * (pushed.phase - moved.phase))))
     stiffness = pushed.amplitude / moved.amplitude
-    relative, u_lag = _ratio_uncertainty(t, x - moved(t), load - recorded(t), moved, recorded)
+    omega, delayed = 2 * np.pi * moved.frequency, float(np.angle(np.exp(1j * (recorded.phase - moved.phase))))
+    followed = np.interp(t + delayed / omega, t, x - moved(t))
+    own = (load - recorded(t)) / recorded.amplitude - followed / moved.amplitude
+    angle = omega * s + recorded.phase
+    covariance = parameter_covariance(np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(t)]), own)
+    relative, u_lag = np.sqrt(np.diag(covariance)[:2]).tolist()
     cosine, sine = float(np.cos(lag)), float(np.sin(lag))
     u_storage = stiffness * float(np.hypot(relative * cosine, u_lag * sine))
     u_loss = stiffness * float(np.hypot(relative * sine, u_lag * cosine))
@@ -254,7 +310,7 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
 def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
     """Return the frequency of the strongest spectral line, good to a fraction of 1/T.
 
-    ``s``, ``y`` (n,): Times and finite readings. ``taper``: Weigh the ends down, which tells close lines apart.
+    ``s``, ``y`` (n,): Times and finite readings. ``taper``: Weigh the ends down, which resolves close lines.
     """
     even = np.linspace(s[0], s[-1], len(s))
     values = np.interp(even, s, y)
@@ -267,26 +323,23 @@ def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
     return float(frequency[possible][np.argmax(power[possible])])
 
 
-def _design(s: Floats, frequency: float, n_waves: int, trend_order: int) -> Floats:
-    """Columns sin, cos of every wave, then powers of the time in units of half the record."""
-    design = np.empty((2 * n_waves + trend_order + 1, len(s)))
+def _linear(s: Floats, y: Floats, frequency: float, n_waves: int, trend_order: int) -> tuple[Floats, Floats, Floats]:
+    """Coefficients, residuals and columns at a given frequency.
+
+    Columns are sin and cos of every wave, then powers of the time in units of half the record.
+    """
+    columns = np.empty((2 * n_waves + trend_order + 1, len(s)))
     fundamental = np.exp(2j * np.pi * frequency * s)
     wave = np.ones_like(fundamental)
     for k in range(n_waves):
         wave = wave * fundamental
-        design[k], design[n_waves + k] = wave.imag, wave.real
+        columns[k], columns[n_waves + k] = wave.imag, wave.real
     half = max(float(s[-1]), float(-s[0]))
     for power in range(trend_order + 1):
-        design[2 * n_waves + power] = (s / half) ** power
-    return design.T
-
-
-def _linear(s: Floats, y: Floats, frequency: float, n_waves: int, trend_order: int) -> tuple[Floats, Floats, Floats]:
-    """Coefficients, residuals and columns at a given frequency."""
-    design = _design(s, frequency, n_waves, trend_order)
+        columns[2 * n_waves + power] = (s / half) ** power
     # Waves over a cycle or more and low powers are well conditioned: normal equations suffice.
-    coefficients = np.asarray(np.linalg.solve(design.T @ design, design.T @ y))
-    return coefficients, y - design @ coefficients, design
+    coefficients = np.asarray(np.linalg.solve(columns @ columns.T, columns @ y))
+    return coefficients, y - coefficients @ columns, columns.T
 
 
 def _described(
@@ -350,34 +403,3 @@ def _rounding_covariance(jacobian: Floats, curve: Floats, step: float) -> Floats
         moved[:, k] = columns.T @ (step * np.round(shifted / step) - shifted)
     moved = np.linalg.solve(columns.T @ columns, moved) / scale[:, None]
     return np.asarray(moved @ moved.T) / _OFFSETS
-
-
-def _ratio_uncertainty(
-    t: Floats, x_left: Floats, force_left: Floats, position: Sinusoid, force: Sinusoid
-) -> tuple[float, float]:
-    """Relative uncertainty of the amplitudes' ratio, and uncertainty of the phase lag.
-
-    An uneven stage moves force and position alike; only what the force does beyond following the
-    position, delayed by the lag, makes their ratio uncertain.
-    """
-    omega = 2 * np.pi * position.frequency
-    lag = float(np.angle(np.exp(1j * (force.phase - position.phase))))
-    followed = np.interp(t + lag / omega, t, x_left)
-    own = force_left / force.amplitude - followed / position.amplitude
-    angle = omega * (t - position.reference_time) + force.phase
-    jacobian = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(t)])
-    covariance = parameter_covariance(jacobian, own)
-    return float(np.sqrt(covariance[0, 0])), float(np.sqrt(covariance[1, 1]))
-
-
-def _divided(fit: Sinusoid, factor: complex) -> Sinusoid:
-    """Undo a channel's response at the fundamental."""
-    gain, turn = abs(factor), float(np.angle(factor))
-    return replace(
-        fit,
-        amplitude=fit.amplitude / gain,
-        u_amplitude=fit.u_amplitude / gain,
-        phase=fit.phase - turn,
-        harmonic_amplitudes=(fit.amplitude / gain, *fit.harmonic_amplitudes[1:]),
-        harmonic_phases=(fit.phase - turn, *fit.harmonic_phases[1:]),
-    )

@@ -16,14 +16,15 @@ from labpipe.signals._noise import estimate_noise
 
 LONGEST_RUN = 10
 """Readings of one run that are left out; a longer interruption hides motion and is reported instead."""
+_THRESHOLD, _NEIGHBOURS = 8.0, 8  # in units of the noise, and readings on either side that a run is compared with
 
 
 class Outliers(NamedTuple):
     """Readings that leave a record and return to it.
 
-    ``flags`` (n,) marks what to leave out. ``runs`` holds the first and the last index of each run of them, ``jumps``
-    the indices at which the remaining readings leave the level of those before them: the begin or the end of a longer
-    run, or a record that continues at another level.
+    ``flags`` (n,) marks the readings to leave out. ``runs`` holds the first and the last index of each run of them,
+    ``jumps`` the indices at which the remaining readings leave the level of those before them: the begin or the end
+    of a longer run, or a record that continues at another level.
     """
 
     flags: Flags
@@ -59,16 +60,7 @@ def _numbered(first: int, last: int) -> str:
     return str(first + 1) if first == last else f"{first + 1}-{last + 1}"
 
 
-def outliers(
-    values: Floats,
-    time: Floats | None = None,
-    *,
-    noise: float | None = None,
-    longest: int = LONGEST_RUN,
-    threshold: float = 8.0,
-    neighbours: int = 8,
-    ends: bool = True,
-) -> Outliers:
+def outliers(values: Floats, time: Floats | None = None, *, noise: float | None = None, ends: bool = True) -> Outliers:
     """Find short runs of readings that leave a record and return to it.
 
     Parameters
@@ -79,13 +71,6 @@ def outliers(
         Increasing; default evenly spaced.
     noise : float, optional
         Standard deviation of the readings; default estimated from the record.
-    longest : int
-        Largest number of readings of a run.
-    threshold : float
-        Deviation of the first and the last reading of a run, in units of the noise and of the scatter of the readings
-        around it. At 8 neither noise nor a kink sampled by any number of readings reaches it.
-    neighbours : int
-        Readings on either side that a run is compared with.
     ends : bool
         Whether a run may lie at an end of the record; not where one reading before or after a step is a measurement.
 
@@ -96,10 +81,12 @@ def outliers(
 
     Notes
     -----
-    A run at either end of the record, which no reading follows, must leave it by more than ``threshold`` of its
-    largest steps, and step to it further than twice its own steps: motion may begin or end there. A pulse of four
-    readings or more that rises and falls smoothly is kept: its first and last readings deviate by less than half of
-    its height, and its second differences are below 1.5 times that height.
+    The first and the last reading of a run deviate by eight times the noise and the scatter of the eight readings on
+    either side: neither noise nor a kink sampled by any number of readings reaches that. A run at either end of the
+    record, which no reading follows, must leave it by more than eight of its largest steps, and step to it further than
+    twice its own steps: motion may begin or end there. A pulse of four readings or more that rises and falls smoothly
+    is kept: its first and last readings deviate by less than half of its height, and its second differences are below
+    1.5 times that height.
 
     References
     ----------
@@ -116,7 +103,7 @@ def outliers(
     values = np.asarray(values, float)
     flags = np.zeros(values.size, bool)
     read = np.flatnonzero(np.isfinite(values))
-    if read.size < 2 * neighbours:
+    if read.size < 2 * _NEIGHBOURS:
         return Outliers(flags, [], [])
     times = np.arange(values.size, dtype=float) if time is None else np.asarray(time, float)
     y, t = values[read], times[read]
@@ -126,7 +113,7 @@ def outliers(
         found = np.zeros(y.size, bool)
         while True:  # every round flags a reading or is the last
             kept = np.flatnonzero(~found)
-            more, jumps = _round(t[kept], y[kept], sigma, longest, threshold, neighbours, ends)
+            more, jumps = _round(t[kept], y[kept], sigma, ends)
             jumps = [int(read[kept[i]]) for i in jumps]
             if not more:
                 break
@@ -137,32 +124,37 @@ def outliers(
     return Outliers(flags, runs, jumps)
 
 
-def _round(
-    t: Floats, y: Floats, sigma: float, longest: int, threshold: float, neighbours: int, ends: bool
-) -> tuple[list[int], list[int]]:
+def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> tuple[list[int], list[int]]:
     """Return the readings of all runs that do not overlap, and the jumps that no run explains."""
     n = y.size
-    if n < 2 * neighbours:
+    if n < 2 * _NEIGHBOURS:
         return [], []
     interval = np.diff(t)
     bend = np.abs(np.diff(np.diff(y) / interval))
-    ahead, behind = np.zeros(n), np.zeros(n)  # from the line through the two readings before, or behind
-    ahead[2:], behind[:-2] = bend * interval[1:], bend * interval[:-1]
-    ahead[1], behind[-2] = abs(y[1] - y[0]), abs(y[-2] - y[-1])
-    enters, leaves = (_exceeding(steps, threshold, sigma, 2 * neighbours) for steps in (ahead, behind))
+    away = np.zeros((2, n))  # from the line through the two readings before, or behind
+    away[0, 2:], away[1, :-2] = bend * interval[1:], bend * interval[:-1]
+    away[0, 1], away[1, -2] = abs(y[1] - y[0]), abs(y[-2] - y[-1])
+    off = away > _THRESHOLD * sigma
+    half = 2 * _NEIGHBOURS
+    for steps, found in zip(away, off, strict=True):  # the few above the noise exceed the median around as well
+        for some in np.array_split(places := np.flatnonzero(found), places.size // 4096 + 1):
+            near = np.abs(some[:, None] + np.arange(-half, half + 1))
+            near = n - 1 - np.abs(n - 1 - near)  # mirrored at both ends
+            found[some] = steps[some] > _THRESHOLD * np.median(steps[near], axis=1)
+    enters, leaves = off
     taken: list[int] = []
     used = np.zeros(n, bool)
-    for length in range(1, longest + 1):
+    for length in range(1, LONGEST_RUN + 1):
         firsts = set(np.flatnonzero(enters[: n - length + 1] & leaves[length - 1 :]).tolist())
         if ends and enters[n - length]:
             firsts.add(n - length)
         if ends and leaves[length - 1]:
             firsts.add(0)
         for first in sorted(firsts):
-            around = slice(max(first - neighbours, 0), first + length + neighbours)
+            around = slice(max(first - _NEIGHBOURS, 0), first + length + _NEIGHBOURS)
             if used[around].any():
                 continue
-            wild = _deviating(t[around], y[around], first - around.start, length, sigma, threshold)
+            wild = _deviating(t[around], y[around], first - around.start, length, sigma)
             if wild.any():
                 taken += (first + np.flatnonzero(wild)).tolist()
                 used[first : first + length] = True
@@ -171,24 +163,13 @@ def _round(
     steps = np.abs(np.diff(y))
     jumps = []
     for i in np.flatnonzero(enters).tolist():
-        nearby = np.delete(steps[max(i - 1 - neighbours, 0) : i + neighbours], min(i - 1, neighbours))
-        if steps[i - 1] > threshold * max(sigma, float(nearby.max(initial=0.0))):
+        nearby = np.delete(steps[max(i - 1 - _NEIGHBOURS, 0) : i + _NEIGHBOURS], min(i - 1, _NEIGHBOURS))
+        if steps[i - 1] > _THRESHOLD * max(sigma, float(nearby.max(initial=0.0))):
             jumps.append(i)
     return [], jumps
 
 
-def _exceeding(steps: Floats, threshold: float, sigma: float, half: int) -> Flags:
-    """Return which steps exceed noise and the median of the steps around; the few above the noise are looked at."""
-    found = steps > threshold * sigma
-    places, last = np.flatnonzero(found), steps.size - 1
-    for some in np.array_split(places, places.size // 4096 + 1):
-        around = np.abs(some[:, None] + np.arange(-half, half + 1))
-        around = last - np.abs(last - around)  # mirrored at both ends
-        found[some] = steps[some] > threshold * np.median(steps[around], axis=1)
-    return found
-
-
-def _deviating(t: Floats, y: Floats, first: int, length: int, sigma: float, threshold: float) -> Flags:
+def _deviating(t: Floats, y: Floats, first: int, length: int, sigma: float) -> Flags:
     """Return which readings of a run deviate from the curve through the readings around it; none if it is no run."""
     inside = np.zeros(y.size, bool)
     inside[first : first + length] = True
@@ -206,21 +187,17 @@ def _deviating(t: Floats, y: Floats, first: int, length: int, sigma: float, thre
     scatter = max(sigma, float(np.sqrt(np.sum(outer**2) / (outer.size - degree - 1))))
     # the curve itself is uncertain, most of all where it is extrapolated
     covariance = np.linalg.inv(design[~inside].T @ design[~inside])
-    limit = threshold * scatter * np.sqrt(1.0 + np.sum((design[inside] @ covariance) * design[inside], axis=1))
+    limit = _THRESHOLD * scatter * np.sqrt(1.0 + np.sum((design[inside] @ covariance) * design[inside], axis=1))
     if at_end:
         steps = np.abs(np.diff(y))[~(inside[1:] | inside[:-1])]
-        limit = np.maximum(limit, threshold * float(steps.max(initial=0.0)))
-        if not (before and after) and _may_be_motion(y[max(first - 1, 0) : first + length + 1], leading=before > 0):
-            return none
+        limit = np.maximum(limit, _THRESHOLD * float(steps.max(initial=0.0)))
+        if not (before and after):  # motion may begin or end here: the step to the record is twice any within the run
+            own = np.abs(np.diff(y[max(first - 1, 0) : first + length + 1]))
+            across, within = (own[0], own[1:]) if before else (own[-1], own[:-1])
+            if within.size and across < 2.0 * within.max():
+                return none
     off = np.abs(residual[inside])
     edges = [i for i, there in ((0, before), (-1, after)) if there]
     bend = np.abs(np.diff(residual[max(first - 1, 0) : first + length + 1], 2)).max(initial=0.0)
     is_abrupt = bend > 1.5 * off.max() or all(off[i] > 0.5 * off.max() for i in edges)
     return off > limit if is_abrupt and all(off[i] > limit[i] for i in edges) else none
-
-
-def _may_be_motion(y: Floats, *, leading: bool) -> bool:
-    """Return whether readings at an end of a record step to the rest of it no further than twice their own steps."""
-    steps = np.abs(np.diff(y))
-    across, within = (steps[0], steps[1:]) if leading else (steps[-1], steps[:-1])
-    return bool(within.size and across < 2.0 * within.max())

@@ -112,7 +112,7 @@ def _tree(position: Floats, values: Floats, triangle: Floats, below: Floats, res
 
 @inner()
 def _reduce(top: Floats, below: Floats, full: int) -> None:
-    """Make ``top`` R (5, 5) of the factorisation QR of itself with what stands below it.
+    """Make ``top`` R (5, 5) of the factorisation QR of itself with the rows below it.
 
     That is so many ``full`` rows, or, with none, another triangle (5, 5). It is used up.
     """

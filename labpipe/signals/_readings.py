@@ -44,7 +44,7 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
 def refuse_infinite(values: Floats, what: str) -> None:
     """Refuse infinite readings: NaN is how a reading says that there is none.
 
-    What is larger than any quantity (1e75) is refused as well: its square would be infinite.
+    A value larger than any quantity (1e75) is refused as well: its square would be infinite.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def refuse_infinite(values: Floats, what: str) -> None:
 
 
 def is_constant(values: Floats) -> bool:
-    """Tell whether finite readings do not vary, or by less than any quantity does (1e-75)."""
+    """Return True where finite readings do not vary, or by less than any quantity does (1e-75)."""
     return values.size == 0 or float(np.ptp(values)) <= LEAST
 
 

@@ -17,7 +17,7 @@ _STRONG = 0.3  # of the strongest change of speed: the first impact
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One reversal from down to up: the sample of the fastest descent, and what is around it."""
+    """One reversal from down to up: the sample of the fastest descent, and its surroundings."""
 
     descent: int
     before: int  # first sample of the descending stretch

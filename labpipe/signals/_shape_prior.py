@@ -1,4 +1,4 @@
-"""What is known of the shape of a contact's pulse before it is fitted."""
+"""Prior knowledge of the shape of a contact's pulse."""
 
 from typing import NamedTuple
 
@@ -13,9 +13,9 @@ _CREST, _CREST_BY_GRAVITY = 0.0275, 0.021
 
 
 class ShapePrior(NamedTuple):
-    """What is known beforehand of lean, flatness, skewness, crest and onset (r1 to r5) of the pulse.
+    """Prior of lean, flatness, skewness, crest and onset (r1 to r5) of the pulse.
 
-    Each is ``at_no_loss + per_loss (1 - e) + per_loss_squared (1 - e)^2``, beside the elastic value for r2 and r4,
+    Each is ``at_no_loss + per_loss (1 - e) + per_loss_squared (1 - e)^2``, added to the elastic value for r2 and r4,
     within a standard deviation of ``spread + spread_per_loss (1 - e)^power``; ``root`` is the symmetric root of
     the correlations.
     """
@@ -64,11 +64,11 @@ _BY_TILT, _LOSS_BY_TILT = np.array([-0.265, 0.0, 0.034, 0.0, 0.017]), 0.425
 
 
 class Character(NamedTuple):
-    """What the shape of a pulse depends on.
+    """Quantities on which the shape of a pulse depends.
 
     ``loss``: part of the speed that the solid does not return; ``weight``: speed that gravity, and a plate that springs
-    back, take during contact, of the incoming; ``tilt``: the same of what the plate takes more at lift-off, and less at
-    touch, than on average; ``u_loss``: standard uncertainty of the loss, by what is not known of the plate.
+    back, take during contact, of the incoming; ``tilt``: the same of the part that the plate takes more at
+    lift-off, and less at touch, than on average; ``u_loss``: standard uncertainty of the loss, by that of the plate.
     """
 
     loss: float

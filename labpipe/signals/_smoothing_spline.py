@@ -54,7 +54,7 @@ _UPDATE = Update(_UPDATES, _SETTLED, _POOL, _SHARED_WEIGHT, _NO_ENERGY, *_LAMBDA
 
 @dataclass(frozen=True, slots=True)
 class Smooth:
-    """A fitted spline and what is needed for its variance.
+    """A fitted spline with the covariance of its coefficients.
 
     ``intervals`` in units of ``time_scale`` from ``time_origin``; ``coefficients`` and the variance
     in units of ``sigma`` about ``offset``; ``covariance`` (m, 6) is the band of the coefficients'

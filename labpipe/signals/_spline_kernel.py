@@ -36,7 +36,7 @@ class Intervals(NamedTuple):
     ``first`` is the first coefficient that counts in one, ``low`` where it begins, ``octave`` the
     rounded binary logarithm of its ``length`` above the smallest, ``power`` its length to the
     power in which a penalty grows. ``basis`` (interval, 6, 6) holds, by power of the distance from
-    the middle over the length, what multiplies each of the six coefficients.
+    the middle over the length, the factors of the six coefficients.
     """
 
     first: Indices
@@ -75,7 +75,7 @@ class Space(NamedTuple):
 def factored(band: Floats, n: int) -> bool:
     """Replace the lower band of a matrix by its factors ``L D L'``; False if that fails.
 
-    ``band[j, d] = A[j + d, j]``, of shape (n + DEGREE, DEGREE + 1); what stands beyond the end of a
+    ``band[j, d] = A[j + d, j]``, of shape (n + DEGREE, DEGREE + 1); entries beyond the end of a
     diagonal, in its last rows too, is set to 0. ``D`` is kept as its inverse.
     """
     for j in range(n + DEGREE):
@@ -195,7 +195,7 @@ def variances(intervals: Intervals, basis: Floats, inverse: Floats, x: Floats, r
 
 @inner(fastmath=_FAST)
 def _row(basis: Floats, s: int, u: float, row: Floats) -> None:
-    """Fill in what multiplies the six coefficients that count in an interval."""
+    """Fill in the factors of the six coefficients that count in an interval."""
     last = basis.shape[1] - 1
     for i in range(_WIDTH):
         row[i] = basis[s, last, i]
@@ -284,7 +284,7 @@ def _load(normal: Floats, right: Floats, intervals: Intervals, space: Space, coe
 
 @inner(fastmath=_FAST)
 def _update(intervals: Intervals, update: Update, space: Space) -> bool:
-    """Set penalties to parameters used per roughness; tell whether they hardly changed.
+    """Set penalties to parameters used per roughness; return True where they hardly changed.
 
     Both are pooled over neighbours (a triangular window) and over all intervals of equal length.
     """

@@ -241,16 +241,7 @@ def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
 )
 @click.option("--prior", metavar="dma|NAME", help="Use the moduli of the session's rheometer experiment as prior.")
 @click.option(
-    "--spectrum", type=click.Choice(["smooth", "fractional"]), default="smooth", help="Family of relaxation spectra."
-)
-@click.option(
     "--impacts", default=6, type=click.IntRange(min=1, max=100), help="Number of bounces of a drop that are evaluated."
-)
-@click.option(
-    "--sampler",
-    type=click.Choice(["laplace", "rto"]),
-    default="laplace",
-    help="Normal approximation alone, or with independent draws of the posterior.",
 )
 @jobs_option
 @json_option

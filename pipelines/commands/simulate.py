@@ -391,7 +391,6 @@ def _heating_rows(found: "xr.Dataset", material: "Material", thermal: "Thermal",
         ("self-heating by the first impact", float(estimate.dataset["bulk_rise"][0]), "K"),
         ("self-heating after all impacts", estimate.train, "K"),
         ("self-heating without conduction", estimate.train_adiabatic, "K"),
-        ("self-heating if all heat were from friction", estimate.surface, "K"),
         ("change of modulus by heating", estimate.modulus_change, ""),
         ("thermal properties", f"{thermal.status}: {thermal.source}", ""),
     ]

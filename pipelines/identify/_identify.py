@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from labpipe import files, identification
 from labpipe.arrays import Floats
@@ -34,9 +34,7 @@ class Wish:
 
     experiments: tuple[str, ...] = ()
     prior: str | None = None
-    spectrum: str = "smooth"
     impacts: int = 6
-    sampler: str = "laplace"
 
 
 @dataclass(slots=True)
@@ -121,11 +119,7 @@ def _identified(
         contributions.append(derive(results, group.prior, derived_of(group.prior, "prior"), **keywords))
     data = (min(each.window[0] for each in contributions), max(each.window[1] for each in contributions))
     nu = contributions[0].nu
-    spectrum = (
-        identification.SmoothSpectrum(identification.relaxation_times(*data), nu)
-        if wish.spectrum == "smooth"
-        else identification.FractionalSpectrum.over(*data, nu)
-    )
+    spectrum = identification.SmoothSpectrum(identification.relaxation_times(*data), nu)
 
     def rebuilt(rho: Floats) -> tuple[identification.Evidence, ...]:
         return tuple(each.build(rho) for each in contributions)
@@ -137,12 +131,8 @@ def _identified(
         warnings.warn(f"{material}: the fit did not converge; use its intervals with care", UserWarning, stacklevel=2)
     if group.prior is not None:
         before = identification.posterior(identification.fit(problem.only(prior=True)))
-    drawn = None
-    if wish.sampler == "rto":
-        say("draws of the posterior")
-        drawn = identification.sample(known)
     said = [*remarks, *filter(None, [of_temperature(group.experiments)])]
-    return Identified(material, known, identification.long_time_modulus(known), before, tuple(said), drawn)
+    return Identified(material, known, identification.long_time_modulus(known), before, tuple(said))
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,9 +179,7 @@ def identify(
     experiments: Iterable[str] = (),
     *,
     prior: str | None = None,
-    spectrum: Literal["smooth", "fractional"] = "smooth",
     impacts: int = 6,
-    sampler: Literal["laplace", "rto"] = "laplace",
     jobs: int = 1,
     say: Callable[[str], None] | None = None,
 ) -> Identification:
@@ -208,12 +196,8 @@ def identify(
         Only these; by default all that can identify a material.
     prior : str, optional
         ``"dma"`` for the moduli of the session's rheometer experiment, or the name of one.
-    spectrum : {"smooth", "fractional"}
-        Family of relaxation spectra.
     impacts : int
         Bounces of a drop that are evaluated.
-    sampler : {"laplace", "rto"}
-        Normal approximation alone, or with independent draws of the posterior.
     jobs : int
         Experiments processed side by side; 0 processes in this process.
     say : callable, optional
@@ -235,7 +219,7 @@ def identify(
     >>> identify("my-session", ["acrylic_5mm", "acrylic_10mm"])  # doctest: +SKIP
     """
     names = (experiments,) if isinstance(experiments, str) else tuple(experiments)
-    wish = Wish(names, prior, spectrum, impacts, sampler)
+    wish = Wish(names, prior, impacts)
     found = identify_materials(folder, wish, say=say, jobs=jobs)
     session = reopen_session(folder)
     pages, paths = [], []

@@ -249,9 +249,7 @@ def _unknowns(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
         rows.append((parameter.name, parameter.text, value, after, before, verdict))
     titles = ("unknown", "meaning", "most probable", "95 % posterior", "95 % prior", "verdict")
     table = Table(tuple(map(Column, titles)), rows, sortable=False)
-    drawn = found.drawn
-    said = () if drawn is None else (Notice("ok" if drawn.is_reliable else "warning", drawn.statement),)
-    return table, *said
+    return (table,)
 
 
 def _method(found: Identified) -> tuple[Block, ...]:

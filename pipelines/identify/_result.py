@@ -8,17 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.special import ndtri
 
-from labpipe.identification import (
-    DETERMINED,
-    LongTimeModulus,
-    Moduli,
-    Posterior,
-    Sample,
-    informative_range,
-    moduli,
-    predictive_bands,
-    sampled_moduli,
-)
+from labpipe.identification import DETERMINED, LongTimeModulus, Posterior, informative_range, moduli, predictive_bands
 from labpipe.variables import described
 
 _PER_DECADE = 6
@@ -34,7 +24,7 @@ class Identified:
 
     ``material`` is its name in the session, ``known`` the posterior (its fit is ``known.fit``), ``relaxed`` the
     limits of the long-time modulus. ``prior`` is the posterior of the rheometer alone, when it was taken as prior;
-    ``remarks`` name omitted data and the reasons; ``drawn`` are draws of the posterior, when they were asked for.
+    ``remarks`` name omitted data and the reasons.
     """
 
     material: str
@@ -42,7 +32,6 @@ class Identified:
     relaxed: LongTimeModulus
     prior: Posterior | None
     remarks: tuple[str, ...]
-    drawn: Sample | None = None
 
 
 def dataset(found: Identified) -> xr.Dataset:
@@ -54,8 +43,7 @@ def dataset(found: Identified) -> xr.Dataset:
     contribution of the unknown structure to them, those of the prior, and ``is_determined``.
     Over ``parameter``: values with 95 % intervals, prior and verdict. Over ``structure``: its
     probability. Over ``observation``: observed,
-    predicted, residuals. With draws of the posterior also their 95 % intervals,
-    ``drawn_…_low`` and ``drawn_…_high``.
+    predicted, residuals.
     """
     known, fit = found.known, found.known.fit
     solid = fit.problem.material(fit.xi)
@@ -86,7 +74,7 @@ def dataset(found: Identified) -> xr.Dataset:
         ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where determined"),
     ):
         table[name] = ("frequency", values, described(units, text))
-    table |= _parameters(found) | _observations(found) | _drawn(found, curve)
+    table |= _parameters(found) | _observations(found)
     chances = structure(found)
     table["structure_name"] = ("structure", list(chances), described("1", "structure of the spectrum"))
     table["structure_probability"] = ("structure", list(chances.values()), described("1", "its posterior probability"))
@@ -102,30 +90,9 @@ def dataset(found: Identified) -> xr.Dataset:
             "discrepancies": json.dumps(misfits),
             "long_time": json.dumps(asdict(found.relaxed)),
             "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
-            "sampler": "laplace" if found.drawn is None else found.drawn.statement,
             "work": json.dumps({"evaluations": fit.evaluations, "differentiations": fit.differentiations}),
         },
     )
-
-
-def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
-    """Return the 95 % intervals of the draws, where there are any."""
-    if found.drawn is None:
-        return {}
-    problem, drawn = found.known.fit.problem, found.drawn
-    values = [[p.value(x) for p, x in zip(problem.parameters, xi, strict=True)] for xi in drawn.draws.tolist()]
-    storage, loss_factor = sampled_moduli(drawn, found.known, curve)
-    ends = np.array([0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
-    table = {}
-    for name, dimension, numbers, units in (
-        ("storage", "frequency", storage, "Pa"),
-        ("loss_factor", "frequency", loss_factor, "1"),
-        ("parameter", "parameter", np.array(values), "1"),
-    ):
-        low, high = drawn.quantiles(numbers, ends)
-        table[f"drawn_{name}_low"] = dimension, low, described(units, "2.5 % quantile of the draws")
-        table[f"drawn_{name}_high"] = dimension, high, described(units, "97.5 % quantile of the draws")
-    return table
 
 
 def structure(found: Identified) -> dict[str, float]:
@@ -215,6 +182,5 @@ def document(found: Identified) -> dict[str, Any]:
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
         "is_settled": found.known.fit.is_converged,
         "discrepancies": json.loads(made.attrs["discrepancies"]),
-        "sampler": made.attrs["sampler"],
         "remarks": list(found.remarks),
     }

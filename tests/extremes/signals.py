@@ -1,4 +1,4 @@
-"""Extreme records: derivatives, oscillations, lags, repeats, and measures of agreement.
+"""Extreme records: derivatives, oscillations, repeats, and measures of agreement.
 
 Truth is a formula. Records come unevenly sampled, far from zero, in single precision, reversed or
 strided in memory, read-only, with bursts of missing samples; a fault in them must be refused.
@@ -114,13 +114,11 @@ def record_that_is_none(random: Random) -> Outcome:
         "bounces": lambda: signals.bounces(record),
         "fit_sinusoid": lambda: signals.fit_sinusoid(time, values, 1.4),
         "damped_oscillation": lambda: signals.damped_oscillation(time, values),
-        "lag": lambda: signals.lag(record, whole),
-        "lag of the second": lambda: signals.lag(whole, record),
         "repeats": lambda: signals.combine_repeats([whole, record], [0.0, 0.0]),
         "at_times": lambda: signals.interpolated_at(record, np.linspace(0.2, 0.8, 9)),
     }
     name = str(random.choice(list(calls)))
-    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times", "lag", "lag of the second"):
+    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times"):
         return Outcome(0.0, "")  # any quantity will do
     if fault in ("nothing", "one") and name in ("repeats", "at_times"):
         return Outcome(0.0, "")  # what was not read stays NaN

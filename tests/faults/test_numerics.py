@@ -86,7 +86,6 @@ def record(time: Array, values: Array) -> xr.DataArray:
 STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "velocity": (fall, lambda t, y: signals.velocity(record(t, y))),
     "bounces": (drop, lambda t, y: signals.bounces(record(t, y))),
-    "lag": (fall, lambda t, y: signals.lag(record(t, y), record(t + 0.01, y))),
     "repeats": (fall, lambda t, y: signals.combine_repeats([record(t, y)] * 2, [0.0, 0.01])),
     "compare": (fall, lambda t, y: signals.compare(record(t, y), record(t, y[::-1]))),
     "agreement": (wave, signals.agreement),
@@ -199,7 +198,7 @@ FAULTS: dict[str, Fault] = {
     "zero": one(lambda c, rng: 0.0 * c),
     "steps": one(lambda c, rng: np.round(c, 5)),
 }
-COSTLY = {"bounces": 3, "velocity": 12, "lag": 12}
+COSTLY = {"bounces": 3, "velocity": 12}
 """Examples in every run, of steps that take a tenth of a second."""
 
 

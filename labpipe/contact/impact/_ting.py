@@ -22,8 +22,18 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.contact.impact._polynomials import crossing, fade, power_sum, slope, summit, value_at
-from labpipe.contact.impact._radau import UNSOLVED, accept, attempt, gap
+from labpipe.contact.impact._radau import (
+    UNSOLVED,
+    accept,
+    attempt,
+    crossing,
+    fade,
+    gap,
+    power_sum,
+    slope,
+    summit,
+    value_at,
+)
 from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
 
 # How a contact ends.

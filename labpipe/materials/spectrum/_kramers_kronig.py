@@ -5,9 +5,6 @@ spectrum to one modulus alone, predicts the other, and compares the misfit of a 
 the misfit of either modulus alone. A material that slips, a clamp that yields, a phase that
 is delayed, or sweeps that time-temperature superposition should not have joined show up here.
 
-The textbook slope rule E″ ≈ (π/2) dE′/d ln ω is returned as a curve to look at; on noisy data it
-errs by 30 to 100 % and is no test.
-
 References
 ----------
 Booij & Thoone, Rheol. Acta 21 (1982) 15, doi:10.1007/BF01520701.
@@ -39,8 +36,6 @@ MIDDLE_SHARE = 0.7
 _LEAST_MISFIT = 1e-3
 # Below this number of points per modulus a spectrum can follow anything.
 _LEAST_POINTS = 8
-# Window of the local slope, decades to either side.
-_SLOPE_WINDOW = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +55,7 @@ class KramersKronig:
     misfit : dict
         Relative misfits: ``storage_alone``, ``loss_alone``, ``storage_common``, ``loss_common``.
     curves : Dataset
-        Over ``frequency`` [Hz]: ``storage``, ``loss``, ``storage_from_loss``,
-        ``loss_from_storage``, ``loss_from_slope`` [Pa].
+        Over ``frequency`` [Hz]: ``storage``, ``loss``, ``storage_from_loss``, ``loss_from_storage`` [Pa].
     """
 
     verdict: Verdict
@@ -138,7 +132,6 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
         "loss": (second, "loss modulus"),
         "storage_from_loss": (storage_from_loss, "storage modulus predicted from the loss"),
         "loss_from_storage": (alone[1], "loss modulus predicted from the storage"),
-        "loss_from_slope": (_slope_rule(ln_omega, first), "loss modulus by the slope rule"),
     }
     misfits = (alone[2][0], lossy[2][1], *common)
     return KramersKronig(
@@ -189,17 +182,6 @@ def _fit(
         for model, values in zip(fitted, (storage, loss), strict=True)
     ]
     return fitted[0], fitted[1], (misfit[0], misfit[1]), solution.strength
-
-
-def _slope_rule(ln_omega: Floats, storage: Floats) -> Floats:
-    """(π/2) dE′/d ln ω from straight lines through the neighbourhood of every point."""
-    slope = np.empty(ln_omega.size)
-    for i, x in enumerate(ln_omega):
-        near = np.abs(ln_omega - x) <= _SLOPE_WINDOW * np.log(10.0)
-        distance = ln_omega[near] - ln_omega[near].mean()
-        spread = float(distance @ distance)
-        slope[i] = distance @ storage[near] / spread if spread > 0 else np.nan
-    return 0.5 * np.pi * slope
 
 
 def _rms(values: Floats) -> float:

@@ -10,25 +10,6 @@ from labpipe.errors import InputError
 
 RADIUS, MASS = 9.525e-3, 0.505
 
-# b, restitution and contact time of x'' + b sqrt(x) x' + x^{3/2} = 0, x'(0) = 1, until F = 0.
-DASHPOT = [(0.1, 0.8928588755, 3.15725566), (3.0, 0.1337166224, 2.27385627)]
-
-
-def scaled(damping: float):
-    """A collision with k/m = 1e15 and unit speed: gravity is 1e-7 of everything else."""
-    stiffness = contact_stiffness(RADIUS, 1e9, 0.3)
-    mass = stiffness / 1e15
-    return collision(
-        RADIUS, mass, 5.0, youngs_modulus=1e9, nu=0.3, damping=damping * mass * 1e9, gravity=0.1, duration=10.001
-    )
-
-
-@pytest.mark.parametrize(("damping", "restitution", "duration"), DASHPOT)
-def test_one_impact_matches_the_dashpot_table(damping, restitution, duration) -> None:
-    found = scaled(damping)
-    assert float(found.restitution[0]) == pytest.approx(restitution, rel=1e-6)
-    assert float(found.contact_duration[0]) * 1e6 == pytest.approx(duration, rel=2e-6)
-
 
 def test_printed_stiffness_is_half_the_right_one() -> None:
     right = contact_stiffness(RADIUS, 3.2e9, 0.35)
@@ -76,12 +57,3 @@ def test_values_outside_the_domain_are_refused(wrong) -> None:
     arguments = {"radius": RADIUS, "mass": MASS, "height": 1.5e-3} | wrong
     with pytest.raises(InputError):
         collision(**arguments)
-
-
-def test_the_first_impacts_are_those_of_the_whole_run() -> None:
-    law = {"damping": 15e3, "yield_depth": 5e-5, "unloading_multiplier": 1.2}
-    few, all_of_them = (collision(9.525e-3, 0.505, 5e-3, duration=0.2, impacts=n, **law) for n in (2, None))
-    assert few.sizes["impact"] == 2 < all_of_them.sizes["impact"]
-    for name in ("restitution", "impact_time", "peak_overlap"):
-        np.testing.assert_array_equal(few[name], all_of_them[name][:2])
-    assert float(few.time[-1]) == pytest.approx(float(few.impact_time[1] + few.contact_duration[1]), rel=1e-12)

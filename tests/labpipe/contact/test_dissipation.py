@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.special import spence
 
 from labpipe.contact import dissipated_power, dissipated_work
 from labpipe.contact.line import dissipation
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from pipelines.rig.reference_indentation import reference_indentation
-from pipelines.rig.solids import Element, Viscoelastic
 
 RADIUS, PERIOD, DEPTH = 2e-3, 8e-3, 18e-3
 RUBBER = Prony(7.6e6, [30e6, 60e6], [1e-2, 1e-4], nu=0.5)
@@ -40,33 +37,6 @@ def test_the_spectral_route_is_the_closed_form_and_adds_harmonics():
     assert power[0] == pytest.approx(float(works[0]) * frequency, rel=1e-9)
     assert power[1] == pytest.approx(float(works[1]) * 3 * frequency, rel=1e-9)
     assert power[2] == pytest.approx(power[0] + power[1], rel=1e-9)
-
-
-def test_the_spectral_route_is_the_work_of_force_on_motion_in_time():
-    """The rig's springs, which know neither spectra nor a complex modulus, are moved by three lines at once."""
-    half_width, base = 0.42e-3, 20.0
-    steps = 2000
-    cycle = np.arange(3 * steps) / steps
-    lines = ((1, 6e-8, 0.3), (2, 3e-8, 1.9), (5, 1e-8, -0.7))
-    wave = sum(a * np.sin(2 * np.pi * n * cycle + p) for n, a, p in lines)
-    tip = PERIOD**2 / (4 * np.pi**2 * RADIUS)
-    mean = tip * (np.pi**2 / 6 - spence(np.sin(np.pi * half_width / PERIOD) ** 2))
-    rest = np.linspace(0.0, 1.0, 500, endpoint=False)
-    moved = np.concatenate([mean * np.minimum(rest / 0.1, 1.0), mean + wave * np.minimum(cycle, 1.0)])
-    time = np.concatenate([rest, 1.0 + cycle / base])
-    solid = Viscoelastic((Element(30e6, 1e-2), Element(60e6, 1e-4)), 7.6e6, 0.5)
-    force, width = reference_indentation(
-        solid, tip_radius=RADIUS, period=PERIOD, depth=DEPTH, time=time, displacement=moved
-    )
-    last = slice(time.size - steps - 1, None)
-    work = np.trapezoid(force[last], moved[last])
-    assert np.ptp(width[last]) == 0.0  # the contact breathes by less than a spring
-    square = np.sin(np.pi * width[-1] / PERIOD) ** 2
-    at_rest = tip * square * (1.0 - np.log(square))  # eq. (2.17) solved for the indentation of this contact
-    found = dissipated_power(RUBBER, np.arange(steps) / steps / base, at_rest + wave[-steps:], RADIUS, PERIOD, DEPTH)
-    assert found == pytest.approx(work * base, rel=2e-4)
-    alone = dissipated_work(RUBBER, base, lines[0][1], at_rest, RADIUS, PERIOD, DEPTH)
-    assert work > 1.1 * float(alone)  # the harmonics weigh
 
 
 @pytest.mark.parametrize(

@@ -5,26 +5,12 @@ import pytest
 from scipy.integrate import quad
 
 from labpipe import contact, materials
-from labpipe.contact import flash_temperature, self_heating
+from labpipe.contact import self_heating
 from labpipe.contact._heating import remaining_share
 from labpipe.errors import InputError
 from labpipe.materials import Thermal, thermal
 
 SOLID = Thermal(1180.0, 1470.0, 0.19)
-
-
-@pytest.mark.parametrize("time", [1e-6, 1.0])
-def test_a_hot_disc_is_the_sum_of_its_point_sources(time: float) -> None:
-    flux, radius = 1e5, 1e-3
-
-    def earlier(root: float) -> float:
-        """Heat released s = root² before now, integrated over the disc; ds = 2 root d(root)."""
-        spread = -np.expm1(-(radius**2) / (4.0 * SOLID.diffusivity * root**2)) if root else 1.0
-        return 2.0 * flux * float(spread) / np.sqrt(np.pi * SOLID.diffusivity)
-
-    total, _ = quad(earlier, 0.0, np.sqrt(time), epsrel=1e-12, limit=200)
-    expected = total / (SOLID.density * SOLID.heat_capacity)
-    assert float(flash_temperature(flux, radius, time, SOLID)) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("time", [0.1, 30.0])
@@ -50,7 +36,6 @@ def test_heat_of_a_train_is_that_of_the_ledger_and_the_bounds_are_in_order() -> 
     assert heat == pytest.approx(float(drop["dissipated_energy"][-1]), rel=1e-6)
     assert (table["bulk_rise"] <= table["train_rise"] + 1e-12).all()
     assert (table["train_rise"] <= table["train_rise_adiabatic"]).all()
-    assert (table["bulk_rise"] < table["surface_rise"]).all()
     assert np.all(np.diff(table["train_rise_adiabatic"].values) > 0.0)
     assert 0.3 < found.bulk < 0.8
     assert found.modulus_change_bound <= found.modulus_change < 0.0
@@ -75,5 +60,3 @@ def test_what_cannot_be_estimated_is_refused() -> None:
         Thermal(1.0, 1.0, 0.0)
     with pytest.raises(InputError, match='no thermal properties of "steel"'):
         thermal("steel")
-    with pytest.raises(InputError, match="flux must be 0 or more"):
-        flash_temperature(-1.0, 1.0, 1.0, SOLID)

@@ -7,10 +7,6 @@ from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 
 
-def test_contact_time_is_that_of_the_literature() -> None:
-    assert pytest.approx(2.9432751843, abs=5e-11) == hertz.CONTACT_TIME
-
-
 def test_scaled_impact_matches_the_table() -> None:
     # x'' = -x^{3/2}: mass 1, (4/3) E* sqrt(R) = 1.
     found = hertz.impact(1.0, 1.0, 1.0, 0.75)

@@ -66,12 +66,6 @@ def test_a_sphere_that_stays_is_not_followed_to_its_rest(plate):
     assert int(found["solver_steps"][0]) < 0.7 * json.loads(alone.attrs["work"])["solver_steps"]
 
 
-def test_a_drop_that_ends_before_its_touch_has_no_impact():
-    found = impacts(SOLID, R, MASS, [1e-3, 1.0], 0.05)
-    assert found["impacts"].values.tolist() == [1, 0]
-    assert np.isnan(found["restitution"].values[1]).all()
-
-
 def test_what_is_given_is_checked():
     with pytest.raises(InputError, match="radius has 2, mass has 3"):
         impacts(SOLID, [R, R], [MASS] * 3, 1e-3, 0.05)

@@ -36,19 +36,6 @@ def test_pressure_of_the_springs_solves_the_contact_problem(thickness, profile) 
     assert pressure == pytest.approx(np.roll(pressure[::-1], 1), abs=1e-12)
 
 
-def test_force_and_width_have_no_staircase() -> None:
-    bed = bed_of()[2].springs
-    rest = np.zeros(bed.size)
-    depth = np.linspace(1e-4, 1.2e-4, 400)
-    answers = [bed.press(rest, 1.0, d, 0.0) for d in depth]
-    force = np.array([a.force for a in answers])
-    width = np.array([a.half_width for a in answers])
-    smooth = np.polynomial.Polynomial.fit(depth, force, 4)(depth)
-    assert np.abs(force / smooth - 1.0).max() < 1e-5
-    smooth = np.polynomial.Polynomial.fit(depth, width, 4)(depth)
-    assert np.abs(width - smooth).max() < 0.01 * PERIOD / ELEMENTS
-
-
 def test_a_history_that_lifts_an_outer_spring_first_is_not_nested() -> None:
     bed = bed_of()[2].springs
     history = np.zeros(bed.size)

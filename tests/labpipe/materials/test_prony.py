@@ -43,31 +43,6 @@ def test_convolution_of_creep_and_relaxation_is_the_time():
         assert area == pytest.approx(t, rel=1e-10)
 
 
-def test_limits_of_time_and_frequency(acrylic_like):
-    assert acrylic_like.relaxation(0.0) == pytest.approx(6e9, rel=EXACT)
-    assert acrylic_like.relaxation(1e300) == 2e9
-    assert acrylic_like.creep(0.0) == pytest.approx(1 / 6e9, rel=EXACT, abs=0.0)
-    assert acrylic_like.complex_modulus(0.0) == 2e9
-    assert acrylic_like.complex_modulus(1e300).real == pytest.approx(6e9)
-    assert acrylic_like.creep(1e300) == pytest.approx(0.5e-9, rel=EXACT, abs=0.0)
-
-
-def test_liquid_flows():
-    liquid = Prony(0.0, [1e6], [2.0])
-    assert liquid.is_liquid
-    assert liquid.fluidity == 5e-7
-    np.testing.assert_allclose(liquid.creep([0.0, 4.0]), [1e-6, 3e-6])
-    assert liquid.complex_compliance(0.0) == complex(1e-6, -np.inf)
-
-
-def test_zero_instantaneous_compliance_is_a_dashpot():
-    voigt = Prony.from_creep(3.0, [1 / 3], [2.0])
-    assert voigt.E_unrelaxed == np.inf
-    assert voigt.viscosity == pytest.approx(6.0)
-    np.testing.assert_array_equal(voigt.relaxation([0.0, 1.0]), [np.inf, 3.0])
-    assert voigt.creep(2.0) == pytest.approx((1 - np.exp(-1)) / 3)
-
-
 def test_zero_weights_are_dropped_and_equal_times_added():
     solid = Prony(1.0, [1.0, 0.0, 2.0, 3.0], [5.0, 7.0, 1.0, 5.0])
     np.testing.assert_array_equal(solid.E, [2.0, 4.0])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from labpipe.materials import Prony, fewest_terms
+from labpipe.materials import Prony
+from labpipe.materials.spectrum import fewest_terms
 
 WIDE = Prony(1e7, 1e8 * np.exp(-0.5 * ((np.linspace(-8, 2, 31) + 3) / 2) ** 2), np.logspace(-8, 2, 31), nu=0.4)
 

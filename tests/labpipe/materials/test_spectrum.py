@@ -49,28 +49,6 @@ def test_smoothing_chosen_by_cross_validation_is_near_the_best(maxwell_truth):
     assert 5 < chosen.freedom < 40
 
 
-def test_clean_data_are_followed_to_the_grid(fractional_truth):
-    design, measured, weight, grid, _ = problem(fractional_truth, 0.0)
-    system = compress(design * weight[:, None], measured * weight)
-    chosen = solve_by_cross_validation(*system, grid.penalty, measured.size)
-    assert np.abs(design @ chosen.coefficient / measured - 1).max() < 2e-3
-
-
-def test_solution_is_the_constrained_optimum(maxwell_truth):
-    design, measured, weight, grid, _ = problem(maxwell_truth, 0.02)
-    rows, target = design * weight[:, None], measured * weight
-    solution = solve(*compress(rows, target), grid.penalty, 0.01)
-    gradient = rows.T @ (target - rows @ solution.coefficient)
-    gradient -= 0.01 * grid.penalty.T @ (grid.penalty @ solution.coefficient)
-    size = np.abs(rows.T @ target).max()
-    active = solution.coefficient > 0
-    assert (solution.coefficient >= 0).all()
-    assert np.abs(gradient[active]).max() < 1e-8 * size
-    assert gradient[~active].max(initial=-1.0) < 1e-8 * size
-    residual = float(np.sum((target - rows @ solution.coefficient) ** 2))
-    assert solution.misfit == pytest.approx(residual, rel=1e-9)
-
-
 def test_nearby_solution_equals_the_one_from_nothing(maxwell_truth):
     design, measured, weight, grid, _ = problem(maxwell_truth, 0.02)
     rows, target = design * weight[:, None], measured * weight

@@ -70,14 +70,6 @@ def test_they_join_the_sweeps_of_a_file():
     assert len(json.loads(joined.attrs["tests"])) == 2
 
 
-def test_a_clock_that_runs_on_starts_again_with_each_test():
-    running = readings([20.0, 20.0])
-    running["time"].values[TIME.size :] += TIME[-1]
-    found = with_responses(running)
-    half = found.sizes["sample"] // 2
-    np.testing.assert_allclose(found.storage_modulus[:half], found.storage_modulus[half:], rtol=1e-9)
-
-
 def test_readings_without_such_tests_stay_as_they_are():
     plain = xr.Dataset({"frequency": ("sample", [1.0])}, attrs={"tests": '[{"rows": 1}]'})
     assert with_responses(plain) is plain

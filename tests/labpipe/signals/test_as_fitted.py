@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 from labpipe import contact, signals
-from labpipe.errors import InputError
 
 _INTERVAL, _NOISE = 5e-5, 1e-6
 _RECORDS = 8
@@ -67,19 +66,6 @@ def test_an_impact_without_a_lift_off_has_no_values(simulated: xr.Dataset) -> No
         u_gravity=0.01,
     )
     assert np.isfinite(short["penetration"].values).tolist() == [True, False]
-
-
-def test_noise_that_is_none_is_refused(simulated: xr.Dataset) -> None:
-    with pytest.raises(InputError, match="expected the positive standard deviation"):
-        signals.as_fitted(
-            simulated["displacement"],
-            simulated["impact_time"].values,
-            simulated["contact_duration"].values,
-            1,
-            noise=0.0,
-            gravity=9.81,
-            u_gravity=0.01,
-        )
 
 
 def test_a_flight_that_ends_in_a_contact_without_lift_off_does_not_spoil_the_impact_before() -> None:

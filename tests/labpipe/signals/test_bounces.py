@@ -8,7 +8,6 @@ from labpipe.contact import drop
 from labpipe.errors import InputError
 from labpipe.materials import load
 from labpipe.signals import bounces
-from labpipe.signals._reversals import Turn, common_fall
 from tests.by_day import by_day
 
 ACRYLIC = {"loss": 0.5}
@@ -40,18 +39,6 @@ def test_first_contact_within_two_samples(bouncing, measure, material):
     height = material.get("height", 1.5e-3)
     assert float(found.drop_height) == pytest.approx(height, abs=4 * float(found.u_drop_height))
     assert float(found.fall_acceleration) == pytest.approx(9.81, rel=1e-3)
-
-
-@pytest.mark.filterwarnings(STILL_MOVING)
-def test_every_bounce_of_an_elastic_body_is_found(bouncing, measure):
-    truth = bouncing(**ACRYLIC)
-    found = bounces(measure(truth, 20e3, 1e-6)[0])
-    assert found.sizes["impact"] == len(truth.liftoff)
-    np.testing.assert_allclose(found.touch_time, truth.touch, atol=5e-5)
-    np.testing.assert_allclose(found.liftoff_time, truth.liftoff, atol=5e-5)
-    np.testing.assert_allclose(found.restitution, truth.outgoing / truth.incoming, atol=5e-3)
-    assert np.all(found.u_restitution[:3] < 2e-3)
-    assert np.isnan(float(found.rest_time))
 
 
 def test_bounces_until_flights_are_a_few_micrometres_high(lossy):
@@ -235,39 +222,3 @@ def test_unknown_contact_law_is_refused(displacement_of):
 def test_too_few_readings_are_refused(displacement_of):
     with pytest.raises(InputError, match="at least 24 readings; found 10"):
         bounces(displacement_of(np.arange(10.0), np.zeros(10)))
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings(STILL_MOVING)
-def test_intervals_cover_the_truth_over_many_seeds(bouncing, measure, amount):
-    hits = {name: [] for name in ("touch_time", "liftoff_time", "restitution")}
-    worst = 0.0
-    for seed in range(amount(20, 40)):
-        truth = bouncing(**MATERIALS[seed % len(MATERIALS)])
-        found = bounces(measure(truth, 20e3, 1e-6, seed)[0])
-        n = found.sizes["impact"]
-        ratio = truth.outgoing[:n] / truth.incoming[:n]
-        for name, true in (
-            ("touch_time", truth.touch[:n]),
-            ("liftoff_time", truth.liftoff[:n]),
-            ("restitution", ratio),
-        ):
-            off = np.abs(found[name].values - true) / found[f"u_{name}"].values
-            hits[name] += (off < 1.96).tolist()
-        worst = max(worst, abs(float(found.first_contact_time) - truth.touch[0]))
-    assert worst < 2 / 20e3
-    for name, inside in hits.items():
-        assert 0.90 <= np.mean(inside) <= 0.995, name
-
-
-def test_the_fall_before_the_first_touch_alone_tells_the_acceleration():
-    """A single reversal whose flight is cut short: the fall up to shortly before the touch."""
-    time = np.arange(0.0, 0.041, 1e-4)
-    touch = 0.04
-    height = 0.5 * 9.7 * (touch**2 - time**2)
-    at = int(np.searchsorted(time, touch))
-    turn = Turn(at - 1, 0, at + 4, touch, touch + 3e-4, 0.8)
-    noise = 1e-8 * np.random.default_rng(4).standard_normal(time.size)
-    fall, u = common_fall(time, height + noise, 1e-8, [turn], None)
-    assert fall == pytest.approx(9.7, abs=4 * u)
-    assert u < 1e-3

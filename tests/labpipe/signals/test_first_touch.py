@@ -42,21 +42,6 @@ def test_steps_of_force_above_the_noise_are_not_noise(count: int) -> None:
     assert 0.6 < np.std(deviations) < 1.3
 
 
-def test_a_shift_of_either_axis_moves_the_answer_with_it() -> None:
-    plain = first_touch(POSITION, approach(3))
-    moved = first_touch(POSITION + 2e-3, approach(3) + 7.0)
-    assert moved.position - 2e-3 == pytest.approx(plain.position, abs=1e-9)
-    assert moved.level - 7.0 == pytest.approx(plain.level, abs=1e-5)
-
-
-def test_unread_values_are_left_out() -> None:
-    force = approach(1)
-    with_gaps = force.copy()
-    with_gaps[[3, 500, 1900]] = np.nan
-    found, plain = first_touch(POSITION, with_gaps), first_touch(POSITION, force)
-    assert found.position == pytest.approx(plain.position, abs=3 * plain.u_position)
-
-
 @pytest.mark.parametrize(
     ("position", "force", "match"),
     [

@@ -34,17 +34,6 @@ def test_a_struck_plate_moves_as_its_equation_says() -> None:
     assert after.time == pytest.approx(0.1 + waits + length)
 
 
-def test_a_frequency_hardly_known_leaves_the_swing_to_chance() -> None:
-    pulse = np.zeros(11)
-    known, _ = Beneath(Floor(0.03, 220.0, 0.04), speed=1e-2).struck(5e-3, 1e-3, pulse)
-    vague, left = Beneath(Floor(0.03, 220.0, 0.04, u_frequency=200.0), speed=1e-2).struck(5e-3, 1e-3, pulse)
-    assert known.u_speed == 0.0
-    assert abs(vague.speed).max() < 1e-3 * abs(known.speed).max()
-    swing = 1e-2 * np.exp(-0.04 * 2 * np.pi * 220.0 * 5e-3)
-    assert vague.u_speed == pytest.approx(np.sqrt(2) * swing, rel=0.1)  # of any phase, at touch and at lift-off
-    assert left.u_phase == pytest.approx(2 * np.pi * 200.0 * 5e-3)
-
-
 @pytest.mark.parametrize("mass", [20.0, 45.0])
 def test_on_a_light_plate_restitutions_are_free_of_its_part(mass: float) -> None:
     """Without the plate's mass the first impact is 0.4 u (45 kg) to 1.1 u (20 kg) too low."""

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from labpipe.contact.impact import drop
 from labpipe.materials import Prony
 from labpipe.signals import bounces
-from labpipe.signals._impact_fit import _FIRST, _SECOND, _SHAPES, OUTPUTS, _at, _of_unread, _unread_contact, fit_impact
+from labpipe.signals._impact_fit import _FIRST, _SECOND, _SHAPES, OUTPUTS, _at, fit_impact
 
 GRAVITY = 9.81
 
@@ -82,46 +82,6 @@ def test_unmodelled_vibration_enlarges_the_uncertainty():
     shaken = fit_impact(time, position + vibration, 1e-6, (0.0, end), GRAVITY, 1e-3)
     assert shaken.chi_square > 5
     assert shaken.covariance[0, 0] > 4 * quiet.covariance[0, 0]
-
-
-def test_a_gap_hides_a_contact_that_it_meets_and_is_much_wider_than_the_others():
-    time = np.concatenate([np.arange(0.0, 0.5, 0.01), np.arange(0.6, 1.0, 0.01)])
-    assert _unread_contact(time, 0.53, 0.56) == pytest.approx((0.49, 0.6))
-    assert _unread_contact(time, 0.2, 0.23) is None
-    assert _unread_contact(time, 2.0, 2.1) is None
-
-
-def test_what_a_hidden_contact_leaves_unknown_follows_from_the_arcs():
-    value = np.zeros(len(OUTPUTS))
-    place = {name: i for i, name in enumerate(OUTPUTS)}
-    speed, leaving, gap = 0.4, 0.3, 2e-3
-    for name, number in (
-        ("incoming_speed", speed),
-        ("outgoing_speed", leaving),
-        ("gravity", GRAVITY),
-        ("peak_acceleration", 500.0),
-    ):
-        value[place[name]] = number
-    found = _of_unread(value, gap)
-    u_time = gap / np.sqrt(6.0)
-
-    def between(first, second):
-        return found[place[first], place[second]]
-
-    assert between("touch_time", "touch_time") == pytest.approx(u_time**2)
-    # Later touch: lower by the speed, faster by gravity; a later lift-off: higher and slower.
-    assert between("touch_time", "touch_level") == pytest.approx(-speed * u_time**2, rel=1e-6, abs=0.0)
-    assert between("touch_time", "incoming_speed") == pytest.approx(GRAVITY * u_time**2)
-    assert between("liftoff_time", "liftoff_level") == pytest.approx(leaving * u_time**2, rel=1e-6, abs=0.0)
-    assert between("liftoff_time", "outgoing_speed") == pytest.approx(-GRAVITY * u_time**2)
-    assert between("touch_time", "liftoff_time") == 0.0
-    step = 1e-7
-    later = (leaving / (speed + GRAVITY * step) - leaving / speed) / step
-    assert between("touch_time", "restitution") == pytest.approx(later * u_time**2, rel=1e-4)
-    earlier = -GRAVITY / speed
-    assert between("liftoff_time", "restitution") == pytest.approx(earlier * u_time**2)
-    assert between("deepest_level", "deepest_level") == pytest.approx((speed * u_time) ** 2, rel=1e-6, abs=0.0)
-    assert between("peak_acceleration", "peak_acceleration") == pytest.approx(500.0**2)
 
 
 _RHO = np.logspace(-7.0, 1.0, 33)

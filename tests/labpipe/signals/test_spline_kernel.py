@@ -48,13 +48,3 @@ def test_a_matrix_that_is_not_positive_definite_is_told():
     band, _ = random_band(12)
     band[7, 0] = -1.0
     assert not factored(band, 12)
-
-
-@pytest.mark.parametrize("n", [1, 3, 4, 7])
-def test_what_stands_beyond_the_ends_of_the_diagonals_means_nothing(n):
-    band, _ = random_band(n)
-    beyond = np.add.outer(np.arange(n + WIDTH), np.arange(WIDTH + 1)) >= n
-    spoilt = np.where(beyond, 7.0, band)
-    found = selected_inverse(spoilt)
-    np.testing.assert_array_equal(found, selected_inverse(band))
-    assert not found[beyond].any()
