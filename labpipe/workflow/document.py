@@ -16,6 +16,9 @@ _BARE = re.compile(r"[\w-]+")
 """A key that TOML takes without quotation marks (and letters of any language, for reading)."""
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
+_PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
+_TOO_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST}}}{_PART}[ \t]*+[=\]]")
+"""A dotted key deeper than that: the time that the parser takes grows with the square of it."""
 
 Place = tuple[str | int, ...]
 """Where a value is: keys, and positions in arrays counted from 0."""
@@ -78,6 +81,10 @@ def parse(path: Path, text: str | None = None) -> Document:
         It is not TOML, too large, too deep, or holds a number that is not finite.
     """
     text = _text(path) if text is None else text.replace("\r\n", "\n")
+    deep = _TOO_DEEP.search(text)
+    if deep is not None:
+        line = text.count("\n", 0, deep.start()) + 1
+        raise ConfigError([f"{path.name}:{line}: nested deeper than {DEEPEST} levels; flatten it"])
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -79,7 +79,7 @@ def test_ctrl_c_keeps_what_came_and_is_130(tmp_path: Path) -> None:
     [
         (["--protocol", "dl-en1", "--decimals", "3", "--duration", "1 s"], "--port is needed"),
         (["--duration", "1 s"], "--decimals"),
-        (["--decimals", "3", "--duration", "1 kg"], 'for example "0.5 s"'),
+        (["--decimals", "3", "--duration", "1 kg"], 'such as "0.5 s"'),
     ],
 )
 def test_options_that_do_not_fit_are_usage_errors(options: list[str], words: str, tmp_path: Path) -> None:

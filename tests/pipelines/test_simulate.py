@@ -113,7 +113,7 @@ def test_adhesion_is_simulated_drawn_and_kept(capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (["adhesion", "--work", "50 mJ"], 2, "is in J; expected for example"),
+        (["adhesion", "--work", "50 mJ"], 2, "is in J; expected a number in J/m2"),
         (["adhesion", "--load", "1e9 N"], 3, "reduce the load"),
         (["drop", "--duration", "0.01 s", "--adhesion", "50 mJ/m2"], 3, "no completed impact"),
         (["drop", "--duration", "0.01 s", "--heating"], 3, "at least one completed impact"),
