@@ -156,9 +156,9 @@ def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | No
     scale = 2 * float(radius.attrs["u_systematic_relative"])
     u = hypot(scale, light.u / light.value, body.u / body.value)
     message = (
-        f"{settings.film}: R times wavelength is {in_words(1 / ratio, 4)} times what is stated, by the fringes "
-        f"(in this light a sphere of {in_words(1e3 * body.value / ratio, 4)} mm in radius, stated are "
-        f"{in_words(1e3 * body.value, 4)} mm), or else a pixel {in_words(sqrt(ratio), 4)} times as long"
+        f"{settings.film}: R times wavelength, determined from the fringes, is {100 * (1 / ratio - 1):+.2g} % from the "
+        f"stated value (in this light a sphere of {in_words(1e3 * body.value / ratio, 4)} mm in radius, stated are "
+        f"{in_words(1e3 * body.value, 4)} mm), or else a pixel is {100 * (sqrt(ratio) - 1):+.2g} % longer than stated"
     )
     u_ratio = ratio * hypot(float(radius.attrs.get("u_phase_scale_ratio", 0.0)), _OF_FORM)
     return compared(FRINGE, message, ratio, u_ratio, 1.0, u, file=settings.film)

@@ -110,7 +110,7 @@ def _of_statements(settings: Dma) -> Iterator[Check]:
     cause = "scale is mistyped: it corrects the specimen's dimensions alone"
     if abs(log10(scale) - round(log10(scale))) < 0.02:
         cause = "scale is probably 1: its decimal point slipped, or it was taken for a unit"
-    text = f"all moduli are multiplied by {scale:g}"
+    text = "no scale is stated" if scale == 1.0 else f"all moduli are multiplied by {scale:g}"
     yield stated("scale of the moduli", text, level, cause=cause, setting="scale")
 
 
@@ -252,7 +252,8 @@ def _stress_over_strain(export: Export) -> Check:
         return not_made(name, "stresses and strains")
     ratio = float(np.exp(np.median(np.log(size[known] * strain[known] / stress[known]))))
     expected = quantity(float(np.median(stress[known] / strain[known])), "Pa")
-    message = f"{file}: moduli are {_power_of_ten(ratio)} times stress over strain ({expected})"
+    differ = "equal" if abs(ratio - 1.0) < 0.02 else f"are {_power_of_ten(ratio)} times"
+    message = f"{file}: moduli {differ} stress over strain ({expected})"
     found = compared(name, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=0.25, file=file)
     cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_power_of_ten(ratio)}"
     power = round(log10(ratio))

@@ -103,15 +103,15 @@ def test_fringes_that_contradict_the_ruler_say_what_each_would_have_to_be(film):
     film.attrs["phase_scale_ratio"] = 1.0201
     told = finding(judged(film)[0], "spacing of the fringes")
     said = re.search(
-        r"R times wavelength is ([\d.]+) times .* a sphere of ([\d.]+) mm in radius, stated are ([\d.]+) mm.* "
-        r"or else a pixel ([\d.]+) times as long",
+        r"R times wavelength, .*, is ([-+.\d]+) % .* a sphere of ([\d.]+) mm in radius, stated are ([\d.]+) mm.* "
+        r"or else a pixel is ([-+.\d]+) % longer",
         told.message,
     )
     assert said is not None
-    ratio, asked, stated, pixel = map(float, said.groups())
-    assert asked / stated == pytest.approx(ratio, abs=1e-3)
-    assert pixel == pytest.approx(ratio**-0.5, abs=1e-3)
-    assert pixel == pytest.approx(1.01, abs=1.5e-3)
+    change, asked, stated, pixel = map(float, said.groups())
+    assert 100 * (asked / stated - 1) == pytest.approx(change, abs=0.1)
+    assert change == pytest.approx(100 / 1.0201 - 100, abs=0.1)
+    assert pixel == pytest.approx(1.0, abs=0.1)
 
 
 def test_another_polymer_is_told_beside_the_mass(film):
