@@ -18,7 +18,13 @@ from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import Colour, coloured_covariance, corner_in_flight
+from labpipe.signals._noise_spectrum import (
+    Colour,
+    coloured_covariance,
+    corner_in_flight,
+    estimate_corner,
+    velocity_factor,
+)
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
@@ -102,7 +108,7 @@ def bounces(
     noise : float, optional [m]
         Standard deviation of white noise; default estimated from the record.
     contact : {"any", "polymer"}
-        Prior knowledge of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
+        What is known of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
         ``"polymer"`` (a solid with a broad relaxation spectrum, such as acrylic, PEEK, nylon or
         PTFE) halves the uncertainties; ``"any"`` also covers bodies with one relaxation time and
         losses proportional to velocity.
@@ -120,8 +126,8 @@ def bounces(
         and ``chi_square`` [1] of each fit. Times, speeds and restitution also have a
         ``shared_u_``: the part of their ``u_`` that the unknown shape of the pulse brings about,
         which drops of the same body share, so that a mean over repeats keeps it. ``common_`` of
-        restitution, duration, incoming speed and penetration (impact, ``unknown``): their signed change by one
-        deviation of each unknown of the pulse's shape, then of the impact's own noise.
+        restitution, duration, incoming speed and penetration (impact, ``unknown``): what one deviation
+        of each unknown of the pulse's shape, then of the impact's own noise, adds to them, with its sign.
         Scalars with ``u_``: ``release_time``, ``first_contact_time``, ``rest_time`` [s] (NaN when
         the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
         ``fall_acceleration`` [m/s2]. Scalar ``settling_time`` [s]: the last touch seen, after
@@ -129,7 +135,7 @@ def bounces(
         higher), ``noise`` (m) of neighbouring samples, ``noise_corner`` (Hz) below which the noise is
         more than twice as strong (0 when it is white), ``work``; where there is a hum of the mains,
         ``hum`` (:meth:`labpipe.signals.Hum.to_text`), which was taken out before anything was
-        measured, and ``u_hum`` (m), its remainder, which is in every ``u_``.
+        measured, and ``u_hum`` (m), what is left of it, which is in every ``u_``.
 
     Raises
     ------
@@ -147,7 +153,7 @@ def bounces(
     Touch and lift-off are where the contact force begins and ends. A later touch is lower than the
     first (a dent is left), and lift-off is lower than touch. Speeds are read there, not where the
     level is crossed. The record's scale (an inclined sensor, cos theta) multiplies all levels and
-    speeds of a record; it is not in the ``u_`` here, and it cancels exactly in
+    speeds of a record alike; it is not in the ``u_`` here, and it cancels exactly in
     ``restitution`` and in all times.
 
     The uncertainties cover the unknown shape of the contact pulse (see
@@ -203,7 +209,7 @@ def _measured(
         motion = _followed(time, values, sigma, hum)
         free = _without_swing(time, values, sigma, motion)
     direction, turns = motion.direction, motion.turns
-    colour = Colour(corner_in_flight(time, values, sigma, free), hum)
+    colour = Colour(corner_in_flight(time, values, sigma, free, motion.colour.corner), hum)
     height = direction * values
     fall, u_fall = common_fall(time, height, sigma, turns, gravity, colour)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
@@ -262,8 +268,12 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
     speed, u_speed = evaluate(fit, time, 1)
+    level, u_level = evaluate(fit, time, 0)
+    share = (u_level / fit.sigma) ** 2
+    corner = estimate_corner((values - level) / sigma, share, fit.time_scale)
+    u_speed = u_speed * velocity_factor(share, fit.time_scale, corner)
     speed *= direction
-    return _Motion(fit, direction, speed, u_speed, Colour(hum=hum), find_turns(time, speed, u_speed))
+    return _Motion(fit, direction, speed, u_speed, Colour(corner, hum), find_turns(time, speed, u_speed))
 
 
 def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) -> list[Stretch]:
@@ -352,10 +362,10 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
 
 
 def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
-    """Return the contribution of each common unknown to each of :data:`TOGETHER` (quantity, unknown) of one impact.
+    """Return what each common unknown adds to each of :data:`TOGETHER` (quantity, unknown) of one impact.
 
     Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the
-    symmetric root of the rest of the covariance, the same in all repeats.
+    symmetric root of what is left of the covariance, which is alike in all repeats.
     """
     by_shape = gradients @ impact.by_shape
     left = propagated_covariance(gradients, impact.covariance) - by_shape @ by_shape.T

@@ -20,7 +20,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._hum import Hum
 from labpipe.signals._noise import Noise, estimate_noise
-from labpipe.signals._noise_spectrum import WHITE, Colour, velocity_factor
+from labpipe.signals._noise_spectrum import Colour, estimate_corner, velocity_factor
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing_spline import evaluate, smooth
@@ -63,7 +63,7 @@ def velocity(
         ``"difference"``: without the moving average.
     events : Dataset, optional
         Spline only: of :func:`labpipe.signals.bounces`. The hum found there is taken out, the colour of the
-        noise is that of the flights (it counts as white without), and touches and lift-offs are breaks.
+        noise is that of the flights, and touches and lift-offs are breaks.
     breaks : array (k,), optional [s]
         Spline only: times of touch and lift-off, where knots may break: the third derivative may
         jump. A few per cent better than letting the spline find the contacts.
@@ -118,7 +118,7 @@ def velocity(
     """
     record = _displacement_of(displacement)
     time, values = checked_record(record)
-    colour = WHITE
+    colour = None
     if events is not None and method == "spline":
         taken = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
         colour = Colour(float(events.attrs["noise_corner"]), Hum.of_text(events.attrs.get("hum")))
@@ -170,7 +170,7 @@ def velocity(
 
 
 def _displacement_of(given: object) -> xr.DataArray:
-    """Return the record that :func:`velocity` was given, or raise an error that says how to make one."""
+    """Return the record that :func:`velocity` was given, or say how to make one of what it was given."""
     if isinstance(given, xr.DataArray):
         return given
     if not isinstance(given, xr.Dataset):
@@ -188,7 +188,7 @@ def _displacement_of(given: object) -> xr.DataArray:
 
 
 def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
-    """Time and values of a displacement record as float64 copies, checked."""
+    """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
     if displacement.dims != ("time",) or "time" not in displacement.coords:
         raise InputError(
             f"displacement must have the one dimension time with its coordinate; found dimensions {displacement.dims}"
@@ -212,7 +212,7 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
 
 
 def _spline(
-    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]], colour: Colour
+    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]], colour: Colour | None
 ) -> tuple[Floats, Floats, dict[str, object]]:
     """Velocity, uncertainty and attributes of the smoothing spline."""
     counts = {"samples": len(t)}
@@ -239,6 +239,8 @@ def _spline(
     _warn_of_fast_motion((y - level)[kept], float(np.ptp(y)), known)
     v, u = evaluate(fit, t, 1)
     share = (u_level / fit.sigma) ** 2
+    if colour is None:
+        colour = Colour(estimate_corner(((y - level) / known.sigma)[kept], share[kept], fit.time_scale))
     u = u * velocity_factor(share, fit.time_scale, colour.corner)
     if colour.hum is not None:
         u = np.hypot(u, colour.hum.remaining_rate(t))
@@ -249,7 +251,7 @@ def _spline(
 
 
 def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:
-    """Warn when one frequency dominates the estimated noise."""
+    """Say when one frequency dominates what was taken for noise."""
     is_computed = float(np.std(residual)) < _COMPUTED * extent
     if is_computed or len(residual) < 64 or known.block > 1:
         return

@@ -1,9 +1,11 @@
 """Colour of a sensor's noise: how much stronger it is at low frequencies than between neighbours.
 
-Neighbouring samples show the white part of the noise. Drift and flicker change little from sample to
-sample, but they pass every fit over many samples. Where a body is known to fly, the noise that a parabola
-leaves shows them. The power is described by one number more, ``1 + corner / f`` times that of the white
-part: a flicker noise is exactly so, and other noise counts as the flicker that is as strong.
+Neighbouring samples tell the white part of the noise. Drift and hum change little from sample to
+sample, but they pass every fit over many samples. What a smoothing spline leaves of a record holds
+the noise at all frequencies above those that the spline follows, which are few where the body rests,
+flies or creeps. Where it is known to fly, a parabola leaves the slower ones too, and tells far more. The
+power is described by one number more, ``1 + corner / f`` times that of the white part: a flicker
+noise is exactly so, and other noise counts as the flicker that is as strong.
 """
 
 from collections.abc import Sequence
@@ -15,6 +17,15 @@ from scipy import fft
 
 from labpipe.arrays import Floats
 from labpipe.signals._hum import Hum, Stretch
+
+_SIZES = (1024, 512, 256, 128)
+"""Samples of a stretch, the longest that fit first."""
+
+_FITTING = 3.0
+"""Root mean square over the white part's that what is left of a stretch keeps to if the spline follows it."""
+
+_FOLLOWED = 1.5
+"""Multiple of the spline's cutoff from which on it takes less than a tenth of the noise's power."""
 
 _LEAST, _LOW_SHARE = 2, 8
 """Lowest frequency that is compared, in inverse lengths, and the share of the lowest ones that are."""
@@ -32,10 +43,10 @@ _WIDTH = float(np.pi / 8 / np.sin(np.pi / 8))
 
 
 class Colour(NamedTuple):
-    """The coloured part of a noise.
+    """What noise has besides its white part.
 
     ``corner`` [Hz]: Below which it is more than twice as strong. ``hum``: Of the mains, taken out of the record
-    already: its remainder is noise.
+    already: what is left of it is noise.
     """
 
     corner: float = 0.0
@@ -45,19 +56,65 @@ class Colour(NamedTuple):
 WHITE = Colour()
 
 
-def corner_in_flight(time: Floats, values: Floats, sigma: float, stretches: Sequence[Stretch]) -> float:
-    """Find the frequency below which the noise is more than twice as strong as its white part, where a body flies.
+def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
+    """Find the frequency below which the noise is more than twice as strong as its white part.
 
-    ``sigma`` is the standard deviation of the white part of ``values`` (n,); ``stretches`` that follow a parabola are
-    used, and show all noise that is faster than they last. The frequency [Hz] is 0 for white noise, and where no
-    flight has enough readings.
+    ``residual`` (n,) is what a smoothing spline leaves of samples in their order, ``interval`` [s] apart, over the
+    standard deviation of the white part, and ``share`` (n,) the variance of the spline over that of a sample. The
+    frequency [Hz] is 0 for white noise, and where the spline follows everything that is slow.
 
     Notes
     -----
-    Likelihood of the cosine transforms of the residuals of parabolas, whose terms are independent (within 3 %
-    of the variance of a flicker noise) from one more than the parabola's degree on.
+    Whittle's likelihood of the periodograms of stretches, each from a multiple of the spline's own
+    cutoff on.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> estimate_corner(rng.standard_normal(4000), np.full(4000, 1e-3), 1e-4)
+    0.0
     """
     cost = np.zeros(len(_CORNERS))
+    is_used = np.zeros(len(residual), bool)
+    for size in _SIZES:
+        bins = slice(_LEAST + 1, size // (2 * _LOW_SHARE))
+        every = np.fft.rfftfreq(size)[bins]
+        half, count = size // 2, len(residual) // (size // 2)
+        pieces = slice(count * half), (count, half)
+        square = np.sum(residual[pieces[0]].reshape(pieces[1]) ** 2, axis=1)
+        most = np.max(share[pieces[0]].reshape(pieces[1]), axis=1, initial=0.0)
+        used = np.max(is_used[pieces[0]].reshape(pieces[1]), axis=1, initial=False)
+        lowest = _FOLLOWED * np.maximum(most[:-1], most[1:]) / (2.0 * _WIDTH)
+        fits = (square[:-1] + square[1:] < _FITTING**2 * size) & (lowest < every[-1]) & ~(used[:-1] | used[1:])
+        chosen: list[int] = []
+        for place in np.flatnonzero(fits).tolist():
+            if not chosen or place > chosen[-1] + 1:  # stretches begin half a length apart
+                chosen.append(place)
+        if chosen:
+            where = half * np.array(chosen)[:, None] + np.arange(size)
+            is_used[where] = True
+            kept = every > lowest[chosen, None]
+            power = np.abs(np.fft.rfft(residual[where], axis=1)[:, bins]) ** 2 / size
+            expected = 1.0 + _CORNERS[:, None] / every
+            cost += np.log(expected) @ kept.sum(axis=0) + (1.0 / expected) @ np.sum(power, axis=0, where=kept)
+    return _likeliest(cost, interval)
+
+
+def corner_in_flight(
+    time: Floats, values: Floats, sigma: float, stretches: Sequence[Stretch], otherwise: float
+) -> float:
+    """Find the same frequency where a body flies, of all noise that is faster than a flight lasts.
+
+    ``sigma`` is the standard deviation of the white part of ``values`` (n,); ``stretches`` that follow a parabola are
+    used. ``otherwise`` [Hz] is returned where no flight has enough readings.
+
+    Notes
+    -----
+    Likelihood of the cosine transforms of what parabolas leave, whose terms are independent (within 3 %
+    of the variance of a flicker noise) from one more than the parabola's degree on.
+    """
+    interval = float(np.median(np.diff(time)))
+    cost, count = np.zeros(len(_CORNERS)), 0
     for part, degree in stretches:
         n = part.stop - part.start
         every = np.arange(degree + 1, n // _LOW_SHARE) / (2.0 * n)
@@ -68,7 +125,12 @@ def corner_in_flight(time: Floats, values: Floats, sigma: float, stretches: Sequ
         power = (fft.dct(left, norm="ortho")[degree + 1 : n // _LOW_SHARE] / sigma) ** 2
         expected = 1.0 + _CORNERS[:, None] / every
         cost += 0.5 * (np.log(expected).sum(axis=1) + (1.0 / expected) @ power)
-    best, interval = int(np.argmin(cost)), float(np.median(np.diff(time)))
+        count += len(every)
+    return _likeliest(cost, interval) if count else otherwise
+
+
+def _likeliest(cost: Floats, interval: float) -> float:
+    best = int(np.argmin(cost))
     return float(_CORNERS[best] / interval) if cost[0] - cost[best] > _CERTAIN else 0.0
 
 
@@ -104,7 +166,7 @@ def _normal(design: Floats, interval: float, corner: float) -> Floats:
 
 
 def coloured_power(count: int, interval: float, corner: float) -> float:
-    """Return the mean power of the residuals of ``count`` samples, over that of the white part."""
+    """Return the mean power of what a fit leaves of ``count`` samples, over that of the white part."""
     frequency = np.fft.rfftfreq(count, interval)[_LEAST:]
     return 1.0 + corner * float(np.mean(1.0 / frequency)) if len(frequency) else 1.0
 

@@ -122,8 +122,6 @@ def _first(found: Verdict) -> str:
 
 
 OPEN = {
-    "height of a film": "flights that lack frames are named in place of a height a third too large",
-    "scale under the disc": "a scale 5 % wrong is doubtful by the fringes, and no cause explains duration and fringes",
     "modulus": "of the small session: a modulus 8 % wrong does not show",
 }
 """Changes whose cause is not named first."""

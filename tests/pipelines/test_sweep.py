@@ -270,14 +270,14 @@ def test_drops_are_counted_once_though_workers_are_killed(
 
 
 def workers_of(parent: int) -> list[int]:
-    """Workers that the server of a process forked, oldest first; its very first holds the queue of their news."""
+    """Workers that the server of a process forked, oldest first."""
     above = {}
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit():
             with contextlib.suppress(OSError):
                 above[int(folder.name)] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
     servers = [p for p, its in above.items() if its == parent]
-    return sorted(p for p, its in above.items() if its in servers)[1:]
+    return sorted(p for p, its in above.items() if its in servers)
 
 
 def test_an_unknown_material_is_refused_before_anything_runs(tmp_path: Path) -> None:

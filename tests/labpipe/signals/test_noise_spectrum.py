@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.signals._hum import Stretch
-from labpipe.signals._noise_spectrum import _normal, corner_in_flight
+from labpipe.signals._noise_spectrum import _normal, corner_in_flight, estimate_corner, velocity_factor
 from tests.rounding import rounding
 
 _INTERVAL = 5e-5
@@ -15,6 +15,23 @@ def flicker(rng: np.random.Generator, count: int, sigma: float, corner: float) -
     frequency = np.maximum(np.fft.rfftfreq(count, _INTERVAL), 1.0 / (count * _INTERVAL))
     waves = np.fft.rfft(rng.standard_normal(count)) * np.sqrt(1.0 + corner / frequency)
     return sigma * np.fft.irfft(waves, count)
+
+
+@pytest.mark.parametrize("corner", [200.0, 1000.0])
+def test_the_corner_of_flicker_noise_is_found(corner):
+    noise = [flicker(np.random.default_rng(i), 8192, 1.0, corner) for i in range(12)]
+    found = [estimate_corner(one, np.full(8192, 1e-4), _INTERVAL) for one in noise]
+    assert np.median(found) == pytest.approx(corner, rel=0.25)
+    # A spline that follows everything slow leaves nothing to see.
+    assert estimate_corner(noise[0], np.full(8192, 0.9), _INTERVAL) == 0.0
+
+
+def test_white_noise_has_no_colour():
+    found = [
+        estimate_corner(np.random.default_rng(i).standard_normal(8192), np.full(8192, 1e-3), _INTERVAL)
+        for i in range(20)
+    ]
+    assert np.count_nonzero(found) <= 1
 
 
 def test_the_normal_matrix_is_that_of_the_noise():
@@ -29,6 +46,12 @@ def test_the_normal_matrix_is_that_of_the_noise():
     assert drawn[:, 1].var() > 1.5 * np.sum(design[:, 2] ** 2)
 
 
+def test_a_smoother_velocity_suffers_more_from_colour():
+    factor = velocity_factor(np.array([1e-3, 1e-2, 1e-1]), _INTERVAL, 300.0)
+    assert np.all(np.diff(factor) < 0)
+    assert np.all(velocity_factor(np.array([1e-3, 1.0]), _INTERVAL, 0.0) == 1.0)
+
+
 def test_flights_tell_the_corner_that_a_spline_hides():
     sizes, found = (400, 700, 600, 500), {0.0: [], 250.0: []}
     time = np.arange(sum(sizes)) * _INTERVAL
@@ -38,9 +61,9 @@ def test_flights_tell_the_corner_that_a_spline_hides():
         for i in range(20):
             noise = flicker(np.random.default_rng(i), 4 * time.size, 1.0, corner)[: time.size]
             fallen = -4.9 * time**2 * 1e6
-            each.append(corner_in_flight(time, fallen + noise, 1.0, flights))
+            each.append(corner_in_flight(time, fallen + noise, 1.0, flights, -1.0))
     assert np.count_nonzero(found[0.0]) <= 4
     assert np.median(found[250.0]) == pytest.approx(250.0, rel=0.2)
     # half as large again at most, where 2200 readings tell it
     assert np.std(np.log(found[250.0])) < np.log(1.5)
-    assert corner_in_flight(time, time, 1.0, []) == 0.0
+    assert corner_in_flight(time, time, 1.0, [], 7.0) == 7.0

@@ -1,4 +1,4 @@
-"""Stated uncertainties of simulated drops whose noise is white, flicker and hum at once."""
+"""Stated uncertainties of drops whose noise is white, flicker and hum at once, of motions by Ting's equations."""
 
 import warnings
 from collections import defaultdict
@@ -6,11 +6,10 @@ from collections import defaultdict
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.special import gamma
 
-from labpipe import contact, signals
+from labpipe import signals
 from labpipe.arrays import Floats
-from labpipe.materials import Prony
+from tests.labpipe.signals.ting_drops import Motion, Solid, bouncing, impact
 
 _INTERVAL, _STEP = 5e-5, 1e-7
 _WHITE, _FLICKER, _HUM = 0.8e-6, 0.4e-6, 0.3e-6  # m, root mean squares
@@ -28,31 +27,22 @@ def flicker(rng: np.random.Generator, count: int) -> Floats:
     return np.asarray(long[:count] / long.std())
 
 
-def drawn(rng: np.random.Generator) -> Prony:
-    """Draw a polymer that returns 0.7 to 0.99 of its speed: E rests at a value and relaxes to it as a power of time."""
+def drawn(rng: np.random.Generator) -> Solid:
+    """Draw a polymer that returns 0.7 to 0.99 of its speed."""
     rest = 10 ** rng.uniform(9.0, 9.5)
-    extra, tau, beta = rest * 10 ** rng.uniform(-1.0, 0.5), 10 ** rng.uniform(-5.5, -3.5), rng.uniform(0.05, 0.4)
-    # (1 + t/tau)^-beta is the Laplace transform of a gamma distribution of rates.
-    x = np.logspace(-8.0, 1.3, 38)
-    weights = extra * x**beta * np.exp(-x) / gamma(beta) * np.log(x[1] / x[0])
-    return Prony(rest, weights, tau / x, nu=0.35)
+    return Solid(rest, rest * 10 ** rng.uniform(-1.0, 0.5), 10 ** rng.uniform(-5.5, -3.5), rng.uniform(0.05, 0.4))
 
 
-def recorded(seed: int) -> tuple[xr.Dataset, float, xr.DataArray, Floats]:
-    """Return a motion up to the fourth touch, the time of its release, its record, and the true speed of readings."""
+def recorded(seed: int) -> tuple[Motion, float, xr.DataArray, Floats]:
+    """Return a motion, the time of its release, its record, and the true speed at each reading."""
     rng = np.random.default_rng(seed)
-    solid, height = drawn(rng), _HEIGHTS[seed % 3] * (1.0 + 0.05 * rng.standard_normal())
+    motion = bouncing(drawn(rng), _HEIGHTS[seed % 3] * (1.0 + 0.05 * rng.standard_normal()), 0.3)
     start = _BEFORE + _INTERVAL * rng.uniform()
-    time = np.arange(int((start + 0.3) / _INTERVAL) - 2) * _INTERVAL
-    motion = contact.drop(solid, 9.525e-3, 0.505, height, 0.3, times=time[time > start] - start, rtol=1e-6)
-    end = start + (float(motion["impact_time"][3]) if motion.sizes["impact"] > 3 else 0.3)
-    held = np.count_nonzero(time <= start)
-    used = time < end - 2 * _INTERVAL
-    height_of = np.concatenate([np.full(held, height), motion["displacement"].values])[used]
-    speed, time = np.concatenate([np.zeros(held), motion["velocity"].values])[used], time[used]
+    time = np.arange(int((start + motion.time[-1]) / _INTERVAL) - 2) * _INTERVAL
+    height, speed = motion.at(time - start)
     line = np.sqrt(2.0) * np.sin(2 * np.pi * (50.0 + 0.03 * rng.standard_normal()) * time + rng.uniform(0, 2 * np.pi))
     noise = _WHITE * rng.standard_normal(time.size) + _FLICKER * flicker(rng, time.size) + _HUM * line
-    shown = np.round((height_of + noise) / _STEP) * _STEP
+    shown = np.round((height + noise) / _STEP) * _STEP
     return motion, start, xr.DataArray(shown, {"time": time}, ["time"], attrs={"units": "m"}), speed
 
 
@@ -64,28 +54,38 @@ def errors(seeds: range) -> dict[str, list[float]]:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "the record ends before the body is at rest")
             events = signals.bounces(record, contact="polymer")
-        count = min(events.sizes["impact"], motion.sizes["impact"], 3)
-        touch_times, liftoff_times = motion["impact_time"].values, motion["lift_off_time"].values
+        count = min(events.sizes["impact"], motion.touch.size)
         for name, true in {
-            "touch_time": touch_times + start,
-            "liftoff_time": liftoff_times + start,
-            "contact_duration": motion["contact_duration"].values,
-            "incoming_speed": motion["impact_speed"].values,
-            "outgoing_speed": motion["rebound_speed"].values,
-            "restitution": motion["restitution"].values,
+            "touch_time": motion.touch + start,
+            "liftoff_time": motion.liftoff + start,
+            "contact_duration": motion.liftoff - motion.touch,
+            "incoming_speed": motion.incoming,
+            "outgoing_speed": motion.outgoing,
+            "restitution": motion.outgoing / motion.incoming,
         }.items():
-            found[name] += ((events[name].values[:count] - true[:count]) / events[f"u_{name}"].values[:count]).tolist()
+            found[name] += (
+                ((events[name] - true[: events.sizes["impact"]]) / events[f"u_{name}"]).values[:count].tolist()
+            )
         velocity = signals.velocity(record, events=events, releases=[float(events["release_time"])])
         z, since = ((velocity - speed) / velocity["u_velocity"]).values, record["time"].values - start
         is_in, is_near = np.zeros((2, z.size), bool)
-        for touch, liftoff in zip(touch_times[:count], liftoff_times[:count], strict=True):
+        for touch, liftoff in zip(motion.touch[:count], motion.liftoff[:count], strict=True):
             is_in |= (since > touch) & (since < liftoff)
             is_near |= (since > touch - _BESIDE_CONTACT) & (since < liftoff + _BESIDE_CONTACT)
-        is_flight = (since > _AFTER_RELEASE) & (since < since[-1] - _AFTER_RELEASE) & ~is_near
+        is_flight = (since > _AFTER_RELEASE) & (since < motion.time[-1] - _AFTER_RELEASE) & ~is_near
         found["velocity in contact"] += z[is_in].tolist()
         found["velocity in flight"] += z[is_flight].tolist()
         found["velocity at rest"] += z[since < -_AFTER_RELEASE].tolist()
     return found
+
+
+def test_the_integration_converges():
+    solid = Solid(2e9, 2e9, 1e-5, 0.3)
+    coarse, fine, finest = (impact(solid, 0.3, steps) for steps in (600, 1200, 2400))
+    for name, row in (("duration", 0), ("depth at lift-off", 1), ("speed", 2)):
+        errors_of = [abs(one[row][-1] - finest[row][-1]) / abs(finest[row][-1]) for one in (coarse, fine)]
+        assert errors_of[1] < 1e-6, name
+        assert errors_of[0] > 3.0 * errors_of[1], name  # second order
 
 
 @pytest.mark.parametrize(
