@@ -121,9 +121,7 @@ def _first(found: Verdict) -> str:
     return found.cause or next(iter(found.suspects), "")
 
 
-OPEN = {
-    "modulus": "of the small session: a modulus 8 % wrong does not show",
-}
+OPEN = {"modulus": "of the small session: a modulus 8 % wrong does not show"}
 """Changes whose cause is not named first."""
 
 
