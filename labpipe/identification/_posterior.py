@@ -17,7 +17,7 @@ from labpipe.identification._fit import Fit, Objective, laplace
 from labpipe.identification._linear import modulus_basis
 from labpipe.identification._problem import Misfit, split_by_group
 from labpipe.identification._spectra import SmoothSpectrum
-from labpipe.uncertainty import propagated_covariance, propagated_u
+from labpipe.uncertainty import propagated_u
 
 _DRAWS = 1000  # of the prior
 _SEED = 20  # fixed: the same answer every time
@@ -67,10 +67,6 @@ class Posterior:
         reach = float(ndtri(0.5 + 0.5 * level)) * float(self.sd[number])
         at = float(self.fit.xi[number])
         return parameter.value(at), parameter.value(at - reach), parameter.value(at + reach)
-
-    def covariance_of(self, by_xi: Floats) -> Floats:
-        """Return the covariance of quantities from their derivatives (quantity, parameter)."""
-        return propagated_covariance(by_xi, self.covariance)
 
     def averaged(self, stated: "Stated") -> tuple[Floats, Floats]:
         """Return mean and standard deviation (n,) of quantities over all structures of the spectrum.

@@ -2,7 +2,6 @@
 
 from pipelines.identify._identify import (
     Identification as Identification,
-    Wish as Wish,
     identify as identify,
     identify_materials as identify_materials,
 )

@@ -28,15 +28,6 @@ from pipelines.identify._result import Identified, dataset, document
 from pipelines.session import derive, processed_for, reopen_session
 
 
-@dataclass(frozen=True, slots=True)
-class Wish:
-    """Choices of an identification, by the names that :func:`pipelines.identify.identify` explains."""
-
-    experiments: tuple[str, ...] = ()
-    prior: str | None = None
-    impacts: int = 6
-
-
 @dataclass(slots=True)
 class _Group:
     """Experiments on one material, the rheometer's that is its prior, and their evidence."""
@@ -47,28 +38,34 @@ class _Group:
 
 
 def identify_materials(
-    folder: str | Path, wish: Wish | None = None, *, say: Callable[[str], None] | None = None, jobs: int = 1
+    folder: str | Path,
+    experiments: Sequence[str] = (),
+    *,
+    prior: str | None = None,
+    impacts: int = 6,
+    jobs: int = 1,
+    say: Callable[[str], None] | None = None,
 ) -> list[Identified]:
     """Identify every material on which a session holds experiments, and write nothing.
 
-    The other arguments, and the errors, are those of :func:`pipelines.identify.identify`.
+    The arguments, and the errors, are those of :func:`pipelines.identify.identify`.
 
     Examples
     --------
-    >>> (found,) = identify_materials("my-session", Wish(("acrylic_1p5mm",)))  # doctest: +SKIP
+    >>> (found,) = identify_materials("my-session", ["acrylic_1p5mm"])  # doctest: +SKIP
     >>> found.relaxed.verdict  # doctest: +SKIP
     'bounded from above'
     """
-    wish, tell = wish or Wish(), say or (lambda text: None)
+    tell = say or (lambda text: None)
     session = reopen_session(folder)
     groups: dict[str, _Group] = {}
-    for name in _chosen(session, wish.experiments):
+    for name in _chosen(session, experiments):
         experiment = session.experiments[name]
         group = groups.setdefault(material_name(experiment), _Group())
         group.experiments.append(experiment)
-    if wish.prior is not None:
+    if prior is not None:
         for group in groups.values():
-            group.prior = prior_of(session, wish.prior, group.experiments)
+            group.prior = prior_of(session, prior, group.experiments)
     n = sum(len(group.experiments) for group in groups.values())
     tell(f"{n} experiment{'s' * (n != 1)} to identify from; what is missing is processed first")
     wanted = [(one, derived_of(one, "evidence")) for group in groups.values() for one in group.experiments]
@@ -80,7 +77,7 @@ def identify_materials(
         own, able = [], []
         for experiment in group.experiments:
             evidence = derived_of(experiment, "evidence")
-            given = derive(results, experiment, evidence, name=experiment.name, impacts=wish.impacts)
+            given = derive(results, experiment, evidence, name=experiment.name, impacts=impacts)
             if isinstance(given, str):
                 own.append(f"{experiment.name}: {given}")
             else:
@@ -90,7 +87,7 @@ def identify_materials(
         if able:
             group.experiments = able
             tell(f"material {number} of {len(groups)}, {material}, from {', '.join(e.name for e in able)}")
-            found.append(_identified(results, material, group, wish, own, tell))
+            found.append(_identified(results, material, group, own, tell))
     if not found:
         raise InputError("no experiment can identify a material: " + "; ".join(remarks))
     return found
@@ -110,7 +107,7 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
 
 
 def _identified(
-    results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Callable[[str], None]
+    results: Results, material: str, group: _Group, remarks: list[str], say: Callable[[str], None]
 ) -> Identified:
     contributions, before = list(group.contributions), None
     if group.prior is not None:
@@ -219,8 +216,7 @@ def identify(
     >>> identify("my-session", ["acrylic_5mm", "acrylic_10mm"])  # doctest: +SKIP
     """
     names = (experiments,) if isinstance(experiments, str) else tuple(experiments)
-    wish = Wish(names, prior, impacts)
-    found = identify_materials(folder, wish, say=say, jobs=jobs)
+    found = identify_materials(folder, names, prior=prior, impacts=impacts, jobs=jobs, say=say)
     session = reopen_session(folder)
     pages, paths = [], []
     for one in found:

@@ -13,10 +13,11 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError, LabpipeError
 from labpipe.identification import Evidence, Parameter, Posterior, informative_range, moduli, split_by_group
 from labpipe.materials import Prony
+from labpipe.uncertainty import propagated_u
 from labpipe.workflow.results import Results
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
-from pipelines.identify import Identified, Wish, identify_materials
+from pipelines.identify import Identified, identify_materials
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.solids import Element, Viscoelastic
 from pipelines.session import derive, opened
@@ -25,6 +26,7 @@ from tests.pipelines.random_sessions import DEPTH, Truth, recorded, write
 
 _PULSE = "pulse shape"  # no number of the rig: a real pulse is none of the fitted shapes
 _REACH = 1.96  # standard deviations to a limit of 95 %
+_IMPACTS = 6  # bounces of a drop that are evaluated
 
 PLACES = (0.1, 0.5, 0.9)
 """Of the frequencies of which the data tell, in the logarithm: where moduli are compared."""
@@ -110,18 +112,17 @@ def session_trial(truth: Truth, folder: Path) -> Trial:
     group = "symmetric" if is_symmetric(truth.seed) else "skewed"
     blank = Trial(truth.kind, truth.seed, group, truth.is_on_plate)
     started = clock.perf_counter()
-    wish = Wish()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what a reader of one session must know
         try:
-            (found,) = identify_materials(folder, wish)
+            (found,) = identify_materials(folder, impacts=_IMPACTS)
         except LabpipeError as error:
             return replace(blank, failure=f"{type(error).__name__}: {error}")
         seconds = clock.perf_counter() - started
-        return replace(blank, seconds=seconds, **_compared(truth, folder, found, wish))
+        return replace(blank, seconds=seconds, **_compared(truth, folder, found))
 
 
-def _compared(truth: Truth, folder: Path, found: Identified, wish: Wish) -> dict[str, Any]:
+def _compared(truth: Truth, folder: Path, found: Identified) -> dict[str, Any]:
     results = opened(folder)
     known = found.known
     problem = known.fit.problem
@@ -130,7 +131,7 @@ def _compared(truth: Truth, folder: Path, found: Identified, wish: Wish) -> dict
     return {
         "moduli": _moduli(known, truth.solid),
         "unknowns": _unknowns(known, exact),
-        "evidence": _at_the_truth(results, names, dense_series(truth.solid), exact, wish.impacts),
+        "evidence": _at_the_truth(results, names, dense_series(truth.solid), exact, _IMPACTS),
         "relaxed": _relaxed(found, truth.solid.relaxed),
         "misfits": {f"{e}: {g}": m.relative for (e, g), m in known.fit.misfits.items()},
         "is_settled": known.fit.is_converged,
@@ -143,7 +144,7 @@ def _moduli(known: Posterior, solid: Viscoelastic) -> dict[str, Score | None]:
     curve = moduli(known, low * (high / low) ** np.array(PLACES))
     exact = solid.modulus(curve.frequency)
     # without what is stated for structure that no data resolve: the bound of van Trees
-    bound = np.sqrt(np.diag(known.covariance_of(curve.derivatives)))
+    bound = propagated_u(curve.derivatives, known.covariance)
     made: dict[str, Score | None] = {}
     for part, (text, value, u, prior, true) in enumerate(
         (

@@ -127,6 +127,18 @@ def crossing(coefficients: Floats, value: float, highest: float) -> float:
 
 
 @inner()
+def maximum_between(coefficients: Floats, low: float, high: float) -> float:
+    """Place of the maximum of the polynomial between a place where it rises and one where it does not."""
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if slope(coefficients, middle) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@inner()
 def summit(coefficients: Floats) -> float:
     """Part u of the step at which the polynomial first stops rising; 1 when it does not."""
     low, high = 0.0, 1.0
@@ -135,15 +147,7 @@ def summit(coefficients: Floats) -> float:
         if slope(coefficients, high) <= 0.0:
             break
         low = high
-    if low == 1.0:
-        return 1.0
-    for _ in range(45):
-        middle = 0.5 * (low + high)
-        if slope(coefficients, middle) > 0.0:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+    return 1.0 if low == 1.0 else maximum_between(coefficients, low, high)
 
 
 _NEWTON_LIMIT = 12

@@ -29,6 +29,7 @@ from labpipe.contact.impact._radau import (
     crossing,
     fade,
     gap,
+    maximum_between,
     power_sum,
     slope,
     summit,
@@ -351,13 +352,7 @@ def _largest(scheme: Scheme, path: Path, n: int, column: int, less: int, short: 
             low, high = look / _LOOKS, (look + 1) / _LOOKS
             best = max(best, start + power_sum(short, high))
             if slope(short, low) > 0.0 and slope(short, high) < 0.0:
-                for _ in range(50):
-                    middle = 0.5 * (low + high)
-                    if slope(short, middle) > 0.0:
-                        low = middle
-                    else:
-                        high = middle
-                best = max(best, start + power_sum(short, low))
+                best = max(best, start + power_sum(short, maximum_between(short, low, high)))
     return best
 
 

@@ -229,7 +229,6 @@ def _clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
 
 
 def _direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
-    title = DIRECTION
     for part in blocks:
         travel = travel_and_speed(part)[0] if part.function in (RELAXATION, FIND_CONTACT) else 0.0
         wanted = 1.0 if part.text("Direction").startswith("Pos") else -1.0 if part.text("Direction") else nan
@@ -242,8 +241,8 @@ def _direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
         text += ", against the declared direction" if is_back else ", as declared"
         cause = f"the sign of the column of the position is wrong (line {part.header_line})"
         level: Level | None = "impossible" if is_back else None
-        return stated(title, text, level, cause=cause, file=name, line=part.header_line)
-    return not_made(title, "a ramp or an approach with a declared direction")
+        return stated(DIRECTION, text, level, cause=cause, file=name, line=part.header_line)
+    return not_made(DIRECTION, "a ramp or an approach with a declared direction")
 
 
 def _sign_of_stiffness(name: str, blocks: Sequence[Part]) -> Check:
@@ -315,8 +314,7 @@ def _capacity_of_cell(name: str, blocks: Sequence[Part]) -> Check:
 def _capacity(name: str) -> float | None:
     """Return the force [N] that the name of a cell says, such as "25kg SN:1886652"; None where it says none."""
     said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", name)
-    factor = {"kg": 9.80665, "g": 9.80665e-3, "N": 1.0, "kN": 1e3}
-    return None if said is None else float(said[1]) * factor[said[2]]
+    return None if said is None else float(said[1]) * _FORCES[_CELLS.get(said[2], said[2])]
 
 
 def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
@@ -437,12 +435,11 @@ def of_force(name: str, force: float, expected: float) -> Check:
 
 def phase(name: str, lag: float, u: float, frequency: float, record: str | None) -> Check:
     """Compare a phase lag [rad] with 0 to pi/2."""
-    title = PHASE
     text = f"{name}: the force {'lags' if lag < 0.0 else 'leads'} by {abs(lag) * 180 / pi:.2f}° at {frequency:.3g} Hz"
     cause = "the columns are swapped, a sign is wrong, or the delay of the cell's filter is not what "
     cause += f"{record} says" if record else "its header says"
     cause += ", or the stage has play (backlash)" if lag < 0.0 else ""
-    return bounded(title, text, lag, max(u, 1e-3), at_least=0.0, at_most=pi / 2, file=name, cause=cause)
+    return bounded(PHASE, text, lag, max(u, 1e-3), at_least=0.0, at_most=pi / 2, file=name, cause=cause)
 
 
 def causes(
@@ -547,7 +544,8 @@ _TIMES = {"s": 1.0, "ms": 1e-3}
 _LENGTHS = {"mm": 1e-3, "µm": 1e-6}
 _FORCES = {"N": 1.0, "gf": 1e-3 * _GRAVITY, "mN": 1e-3, "kN": 1e3, "kgf": _GRAVITY}
 """Units in which a column may be, whatever its header says, in SI."""
-_SPELT = {"um": "µm"}
+_SPELT, _CELLS = {"um": "µm"}, {"kg": "kgf", "g": "gf"}
+"""Spellings of units in the headings of columns, and in the names of load cells."""
 
 
 def _unit_of(factor: float, header: str, units: Mapping[str, float]) -> str:

@@ -30,7 +30,6 @@ from pipelines.experiments.shared import judgements, record_checks
 from pipelines.experiments.shared.fall_checks import shown
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title, line_of
-from pipelines.experiments.shared.material_inputs import material_inputs
 from pipelines.experiments.shared.record_checks import Trace
 from pipelines.experiments.static_loading.comparison import DRIFT, LOADS, MODULUS, SCALE, TOUCH, rows
 from pipelines.experiments.static_loading.load_steps import (
@@ -43,6 +42,7 @@ from pipelines.experiments.static_loading.load_steps import (
     valid,
 )
 from pipelines.experiments.static_loading.measured import spans
+from pipelines.experiments.static_loading.model import of_material
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 MATERIAL = "approach against the material"
@@ -115,7 +115,7 @@ def _inputs(
         DRIFT: Quantity(0.0, settings.steps.drift.value, "m"),
         MODULUS: Quantity(1.0, 0.0, "1"),
         LOADS: Quantity(1.0, 0.0, "1"),
-    } | material_inputs(model)
+    } | {name: given for name, (given, _) in of_material(model).items()}
 
 
 def _explained(

@@ -10,9 +10,9 @@ from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import variable, with_u
 from pipelines.experiments.shared.comparison_rows import Row, curve_table, of_curve, row, with_its_u
-from pipelines.experiments.shared.material_inputs import material_slopes
 from pipelines.experiments.static_loading.load_steps import touch_apart, touch_weights
 from pipelines.experiments.static_loading.measured import spans, windows
+from pipelines.experiments.static_loading.model import of_material
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 SCALE, MODULUS, LOADS = "scale of length (gain and inclination)", "modulus", "loads"
@@ -148,7 +148,7 @@ def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) 
                 MODULUS: value / 3,
                 LOADS: -value / 3,
             }
-            | material_slopes(model, value),
+            | {name: -value * slope for name, (_, slope) in of_material(model).items()},
             measured=(level, comparison["u_radius_measured"][i]),
             model=with_its_u(comparison, "radius_model", i),
             difference=with_its_u(comparison, "radius_difference", i),

@@ -11,9 +11,9 @@ from labpipe import contact, uncertainty
 from labpipe.arrays import Floats
 from labpipe.contact.sphere import hertz
 from labpipe.uncertainty import Source
+from labpipe.units import Quantity
 from labpipe.variables import described, variable
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.material_inputs import kept_in
 from pipelines.experiments.static_loading.load_steps import valid
 from pipelines.experiments.static_loading.measured import spans
 from pipelines.experiments.static_loading.settings import StaticLoading
@@ -65,13 +65,13 @@ def model(
     for name, (given, step, other) in variations(settings.sphere, material_file, fitted, (lasted, lasted)).items():
         softer.append(Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step))
         wider.append(given.u / step / 3.0 * np.log(np.sum(added * other.creep(lag), axis=1) / cube))
-    of_material = uncertainty.combined_uncertainty(softer)
+    compliance = uncertainty.combined_uncertainty(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
         values = np.interp(time, made["time"].values, made[name].values)
         attrs = described("m", f"{name.replace('_', ' ')}, viscoelastic model")
         table[name] = ("time", values, attrs)
-        relative = np.sqrt((power * spread) ** 2 + (size / 3) ** 2 + (power * of_material) ** 2)
+        relative = np.sqrt((power * spread) ** 2 + (size / 3) ** 2 + (power * compliance) ** 2)
         table[f"u_{name}"] = variable(
             "time", values * relative, "m", f"standard uncertainty from load, radius, solid: {name}"
         )
@@ -112,7 +112,20 @@ def model(
             "reference": reference,  # of Hertz's steps
             "work": made.attrs["work"],
             "budget": json.dumps(uncertainty.budget_rows(sources)),
-            # a ~ J^(1/3)
-            **kept_in([[s._replace(sensitivity=s.sensitivity / 3) for s in softer]]),
         },
     )
+
+
+def of_material(model: xr.Dataset | None) -> dict[str, tuple[Quantity, float]]:
+    """Return each uncertain property of the solid, with the relative change of the contact radius per SI unit of it.
+
+    They are the rows of the budget of the last contact radius, without load and radius.
+    """
+    if model is None:
+        return {}
+    last = float(model["contact_radius"][-1])
+    return {
+        row["source"]: (Quantity(row["value"], row["u"], row["unit"]), row["sensitivity"] / last)
+        for row in json.loads(model.attrs["budget"])
+        if row["source"] not in ("load", "radius")
+    }

@@ -12,6 +12,7 @@ import numpy as np
 
 from labpipe import identification
 from labpipe.arrays import Floats
+from labpipe.uncertainty import propagated_u
 from pipelines.rig.solids import Element, Viscoelastic
 
 _RAMP, _HOLD, _AREA = 0.1, 600.0, 1.6e-6  # s, s, m2
@@ -105,7 +106,7 @@ def hold_trial(seed: int) -> Trial:
     found, exact = identification.moduli(known, FREQUENCIES), solid.modulus(FREQUENCIES)
     value = np.concatenate([found.storage, found.loss_factor])
     u = np.concatenate([found.u_ln_storage, found.u_ln_loss_factor])
-    bound = np.sqrt(np.diag(known.covariance_of(found.derivatives)))
+    bound = propagated_u(found.derivatives, known.covariance)
     deviations = np.log(value / np.concatenate([exact.real, exact.imag / exact.real])) / u
     relaxed = identification.long_time_modulus(known)
     return Trial(deviations, u / bound, relaxed.low <= solid.relaxed <= relaxed.high)

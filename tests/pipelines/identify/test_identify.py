@@ -21,7 +21,7 @@ from pipelines.experiments import KINDS
 from pipelines.experiments.shared.drop_evidence import of_drop
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.settings import Plate
-from pipelines.identify import Wish, identify_materials, material_name
+from pipelines.identify import identify_materials, material_name
 from pipelines.identify._page import SHAPE
 from pipelines.rig.indentation_session import relaxation_section
 from pipelines.rig.indentations import Specimen
@@ -149,7 +149,7 @@ def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
     files.write_text(tmp_path / "calibration/load_cell.toml", cell_record())
     text = session_head("Two depths (synthetic)") + relaxation_section("hold", names, specimen)
     files.write_text(tmp_path / "session.toml", text)
-    (found,) = identify_materials(tmp_path, Wish())
+    (found,) = identify_materials(tmp_path)
     first, second = found.known.fit.problem.evidence[0].groups
     assert first.name != second.name
     curve = moduli(found.known, np.array([0.02, 0.1]))
@@ -188,7 +188,7 @@ def test_a_name_that_is_not_there_is_told(
     processed_session: Path, experiment: str, prior: str | None, told: str
 ) -> None:
     with pytest.raises(UsageError, match=told):
-        identify_materials(processed_session, Wish((experiment,), prior=prior))
+        identify_materials(processed_session, (experiment,), prior=prior)
 
 
 def test_another_temperature_is_another_material(processed_session: Path) -> None:
