@@ -24,16 +24,17 @@ from labpipe.report._blocks import (
     Paragraph as Paragraph,
     Picture as Picture,
     Section as Section,
-)
-from labpipe.report._budget import (
     budget_table as budget_table,
     difference_unit as difference_unit,
-    share_bars as share_bars,
     shown_source as shown_source,
 )
 from labpipe.report._charts import Band as Band, LineChart as LineChart, ScatterChart as ScatterChart, Series as Series
-from labpipe.report._document import MAX_PAGE_BYTES as MAX_PAGE_BYTES, Document as Document, amended as amended
-from labpipe.report._page import Report as Report
+from labpipe.report._document import (
+    MAX_PAGE_BYTES as MAX_PAGE_BYTES,
+    Document as Document,
+    Report as Report,
+    amended as amended,
+)
 from labpipe.report._style import (
     Role as Role,
     figure_bytes as figure_bytes,

@@ -1,15 +1,15 @@
-"""Blocks of a page besides tables and charts: texts, notices, pictures, galleries, bars, the index of a session."""
+"""Blocks of a page besides tables and charts: texts, notices, pictures, bars, budgets, the index of a session."""
 
 import base64
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 from labpipe.errors import InputError
 from labpipe.report._charts import LineChart, ScatterChart
-from labpipe.report._tables import MINUS, Cell, Column, Table, number
+from labpipe.report._tables import MINUS, Cell, Column, Table, number, quantity
 
 Level = Literal["ok", "info", "warning", "error"]
 SURE = 1.96
@@ -106,12 +106,6 @@ class KeyValues:
     rows: Sequence[tuple[str, str, str]]
     caption: str = ""
 
-    def __post_init__(self) -> None:
-        """Refuse rows that are not three texts."""
-        wrong = [row for row in self.rows if len(row) != 3]
-        if wrong:
-            raise InputError(f"KeyValues: a row is (name, value, unit or remark), found {wrong[0]!r}")
-
 
 @dataclass(frozen=True)
 class Notice:
@@ -130,11 +124,6 @@ class Notice:
     level: Level
     text: str
     anchor: str = ""
-
-    def __post_init__(self) -> None:
-        """Refuse an unknown level."""
-        if self.level not in get_args(Level):
-            raise InputError(f'unknown level "{self.level}"; expected one of {", ".join(get_args(Level))}')
 
     @property
     def word(self) -> str:
@@ -173,8 +162,6 @@ class Picture:
         Description of the picture, for those who cannot see it.
     caption : str
         Text below it.
-    width_px : int, optional
-        Width at which it is shown; by default its own, never wider than the page.
     at : float, optional
         Position of a frame of a gallery along x of the charts of the gallery's group.
     """
@@ -182,7 +169,6 @@ class Picture:
     data: bytes
     alt: str
     caption: str = ""
-    width_px: int | None = None
     at: float | None = None
     address: str = field(init=False, repr=False)
 
@@ -232,22 +218,12 @@ class Bars:
     ----------
     title : str
         Quantity that is shared out.
-    rows : sequence of (name, share, text)
-        Share between 0 and 1; the text is shown at the bar's end (empty: the share in per cent).
-    caption : str
-        Text below.
+    rows : sequence of (name, share)
+        Share between 0 and 1, shown in per cent at the bar's end.
     """
 
     title: str
-    rows: Sequence[tuple[str, float, str]]
-    caption: str = ""
-
-    def __post_init__(self) -> None:
-        """Refuse shares outside 0 to 1."""
-        for name, share, _ in self.rows:
-            if not 0.0 <= share <= 1.0 + 1e-9:
-                message = f'bars "{self.title}": the share of "{name}" is {share}; expected a number from 0 to 1'
-                raise InputError(message)
+    rows: Sequence[tuple[str, float]]
 
 
 @dataclass(frozen=True)
@@ -331,12 +307,6 @@ class Deviations:
     rows: Sequence[tuple[str, Sequence[tuple[float, str]]]]
     caption: str = ""
 
-    def __post_init__(self) -> None:
-        """Refuse numbers without a place on the scale."""
-        for name, points in self.rows:
-            if not all(math.isfinite(value) for value, _ in points):
-                raise InputError(f'deviations "{self.title}": "{name}" has one that is no number; leave it out')
-
     def view(self) -> dict[str, Any]:
         """Return places in per cent of a scale that ends at 4 to 12 standard uncertainties: ticks, band and rows."""
         most = max((abs(value) for _, points in self.rows for value, _ in points), default=0.0)
@@ -391,3 +361,50 @@ class Section:
     title: str
     blocks: Sequence[Block] = ()
     anchor: str | None = None
+
+
+# --- budgets of uncertainty ---------------------------------------------------------------------
+
+
+def budget_table(
+    rows: Sequence[Mapping[str, Any]], caption: str, unit: str, columns: Mapping[str, Mapping[str, Any]] | None = None
+) -> tuple[Block, ...]:
+    """Show the rows of a budget as a table, and their shares of the variance as bars; nothing without a row.
+
+    ``rows``: as :func:`labpipe.uncertainty.budget_rows` makes them; ``unit``: SI unit of the result; ``columns``:
+    further cells by column and source.
+    """
+    if not rows:
+        return ()
+    kinds = {"kind": {r["source"]: r["kind"] for r in rows}} if any(r["kind"] for r in rows) else {}
+    more = kinds | dict(columns or {})
+    cells = [
+        (
+            shown_source(r["source"]),
+            quantity(r["value"], r["unit"], 5) if r["value"] else "0",
+            quantity(r["u"], difference_unit(r["unit"]), 2) if r["u"] else "0",
+            r["sensitivity"],
+            r["contribution"],
+            *(values.get(r["source"]) for values in more.values()),
+        )
+        for r in rows
+    ]
+    sensitivity = Column("sensitivity, SI", digits=3)
+    contribution = Column("contribution", unit=difference_unit(unit), digits=2)
+    names = map(Column, ("source", "value", "standard uncertainty"))
+    heads = (*names, sensitivity, contribution, *map(Column, more))
+    bars = Bars("Share of the variance", [(shown_source(r["source"]), r["share"]) for r in rows])
+    return Table(heads, cells, caption=caption, sortable=False), bars
+
+
+def difference_unit(unit: str) -> str:
+    """Return the unit in which two values of a unit differ: kelvin for degrees Celsius."""
+    return "K" if unit == "degC" else unit
+
+
+def shown_source(source: str) -> str:
+    """Return the name of an input for a reader: the quantity, and in brackets its owner."""
+    text = source if " " in source else source.replace("_", " ")
+    what, _, of = text.partition(", ")  # behind it may stand the name of an experiment, as it is
+    what = what.replace("_", " ")
+    return f"{what} ({of})" if of else what

@@ -6,10 +6,10 @@ bytes that the page has left (:mod:`._thinning`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 from labpipe.errors import InputError
-from labpipe.report._style import ROLES, Role
+from labpipe.report._style import Role
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -47,8 +47,7 @@ class Series:
     Raises
     ------
     InputError
-        Lengths differ, an array is not one-dimensional, `x` is not finite, `y` is infinite, or
-        style or role are unknown.
+        Lengths differ, an array is not one-dimensional, `x` is not finite, or `y` is infinite.
     """
 
     name: str
@@ -62,10 +61,6 @@ class Series:
 
     def __post_init__(self) -> None:
         """Turn the inputs into arrays of float and refuse unusable ones."""
-        if self.level is not None and not 0.0 <= self.level <= 1.0:
-            raise InputError(f'"{self.name}": level {self.level} lies outside 0 to 1')
-        _check_choice(self.name, "style", self.style, get_args(Style))
-        _check_choice(self.name, "role", self.role, ROLES)
         bars = {} if self.u is None else {"u": self.u}
         for field, array in _arrays(self.name, x=self.x, y=self.y, **bars).items():
             object.__setattr__(self, field, array)
@@ -93,7 +88,6 @@ class Band:
 
     def __post_init__(self) -> None:
         """Turn the inputs into arrays of float and refuse unusable ones."""
-        _check_choice(self.name, "role", self.role, ROLES)
         for field, array in _arrays(self.name, x=self.x, low=self.low, high=self.high).items():
             object.__setattr__(self, field, array)
 
@@ -126,7 +120,7 @@ class LineChart:
     Raises
     ------
     InputError
-        There is nothing to draw, `x` descends somewhere, or a scale or view is wrong.
+        There is nothing to draw, or `x` descends somewhere.
     """
 
     title: str
@@ -151,12 +145,6 @@ class LineChart:
                 raise InputError(
                     f'chart "{self.title}": x of "{series.name}" descends; a LineChart needs '
                     "ascending x. Sort it, or use ScatterChart for loops"
-                )
-        for name, start, stop in self.views:
-            if not start < stop:
-                raise InputError(
-                    f'chart "{self.title}": the view "{name}" runs from {start} to {stop}; '
-                    "expected two finite ends in ascending order"
                 )
 
 
@@ -190,28 +178,15 @@ class ScatterChart:
     def __post_init__(self) -> None:
         """Refuse charts that cannot be drawn."""
         _check_chart(self)
-        for series in self.series:
-            if isinstance(series, Band) or series.on_hover:
-                what = "a band" if isinstance(series, Band) else "a curve on hover"
-                raise InputError(f'chart "{self.title}": {what} needs a LineChart, found "{series.name}"')
 
 
 def _check_chart(chart: LineChart | ScatterChart) -> None:
-    for axis, scale in (("x", chart.x_scale), ("y", chart.y_scale)):
-        _check_choice(chart.title, f"{axis} scale", scale, get_args(Scale))
     steady = [s for s in chart.series if isinstance(s, Band) or not s.on_hover]
     if not any(len(series.x) for series in steady):  # type: ignore[arg-type]
         raise InputError(
             f'chart "{chart.title}" has nothing to draw: {len(chart.series)} series, all empty; '
             "leave the chart out or say in a Notice why there are no data"
         )
-    if not chart.height_px > 0:
-        raise InputError(f'chart "{chart.title}": height_px must be positive, found {chart.height_px}')
-
-
-def _check_choice(owner: str, what: str, found: str | None, choices: Sequence[str]) -> None:
-    if found is not None and found not in choices:
-        raise InputError(f'"{owner}": unknown {what} "{found}"; expected one of {", ".join(choices)}')
 
 
 def _arrays(owner: str, **given: "ArrayLike") -> "dict[str, Floats]":

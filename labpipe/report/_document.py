@@ -1,10 +1,21 @@
-"""A whole page: sections of blocks rendered as one self-contained HTML text, no larger than asked for."""
+"""A whole page: sections of blocks rendered as one self-contained HTML text, no larger than asked for.
 
+Every text of a page passes through jinja2's escaping and through :func:`.clean`; data for scripts travel as JSON that
+cannot end its element. The policy names the digests of the three scripts that may run, so that nothing else can, even
+if a text were not escaped.
+"""
+
+import base64
+import hashlib
+import html
 import re
 import unicodedata
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError
@@ -20,12 +31,14 @@ from labpipe.report._blocks import (
     data_address,
 )
 from labpipe.report._charts import LineChart, ScatterChart
-from labpipe.report._page import assemble, clean_all, fill
-from labpipe.report._tables import HeadingView, Table, table_view
+from labpipe.report._tables import HeadingView, Table, clean, table_view
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from markupsafe import Markup
 
+_SCRIPTS = ("uplot.min.js", "page.js", "charts.js")
+_STYLES = ("uplot.min.css", "page.css")
 # A page above this is slow to open and refused by many mail servers.
 MAX_PAGE_BYTES = 3_000_000
 # More than this for one chart is finer than any screen, and slow to decode on a phone; the least keeps its whole range.
@@ -90,7 +103,7 @@ class Document:
                 {"title": s.title, "anchor": anchor, "blocks": [_shown(block, parts) for block in s.blocks]}
                 for s, anchor in zip(sections, _anchors(sections), strict=True)
             ]
-            return assemble(self.title, fill("document", page=self, sections=shown), badge=self.badge)
+            return assemble(self.title, fill("document", page=self, sections=shown), self.badge)
 
         sections, least = self.sections, len(charts) * _MIN_CHART_BYTES
         room = max_bytes - len(written(sections).encode())
@@ -159,13 +172,7 @@ def _shown(block: Any, charts: Iterator[Any]) -> "Markup":
     kind = type(block).__name__
     if not isinstance(block, Block):
         raise InputError(f"a section holds blocks of the report kit, found {kind}")
-    return _markup("Chart" if kind.endswith("Chart") else kind, block=block, **more)
-
-
-def _markup(macro: str, **values: Any) -> "Markup":
-    from markupsafe import Markup
-
-    return Markup(fill(macro, **values))  # noqa: S704 - made by the kit's escaping templates
+    return fill("Chart" if kind.endswith("Chart") else kind, block=block, **more)
 
 
 def amended(page: str, anchor: str, notices: Iterable[Notice], *, aside: str = "") -> str:
@@ -189,13 +196,13 @@ def amended(page: str, anchor: str, notices: Iterable[Notice], *, aside: str = "
     """
     from markupsafe import Markup, escape
 
-    added = "\n".join(_markup("Notice", block=notice) for notice in notices)
+    added = "\n".join(fill("Notice", block=notice) for notice in notices)
 
     def beside(found: re.Match[str]) -> str:
         if not aside:
             return f"{found[0]}\n{added}"
         text = escape(aside) + Markup(found[1])  # noqa: S704 - out of a page of the kit, escaped there
-        return f"{added}\n{_markup('Notice', block=Notice('info', text, anchor))}"
+        return f"{added}\n{fill('Notice', block=Notice('info', text, anchor))}"
 
     pattern = rf'<div class="notice notice-\w+" id="{re.escape(anchor)}".*?<span class="notice-text">(.*?)</span></div>'
     return re.sub(pattern, beside, page, count=1, flags=re.DOTALL)
@@ -261,3 +268,94 @@ def _as_jpeg(picture: Picture, quality: int) -> Picture:
     options = [cv2.IMWRITE_JPEG_QUALITY, quality, *sampling]
     data = cv2.imencode(".jpg", image[..., :3] if image.ndim == 3 else image, options)[1].tobytes()
     return replace(picture, data=data) if len(data) < len(picture.data) else picture
+
+
+# --- HTML ---------------------------------------------------------------------------------------
+
+
+def clean_all(data: Any) -> Any:
+    """Apply :func:`clean` to every text in nested lists and dicts."""
+    if isinstance(data, str):
+        return clean(data)
+    if isinstance(data, Mapping):
+        return {clean(str(key)): clean_all(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [clean_all(value) for value in data]
+    return data
+
+
+def fill(macro: str, **values: Any) -> "Markup":
+    """Fill one of the macros of ``templates/blocks.html``; every text in `values` is escaped."""
+    from markupsafe import Markup
+
+    module = _environment().get_template("blocks.html").module
+    return Markup(getattr(module, macro)(**values))  # noqa: S704 - made by the kit's escaping templates
+
+
+def assemble(title: str, body: "Markup", badge: str) -> str:
+    """Wrap the body into a whole page with its styles, scripts and policy."""
+    from markupsafe import Markup
+
+    scripts = [_asset(name) for name in _SCRIPTS]
+    digests = [base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts]
+    policy = (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src "
+        + " ".join(f"'sha256-{digest}'" for digest in digests)
+        + "; base-uri 'none'; form-action 'none'"
+    )
+    # The kit's own files; a test holds them free of closing tags.
+    files = {
+        "styles": [Markup(_asset(name)) for name in _STYLES],  # noqa: S704
+        "scripts": [Markup(script) for script in scripts],  # noqa: S704
+    }
+    return _environment().get_template("page.html").render(title=title, badge=badge, body=body, policy=policy, **files)
+
+
+@cache
+def _asset(name: str) -> str:
+    asset = resources.files("labpipe.report").joinpath("assets", name)
+    return asset.read_text(encoding="utf-8").replace("\r\n", "\n")
+
+
+@cache
+def _environment() -> "Environment":
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("labpipe.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        # Markup is a text that is already escaped and cleaned.
+        finalize=lambda value: clean(value) if type(value) is str else value,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """One report; a notebook shows it in a frame of its own, where its scripts reach nothing else.
+
+    Attributes
+    ----------
+    experiment : str
+        Name of its experiment.
+    path : Path
+        The HTML file.
+    """
+
+    experiment: str
+    path: Path
+
+    @property
+    def html(self) -> str:
+        """The page as it was written."""
+        return self.path.read_text("utf-8")
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.html, quote=True)
+        name = html.escape(self.experiment, quote=True)
+        return (
+            f'<iframe title="{name}" sandbox="allow-scripts" srcdoc="{page}" '
+            f'style="width:100%;height:640px;border:1px solid #9aa"></iframe>'
+        )

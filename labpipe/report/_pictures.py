@@ -14,9 +14,8 @@ import numpy as np
 from labpipe.arrays import Floats
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
 from labpipe.report._packing import Drawn, ThinnedChart, padded_range, thin
-from labpipe.report._page import clean
 from labpipe.report._style import COLUMN_WIDTHS_MM, LineLook
-from labpipe.report._tables import MINUS, power_of_ten
+from labpipe.report._tables import MINUS, clean, power_of_ten
 from labpipe.report._thinning import kept_samples
 
 UNITS = 20

@@ -249,7 +249,7 @@ def _write_plain_numbers(figure: "Figure") -> None:
         axis.set_minor_formatter(Plain(axis.get_minor_formatter()))
 
 
-def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -> bytes:
+def figure_bytes(figure: "Figure", file_format: str) -> bytes:
     """Draw a figure into memory; the same figure gives the same bytes.
 
     Parameters
@@ -258,8 +258,6 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
         The figure.
     file_format : {"pdf", "svg", "png"}
         The file format.
-    dpi : float, optional
-        Dots per inch of a raster image; 300 by default.
 
     Raises
     ------
@@ -284,7 +282,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
             # ``savefig`` would draw everything once more before, for the layout that is known.
             drawing: Any = get_registered_canvas_class(file_format)(figure)
             if file_format == "png":
-                figure.set_dpi(dpi or 300.0)
+                figure.set_dpi(300.0)
             getattr(drawing, f"print_{file_format}")(target, metadata=_METADATA[file_format])
         finally:
             figure.set_canvas(canvas)

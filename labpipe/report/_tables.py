@@ -1,4 +1,4 @@
-"""Formatting of numbers with units and uncertainties, and tables of them.
+"""Formatting of texts and of numbers with units and uncertainties, and tables of them.
 
 Values arrive in SI and leave with the prefix that fits their size: 0.0015 with the unit "m" is
 shown as 1.5 mm. A value with a standard uncertainty is rounded as the GUM (JCGM 100:2008, 7.2.6)
@@ -6,6 +6,7 @@ recommends: two significant digits of the uncertainty, and the value to the same
 """
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
@@ -51,6 +52,23 @@ _FORMS: dict[str, tuple[tuple[float, str], ...]] = {
 # Plain decimals are read at a glance inside this range, powers of ten outside it.
 _PLAIN_FROM, _PLAIN_BELOW = 1e-4, 1e6
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# Control characters, half characters, and marks that reorder the text around them, so that a name reads as another one.
+_UNWANTED = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff\u202a-\u202e\u2066-\u2069\u200e\u200f\u061c]"
+)
+
+
+def clean(text: str) -> str:
+    """Replace control characters, half characters and reordering marks.
+
+    Examples
+    --------
+    >>> clean("a" + chr(0) + "b") == "a" + chr(0xFFFD) + "b"
+    True
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return _UNWANTED.sub("\N{REPLACEMENT CHARACTER}", text.replace("\r\n", "\n"))
 
 
 class DisplayUnit(NamedTuple):
@@ -234,8 +252,6 @@ class Column:
         is no SI unit (``"mm"``, ``"%"``) is shown unchanged and nothing is rescaled.
     digits : int
         Significant digits of numbers without an uncertainty.
-    decimals : int, optional
-        Digits after the point instead of significant digits.
     u : int, optional
         Index of the column that holds the standard uncertainties of this one. That column is
         then not shown by itself.
@@ -244,7 +260,6 @@ class Column:
     title: str
     unit: str = ""
     digits: int = 4
-    decimals: int | None = None
     u: int | None = None
 
 
@@ -255,8 +270,7 @@ class Table:
     Raises
     ------
     InputError
-        A row is longer or shorter than the columns, or a column names an uncertainty column
-        that does not exist.
+        A row is longer or shorter than the columns.
 
     Examples
     --------
@@ -271,18 +285,12 @@ class Table:
     sortable: bool = True
 
     def __post_init__(self) -> None:
-        """Refuse rows and references that do not fit the columns."""
+        """Refuse rows that do not fit the columns."""
         for index, row in enumerate(self.rows):
             if len(row) != len(self.columns):
                 raise InputError(
                     f'table "{self.caption}": row {index} has {len(row)} cells, expected '
                     f"{len(self.columns)} (one for each column)"
-                )
-        for column in self.columns:
-            if column.u is not None and not 0 <= column.u < len(self.columns):
-                raise InputError(
-                    f'table "{self.caption}": column "{column.title}" takes its uncertainty from '
-                    f"column {column.u}; expected 0 to {len(self.columns) - 1}"
                 )
 
 
@@ -388,8 +396,7 @@ def _cell(cell: Cell, u: Cell, column: Column, factor: float) -> CellView:
     elif isinstance(cell, int) and factor == 1.0:
         text = str(cell).replace("-", MINUS)
     else:
-        is_fixed = column.decimals is not None and math.isfinite(value)
-        text = _fixed(value, column.decimals or 0) if is_fixed else number(value, column.digits)
+        text = number(value, column.digits)
     return CellView(text, "" if math.isnan(value) else repr(float(cell)), True)
 
 

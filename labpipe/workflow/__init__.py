@@ -4,8 +4,8 @@
   configured fields, and the check of a TOML file against them
 - :mod:`~labpipe.workflow.session`: ``session.toml``
 - :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages and tasks
-- :mod:`~labpipe.workflow._keys`, :mod:`~labpipe.workflow.code`: content keys, and the code in them
-- :mod:`~labpipe.workflow.plan`: the steps of a run, with the reason of each
+- :mod:`~labpipe.workflow.plan`, :mod:`~labpipe.workflow.code`: the steps of a run, with the key and the reason of
+  each, and the code in the keys
 - :mod:`~labpipe.workflow.store`, :mod:`~labpipe.workflow.results`: results by key, and their
   reader; the log of all runs
 - :mod:`~labpipe.workflow.runner`, :mod:`~labpipe.workflow.engines`: the run, in processes or on a cluster

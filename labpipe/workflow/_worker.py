@@ -1,6 +1,5 @@
 """One experiment, task by task: read the inputs, call the function, check and store the result."""
 
-import contextlib
 import importlib
 import platform
 import time
@@ -9,19 +8,19 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
-from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError, StorageError, StoreError
+from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, StageError, StoreError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
-from labpipe.workflow._keys import Key, describe_file
 from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned, counts, summarise
-from labpipe.workflow.plan import READY, Plan, make_plan, page_name
+from labpipe.workflow.plan import READY, Key, Plan, describe_file, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Store, log
-from labpipe.workflow.tasks import Argument, Stages, Task, TaskId, ancestors, spell_out, stage_name
+from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out, stage_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -92,35 +91,30 @@ class _StartAgain(Exception):  # noqa: N818 (not an error: the plan is made anew
     """An input changed, or a stored one was damaged, so that the plan no longer holds; once for every task."""
 
 
-def work(job: Job) -> list[Outcome]:
+def work(job: Job) -> None:
     """Compute the missing results of an experiment, under its lock.
 
     Another process that computes the same experiment is waited for, and its results are used. The beginning and the
-    end of every task are written into the log of the session as they happen.
-
-    Returns
-    -------
-    list of Outcome
-        Of every task.
+    end of every task are written into the log of the session as they happen, from which the run learns of them.
 
     Raises
     ------
     InputError
         The session is not there, on a machine that does not share its folder.
+    StorageError
+        The log cannot be written.
     """
     if not job.session.root.is_dir():
         raise InputError(
             f"{platform.node()} sees no folder {job.session.root}; "
             "a session must lie under the same path on every machine"
         )
-    outcomes: list[Outcome] = []
+    ended: set[TaskId] = set()
 
     def emit(event: str, value: TaskId | Outcome) -> None:
+        log(job.session, event, run=job.run, **(asdict(value) if isinstance(value, Outcome) else value._asdict()))
         if isinstance(value, Outcome):
-            outcomes.append(value)
-        details = asdict(value) if isinstance(value, Outcome) else value._asdict()
-        with contextlib.suppress(StorageError):  # the run writes what the log lacks, or ends with that error
-            log(job.session, event, run=job.run, **details)
+            ended.add(value.task)
 
     try:
         store = Store(job.session.folder)
@@ -138,9 +132,8 @@ def work(job: Job) -> list[Outcome]:
             store.index.save()
     except LabpipeError as error:  # outside a task, as when the lock or the list of last keys cannot be written
         kind = type(error).__name__
-        for task in sorted(job.wanted - {outcome.task for outcome in outcomes}, key=str):
+        for task in sorted(job.wanted - ended, key=str):
             emit("ended", Outcome(*task, FAILED, None, str(error), error.exit_code, kind, is_of_run=error.is_of_run))
-    return outcomes
 
 
 @dataclass(slots=True)
@@ -163,6 +156,8 @@ class _Run:
                 last = self.plan.last(row.task)
                 self.store.note_latest(row.task, *last)
                 outcome = Outcome(*row.task, row.state, last.key)
+            elif row.task in self.job.failures:
+                outcome = self.job.failures[row.task]
             else:
                 outcome = self._outcome(self.plan.tasks[row.task])
             if outcome.state in (FAILED, SKIPPED):
@@ -171,8 +166,6 @@ class _Run:
 
     def _outcome(self, task: Task) -> Outcome:
         """Compute one task, unless an input is missing."""
-        if task.id in self.job.failures:
-            return self.job.failures[task.id]
         for name in task.before:  # another experiment may not have made it
             value = self.plan.keys[name].value
             is_elsewhere = name.experiment != self.job.experiment and name not in self.failures
@@ -197,9 +190,8 @@ class _Run:
         except (Exception, SystemExit) as error:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
             ours = error if isinstance(error, LabpipeError) else None
-            text = str(error) if ours else f"unexpected {type(error).__name__}: {error}"
             failure = {
-                "message": self._relative(text),
+                "message": self._relative(str(error) if ours else f"unexpected {type(error).__name__}: {error}"),
                 "exit_code": ours.exit_code if ours else StageError.exit_code,
                 "error": type(error).__name__,
                 "details": "".join(traceback.format_exception(error)),
@@ -216,7 +208,7 @@ class _Run:
 
     def _made(self, task: Task) -> str | None:
         """Return the key of a result, made or found now; None where it rests on failures and is not kept."""
-        key, stage = self.plan.keys[task.id], task.stage
+        key, stage, place = self.plan.keys[task.id], task.stage, task.id[:2]
         is_page = stage.output == "page"
         page = self.job.session.folder / page_name(task.id.experiment)
         if key.value is not None:
@@ -230,11 +222,14 @@ class _Run:
         if key.problem:
             raise InputError(key.problem)
         if key.value is None and not (is_page or stage.tolerant):
-            raise StageError(*task.id[:2], "an input has no key; run again")
-        self._require_space(task)
+            raise StageError(*place, "an input has no key; run again")
+        # space for the last result of this task, or for the results that it is made of
+        last, before = self.store.last(task.id), [self.plan.keys[name].value for name in task.before]
+        sizes = [0 if one is None else self.store.size(one) for one in (last and last.key, *before)]
+        files.require_space(self.store.root, int(_SPARE * max(sizes[0] or sum(sizes), _SMALLEST)))
         result, caught = self._call(task, key)
         if is_page and not isinstance(result, str):
-            raise StageError(*task.id[:2], f"must return the text of a page, returned {type(result).__name__}")
+            raise StageError(*place, f"must return the text of a page, returned {type(result).__name__}")
         is_on_failures = any(name in self.failures for name in ancestors(self.plan.tasks, task.id))
         if (is_on_failures or key.value is None) and (is_page or stage.tolerant):
             if is_page:  # made again in every run
@@ -244,32 +239,32 @@ class _Run:
             return None
         work = {}
         if not is_page:
-            work = counts(getattr(result, "attrs", {}).get("work"))
-            result = self._checked(task, result, work)
+            import xarray as xr
+
+            if not isinstance(result, xr.Dataset):
+                raise StageError(*place, f"must return a Dataset, returned {type(result).__name__}")
+            work = counts(result.attrs.get("work"))
+            about = provenance.of_task(self.job.program, self.plan.tasks, self.plan.keys, task.id)
+            attributes = {"provenance": files.canonical(about)} | ({"work": files.canonical(work)} if work else {})
+            schema = self.job.schemas.get(stage.schema or "", Schema(stage.name))
+            result = check(result, schema).assign_attrs(attributes)
         record = self.store.write(key.ingredients, result, warnings=caught, work=work)
         if is_page:
             files.write_text(page, result)
         self.store.note_latest(task.id, record.key)
         return record.key
 
-    def _require_space(self, task: Task) -> None:
-        """Ask for the space of the last result of this task, or of the results it is made of."""
-
-        def size(*keys: str | None) -> int:
-            records = [self.store.record(key) for key in keys if key is not None]
-            return sum(record.size for record in records if record is not None)
-
-        last = self.store.last(task.id)
-        expected = size(last.key if last else None) or size(*(self.plan.keys[name].value for name in task.before))
-        files.require_space(self.store.root, int(_SPARE * max(expected, _SMALLEST)))
-
     # --- one call ---
 
     def _call(self, task: Task, key: Key) -> tuple[Any, tuple[Caught, ...]]:
         """Call the function; start again when a file changed before it returned or failed."""
-        function = _import(task)
+        module, _, name = task.stage.function.partition(":")
+        try:
+            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, SyntaxError) as error:
+            raise StageError(*task.id[:2], f"{task.stage.function} cannot be imported: {error}") from error
         self._refuse_changed(task, key)
-        arguments = [self._argument(task, argument) for argument in task.arguments]
+        arguments = [argument.arranged(partial(self._value, task)) for argument in task.arguments]
         keywords: dict[str, Any] = {"settings": self.job.session.experiments[task.id.experiment].settings}
         if task.stage.context:
             keywords["context"] = self._context(task)
@@ -301,18 +296,17 @@ class _Run:
             error.is_of_run = True  # the same file may be whole the next time
             raise error
 
-    def _argument(self, task: Task, argument: Argument) -> Any:
-        values: list[Any] = [self.job.session.root / name for name in argument.files]
-        for name in argument.tasks:
-            value = self.plan.keys[name].value
-            result = self.passed.get(name)
-            if result is None and name not in self.failures and value is not None:
-                result = self._read(task, value)
-                if task.stage.output == "dataset" and not isinstance(result, str):
-                    for attribute in _OURS:
-                        result.attrs.pop(attribute, None)
-            values.append(result)
-        return argument.arranged(values)
+    def _value(self, task: Task, slot: TaskId | str) -> Any:
+        """Return the value of a slot for the function of a task; None for a result that is not there."""
+        if isinstance(slot, str):
+            return self.job.session.root / slot
+        value, result = self.plan.keys[slot].value, self.passed.get(slot)
+        if result is None and slot not in self.failures and value is not None:
+            result = self._read(task, value)
+            if task.stage.output == "dataset" and not isinstance(result, str):
+                for attribute in _OURS:
+                    result.attrs.pop(attribute, None)
+        return result
 
     def _read(self, task: Task, key: str) -> "xr.Dataset | str":
         try:
@@ -322,17 +316,6 @@ class _Run:
                 raise
             raise _StartAgain(task.id) from None
 
-    def _checked(self, task: Task, result: Any, work: Mapping[str, float]) -> "xr.Dataset":
-        """Return a Dataset that fits its schema, with the counts of its work and where it comes from."""
-        import xarray as xr
-
-        if not isinstance(result, xr.Dataset):
-            raise StageError(*task.id[:2], f"must return a Dataset, returned {type(result).__name__}")
-        schema = self.job.schemas.get(task.stage.schema or "", Schema(task.stage.name))
-        about = provenance.of_task(self.job.program, self.plan.tasks, self.plan.keys, task.id)
-        attributes = {"provenance": files.canonical(about)} | ({"work": files.canonical(work)} if work else {})
-        return check(result, schema).assign_attrs(attributes)
-
     def _context(self, task: Task) -> Context:
         """Return the context of a page: the run behind it."""
         session, keys = self.job.session, self.plan.keys
@@ -340,37 +323,24 @@ class _Run:
         values = {name: keys[name].value for name in behind if name not in self.failures}
         found = {name: self.store.record(value) for name, value in values.items() if value is not None}
         records = {name: record for name, record in found.items() if record is not None}
+
+        def of(name: TaskId) -> tuple[str, str | None]:
+            return stage_name(task, name), name.recording
+
+        failed = ((name, self.failures[name]) for name in behind if name in self.failures)
         return Context(
-            experiment=task.id.experiment,
-            kind=session.experiments[task.id.experiment].kind,
-            title=session.title,
-            operator=session.operator,
-            notes=session.notes,
-            synthetic=session.synthetic,
+            task.id.experiment,
+            session.experiments[task.id.experiment].kind,
+            session.title,
+            session.operator,
+            session.notes,
+            session.synthetic,
             ledger=summarise((n.experiment, n.stage, r.work) for n, r in records.items()),
             warnings=tuple(
-                Warned(stage_name(task, name), name.recording, w.category, w.text, w.count)
-                for name, record in records.items()
-                for w in record.warnings
+                Warned(*of(n), w.category, w.text, w.count) for n, record in records.items() for w in record.warnings
             ),
-            failures=tuple(
-                Failed(stage_name(task, name), name.recording, one.message, one.is_of_run, one.reason)
-                for name in behind
-                if (one := self.failures.get(name)) is not None
-            ),
+            failures=tuple(Failed(*of(n), one.message, one.is_of_run, one.reason) for n, one in failed),
             inputs=tuple(RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
-            kept=tuple(
-                Kept(stage_name(task, name), name.recording, changed)
-                for name, changed in self.plan.kept(task.id).items()
-            ),
+            kept=tuple(Kept(*of(name), changed) for name, changed in self.plan.kept(task.id).items()),
         )
-
-
-def _import(task: Task) -> Callable[..., Any]:
-    module, _, name = task.stage.function.partition(":")
-    try:
-        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, SyntaxError) as error:
-        raise StageError(*task.id[:2], f"{task.stage.function} cannot be imported: {error}") from error
-    return function

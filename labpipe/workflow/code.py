@@ -11,7 +11,6 @@ import importlib.metadata
 import importlib.util
 import os
 import time
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -115,21 +114,18 @@ def _digests(package: str, is_whole: bool, is_page: bool) -> dict[str, str]:
     if spec.submodule_search_locations is None:
         return {package: _short(_digest(spec.origin).encode())}
     found: dict[str, list[tuple[str, str]]] = {}
-    for part, name, path in _files(os.path.join(spec.submodule_search_locations[0], *inner), is_whole):  # noqa: PTH118
-        if is_page or not name.endswith(_OF_PAGES):
-            found.setdefault(f"{package}.{part}" if part else package, []).append((name, _digest(path)))
-    return {part: _short(repr(files).encode()) for part, files in found.items()}
-
-
-def _files(folder: str, is_whole: bool) -> Iterator[tuple[str, str, str]]:
-    """Yield package inside, name in the folder and path of every file, as text since there are hundreds."""
-    for place, below, names in os.walk(folder):
+    root = os.path.join(spec.submodule_search_locations[0], *inner)  # noqa: PTH118 (text: there are hundreds of files)
+    left_out = _FOR_READERS if is_page else (*_FOR_READERS, *_OF_PAGES)
+    for place, below, names in os.walk(root):
         kept = [name for name in below if not name.startswith((".", "__pycache__", "documentation"))]
         below[:] = sorted(kept) if is_whole else []
-        inner = place[len(folder) + 1 :]
+        within = place[len(root) + 1 :]
+        part = within.partition(os.sep)[0]
         for name in sorted(names):
-            if not name.startswith(".") and not name.endswith(_FOR_READERS):
-                yield inner.partition(os.sep)[0], f"{inner}/{name}", f"{place}/{name}"
+            if not name.startswith(".") and not name.endswith(left_out):
+                entry = f"{within}/{name}", _digest(f"{place}/{name}")
+                found.setdefault(f"{package}.{part}" if part else package, []).append(entry)
+    return {part: _short(repr(files).encode()) for part, files in found.items()}
 
 
 def _digest(path: str) -> str:

@@ -18,8 +18,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union
 
@@ -83,27 +82,26 @@ _BAD = object()
 class Checker:
     """Converts values to the types of their fields and reports mistakes.
 
-    ``origins`` maps a place in a merged table to the place in the file where it was written;
-    ``may_wait`` takes names of files that are not there yet. With a list ``gaps``, values that are
-    still to come are listed there and are no mistakes; other mistakes are reported all the same.
+    ``defaults`` is the place of a table that lies below the one at a place of as many keys; ``may_wait`` takes names of
+    files that are not there yet. With a list ``gaps``, values that are still to come are listed there and are no
+    mistakes; other mistakes are reported all the same.
     """
 
     document: Document
     root: Path
-    origins: Mapping[Place, Place] = field(default_factory=dict)
+    defaults: Place = ()
     may_wait: bool = False
     gaps: list[str] | None = None
 
     def report(self, place: Place, message: str) -> Any:
-        """Report at the place in the file that a merged value came from; return the mark of no value."""
-        self.document.report(self._written(place), message)
+        """Report at the place in the file where a value was written; return the mark of no value."""
+        self.document.report(self.written(place), message)
         return _BAD
 
-    def _written(self, place: Place) -> Place:
-        nearest = place
-        while nearest and nearest not in self.origins:
-            nearest = nearest[:-1]
-        return (*self.origins.get(nearest, nearest), *place[len(nearest) :])
+    def written(self, place: Place) -> Place:
+        """Return the place in the file of a value: its own, or that of its default."""
+        below = (*self.defaults, *place[len(self.defaults) :])
+        return below if place not in self.document.lines and below in self.document.lines else place
 
     def structure(self, kind: type[msgspec.Struct], value: Any, place: Place, partial: bool = False) -> Any:
         """Convert a table; with ``partial``, required fields may be missing."""
@@ -129,7 +127,7 @@ class Checker:
         """Convert one value to the type of its field."""
         bare, marks = split(kind)
         if self.gaps is not None and is_gap(value):
-            self.gaps.append(self.document.at(self._written(place), f"to be filled in: {describe(kind)}"))
+            self.gaps.append(self.document.at(self.written(place), f"to be filled in: {describe(kind)}"))
             return _BAD
         if typing.get_origin(bare) in (Union, types.UnionType):
             return self._union(bare, value, place, partial)

@@ -1,6 +1,6 @@
 """Calls side by side: in this process, in a pool of local processes, or on a Dask cluster.
 
-An engine gives a :class:`Crew`, which is given one :class:`Call` after the other and answers each; behind it is an
+An engine opens a :class:`Crew`, which is given one :class:`Call` after the other and answers each; behind it is an
 executor of :mod:`concurrent.futures`. Local processes compute on one thread each, so that an answer does not depend on
 their number, and end with the crew. A process that dies breaks the pool, and a new one is started.
 """
@@ -16,9 +16,11 @@ import types
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from labpipe.errors import InputError, LabpipeError, UsageError
 
@@ -26,12 +28,8 @@ Key = TypeVar("Key")
 
 _MOMENT = 0.1
 """s: how often a crew that waits lets its owner see to other things."""
-_ENVIRONMENT = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
+_ENVIRONMENT = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")} | {
     "VECLIB_MAXIMUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
     "OPENCV_FOR_THREADS_NUM": "1",
     "MPLBACKEND": "Agg",
 }
@@ -131,12 +129,8 @@ class Crew:
         return ended
 
 
-class Engine(Protocol):
-    """Gives crews."""
-
-    def crew(self) -> contextlib.AbstractContextManager[Crew]:
-        """Return a crew that ends with the block."""
-        ...
+Engine = Callable[[], AbstractContextManager[Crew]]
+"""Opens a crew that ends with the block."""
 
 
 def choose(jobs: int, cluster: str | None = None) -> Engine:
@@ -145,18 +139,20 @@ def choose(jobs: int, cluster: str | None = None) -> Engine:
     Parameters
     ----------
     jobs : int
-        Local processes; 0 computes in this process.
+        Local processes; 0 computes in this process, for a debugger: an error is raised where the call is given.
     cluster : str, optional
         Address of a Dask scheduler, which replaces local processes.
 
-    Examples
-    --------
-    >>> choose(2), choose(0), choose(1, "tcp://head:8786")
-    (Processes(workers=2), Serial(), Dask(address='tcp://head:8786'))
+    Raises
+    ------
+    InputError
+        The number is negative.
     """
+    if jobs < 0:
+        raise InputError(f"jobs must be at least 0, found {jobs}")
     if cluster is not None:
-        return Dask(cluster)
-    return Processes(jobs) if jobs else Serial()
+        return partial(_cluster, cluster)
+    return partial(_processes, jobs) if jobs else _here
 
 
 def processors() -> int:
@@ -185,7 +181,7 @@ def side_by_side(
         A key and its answer, in the order of the answers; see :class:`Crew`. An error of the function is raised.
     """
     queue = iter(tasks)
-    with engine.crew() as crew:
+    with engine() as crew:
         while True:
             for key in islice(queue, crew.room):
                 crew.give(key, Call(function, tasks[key], tuple(imports)))
@@ -196,77 +192,54 @@ def side_by_side(
 
 def elsewhere(call: Call) -> Any:
     """Return the answer of a call in a local process; raise its error, or :class:`Died`."""
-    with Processes(1).crew() as crew:
-        crew.give(None, call)
-        while not (ended := crew.ended()):
-            pass
-    if isinstance(ended[0][1], Died):
-        raise ended[0][1]
-    return ended[0][1]
+    ((_, answer),) = side_by_side(choose(1), call.function, {None: call.arguments}, imports=call.imports)
+    if isinstance(answer, Died):
+        raise answer
+    return answer
 
 
-@dataclass(frozen=True, slots=True)
-class Serial:
-    """One call after the other in this process, for a debugger: an error is raised where the call is given."""
+@contextlib.contextmanager
+def _here() -> Iterator[Crew]:
+    """Open a crew that computes one call after the other in this process."""
 
-    def crew(self) -> contextlib.AbstractContextManager[Crew]:
-        """See :class:`Engine`."""
+    def start(call: Call) -> "Future[Any]":
+        future: Future[Any] = Future()
+        future.set_result(call.run())
+        return future
 
-        def start(call: Call) -> "Future[Any]":
-            future: Future[Any] = Future()
-            future.set_result(call.run())
-            return future
-
-        return contextlib.nullcontext(Crew(start, lambda: 1))
+    yield Crew(start, lambda: 1)
 
 
 # --- local processes ---------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Processes:
-    """Local processes; 0 are as many as there are processors.
+@contextlib.contextmanager
+def _processes(size: int) -> Iterator[Crew]:
+    """Open a crew of processes that begin when they are needed and end when this one does, however it ends."""
+    context = multiprocessing.get_context(_METHOD)
+    watched, held = context.Pipe(duplex=False)
+    executor: ProcessPoolExecutor | None = None
 
-    Raises
-    ------
-    InputError
-        The number is negative.
-    """
+    def start(call: Call) -> "Future[Any]":
+        nonlocal executor
+        with _clean_start():
+            if executor is None and _METHOD == "forkserver":
+                context.set_forkserver_preload(list(call.imports))
+            while True:
+                executor = executor or ProcessPoolExecutor(size, context, _begin, (watched,))
+                try:
+                    return executor.submit(call.run)
+                except BrokenProcessPool:  # the calls under way find out by their futures
+                    executor.shutdown()
+                    executor = None
 
-    workers: int = 0
-
-    def __post_init__(self) -> None:
-        """Refuse a negative number."""
-        if self.workers < 0:
-            raise InputError(f"jobs must be at least 0, found {self.workers}")
-
-    @contextlib.contextmanager
-    def crew(self) -> Iterator[Crew]:
-        """See :class:`Engine`; processes begin when they are needed, and end when this one does, however it ends."""
-        size, context = self.workers or processors(), multiprocessing.get_context(_METHOD)
-        watched, held = context.Pipe(duplex=False)
-        executor: ProcessPoolExecutor | None = None
-
-        def start(call: Call) -> "Future[Any]":
-            nonlocal executor
-            with _clean_start():
-                if executor is None and _METHOD == "forkserver":
-                    context.set_forkserver_preload(list(call.imports))
-                while True:
-                    executor = executor or ProcessPoolExecutor(size, context, _begin, (watched,))
-                    try:
-                        return executor.submit(call.run)
-                    except BrokenProcessPool:  # the calls under way find out by their futures
-                        executor.shutdown()
-                        executor = None
-
-        try:
-            yield Crew(start, lambda: size)
-        finally:
-            held.close()  # ends all processes at once; unfinished results never come to exist
-            if executor is not None:
-                executor.shutdown(cancel_futures=True)  # waits until their locks are free and nothing is written
-            watched.close()
+    try:
+        yield Crew(start, lambda: size)
+    finally:
+        held.close()  # ends all processes at once; unfinished results never come to exist
+        if executor is not None:
+            executor.shutdown(cancel_futures=True)  # waits until their locks are free and nothing is written
+        watched.close()
 
 
 @contextlib.contextmanager
@@ -311,41 +284,29 @@ _ONE_AT_A_TIME = threading.Lock()
 """Of a worker, whose threads would share what is not made for it: HDF5, and caught warnings."""
 
 
-@dataclass(frozen=True, slots=True)
-class Dask:
-    """Workers of a Dask scheduler, ``tcp://host:port``, with the same installation of labpipe.
+@contextlib.contextmanager
+def _cluster(address: str) -> Iterator[Crew]:
+    """Open a crew of the workers of a Dask scheduler, ``tcp://host:port``, with the same installation of labpipe.
 
     The scheduler tries a call again on another worker when one dies, three times; then it is answered by
-    :class:`Died`.
+    :class:`Died`. Raises UsageError: the extra ``cluster`` is not installed, or nobody answers at the address.
     """
+    from labpipe.workflow.provenance import program
 
-    address: str
-
-    @contextlib.contextmanager
-    def crew(self) -> Iterator[Crew]:
-        """See :class:`Engine`.
-
-        Raises
-        ------
-        UsageError
-            The extra ``cluster`` is not installed, or nobody answers at the address.
-        """
-        from labpipe.workflow.provenance import program
-
-        try:
-            distributed: Any = importlib.import_module("distributed")
-        except ImportError as error:
-            raise UsageError("--cluster needs Dask: pip install 'labpipe[cluster]'") from error
-        try:
-            client = distributed.Client(self.address, timeout="10s", set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise UsageError(f"no Dask scheduler answers at {self.address} ({error})") from error
-        with client:
-            executor, here = client.get_executor(), program()
-            yield Crew(
-                lambda call: executor.submit(_compute_there, call, here),
-                lambda: max(_FEWEST_CALLS, _CALLS_PER_THREAD * sum(client.nthreads().values())),
-            )
+    try:
+        distributed: Any = importlib.import_module("distributed")
+    except ImportError as error:
+        raise UsageError("--cluster needs Dask: pip install 'labpipe[cluster]'") from error
+    try:
+        client = distributed.Client(address, timeout="10s", set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"no Dask scheduler answers at {address} ({error})") from error
+    with client:
+        executor, here = client.get_executor(), program()
+        yield Crew(
+            lambda call: executor.submit(_compute_there, call, here),
+            lambda: max(_FEWEST_CALLS, _CALLS_PER_THREAD * sum(client.nthreads().values())),
+        )
 
 
 def _compute_there(call: Call, program: Mapping[str, Any]) -> Any:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from labpipe.installation import __version__
-from labpipe.workflow._keys import Key
 from labpipe.workflow.code import LIBRARIES, version
+from labpipe.workflow.plan import Key
 from labpipe.workflow.store import key_of
 from labpipe.workflow.tasks import Task, TaskId, ancestors
 

@@ -15,22 +15,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def read(store: Store, key: str, task: TaskId) -> "xr.Dataset":
-    """Return a stored result.
-
-    Raises
-    ------
-    InputError
-        It is a page.
-    StoreError
-        It is damaged.
-    """
-    found = store.read(key)
-    if isinstance(found, str):
-        raise InputError(f"{task} is a page; open it in a browser")
-    return found
-
-
 @dataclass(frozen=True, slots=True)
 class Results:
     """Results of a session that are up to date, read from its store.
@@ -96,16 +80,18 @@ class Results:
         key = self.plan.keys[task].value
         if row.state not in READY or key is None:
             raise InputError(f"{task} has no up-to-date result ({row.reason}); run labpipe process first")
-        return read(Store(self.plan.session.folder), key, task)
+        found = Store(self.plan.session.folder).read(key)
+        if isinstance(found, str):
+            raise InputError(f"{task} is a page; open it in a browser")
+        return found
 
     def values(self, arguments: Sequence[Argument]) -> list[Any]:
         """Return the arguments of a function: Datasets and paths, lists of them, or None."""
-        return [
-            argument.arranged(
-                [*(self.folder / name for name in argument.files), *(self.result(*task) for task in argument.tasks)]
-            )
-            for argument in arguments
-        ]
+
+        def value(slot: TaskId | str) -> Any:
+            return self.folder / slot if isinstance(slot, str) else self.result(*slot)
+
+        return [argument.arranged(value) for argument in arguments]
 
 
 def open_result(

@@ -4,20 +4,13 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from labpipe.errors import InputError, StorageError
+from labpipe.errors import StorageError
 from labpipe.notebook import html_table, text_table
 from labpipe.workflow._worker import FAILED, Outcome
-from labpipe.workflow.context import LedgerRow
 from labpipe.workflow.plan import Plan
-from labpipe.workflow.results import read
 from labpipe.workflow.session import Session
-from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import TaskId
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +34,12 @@ class Event:
 class RunResult:
     """How a run ended.
 
-    ``reports`` are the pages by experiment, where there is one. ``ledger`` holds the counts of
-    all results and, per experiment with an empty stage name, tasks run (done) and cached (skipped).
-    ``plan`` is that of the run where it is one of the whole session, nothing was left to do and no
-    shortcut refused, so that it still holds; otherwise None.
+    ``reports`` are the pages by experiment, where there is one. ``plan`` is that of the run where it is one of the
+    whole session, nothing was left to do and no shortcut refused, so that it still holds; otherwise None.
     """
 
     session: Session
     outcomes: tuple[Outcome, ...]
-    ledger: tuple[LedgerRow, ...]
     reports: Mapping[str, Path]
     plan: Plan | None = field(default=None, repr=False)
 
@@ -73,22 +63,6 @@ class RunResult:
         experiments = {outcome.experiment for outcome in self.outcomes}
         has_all_failed = experiments == {outcome.experiment for outcome in self.failures}
         return codes.pop() if has_all_failed and len(codes) == 1 else 1
-
-    def dataset(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
-        """Return a result.
-
-        Raises
-        ------
-        InputError
-            There is no such result.
-        StoreError
-            It is damaged.
-        """
-        wanted = TaskId(experiment, stage, recording)
-        for outcome in self.outcomes:
-            if outcome.task == wanted and outcome.key is not None:
-                return read(Store(self.session.folder), outcome.key, wanted)
-        raise InputError(f"{wanted} gave no result in this run")
 
     @property
     def summary(self) -> str:

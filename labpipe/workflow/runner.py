@@ -4,20 +4,17 @@ import contextlib
 import secrets
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 import msgspec
 
-from labpipe import files
 from labpipe.errors import InputError, LabpipeError, StorageError
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
 from labpipe.workflow._worker import DONE, FAILED, SKIPPED, Job, Outcome
-from labpipe.workflow.context import LedgerRow, summarise
 from labpipe.workflow.engines import Call, Crew, Died
 from labpipe.workflow.graph import imports_of
-from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
+from labpipe.workflow.plan import Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.run_result import Event, RunResult
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import LOG, Store, events_after, log
@@ -152,7 +149,7 @@ def run_all(
     queue = iter(sessions)
     under_way: list[_SessionRun] = []
     try:
-        with engine.crew() as crew:
+        with engine() as crew:
             while True:
                 for state in [state for state in under_way if not state.waiting and not state.running]:
                     under_way.remove(state)
@@ -174,7 +171,7 @@ def run_all(
     except BaseException as error:
         for state in under_way:
             with state.held, contextlib.suppress(StorageError):
-                state.log("run interrupted", error=type(error).__name__)
+                log(state.plan.session, "run interrupted", error=type(error).__name__)
         raise
 
 
@@ -199,25 +196,18 @@ class _SessionRun:
     heard: int = 0
     held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
-    def log(self, event: str, **details: Any) -> None:
-        """Append to the log of the session."""
-        log(self.plan.session, event, **details)
-
     def show(self, kind: str, task: TaskId, message: str = "") -> None:
         """Hand an event to whoever follows the progress."""
         if self.progress is not None:
             total = max(len(self.plan.rows), len(self.outcomes))
             self.progress(Event(kind, task, len(self.outcomes), total, message, self.plan.session.root))
 
-    def note(self, outcome: Outcome, *, is_logged: bool = False) -> None:
-        """Take the end of a task, once."""
+    def note(self, outcome: Outcome) -> None:
+        """Take the end of a task, once; a second pass finds in the store what the first one computed."""
         known = self.outcomes.get(outcome.task)
-        if known == outcome or (known is not None and known.state == DONE):
-            return  # a second pass finds in the store what the first one computed
-        self.outcomes[outcome.task] = outcome
-        if not is_logged:
-            self.log("ended", **asdict(outcome))
-        self.show(outcome.state, outcome.task, outcome.message)
+        if known != outcome and (known is None or known.state != DONE):
+            self.outcomes[outcome.task] = outcome
+            self.show(outcome.state, outcome.task, outcome.message)
 
     # --- beginning and end ---
 
@@ -227,8 +217,7 @@ class _SessionRun:
         with contextlib.ExitStack() as held:
             held.callback(self.store.clean)  # after an interrupt; otherwise nothing is there
             held.enter_context(self.store.writing())
-            self.log("run started", tasks=len(plan.rows), to_run=len(plan.to_run), jobs=jobs)
-            self.heard = (plan.session.folder / LOG).stat().st_size
+            log(plan.session, "run started", tasks=len(plan.rows), to_run=len(plan.to_run), jobs=jobs)
             if plan.to_run:
                 self.show("planned", plan.to_run[0].task, plan.summary)
             busy = {row.experiment for row in plan.to_run}
@@ -240,14 +229,18 @@ class _SessionRun:
                 if latest[row.experiment].get((row.stage, row.recording)) != last:
                     with self.store.experiment(row.experiment):
                         self.store.note_latest(row.task, *last)
-                self.note(Outcome(*row.task, row.state, key))
+                outcome = Outcome(*row.task, row.state, key)
+                log(plan.session, "ended", **asdict(outcome))
+                self.note(outcome)
+            self.heard = (plan.session.folder / LOG).stat().st_size
             self.held = held.pop_all()
         needs: dict[str, set[str]] = {row.experiment: set() for row in plan.to_run}
         size = dict.fromkeys(needs, 0)
         for row in plan.to_run:
             task = plan.tasks[row.task]
             needs[row.experiment] |= ({other.experiment for other in task.before} - {row.experiment}) & needs.keys()
-            size[row.experiment] += sum(_bytes(plan.session.root / name) for name in task.files)
+            found = (entry for each in plan.keys[row.task].ingredients["inputs"] for entry in each.get("files", ()))
+            size[row.experiment] += sum(entry["size"] for entry in found)
         # Those with most to read, with what waits for them, run first, so that all workers end together; the bytes
         # of the files are all that is known of an experiment before it has run.
         behind = dict.fromkeys(needs, 0)
@@ -260,24 +253,15 @@ class _SessionRun:
         """Write the end into the log and sum up."""
         order = {row.task: position for position, row in enumerate(self.plan.rows)}
         outcomes = sorted(self.outcomes.values(), key=lambda o: order.get(o.task, len(order)))
-        records = ((o, self.store.record(o.key)) for o in outcomes if o.key is not None)
-        names = list(dict.fromkeys(o.experiment for o in outcomes))
-        states = {name: [o.state for o in outcomes if o.experiment == name] for name in names}
-        rows = [
-            LedgerRow(name, "", "tasks", found.count(DONE), sum(map(found.count, READY)))
-            for name, found in states.items()
-        ]
-        work = summarise((o.experiment, o.stage, r.work) for o, r in records if r is not None)
-        pages = {name: self.plan.session.folder / page_name(name) for name in names}
+        pages = {o.experiment: self.plan.session.folder / page_name(o.experiment) for o in outcomes}
         holds_still = self.is_whole and not (self.plan.to_run or self.template.full)
         result = RunResult(
             self.plan.session,
             tuple(outcomes),
-            (*rows, *work),
             {name: path for name, path in pages.items() if path.is_file()},
             self.plan if holds_still else None,
         )
-        self.log("run finished", exit_code=result.exit_code)
+        log(self.plan.session, "run finished", exit_code=result.exit_code)
         self.held.close()
         return result
 
@@ -312,9 +296,9 @@ class _SessionRun:
             if is_start:
                 self.show("started", task)
             else:
-                self.note(msgspec.convert(event, Outcome), is_logged=True)
+                self.note(msgspec.convert(event, Outcome))
 
-    def take(self, experiment: str, answer: "list[Outcome] | Died") -> None:
+    def take(self, experiment: str, death: Died | None) -> None:
         """Take the end of an experiment.
 
         Two workers have died over one that is answered by :class:`Died`; results up to then are in the store. The task
@@ -322,24 +306,16 @@ class _SessionRun:
         """
         self.hear()
         blamed = self.running.pop(experiment)
-        if not isinstance(answer, Died):
-            for outcome in answer:  # those that the log lacks
-                self.note(outcome)
+        if death is None:
             return
-        self.log("worker died", experiment=experiment, task=blamed, message=str(answer))
-        failure: dict[str, Any] = {"message": str(answer), "exit_code": 1, "is_of_run": True}
+        log(self.plan.session, "worker died", experiment=experiment, task=blamed, message=str(death))
+        failure: dict[str, Any] = {"message": str(death), "exit_code": 1, "is_of_run": True}
         if blamed is not None and blamed not in self.killed:
             self.killed[blamed] = Outcome(*blamed, FAILED, **failure)
             self.waiting[experiment] = set()
             return
         for row in self.plan.to_run:
             if row.experiment == experiment and row.task not in self.outcomes:
-                self.note(Outcome(*row.task, FAILED, **failure))
-
-
-def _bytes(path: Path) -> int:
-    """Size of a file or folder; nothing where it cannot be read, which its stage will say."""
-    try:
-        return sum(part.stat().st_size for part in (files.files_below(path) if path.is_dir() else [path]))
-    except OSError:
-        return 0
+                outcome = Outcome(*row.task, FAILED, **failure)
+                log(self.plan.session, "ended", **asdict(outcome))
+                self.note(outcome)

@@ -183,20 +183,17 @@ def _of_line(problem: str) -> tuple[bool, str, int]:
 
 def _check_version(document: Document) -> None:
     """Stop at once when the file is of another version: all other messages would mislead."""
-    name = document.path.name
     stated = document.tree.get("labpipe")
     if stated is None:
-        message = f'{name}:1: labpipe: missing; begin the file with the line "labpipe = {VERSION}"'
-        raise ConfigError([message])
-    where = f"{name}:{document.line(('labpipe',))}: labpipe"
-    if not isinstance(stated, int) or isinstance(stated, bool) or stated < 1:
-        raise ConfigError([f"{where}: expected {VERSION}, found {found(stated)}"])
-    if stated > VERSION:
-        message = (
-            f"{where}: the file is of version {found(stated)}, this labpipe reads up to {VERSION}; "
-            "update labpipe (pip install --upgrade labpipe)"
-        )
-        raise ConfigError([message])
+        message = f'missing; begin the file with the line "labpipe = {VERSION}"'
+    elif isinstance(stated, int) and stated > VERSION:
+        message = f"the file is of version {found(stated)}, this labpipe reads up to {VERSION}; "
+        message += "update labpipe (pip install --upgrade labpipe)"
+    elif stated is not VERSION:
+        message = f"expected {VERSION}, found {found(stated)}"
+    else:
+        return
+    raise ConfigError([document.at(("labpipe",), message)])
 
 
 def _tables(document: Document, key: str) -> dict[str, dict[str, Any]]:
@@ -257,14 +254,14 @@ def _experiment(
         return None
     has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(kinds[kind]))
     own = {key: value for key, value in tables[name].items() if key != "kind" or has_field}
-    origins: dict[Place, Place] = {}
-    merged = _merge([(own, place), (defaults.get(kind, {}), ("defaults", kind))], place, origins)
-    checker = Checker(document, root, origins, may_wait, gaps)
+    checker = Checker(document, root, ("defaults", kind), may_wait, gaps)
+    merged = _overlaid(own, defaults.get(kind, {}))
     settings = checker.structure(kinds[kind], merged, place)
     is_whole = isinstance(settings, msgspec.Struct)
     # Without typed settings, the texts that carry the prefix can still be checked.
     _check_references(checker, name, tables, msgspec.to_builtins(settings) if is_whole else merged, place)
-    lines = {dotted(at[2:]): document.line(written) for at, written in origins.items()}
+    parts = {at[2:] for at in document.lines if at[:2] in (place, checker.defaults)}
+    lines = {dotted(part): document.line(checker.written((*place, *part))) for part in parts}
     return Experiment(name, kind, settings, lines) if is_whole else None
 
 
@@ -280,16 +277,9 @@ def _check_references(checker: Checker, name: str, names: Collection[str], node:
         _check_references(checker, name, names, child, (*place, key))
 
 
-def _merge(layers: Sequence[tuple[Any, Place]], place: Place, origins: dict[Place, Place]) -> Any:
-    """Lay tables over each other, the first on top, and note where each value was written."""
-    node, written = layers[0]
-    origins[place] = written
-    if isinstance(node, dict):
-        tables = [(table, at) for table, at in layers if isinstance(table, dict)]
-        return {
-            key: _merge([(table[key], (*at, key)) for table, at in tables if key in table], (*place, key), origins)
-            for key in dict.fromkeys(key for table, _ in tables for key in table)
-        }
-    for number, child in children(node):
-        _merge([(child, (*written, number))], (*place, number), origins)
-    return node
+def _overlaid(own: Any, below: Any) -> Any:
+    """Lay a table over another one, and so the tables within."""
+    if not (isinstance(own, dict) and isinstance(below, dict)):
+        return own
+    upper = {key: _overlaid(value, below[key]) if key in below else value for key, value in own.items()}
+    return upper | {key: value for key, value in below.items() if key not in own}

@@ -1,7 +1,7 @@
 """The stages of a session spelled out: one task per experiment, stage and recording."""
 
 import graphlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,28 +28,33 @@ class TaskId(NamedTuple):
         return f"{self.experiment}/{self.stage}{suffix}"
 
 
+Slot = TaskId | str | None
+"""The result of a task, a file by its name, or nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """One input of a task: results of other tasks, or files, or nothing.
-
-    ``places`` belongs to a field that leads through a list of tables: for every item, the number
-    of its task, or None for an item that names no experiment. ``may_lack`` is one that may give no result.
-    """
+    """One input of a task: a value, or a list of them; ``may_lack`` is one that may give no result."""
 
     name: str
-    tasks: tuple[TaskId, ...] = ()
-    files: tuple[str, ...] = ()
+    slots: tuple[Slot, ...] = ()
     is_list: bool = False
-    places: tuple[int | None, ...] | None = None
     may_lack: bool = False
 
-    def arranged(self, values: Sequence[Any]) -> Any:
-        """Arrange the values of files or tasks for a function: a list, one value, or None."""
-        if self.places is not None:
-            return [None if place is None else values[place] for place in self.places]
-        if self.is_list:
-            return list(values)
-        return values[0] if values else None
+    @property
+    def tasks(self) -> tuple[TaskId, ...]:
+        """Tasks whose results it takes, each once."""
+        return tuple(dict.fromkeys(slot for slot in self.slots if isinstance(slot, TaskId)))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files that it is."""
+        return tuple(slot for slot in self.slots if isinstance(slot, str))
+
+    def arranged(self, value: Callable[[TaskId | str], Any]) -> Any:
+        """Arrange the values of its slots for a function: a list, one value, or None."""
+        values = [None if slot is None else value(slot) for slot in self.slots]
+        return values if self.is_list else next(iter(values), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,26 +214,20 @@ def _argument(
         field = text.removeprefix(FILE)
         value = field_value(experiment.settings, field)
         if recording is not None and field == over:
-            return Argument(text, files=(recording,))
-        return Argument(text, files=_names(value), is_list=isinstance(value, list | tuple))
-    if text.startswith(OTHER):
-        return _of_others(session, plans, experiment, text)
-    taken = next(s for s in plans[experiment.kind] if s.name == text)
-    if recording is not None and taken.per == "recording":
-        return Argument(text, tasks=(TaskId(experiment.name, text, recording),))
-    ids = tuple(TaskId(experiment.name, text, r) for r in recordings(experiment, taken))
-    return Argument(text, tasks=ids, is_list=taken.per == "recording")
-
-
-def _of_others(session: Session, plans: Stages, experiment: Experiment, text: str) -> Argument:
-    """Resolve an input that is a result of other experiments; through a list, one for every item."""
+            return Argument(text, (recording,))
+        return Argument(text, _names(value), is_list=isinstance(value, list | tuple))
+    if not text.startswith(OTHER):
+        taken = next(s for s in plans[experiment.kind] if s.name == text)
+        is_same = recording is not None and taken.per == "recording"
+        ids = [TaskId(experiment.name, text, r) for r in ([recording] if is_same else recordings(experiment, taken))]
+        return Argument(text, tuple(ids), is_list=taken.per == "recording" and not is_same)
     field, name = text.removeprefix(OTHER).split("/")
     named = _named(experiment, field)
-    is_through_list = not named or any("[" in place for place, _ in named)
-    ids: dict[str, tuple[TaskId, ...]] = {}
-    is_list = False
+    is_list = is_through_list = not named or any("[" in place for place, _ in named)
+    slots: list[Slot] = []
     for place, other in named:
         if other is None:
+            slots += [None] * is_through_list
             continue
         source = session.experiments[other]
         known = {s.name: s for s in plans[source.kind]}
@@ -237,14 +236,9 @@ def _of_others(session: Session, plans: Stages, experiment: Experiment, text: st
             problem = f', whose stage "{name}" gives one result for each recording; a list of tables takes single ones'
         if problem:
             raise _mistake(experiment, place, f'"{source.name}" is of kind "{source.kind}"{problem}')
-        ids[other] = tuple(TaskId(other, name, r) for r in recordings(source, known[name]))
-        is_list = known[name].per == "recording"
-    tasks = tuple(task for each in ids.values() for task in each)
-    if not is_through_list:
-        return Argument(text, tasks=tasks, is_list=is_list)
-    numbers = {other: number for number, other in enumerate(ids)}
-    places = tuple(None if other is None else numbers[other] for _, other in named)
-    return Argument(text, tasks=tasks, is_list=True, places=places)
+        slots += [TaskId(other, name, r) for r in recordings(source, known[name])]
+        is_list |= known[name].per == "recording"
+    return Argument(text, tuple(slots), is_list)
 
 
 def ancestors(tasks: Mapping[TaskId, Task], *task_ids: TaskId) -> list[TaskId]:

@@ -19,14 +19,12 @@ from scipy.ndimage import gaussian_filter
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes import fit_circle
-from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, held_against, paired, race
+from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, paired, race
 
 Film = NDArray[np.uint8]
 
 _MICROMETRE = 1e-6
-_MEAN, _VISIBILITY, _NOISE, _WHITE = 120.0, 0.8, 5.0, 255.0
-#: Period of stray fringes, and size of the grains of speckle (px).
-_STRAY_PERIOD, _GRAIN = 23.0, 2.0
+_MEAN, _VISIBILITY, _NOISE = 120.0, 0.8, 5.0
 #: Step of the radial table of light (px), and samples along a pixel's side.
 _TABLE_STEP, _SAMPLES = 0.01, 4
 #: Nodes of the integral for the surface, and moments of an exposure.
@@ -56,14 +54,6 @@ class Scene:
     slope: float = 0.0
     stretch: float = 0.0
     phase: float = math.pi
-    speckle: float = 0.0
-    stray: float = 0.0
-    gamma: float = 1.0
-    vignette: float = 0.0
-    beams: float = 0.0
-    flat: float = 0.0
-    black: float = 0.0
-    beam: float = 0.0
 
 
 def run(quick: bool) -> list[Suite]:
@@ -212,34 +202,19 @@ def _static(scene: Scene) -> list[Point]:
 
 def _disturbances(scene: Scene, frames: int) -> Suite:
     """Errors of the default and of the plain edge where the image is not ideal."""
-    wide = replace(scene, sphere=1.02 * scene.sphere)
-    all_at_once = replace(scene, stretch=0.04, blur=2.0, speckle=0.1, slope=0.3)
     cases: Mapping[str, Scene] = {
         "ideal": scene,
         "radius moves 10 µm in the exposure": replace(scene, travel=10e-6),
         "radius moves 20 µm in the exposure": replace(scene, travel=20e-6),
         "blur of 1 px": replace(scene, blur=1.0),
+        "blur of 5 px": replace(scene, blur=5.0),
         "light ± 30 % from side to side": replace(scene, slope=0.3),
-        "sphere 2 % larger than stated": wide,
+        "sphere 2 % larger than stated": replace(scene, sphere=1.02 * scene.sphere),
         "ellipse, 1.5 %": replace(scene, stretch=0.015),
         "centre at the border": replace(scene, centre=(scene.centre[0], 2.4)),
         "phase of 2.4 rad": replace(scene, phase=2.4),
         "wavelength stated as 532 nm": scene,
-        "speckle of 15 %": replace(scene, speckle=0.15),
-        "stray fringes of 20 %": replace(scene, stray=0.2),
-        "ellipse, 4 %": replace(scene, stretch=0.04),
-        "light ± 40 %, dark corners": replace(scene, slope=0.4, vignette=0.3),
-        "many beams, faces that reflect 30 %": replace(scene, beams=0.3),
-        "light of a bell-shaped beam": replace(scene, beam=0.6),
-        "sphere worn flat, 120 µm": replace(scene, flat=120e-6),
-        "darker than the black level": replace(scene, black=45.0),
-        "blur of 2.5 px": replace(scene, blur=2.5),
-        "blur of 5 px": replace(scene, blur=5.0),
-        "gamma of 0.7": replace(scene, gamma=0.7),
-        "ellipse, blur, speckle, light together": all_at_once,
         "ellipse, blur, sloping light": replace(scene, stretch=0.04, blur=2.0, slope=0.4),
-        "ellipse, gamma, dark corners": replace(scene, stretch=0.02, gamma=0.8, vignette=0.4),
-        "ellipse, phase of 2.2 rad": replace(scene, stretch=0.02, phase=2.2),
     }
     rows: list[Point] = []
     plain = 0.0  # of the first row, the ideal one
@@ -259,7 +234,6 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         seconds = timings["fringes"].seconds / frames
         plain = plain or seconds
         ratios = np.abs(ours / found[1])
-        goals = {"every frame measured": bool(np.isfinite(ratios).all()), "below 3 u": not (ratios > 3.0).any()}
         rows.append(
             Point(
                 name,
@@ -272,14 +246,12 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
                     "largest error / u": float(ratios.max()),
                     "edge, RMS error (µm)": float(np.sqrt(np.mean(edge**2))) / _MICROMETRE,
                     "time over ideal's": seconds / plain,
-                    "goals": held_against(goals),
                 },
             )
         )
-    title = f"The default where images are not ideal, and the plain edge beside it; {frames} frames of each"
+    title = f"The default where images are not ideal, and the plain edge; {frames} frames of each"
     error, time = "RMS error of the radius (µm)", "run time per frame (s)"
-    goal = "goals of every row: each frame measured, no error beyond 3 u; as a root mean square over frames, ideal is 1"
-    return Suite("contact-radius-disturbed", title, error, rows, notes=(goal,), time_label=time, has_diagram=False)
+    return Suite("contact-radius-disturbed", title, error, rows, time_label=time, has_diagram=False)
 
 
 def surface_gap(distance: Floats, radius: float, sphere: float, flat: float = 0.0) -> Floats:
@@ -316,8 +288,9 @@ def make_image(scene: Scene) -> Floats:
     for radius in radii:
         # The gap rises as a power of 1.5 beyond the edge, where the places lie close together.
         places = radius + (r[-1] - radius) * np.linspace(0.0, 1.0, _PLACES) ** 2
-        gap = np.interp(r, places, surface_gap(places, radius, scene.sphere, scene.flat))
-        light += _interference(4.0 * math.pi * gap / scene.wavelength + scene.phase, scene) / len(radii)
+        gap = np.interp(r, places, surface_gap(places, radius, scene.sphere))
+        wave = np.cos(4.0 * math.pi * gap / scene.wavelength + scene.phase)
+        light += (1.0 + _VISIBILITY * wave) / len(radii)
     total = np.zeros((scene.rows, scene.columns))
     steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
     for dy in steps:
@@ -325,41 +298,16 @@ def make_image(scene: Scene) -> Floats:
         for dx in steps:
             across = ((np.arange(scene.columns) - x + dx) / (1.0 + scene.stretch) / _TABLE_STEP) ** 2
             total += light.take(np.rint(np.sqrt(across + down)).astype(np.int32))
-    down = (np.arange(scene.rows) - y)[:, None]
-    grey = _MEAN * total / _SAMPLES**2
     across = 2.0 * np.arange(scene.columns) / scene.columns - 1.0
-    grey *= 1.0 + scene.slope * across
-    if scene.vignette:
-        grey *= 1.0 - 0.5 * scene.vignette * (
-            across**2 + (2.0 * np.arange(scene.rows)[:, None] / scene.rows - 1.0) ** 2
-        )
-    if scene.beam:
-        grey *= np.exp(-((across - 0.3) ** 2 + (down / scene.rows + 0.1) ** 2) / scene.beam)
-    if scene.stray:
-        along = 0.76 * np.arange(scene.columns) + 0.65 * np.arange(scene.rows)[:, None]
-        grey *= 1.0 + scene.stray * np.cos(2.0 * math.pi * along / _STRAY_PERIOD)
-    if scene.speckle:
-        grain = gaussian_filter(np.random.default_rng(7).standard_normal(grey.shape), 0.5 * _GRAIN)
-        grey *= 1.0 + scene.speckle * grain / grain.std()
-    if scene.blur:
-        grey = gaussian_filter(grey, scene.blur, mode="nearest")
-    return np.asarray(_WHITE * (np.clip(grey, 0.0, None) / _WHITE) ** scene.gamma)
-
-
-def _interference(phase: Floats, scene: Scene) -> Floats:
-    """Light, about 1 in the mean, of two beams or of many between faces that reflect alike."""
-    if not scene.beams:
-        return 1.0 + _VISIBILITY * np.cos(phase)
-    wave = np.exp(1j * (phase - math.pi))
-    through = np.abs(1.0 - scene.beams * wave) ** 2
-    return np.asarray(0.1 + 1.5 * scene.beams * np.abs(1.0 - wave) ** 2 / through)
+    grey = _MEAN * total / _SAMPLES**2 * (1.0 + scene.slope * across)
+    return np.asarray(gaussian_filter(grey, scene.blur, mode="nearest") if scene.blur else grey)
 
 
 def make_film(scene: Scene, frames: int, seed: int) -> Film:
     """Film (frame, row, column) of a contact at rest, with new noise in every frame."""
     rng = np.random.default_rng(seed)
     image = make_image(scene)
-    noisy = image - scene.black + _NOISE * rng.standard_normal((frames, *image.shape))
+    noisy = image + _NOISE * rng.standard_normal((frames, *image.shape))
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 

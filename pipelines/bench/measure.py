@@ -112,18 +112,6 @@ class Timing:
         return median(ratios), min(ratios), max(ratios)
 
 
-def held_against(goals: Mapping[str, bool]) -> str:
-    """Name the goals that a row misses.
-
-    Examples
-    --------
-    >>> held_against({"u / scatter": True, "lost": False}), held_against({"lost": True})
-    ('missed: lost', 'met')
-    """
-    missed = [name for name, is_met in goals.items() if not is_met]
-    return f"missed: {', '.join(missed)}" if missed else "met"
-
-
 def paired(contenders: Mapping[str, Callable[[], object]], repeats: int, budget: float = math.inf) -> dict[str, Timing]:
     """Time contenders in turn: first each once cold, then ``repeats`` rounds of warm runs.
 

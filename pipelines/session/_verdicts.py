@@ -291,16 +291,13 @@ def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -
     if (result := results.first(name, JUDGEMENT)) is not None:
         return _of_result(session, experiment, state, result)
 
-    def tolerant(argument: Any) -> Any:
-        found: list[Any] = [results.folder / file for file in argument.files]
-        for task in argument.tasks:
-            try:
-                found.append(results.result(*task))
-            except LabpipeError:
-                found.append(None)
-        return argument.arranged(found)
+    def tolerant(slot: Any) -> Any:
+        try:
+            return results.folder / slot if isinstance(slot, str) else results.result(*slot)
+        except LabpipeError:
+            return None
 
-    given = [tolerant(a) for a in arguments(session, STAGES, experiment, stage.inputs)]
+    given = [a.arranged(tolerant) for a in arguments(session, STAGES, experiment, stage.inputs)]
     stated = (session.title, session.operator, session.notes, session.synthetic)
     context = Context(name, kind, *stated, warnings=_warned(results, name), failures=failed)
     try:

@@ -13,7 +13,7 @@ import pytest
 
 from labpipe.errors import InputError, UsageError
 from labpipe.workflow import provenance
-from labpipe.workflow.engines import Call, Dask, Died, Engine, Processes, Serial, choose, elsewhere, side_by_side
+from labpipe.workflow.engines import Call, Died, choose, elsewhere, side_by_side
 
 DOUBLE = f"{__name__}:double"
 
@@ -60,9 +60,9 @@ class Lazy(Mapping[int, tuple[int]]):
         return 1000
 
 
-@pytest.mark.parametrize("engine", [Serial(), Processes(2)])
-def test_every_task_has_one_answer(engine: Engine) -> None:
-    found = list(side_by_side(engine, DOUBLE, {f"n{i}": (i,) for i in range(20)}))
+@pytest.mark.parametrize("jobs", [0, 2])
+def test_every_task_has_one_answer(jobs: int) -> None:
+    found = list(side_by_side(choose(jobs), DOUBLE, {f"n{i}": (i,) for i in range(20)}))
     assert len(found) == 20
     assert dict(found) == {f"n{i}": 2 * i for i in range(20)}
 
@@ -70,17 +70,17 @@ def test_every_task_has_one_answer(engine: Engine) -> None:
 def test_a_death_costs_nobody_else_his_result(tmp_path: Path) -> None:
     marker = tmp_path / "alive"
     marker.touch()
-    found = list(side_by_side(Processes(2), f"{__name__}:deadly", {i: (i, marker) for i in range(8)}))
+    found = list(side_by_side(choose(2), f"{__name__}:deadly", {i: (i, marker) for i in range(8)}))
     assert sorted(key for key, _ in found) == list(range(8))
     answers = dict(found)
     assert isinstance(answers.pop(5), Died)
     assert answers == {i: 2 * i for i in range(8) if i != 5}
 
 
-@pytest.mark.parametrize("engine", [Serial(), Processes(2)])
-def test_what_a_task_raises_is_raised(engine: Engine) -> None:
+@pytest.mark.parametrize("jobs", [0, 2])
+def test_what_a_task_raises_is_raised(jobs: int) -> None:
     with pytest.raises(ValueError, match="negative"):
-        dict(side_by_side(engine, DOUBLE, {0: (1,), 1: (-1,)}))
+        dict(side_by_side(choose(jobs), DOUBLE, {0: (1,), 1: (-1,)}))
 
 
 def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
@@ -101,7 +101,7 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
     killer.start()
     try:
         tasks = {i: (i, tmp_path) for i in range(amount(40, 400))}
-        found = list(side_by_side(Processes(3), f"{__name__}:naps", tasks))
+        found = list(side_by_side(choose(3), f"{__name__}:naps", tasks))
     finally:
         done.set()
         killer.join()
@@ -119,7 +119,7 @@ def test_a_call_elsewhere_gives_its_answer_raises_or_tells_of_its_death(tmp_path
 
 def test_tasks_are_asked_for_when_their_turn_comes() -> None:
     tasks = Lazy()
-    answers = side_by_side(Processes(2), DOUBLE, tasks)
+    answers = side_by_side(choose(2), DOUBLE, tasks)
     for _ in range(3):
         next(answers)
     answers.close()
@@ -128,7 +128,7 @@ def test_tasks_are_asked_for_when_their_turn_comes() -> None:
 
 def test_a_worker_computes_with_one_thread_and_leaves_ours_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    assert dict(side_by_side(Processes(1), f"{__name__}:threads", {0: ()})) == {0: "11"}
+    assert dict(side_by_side(choose(1), f"{__name__}:threads", {0: ()})) == {0: "11"}
     assert os.environ["OMP_NUM_THREADS"] == "7"
 
 
@@ -147,7 +147,7 @@ def test_a_cluster_answers_raises_and_refuses_another_installation(
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
-        engine = Dask(cluster.scheduler_address)
+        engine = choose(0, cluster.scheduler_address)
         tasks = {i: (i, marker) for i in (1, 2, 3, 4)}
         found = dict(side_by_side(engine, f"{__name__}:deadly", tasks))
         assert not marker.exists()

@@ -5,9 +5,9 @@ import pytest
 import toy_laboratory as toy
 
 from labpipe.errors import InputError
-from labpipe.workflow._keys import parameters
 from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage, ordered
+from labpipe.workflow.plan import parameters
 from labpipe.workflow.tasks import field_value
 
 

@@ -254,4 +254,4 @@ def test_references_of_a_list_of_tables_give_one_result_for_every_item(tmp_path:
     assert [before.experiment for before in task.before] == ["rubber", "glass"]
     assert list(tasks)[-1] == task.id  # after both
     (argument,) = task.arguments
-    assert argument.arranged(["of rubber", "of glass"]) == ["of rubber", None, "of glass", "of rubber"]
+    assert argument.arranged(lambda slot: slot[0]) == ["rubber", None, "glass", "rubber"]

@@ -10,8 +10,8 @@ import pytest
 from labpipe.errors import InputError, SourceError, UsageError
 from pipelines.cli import COMMANDS
 from pipelines.experiments import KINDS
-from pipelines.guide import PICTURES, pages, pictures, reference
-from pipelines.guide.__main__ import build, same_words
+from pipelines.guide import PICTURES, pages, reference
+from pipelines.guide.__main__ import build, of_reports, replay, same_words
 from pipelines.guide.pages import linked
 from tests.labpipe.report.conftest import CHROMIUM, Browser
 
@@ -48,11 +48,11 @@ def test_links_lead_to_pages_of_the_guide_and_others_become_words() -> None:
 
 def test_a_tutorial_gets_the_replies_of_its_commands(tmp_path: Path) -> None:
     text = "Words.\n\n```sh\necho two > file\n```\n\n```text\n$ cat file\none\n```\n\n```toml\n$ x\n```\n"
-    assert pictures.replay(text, tmp_path) == text.replace("one", "two")
-    long = pictures.replay("```text\n$ seq 30\n```\n", tmp_path)
+    assert replay(text, tmp_path) == text.replace("one", "two")
+    long = replay("```text\n$ seq 30\n```\n", tmp_path)
     assert "6\n... (18 lines)\n25\n" in long
     with pytest.raises(InputError, match="ended with 3: exit 3"):
-        pictures.replay("```sh\nexit 3\n```\n", tmp_path)
+        replay("```sh\nexit 3\n```\n", tmp_path)
 
 
 def test_a_kept_tutorial_may_differ_in_numbers_and_not_in_words() -> None:
@@ -66,7 +66,7 @@ def test_a_kept_tutorial_may_differ_in_numbers_and_not_in_words() -> None:
 def test_the_gallery_has_a_picture_of_one_report_of_each_kind(processed_session: Path, tmp_path: Path) -> None:
     if CHROMIUM is None:
         pytest.skip("no Chromium on this machine; nothing is drawn")
-    pictures.of_reports(processed_session, tmp_path)
+    of_reports(processed_session, tmp_path)
     drawn = {path.stem.removeprefix("gallery-") for path in tmp_path.iterdir()}
     assert len(drawn) > 1
     assert drawn <= set(KINDS)
