@@ -6,7 +6,7 @@ bytes that the page has left (:mod:`._thinning`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from labpipe.errors import InputError
 from labpipe.report._style import Role
@@ -65,6 +65,11 @@ class Series:
         for field, array in _arrays(self.name, x=self.x, y=self.y, **bars).items():
             object.__setattr__(self, field, array)
 
+    @property
+    def curves(self) -> "tuple[Floats, ...]":
+        """The values, and their uncertainties where they are given."""
+        return tuple(np_float(array) for array in (self.y, self.u) if array is not None)
+
 
 @dataclass(frozen=True, eq=False)
 class Band:
@@ -85,11 +90,19 @@ class Band:
     low: "ArrayLike"
     high: "ArrayLike"
     role: Role | None = None
+    style: ClassVar[Literal["band"]] = "band"
+    level: ClassVar[None] = None
+    on_hover: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Turn the inputs into arrays of float and refuse unusable ones."""
         for field, array in _arrays(self.name, x=self.x, low=self.low, high=self.high).items():
             object.__setattr__(self, field, array)
+
+    @property
+    def curves(self) -> "tuple[Floats, ...]":
+        """Its lower and its upper end."""
+        return np_float(self.low), np_float(self.high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +187,9 @@ class ScatterChart:
     y_scale: Scale = "linear"
     caption: str = ""
     height_px: int = 420
+    group: ClassVar[str] = ""
+    views: ClassVar[tuple[tuple[str, float, float], ...]] = ()
+    vlines: ClassVar[tuple[tuple[str, float], ...]] = ()
 
     def __post_init__(self) -> None:
         """Refuse charts that cannot be drawn."""
@@ -181,19 +197,25 @@ class ScatterChart:
 
 
 def _check_chart(chart: LineChart | ScatterChart) -> None:
-    steady = [s for s in chart.series if isinstance(s, Band) or not s.on_hover]
-    if not any(len(series.x) for series in steady):  # type: ignore[arg-type]
+    if not any(np_float(series.x).size for series in chart.series if not series.on_hover):
         raise InputError(
             f'chart "{chart.title}" has nothing to draw: {len(chart.series)} series, all empty; '
             "leave the chart out or say in a Notice why there are no data"
         )
 
 
+def np_float(values: "ArrayLike") -> "Floats":
+    """Return an array of float, itself where it is one."""
+    import numpy as np
+
+    return np.asarray(values, dtype=np.float64)
+
+
 def _arrays(owner: str, **given: "ArrayLike") -> "dict[str, Floats]":
     """Return arrays of float (n,), the first of them without gaps, all of one length and without infinities."""
     import numpy as np
 
-    arrays = {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
+    arrays = {name: np_float(values) for name, values in given.items()}
     for name, array in arrays.items():
         if array.ndim != 1:
             raise InputError(f'series "{owner}": {name} has {array.ndim} dimensions; expected one')

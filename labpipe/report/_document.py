@@ -155,7 +155,7 @@ def _shown(block: Any, charts: Iterator[Any]) -> "Markup":
     match block:
         case LineChart() | ScatterChart():
             _, thinned, still, island, number = next(charts)
-            views = [name for name, _, _ in getattr(block, "views", ())]
+            views = [name for name, _, _ in block.views]
             alt = f"{block.title}: {block.y_label} against {block.x_label}; {', '.join(s.name for s in block.series)}"
             more = {"anchor": f"chart-{number}", "views": views, "notes": thinned.notes, "still": still}
             more |= {"alt": alt, "island": island}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from labpipe.report._charts import Band, LineChart, ScatterChart, Series
+from labpipe.report._charts import Band, LineChart, ScatterChart, Series, np_float
 from labpipe.report._style import LineLook, level_look, looks
 from labpipe.report._thinning import kept_samples
 
@@ -63,8 +63,8 @@ class ThinnedChart:
 
 def wanted_bytes(chart: LineChart | ScatterChart) -> int:
     """Return the bytes that a chart takes in the page when no sample is left out."""
-    words = sum(int(np.asarray(s.x).size) * len(_curves(s)) for s in chart.series)
-    axes = [np.asarray(series.x, dtype=np.float64) for series in chart.series]
+    words = sum(np_float(s.x).size * len(s.curves) for s in chart.series)
+    axes = [np_float(series.x) for series in chart.series]
     # Positions take two words where they are not uniform; every common axis is stored once.
     words += sum(2 * axes[members[0]].size for members in _shared_axes(axes))
     return int(words * _BYTES_PER_SAMPLE * _BASE64_GROWTH) + 1
@@ -82,12 +82,12 @@ def thin(chart: LineChart | ScatterChart, max_bytes: int) -> ThinnedChart:
     max_bytes : int
         Bytes in the page, base64 included.
     """
-    ordered = sorted(chart.series, key=lambda s: isinstance(s, Series))
+    ordered = sorted(chart.series, key=lambda s: s.style != "band")
     found = _looks_by_identity(chart.series)
     samples = [_showable(chart, series) for series in ordered]
     groups = _shared_axes([x for x, _ in samples])
     fraction = min(1.0, max_bytes / wanted_bytes(chart))
-    windows = [(a, b) for _, a, b in chart.views] if isinstance(chart, LineChart) else []
+    windows = [(a, b) for _, a, b in chart.views]
     drawn: dict[int, Drawn] = {}
     n_all = n_kept = 0
     for members in groups:
@@ -123,9 +123,9 @@ def pack(thinned: ThinnedChart) -> dict[str, Any]:
         "yScale": chart.y_scale,
         "height": chart.height_px,
         "range": list(thinned.x_range),
-        "group": getattr(chart, "group", ""),
-        "views": [[a, b] for _, a, b in getattr(chart, "views", ())],
-        "lines": [[n, x] for n, x in getattr(chart, "vlines", ())],
+        "group": chart.group,
+        "views": [[a, b] for _, a, b in chart.views],
+        "lines": [[n, x] for n, x in chart.vlines],
         "axes": [_packed_axis(thinned.series[members[0]]) for members in axes],
         "series": [_packed_series(d, axis_of[m]) for m, d in enumerate(thinned.series)],
     }
@@ -135,40 +135,29 @@ def _looks_by_identity(series: Sequence[Series | Band]) -> dict[int, LineLook]:
     """Look up bands and curves separately: the first band looks like the first curve."""
     found: dict[int, LineLook] = {}
     for kind in (Series, Band):
-        chosen = [s for s in series if isinstance(s, kind) and _level(s) is None]
+        chosen = [s for s in series if isinstance(s, kind) and s.level is None]
         found |= zip(map(id, chosen), looks([s.role for s in chosen]), strict=True)
-    found |= {id(s): level_look(level) for s in series if (level := _level(s)) is not None}
+    found |= {id(s): level_look(s.level) for s in series if s.level is not None}
     if len(series) == 1:
         # Dashes tell curves apart; a curve alone needs none, and its peaks want a whole line.
         found = {key: replace(look, dash=()) for key, look in found.items()}
     return found
 
 
-def _level(series: Series | Band) -> float | None:
-    return series.level if isinstance(series, Series) else None
-
-
 def _is_marked(chart: LineChart | ScatterChart, series: Series | Band) -> bool:
     """Return whether a line needs markers to be distinguished from its neighbours in grey print."""
-    if _level(series) is not None:
-        return isinstance(series, Series) and series.style != "points"
-    lines = [s for s in chart.series if isinstance(s, Series) and s.style != "points" and s.level is None]
+    if series.level is not None:
+        return series.style != "points"
+    curves = [s for s in chart.series if s.style != "band" and s.level is None]
     # Points carry markers already, and markers along lines would hide them.
-    curves = [s for s in chart.series if isinstance(s, Series) and s.level is None]
-    if isinstance(chart, ScatterChart) or len(lines) < len(curves):
+    if isinstance(chart, ScatterChart) or any(s.style == "points" for s in curves):
         return False
-    alike = [s for s in lines if s.role == series.role]
-    return series in lines and series.role not in {None, "repeat"} and len(alike) > 1
-
-
-def _curves(series: Series | Band) -> "tuple[Floats, ...]":
-    arrays = (series.low, series.high) if isinstance(series, Band) else (series.y, series.u)
-    return tuple(np.asarray(a, dtype=np.float64) for a in arrays if a is not None)
+    return series in curves and series.role not in {None, "repeat"} and sum(s.role == series.role for s in curves) > 1
 
 
 def _showable(chart: LineChart | ScatterChart, series: Series | Band) -> "tuple[Floats, tuple[Floats, ...]]":
     """Return x and curves with everything that a logarithmic axis cannot show as gaps."""
-    x, curves = np.asarray(series.x, dtype=np.float64), _curves(series)
+    x, curves = np_float(series.x), series.curves
     if chart.x_scale == "log":
         curves = tuple(curve[x > 0] for curve in curves)
         x = x[x > 0]
@@ -189,14 +178,14 @@ def _shared_axes(axes: "Sequence[Floats]") -> list[list[int]]:
 def _notes(chart: LineChart | ScatterChart, n_all: int, n_kept: int) -> tuple[str, ...]:
     notes = []
     if n_kept < n_all:
-        where = "Outside the named windows the" if getattr(chart, "views", ()) else "The"
+        where = "Outside the named windows the" if chart.views else "The"
         notes.append(
             f"{where} curves are drawn through the smallest and largest samples of short stretches "
             f"({n_kept} of {n_all} samples are in this page)."
         )
     n_hidden = 0
     for series in chart.series:
-        x, first = np.asarray(series.x), _curves(series)[0]
+        x, first = np_float(series.x), series.curves[0]
         hidden_x = (x <= 0) & (chart.x_scale == "log")
         n_hidden += int(np.count_nonzero(hidden_x | ((first <= 0) & (chart.y_scale == "log"))))
     if n_hidden:
@@ -212,7 +201,7 @@ def _x_range(chart: LineChart | ScatterChart, series: tuple[Drawn, ...]) -> tupl
     if not filled:
         return (1.0, 10.0)
     low, high = min(float(x.min()) for x in filled), max(float(x.max()) for x in filled)
-    has_points = any(isinstance(d.source, Series) and d.source.style == "points" for d in series)
+    has_points = any(d.source.style == "points" for d in series)
     return padded_range(low, high, chart.x_scale, _MARGIN if has_points or isinstance(chart, ScatterChart) else 0.0)
 
 
@@ -230,7 +219,7 @@ def padded_range(low: float, high: float, scale: str, margin: float) -> tuple[fl
 
 def _packed_axis(drawn: Drawn) -> dict[str, Any]:
     """Store positions as start and step where they are uniform, as 64-bit numbers elsewhere."""
-    whole = np.asarray(drawn.source.x, dtype=np.float64)
+    whole = np_float(drawn.source.x)
     index = np.arange(whole.size) if drawn.index is None else drawn.index
     # On a logarithmic axis samples may have been dropped; then indices do not fit the source.
     if whole.size >= 3 and index.size == drawn.x.size and (whole[index] == drawn.x).all():
@@ -246,12 +235,11 @@ def _packed_axis(drawn: Drawn) -> dict[str, Any]:
 
 def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
     source, look = drawn.source, drawn.look
-    is_band = isinstance(source, Band)
-    names = ("low", "high") if is_band else ("y", "u")
+    names = ("low", "high") if source.style == "band" else ("y", "u")
     return {
         "name": source.name,
         "axis": axis,
-        "style": "band" if isinstance(source, Band) else source.style,
+        "style": source.style,
         "role": source.role or "",
         "light": look.light,
         "dark": look.dark,
@@ -259,8 +247,8 @@ def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
         "marker": look.marker,
         "isMarked": drawn.is_marked,
         "filled": look.filled,
-        "isLabelled": _level(source) is not None and getattr(source, "style", "") != "points",
-        "onHover": isinstance(source, Series) and source.on_hover,
+        "isLabelled": source.level is not None and source.style != "points",
+        "onHover": source.on_hover,
         "width": look.width,
     } | {name: _packed_curve(c) for name, c in zip(names, drawn.curves, strict=False)}
 

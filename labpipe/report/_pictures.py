@@ -12,7 +12,7 @@ from html import escape
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.report._charts import Band, LineChart, ScatterChart, Series
+from labpipe.report._charts import LineChart, ScatterChart
 from labpipe.report._packing import Drawn, ThinnedChart, padded_range, thin
 from labpipe.report._style import COLUMN_WIDTHS_MM, LineLook
 from labpipe.report._tables import MINUS, clean, power_of_ten
@@ -40,9 +40,9 @@ def static_picture(thinned: ThinnedChart) -> bytes:
 
     The first three named views that show less than half of the range get a panel of their own below the whole.
     """
-    thinned = replace(thinned, series=tuple(d for d in thinned.series if not getattr(d.source, "on_hover", False)))
+    thinned = replace(thinned, series=tuple(d for d in thinned.series if not d.source.on_hover))
     chart, whole = thinned.chart, thinned.x_range
-    views = [v for v in getattr(chart, "views", ()) if v[2] - v[1] < (whole[1] - whole[0]) / 2][:_VIEWS]
+    views = [v for v in chart.views if v[2] - v[1] < (whole[1] - whole[0]) / 2][:_VIEWS]
     rows, share = (2, 1.0 + _VIEW_HEIGHT) if views else (1, 1.0)
     tall = max(round(_WIDTH * chart.height_px / 800.0 - rows * (_HEADING + _FOOT) / share), 2 * _GAP)
     low = round(_VIEW_HEIGHT * tall)
@@ -126,8 +126,8 @@ def _legend(paper: _Paper, series: Sequence[Drawn]) -> int:
         row, column = divmod(number, columns)
         x, y, look = 40 + column * cell, 40 + row * _LINE + _LINE // 2, drawn.look
         line = f"M{x} {y}h180h180"
-        is_points = getattr(drawn.source, "style", "") == "points"
-        if isinstance(drawn.source, Band):
+        is_points = drawn.source.style == "points"
+        if drawn.source.style == "band":
             paper.path(f"M{x} {y - 49}h360v98h-360z", _area(look))
         elif not is_points:
             paper.path(line, _stroke(look.light, look.width, look.dash))
@@ -177,7 +177,7 @@ class _Panel:
             x, values = x[kept], tuple(curve[kept] for curve in values)
             curves.append((drawn, x, values))
             both = np.concatenate(values)
-            if isinstance(drawn.source, Series) and len(values) == 2:
+            if drawn.source.style != "band" and len(values) == 2:
                 both = np.concatenate([values[0] - np.nan_to_num(values[1]), values[0] + np.nan_to_num(values[1])])
             shown = both[np.isfinite(both) & ((both > 0) | (chart.y_scale == "linear"))]
             ends += [float(shown.min()), float(shown.max())] if shown.size else []
@@ -226,16 +226,16 @@ class _Panel:
         paper.parts.append(f'<g clip-path="{paper.share(clip)}">')
         if self.chart.y_scale == "linear" and any(drawn.source.role == "residual" for drawn, _, _ in self.curves):
             paper.path(f"M{left} {int(self.down(np.zeros(1))[0])}h{wide}", _stroke("#808080", 0.6))
-        lines = np.array([x for _, x in getattr(self.chart, "vlines", ()) if self.x[0] <= x <= self.x[1]])
+        lines = np.array([x for _, x in self.chart.vlines if self.x[0] <= x <= self.x[1]])
         places = np.unique(self.across(lines).astype(int) // 60 * 60)  # three points apart at least
         paper.path("".join(f"M{place} {top}v{tall}" for place in places), _stroke("#a0a0a0", 0.5, (0.5, 1.0)))
-        for one in sorted(self.curves, key=lambda one: getattr(one[0].source, "style", "line") == "points"):
+        for one in sorted(self.curves, key=lambda one: one[0].source.style == "points"):
             self._draw_curve(*one)
         paper.parts.append("</g>")
 
     def _draw_curve(self, drawn: Drawn, x: Floats, values: tuple[Floats, ...]) -> None:
         paper, source, look, across = self.paper, drawn.source, drawn.look, self.across(x)
-        if isinstance(source, Band):
+        if source.style == "band":
             low, high = map(self.down, values)
             for run in _runs(across + low + high):
                 edge = np.append(across[run], across[run][::-1]), np.append(high[run], low[run][::-1])

@@ -91,11 +91,16 @@ class _StartAgain(Exception):  # noqa: N818 (not an error: the plan is made anew
     """An input changed, or a stored one was damaged, so that the plan no longer holds; once for every task."""
 
 
-def work(job: Job) -> None:
+def work(job: Job) -> list[Outcome]:
     """Compute the missing results of an experiment, under its lock.
 
     Another process that computes the same experiment is waited for, and its results are used. The beginning and the
     end of every task are written into the log of the session as they happen, from which the run learns of them.
+
+    Returns
+    -------
+    list of Outcome
+        Of every task, for a folder whose log another machine may see too late.
 
     Raises
     ------
@@ -109,12 +114,12 @@ def work(job: Job) -> None:
             f"{platform.node()} sees no folder {job.session.root}; "
             "a session must lie under the same path on every machine"
         )
-    ended: set[TaskId] = set()
+    ended: dict[TaskId, Outcome] = {}
 
     def emit(event: str, value: TaskId | Outcome) -> None:
         log(job.session, event, run=job.run, **(asdict(value) if isinstance(value, Outcome) else value._asdict()))
         if isinstance(value, Outcome):
-            ended.add(value.task)
+            ended[value.task] = value
 
     try:
         store = Store(job.session.folder)
@@ -132,8 +137,9 @@ def work(job: Job) -> None:
             store.index.save()
     except LabpipeError as error:  # outside a task, as when the lock or the list of last keys cannot be written
         kind = type(error).__name__
-        for task in sorted(job.wanted - ended, key=str):
+        for task in sorted(job.wanted - ended.keys(), key=str):
             emit("ended", Outcome(*task, FAILED, None, str(error), error.exit_code, kind, is_of_run=error.is_of_run))
+    return list(ended.values())
 
 
 @dataclass(slots=True)

@@ -80,7 +80,21 @@ def parse(path: Path, text: str | None = None) -> Document:
     ConfigError
         It is not TOML, too large, too deep, or holds a number that is not finite.
     """
-    text = _text(path) if text is None else text.replace("\r\n", "\n")
+    if text is None:
+        try:
+            size = path.stat().st_size
+            if size > LARGEST_FILE:
+                found = f"{size} bytes long, more than the {LARGEST_FILE} that a configuration may have"
+                raise ConfigError([f"{path.name}:1: {found}; is it the right file?"])
+            data = path.read_bytes()
+            text = data.decode("utf-8-sig")
+        except OSError as error:
+            raise SourceError(path, f"cannot be read: {error.strerror}") from error
+        except UnicodeDecodeError as error:
+            line = data.count(b"\n", 0, error.start) + 1
+            found = f"byte {data[error.start]:#04x} is not UTF-8"
+            raise ConfigError([f"{path.name}:{line}: {found}; save the file as UTF-8"]) from None
+    text = text.replace("\r\n", "\n")
     deep = _TOO_DEEP.search(text)
     if deep is not None:
         line = text.count("\n", 0, deep.start()) + 1
@@ -105,23 +119,6 @@ def parse(path: Path, text: str | None = None) -> Document:
     for place, number in infinite:
         document.report(place, f"expected a finite number, found {number}")
     return document
-
-
-def _text(path: Path) -> str:
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            found = f"{size} bytes long, more than the {LARGEST_FILE} that a configuration may have"
-            raise ConfigError([f"{path.name}:1: {found}; is it the right file?"])
-        data = path.read_bytes()
-    except OSError as error:
-        raise SourceError(path, f"cannot be read: {error.strerror}") from error
-    try:
-        return data.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        found = f"byte {data[error.start]:#04x} is not UTF-8"
-        raise ConfigError([f"{path.name}:{line}: {found}; save the file as UTF-8"]) from None
 
 
 def _syntax_problem(path: Path, text: str, message: str) -> str:

@@ -8,7 +8,7 @@ import graphlib
 import typing
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -82,10 +82,10 @@ class Stage:
     inputs: tuple[str, ...]
     parameters: tuple[str, ...] = ()
     may_lack: tuple[str, ...] = ()
-    per: str = "experiment"
+    per: Literal["experiment", "recording"] = "experiment"
     over: str | None = None
     schema: str | None = None
-    output: str = "dataset"
+    output: Literal["dataset", "page"] = "dataset"
     summary: str = ""
     context: bool = False
     tolerant: bool = False
@@ -97,24 +97,30 @@ def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = Non
     """Check the stages of one kind and return them so that inputs come first.
 
     ``stages``: all stages of the kind; ``settings``: settings structure of the kind, to check the fields that the
-    stages name. Raises InputError: names repeat, an input or field is unknown, or the stages form a circle; every
-    problem is listed except that a circle is only looked for when there is no other.
+    stages name. Raises InputError: an input or field is unknown, or the stages form a circle; every problem is listed
+    except that a circle is only looked for when there is no other.
     """
     by_name = {stage.name: stage for stage in stages}
     problems = []
-    for position, stage in enumerate(stages):
-        if any(other.name == stage.name for other in stages[:position]):
-            problems.append(f'two stages are called "{stage.name}"')
-        problems += [f'stage "{stage.name}": {text}' for text in _problems(stage, by_name)]
-        fields = [name for name in stage.parameters if name != "*"]
-        fields += [name.removeprefix(FILE) for name in stage.inputs if name.startswith(FILE)]
-        fields += [name.removeprefix(OTHER).split("/")[0] for name in stage.inputs if name.startswith(OTHER)]
-        fields += [stage.over] if stage.over is not None else []
-        problems += [
-            f'stage "{stage.name}": the settings have no field "{name}"'
-            for name in fields
-            if settings is not None and not _has_field(settings, name)
-        ]
+    for stage in stages:
+        fields = [name for name in stage.parameters if name != "*"] + ([stage.over] if stage.over is not None else [])
+        own = []
+        for name in stage.inputs:
+            other = by_name.get(name)
+            if name.startswith(FILE):
+                fields.append(name.removeprefix(FILE))
+            elif name.startswith(OTHER):
+                fields.append(name.removeprefix(OTHER).split("/")[0])
+                own += [] if name.count("/") == 1 else [f'input "{name}" must read "other:FIELD/STAGE"']
+            elif other is None:
+                own.append(f'unknown input "{name}"{suggest(name, by_name)}')
+            elif other.output == "page":
+                own.append(f'input "{name}" is a page; pages are for people')
+            elif stage.per == other.per == "recording" and stage.over != other.over:
+                own.append(f'input "{name}" runs over "{other.over}", this one over "{stage.over}"')
+        absent = [name for name in fields if settings is not None and not _has_field(settings, name)]
+        own += [f'the settings have no field "{name}"' for name in absent]
+        problems += [f'stage "{stage.name}": {text}' for text in own]
     if problems:
         raise InputError("; ".join(problems))
     try:
@@ -124,31 +130,6 @@ def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = Non
     except graphlib.CycleError as error:
         circle = " -> ".join(error.args[1])
         raise InputError(f"the stages wait for each other in a circle: {circle}; remove one input") from None
-
-
-def _problems(stage: Stage, by_name: dict[str, Stage]) -> list[str]:
-    problems = []
-    for name in stage.inputs:
-        if name.startswith(OTHER):
-            problems += [] if name.count("/") == 1 else [f'input "{name}" must read "other:FIELD/STAGE"']
-        elif not name.startswith(FILE) and name not in by_name:
-            problems.append(f'unknown input "{name}"{suggest(name, by_name)}')
-        elif (other := by_name.get(name)) is not None:
-            if other.output == "page":
-                problems.append(f'input "{name}" is a page; pages are for people')
-            if stage.per == other.per == "recording" and stage.over != other.over:
-                problems.append(f'input "{name}" runs over "{other.over}", this one over "{stage.over}"')
-    if stage.per not in ("experiment", "recording"):
-        problems.append(f'per must be "experiment" or "recording", found "{stage.per}"')
-    if stage.output not in ("dataset", "page"):
-        problems.append(f'output must be "dataset" or "page", found "{stage.output}"')
-    if (stage.per == "recording") != (stage.over is not None):
-        problems.append('"over" goes with per = "recording" and only with it')
-    if stage.per == "recording" and stage.output == "page":
-        problems.append("a page is made once per experiment")
-    if ":" not in stage.function:
-        problems.append(f'function must read "package.module:function", found "{stage.function}"')
-    return problems
 
 
 def _has_field(kind: Any, dotted: str) -> bool:

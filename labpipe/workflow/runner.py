@@ -298,7 +298,7 @@ class _SessionRun:
             else:
                 self.note(msgspec.convert(event, Outcome))
 
-    def take(self, experiment: str, death: Died | None) -> None:
+    def take(self, experiment: str, answer: list[Outcome] | Died) -> None:
         """Take the end of an experiment.
 
         Two workers have died over one that is answered by :class:`Died`; results up to then are in the store. The task
@@ -306,10 +306,12 @@ class _SessionRun:
         """
         self.hear()
         blamed = self.running.pop(experiment)
-        if death is None:
+        if not isinstance(answer, Died):
+            for outcome in answer:
+                self.note(outcome)
             return
-        log(self.plan.session, "worker died", experiment=experiment, task=blamed, message=str(death))
-        failure: dict[str, Any] = {"message": str(death), "exit_code": 1, "is_of_run": True}
+        log(self.plan.session, "worker died", experiment=experiment, task=blamed, message=str(answer))
+        failure: dict[str, Any] = {"message": str(answer), "exit_code": 1, "is_of_run": True}
         if blamed is not None and blamed not in self.killed:
             self.killed[blamed] = Outcome(*blamed, FAILED, **failure)
             self.waiting[experiment] = set()

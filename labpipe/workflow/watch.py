@@ -43,7 +43,6 @@ class News:
     experiment: str
     state: str
     text: str
-    outcome: "RunResult | None" = None
 
 
 @dataclass(slots=True)
@@ -167,7 +166,7 @@ class Watcher:
             self.finished[name] = stamps
             failures = [o for o in outcome.failures if o.experiment == name]
             text = "; ".join(f"{o.task}: {o.message}" for o in failures) or str(outcome.reports.get(name, "done"))
-            yield News(name, FAILED if failures else PROCESSED, text, outcome)
+            yield News(name, FAILED if failures else PROCESSED, text)
 
     def _obstacle(self, session: Session, name: str, paths: list[Path]) -> News | None:
         """Say why an experiment cannot be processed yet; its files are asked once per state whether they are whole."""

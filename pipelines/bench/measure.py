@@ -58,12 +58,6 @@ class Point:
     extra: Extra = field(default_factory=dict)
     samples: tuple[float, ...] = ()
 
-    def __post_init__(self) -> None:
-        if self.seconds < 0 or math.isinf(self.seconds):
-            raise InputError(f"{self.setting}: a run time of {self.seconds} s is none; NaN means not timed")
-        if self.error < 0 or math.isinf(self.error):
-            raise InputError(f"{self.setting}: an error of {self.error} is none; give its size, or NaN")
-
 
 @dataclass(frozen=True, slots=True)
 class Bound:

@@ -304,7 +304,19 @@ def _deliver(
         files.write_dataset(out, found)
         rows.append(("netcdf", str(out), ""))
     if picture is not None:
-        files.write_bytes(picture, _draw(panels, picture.suffix.lstrip(".") or "png"))
+        from matplotlib.figure import Figure
+
+        from labpipe.report import figure_bytes, figure_style, line_arguments
+
+        # Dashes mark a model beside a measurement; here there is the model only, and it has spikes.
+        look = line_arguments("model") | {"linestyle": "-", "linewidth": 1.0}
+        with figure_style(columns=1):
+            figure = Figure(figsize=(3.35, 1.7 * len(panels)), layout="constrained")
+            for row, (x, y, x_label, y_label) in enumerate(panels, 1):
+                axes = figure.add_subplot(len(panels), 1, row)
+                axes.plot(x, y, **look)
+                axes.set(xlabel=x_label, ylabel=y_label)
+            files.write_bytes(picture, figure_bytes(figure, picture.suffix.lstrip(".") or "png"))
         rows.append(("picture", str(picture), ""))
 
     def text(value: Any) -> str:
@@ -316,22 +328,6 @@ def _deliver(
     lines = [f"{name:{_WIDTH}}{text(value)} {unit}".rstrip() for name, value, unit in rows]
     lines.append(f"{'work':{_WIDTH}}" + ", ".join(f"{n.replace('_', ' ')} {v}" for n, v in work.items()))
     emit(as_json, {name: value for name, value, _ in rows} | {"units": units, "work": work}, lines)
-
-
-def _draw(panels: _Panels, file_format: str) -> bytes:
-    from matplotlib.figure import Figure
-
-    from labpipe.report import figure_bytes, figure_style, line_arguments
-
-    # Dashes mark a model beside a measurement; here there is the model only, and it has spikes.
-    look = line_arguments("model") | {"linestyle": "-", "linewidth": 1.0}
-    with figure_style(columns=1):
-        figure = Figure(figsize=(3.35, 1.7 * len(panels)), layout="constrained")
-        for row, (x, y, x_label, y_label) in enumerate(panels):
-            axes = figure.add_subplot(len(panels), 1, row + 1)
-            axes.plot(x, y, **look)
-            axes.set(xlabel=x_label, ylabel=y_label)
-        return figure_bytes(figure, file_format)
 
 
 def _drop_rows(found: "xr.Dataset") -> _Rows:

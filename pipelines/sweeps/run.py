@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,21 +14,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from labpipe import files
-from labpipe.errors import LabpipeError, UsageError
+from labpipe.errors import UsageError
 from labpipe.notebook import html_table
 from labpipe.variables import described, variable
 from labpipe.workflow import code
-from labpipe.workflow.engines import Died, Engine, Serial, choose, processors, side_by_side
+from labpipe.workflow.engines import Died, Engine, choose, processors, side_by_side
 from pipelines.simulator_inputs import material
 from pipelines.sweeps.grid import DRAW, Design, axis, design
-from pipelines.sweeps.simulators import SIMULATORS, Outputs, Value
+from pipelines.sweeps.simulators import SIMULATORS, Outputs
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Outcome = Outputs | str
 """Numbers of a point, or the reason why there are none."""
-Block = Sequence[Mapping[str, Value]]
 
 BLOCK = 25
 """Points handed to a worker at a time: about a second of work, small against a restart."""
@@ -150,9 +148,15 @@ def run_design(
     if path.suffix != ".nc":
         raise UsageError(f"{path}: the result of a sweep is a netCDF file; give a name that ends in .nc")
     parts = path.with_name(f"{path.stem}.parts")
-    size = max(BLOCK, ceil(plan.count / MOST_BLOCKS))
-    contents: dict[str, str] = {}
-    blocks = {_key(plan.simulator, plan.points(k, k + size), contents): k for k in range(0, plan.count, size)}
+    size, identity = max(BLOCK, ceil(plan.count / MOST_BLOCKS)), code_of(plan.simulator)
+    named = {swept.name: swept.values for swept in plan.axes} | {name: (one,) for name, one in plan.fixed.items()}
+    # the name of a material alone does not say what was simulated
+    solids = {str(name): material(str(name)) for name in named["material"]}
+    contents = {name: [one.E_relaxed, one.E.tolist(), one.rho.tolist(), one.nu] for name, one in solids.items()}
+    blocks: dict[str, int] = {}
+    for start in range(0, plan.count, size):
+        text = files.canonical([identity, contents, plan.points(start, start + size)])
+        blocks[hashlib.sha256(text.encode()).hexdigest()] = start
     found: dict[str, Sequence[Outcome]] = {}
     for key, start in blocks.items():
         kept = files.unseal(part.read_bytes()) if (part := parts / f"{key}.json").is_file() else None
@@ -161,16 +165,14 @@ def run_design(
         if isinstance(kept, list) and len(kept) == length and not any(isinstance(one, str) for one in kept):
             found[key] = kept
     reused = sum(map(len, found.values()))
-    missing = _Blocks(plan, size, {key: start for key, start in blocks.items() if key not in found})
-    for key, answer in side_by_side(engine or Serial(), COMPUTE, missing, imports=_IMPORTS):
+    missing = {key: (plan, start, start + size) for key, start in blocks.items() if key not in found}
+    for key, answer in side_by_side(engine or choose(0), COMPUTE, missing, imports=_IMPORTS):
         length = min(size, plan.count - blocks[key])
         found[key] = [str(answer)] * length if isinstance(answer, Died) else answer
         files.write_bytes(parts / f"{key}.json", files.seal(found[key]))
         if progress is not None:
             progress(sum(map(len, found.values())) / plan.count)
-    outcomes = [one for key in blocks for one in found.get(key, ())]
-    if len(outcomes) != plan.count:
-        raise LabpipeError(f"{plan.count - len(outcomes)} points of the sweep have no outcome")
+    outcomes = [one for key in blocks for one in found[key]]
     dataset, failed = _dataset(plan, outcomes), sum(isinstance(one, str) for one in outcomes)
     files.write_dataset(path, dataset)
     if not failed and parts.is_dir():
@@ -178,59 +180,26 @@ def run_design(
     return Swept(path, dataset, plan.count - reused, reused, failed)
 
 
-def compute(simulator: str, block: Block) -> list[Outcome]:
-    """Simulate the points of a block; a point that fails is its message."""
-    run, together = SIMULATORS[simulator].run, SIMULATORS[simulator].together
-    if together is not None:
-        # Where one point has no answer all are asked again, one by one, to find it.
-        with contextlib.suppress(Exception):
-            return [*together(block)]
+def compute(plan: Design, start: int, stop: int) -> list[Outcome]:
+    """Simulate some points of a design; a point that fails is its message."""
+    run, block = SIMULATORS[plan.simulator].run, plan.points(start, stop)
+    # Where one point has no answer all are asked again, one by one, to find it.
+    with contextlib.suppress(Exception):
+        return [*run(block)]
     found: list[Outcome] = []
     for point in block:
         try:
-            found.append(run(point))
+            found += run([point])
         # A point of a map may lie where there is no answer: it is named and the others go on.
         except Exception as error:
             found.append(f"{type(error).__name__}: {error}")
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Blocks(Mapping[str, tuple[str, Block]]):
-    """Blocks to compute, by content key; spelt out when asked for, since a sweep may have many points."""
-
-    plan: Design
-    size: int
-    starts: dict[str, int]
-
-    def __getitem__(self, key: str) -> tuple[str, Block]:
-        return self.plan.simulator, self.plan.points(self.starts[key], self.starts[key] + self.size)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.starts)
-
-    def __len__(self) -> int:
-        return len(self.starts)
-
-
-@cache
 def code_of(simulator: str) -> str:
     """Return a digest of the code that a simulator belongs to."""
     function = SIMULATORS[simulator].run
     return code.behind(f"{function.__module__}:{function.__name__}").digest
-
-
-def _key(simulator: str, block: Block, contents: dict[str, str]) -> str:
-    points = []
-    for point in block:
-        name = str(point["material"])
-        if name not in contents:
-            # the name of a material alone does not say what was simulated
-            solid = material(name)
-            numbers = [solid.E_relaxed, solid.E.tolist(), solid.rho.tolist(), solid.nu]
-            contents[name] = hashlib.sha256(files.canonical(numbers).encode()).hexdigest()
-        points.append({**point, "material": contents[name]})
-    return hashlib.sha256(files.canonical([code_of(simulator), points]).encode()).hexdigest()
 
 
 def _dataset(plan: Design, outcomes: Sequence[Outcome]) -> xr.Dataset:

@@ -1,6 +1,6 @@
-"""Simulators for sweeps: a set of parameters in, a few numbers out.
+"""Simulators for sweeps: sets of parameters in, a few numbers out for each.
 
-Each takes plain values in SI and returns plain floats, so that a point means the same in this process, in another one,
+They take plain values in SI and return plain floats, so that a point means the same in this process, in another one,
 and on another machine.
 """
 
@@ -20,6 +20,7 @@ _PER_CYCLE = 200  # samples of an oscillation
 
 Value = float | str | None
 """None: the parameter is not there."""
+Point = Mapping[str, Value]
 Outputs = dict[str, float]
 
 
@@ -34,16 +35,11 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Simulator:
-    """A function, its parameters, and the units of its outputs.
+    """A function of some points, which raises when one of them has no answer; its parameters; units of its outputs."""
 
-    ``together`` does the same for many points at once, where that is faster; when one of them has
-    no answer it raises.
-    """
-
-    run: Callable[[Mapping[str, Value]], Outputs]
+    run: Callable[[Sequence[Point]], list[Outputs]]
     parameters: dict[str, Parameter]
     outputs: dict[str, tuple[str, str]]
-    together: Callable[[Sequence[Mapping[str, Value]]], list[Outputs]] | None = None
 
 
 _MATERIAL = {
@@ -53,46 +49,36 @@ _MATERIAL = {
 _LIBRARY = "library name or TOML file"
 
 
-def _solid(point: Mapping[str, Value]) -> "Prony":
+def _solid(point: Point) -> "Prony":
     """Return the material of a point, at its temperature."""
-    temperature, shift = point["temperature"], point["vertical_shift"]
-    return material(
-        str(point["material"]),
-        None if temperature is None else float(temperature),
-        1.0 if shift is None else float(shift),
-    )
+    temperature, shift = (None if (given := point[n]) is None else float(given) for n in list(_MATERIAL))
+    return material(str(point["material"]), temperature, 1.0 if shift is None else shift)
 
 
-def _numbers(point: Mapping[str, Value]) -> dict[str, float]:
+def _numbers(point: Point) -> dict[str, float]:
     """Return the parameters of a point that are numbers."""
     return {name: float(v) for name, v in point.items() if isinstance(v, int | float)}
 
 
-def drop(point: Mapping[str, Value]) -> Outputs:
-    """First impact of a viscoelastic sphere on a rigid flat (or a ringing plate)."""
-    return drops([point])[0]
-
-
-def drops(points: Sequence[Mapping[str, Value]]) -> list[Outputs]:
-    """First impacts of many: each material is made once."""
+def drops(points: Sequence[Point]) -> list[Outputs]:
+    """First impacts of viscoelastic spheres on a rigid flat (or a ringing plate); each material is made once."""
     from labpipe import contact
 
     found: list[Outputs] = [{} for _ in points]
-    solids: dict[tuple[Value, ...], Prony] = {}
-    for rtol in {_numbers(point)["rtol"] for point in points}:
-        places = [i for i, point in enumerate(points) if _numbers(point)["rtol"] == rtol]
-        given = [_numbers(points[i]) for i in places]
-        own: list[Prony] = []
-        for i in places:
-            key = tuple(points[i][name] for name in ("material", "temperature", "vertical_shift"))
-            solids[key] = solids.get(key) or _solid(points[i])
-            own.append(solids[key])
+    numbers, solids = [_numbers(point) for point in points], dict[tuple[Value, ...], "Prony"]()
+    keys = [tuple(point[name] for name in ("material", *_MATERIAL)) for point in points]
+    for key, point in zip(keys, points, strict=True):
+        solids[key] = solids.get(key) or _solid(point)
+    for rtol in {one["rtol"] for one in numbers}:
+        places = [i for i, one in enumerate(numbers) if one["rtol"] == rtol]
+        given = [numbers[i] for i in places]
         plates = [
             contact.Plate(n["plate_mass"], n["plate_frequency"], n["plate_damping"]) if n["plate_mass"] > 0.0 else None
             for n in given
         ]
         duration = [float(np.sqrt(2.0 * n["height"] / n["gravity"])) + n["after_touch"] for n in given]
         radius, mass, height, gravity = ([n[name] for n in given] for name in ("radius", "mass", "height", "gravity"))
+        own = [solids[keys[i]] for i in places]
         made = contact.impacts(own, radius, mass, height, duration, rtol=rtol, gravity=gravity, plate=plates)
         for number, happened in zip(given, made["impacts"].values.tolist(), strict=True):
             if not happened:
@@ -106,31 +92,35 @@ def drops(points: Sequence[Mapping[str, Value]]) -> list[Outputs]:
     return found
 
 
-def indent(point: Mapping[str, Value]) -> Outputs:
-    """Oscillation of a periodic punch in a half-plane after a ramp and a hold."""
+def indents(points: Sequence[Point]) -> list[Outputs]:
+    """Oscillations of a periodic punch in a half-plane after a ramp and a hold."""
     from labpipe import contact
 
-    number = _numbers(point)
-    mean, amplitude, frequency = number["mean"], number["amplitude"], number["frequency"]
-    cycles, form = round(number["cycles"]), {"hold": number["hold"], "ramp": number["ramp"]}
-    time, displacement = ramp_hold_oscillation(mean, amplitude, frequency, cycles, **form, per_cycle=_PER_CYCLE)
-    tip_radius, period, depth = number["tip_radius"], number["period"], number["depth"]
-    profile = str(point["profile"])
-    found = contact.indent(_solid(point), tip_radius, period, depth, time, displacement, profile=profile)
-    force = found["force"].values
-    last = slice(time.size - _PER_CYCLE - 1, None)
-    return {
-        "peak_force": float(force.max()),
-        "plateau_force": float(force[-_PER_CYCLE * round(number["cycles"]) - 1]),
-        "dissipated_work": float(np.trapezoid(force[last], displacement[last])),
-        "least_half_width": float(found["contact_half_width"].values[last].min()),
-        "solver_steps": float(json.loads(found.attrs["work"])["solver_steps"]),
-    }
+    found: list[Outputs] = []
+    for point in points:
+        number = _numbers(point)
+        mean, amplitude, frequency = number["mean"], number["amplitude"], number["frequency"]
+        cycles, form = round(number["cycles"]), {"hold": number["hold"], "ramp": number["ramp"]}
+        time, displacement = ramp_hold_oscillation(mean, amplitude, frequency, cycles, **form, per_cycle=_PER_CYCLE)
+        tip_radius, period, depth = number["tip_radius"], number["period"], number["depth"]
+        profile = str(point["profile"])
+        made = contact.indent(_solid(point), tip_radius, period, depth, time, displacement, profile=profile)
+        force = made["force"].values
+        last = slice(time.size - _PER_CYCLE - 1, None)
+        outputs = {
+            "peak_force": force.max(),
+            "plateau_force": force[-_PER_CYCLE * cycles - 1],
+            "dissipated_work": np.trapezoid(force[last], displacement[last]),
+            "least_half_width": made["contact_half_width"].values[last].min(),
+            "solver_steps": json.loads(made.attrs["work"])["solver_steps"],
+        }
+        found.append({name: float(value) for name, value in outputs.items()})
+    return found
 
 
 SIMULATORS = {
     "drop": Simulator(
-        drop,
+        drops,
         {
             "material": Parameter("", "acrylic", _LIBRARY),
             **_MATERIAL,
@@ -151,10 +141,9 @@ SIMULATORS = {
             "contact_duration": ("s", "Duration of the first contact"),
             "solver_steps": ("1", "Steps of the simulator"),
         },
-        drops,
     ),
     "indent": Simulator(
-        indent,
+        indents,
         {
             "material": Parameter("", "nbr", _LIBRARY),
             **_MATERIAL,

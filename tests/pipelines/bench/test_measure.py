@@ -1,13 +1,12 @@
 """Timing in turn, memory, and what a point may be."""
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from pipelines.bench.measure import OURS, THESIS, Extra, Point, Timing, paired, peak_bytes, race
+from pipelines.bench.measure import OURS, THESIS, Extra, Timing, paired, peak_bytes, race
 
 
 def test_contenders_run_in_turn_after_one_cold_run_each() -> None:
@@ -54,9 +53,3 @@ def test_peak_memory_counts_what_is_freed_again() -> None:
     size = 4_000_000
     found = peak_bytes(lambda: np.ones(size // 8).sum())
     assert size <= found < 1.1 * size + 100_000
-
-
-@pytest.mark.parametrize(("error", "seconds"), [(-1.0, 1.0), (1.0, -1.0), (math.inf, 1.0)])
-def test_impossible_points_are_refused(error: float, seconds: float) -> None:
-    with pytest.raises(InputError, match="is none"):
-        Point("x", error, seconds)
