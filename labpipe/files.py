@@ -597,20 +597,29 @@ def safe_join(root: str | os.PathLike[str], name: str) -> Path:
 
 
 def name_problem(name: str) -> str | None:
-    """Say why a session cannot name a file so, or None when it can."""
-    if not name.strip():
-        return "it is empty"
+    """Say why a session cannot name a file so on any of the common file systems, or None when it can."""
     # Embeddings, overrides and isolates can make a name read as another one; marks cannot.
-    if any(
+    is_hidden = any(
         unicodedata.category(c) in ("Cc", "Cs") or "\u202a" <= c <= "\u202e" or "\u2066" <= c <= "\u2069" for c in name
-    ):
-        return "it contains a control character or one that turns the reading direction"
-    if "\\" in name:
-        return "it contains a backslash; separate folders by /"
-    if name.startswith(("/", "~")) or re.match(r"^[A-Za-z]:", name):
-        return "it is absolute; write it relative to the session folder"
-    parts = PurePosixPath(name).parts
-    return next(filter(None, map(_part_problem, parts)), None)
+    )
+    faults: list[tuple[object, str]] = [
+        (not name.strip(), "it is empty"),
+        (is_hidden, "it contains a control character or one that turns the reading direction"),
+        ("\\" in name, "it contains a backslash; separate folders by /"),
+        (re.match(r"^(/|~|[A-Za-z]:)", name), "it is absolute; write it relative to the session folder"),
+    ]
+    for part in PurePosixPath(name).parts:
+        faults += [
+            (part == "..", 'it contains ".."'),
+            (_RESERVED.match(part), f'"{part}" is reserved on Windows'),
+            (part.endswith((" ", ".")), f'"{part}" ends with a space or a full stop, which Windows drops'),
+            (any(c in '<>:"|?*' for c in part), f'"{part}" contains one of < > : " | ? *, which Windows forbids'),
+            (
+                len(part.encode("utf-8", "replace")) > _LONGEST_NAME,
+                f"a part of it is longer than {_LONGEST_NAME} bytes",
+            ),
+        ]
+    return next((text for is_so, text in faults if is_so), None)
 
 
 def _link_problem(joined: Path, base: Path) -> str | None:
@@ -629,21 +638,6 @@ def _link_problem(joined: Path, base: Path) -> str | None:
         return "a symbolic link on the way leads in a circle, or the path is too long"
     is_inside = joined.resolve().is_relative_to(base)
     return None if is_inside else "a symbolic link leads out of the folder"
-
-
-def _part_problem(part: str) -> str | None:
-    """Name the fault of one component of a path on any of the common file systems."""
-    if part == "..":
-        return 'it contains ".."'
-    if _RESERVED.match(part):
-        return f'"{part}" is reserved on Windows'
-    if part.endswith((" ", ".")):
-        return f'"{part}" ends with a space or a full stop, which Windows drops'
-    if any(c in '<>:"|?*' for c in part):
-        return f'"{part}" contains one of < > : " | ? *, which Windows forbids'
-    if len(part.encode("utf-8")) > _LONGEST_NAME:
-        return f"a part of it is longer than {_LONGEST_NAME} bytes"
-    return None
 
 
 def printable(text: str) -> str:

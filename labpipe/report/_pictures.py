@@ -5,7 +5,7 @@ a dozen pictures, and matplotlib takes a hundred times longer for each.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 
@@ -49,13 +49,13 @@ def static_picture(thinned: ThinnedChart) -> bytes:
     paper = _Paper(_WIDTH, 0)
     top = _legend(paper, thinned.series) + _HEADING
     most = int(np.clip(8000 // (len(thinned.series) * (1 + len(views))), 100, 1600))  # samples that a curve may take
-    _Panel.of(paper, thinned, (0, top, _WIDTH, tall), whole, most).draw(chart.x_label, chart.y_label)
+    _panel(paper, thinned, (0, top, _WIDTH, tall), whole, most, (chart.x_label, chart.y_label))
     top += tall + _FOOT
     column = (_WIDTH + _GAP) // max(len(views), 1)
     for number, (name, start, stop) in enumerate(views):
         place = (number * column, top + _HEADING, column - _GAP, low)
         label = chart.x_label if number == len(views) // 2 else ""
-        _Panel.of(paper, thinned, place, (start, stop), most).draw(label, name)
+        _panel(paper, thinned, place, (start, stop), most, (label, name))
     paper.height = top + (_HEADING + low + _FOOT if views else 0)
     return paper.svg()
 
@@ -65,7 +65,7 @@ def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:
     thinned = thin(chart, max_bytes=100_000)
     paper = _Paper(UNITS * width_px, UNITS * width_px // 2)
     place = (0, 0, paper.width, paper.height)
-    _Panel.of(paper, thinned, place, thinned.x_range, 2 * width_px, has_texts=False).draw_data()
+    _panel(paper, thinned, place, thinned.x_range, 2 * width_px)
     return paper.svg()
 
 
@@ -137,129 +137,115 @@ def _legend(paper: _Paper, series: Sequence[Drawn]) -> int:
     return 40 + -(-len(series) // columns) * _LINE
 
 
-@dataclass(frozen=True, slots=True)
-class _Panel:
-    """A rectangle of a picture, and the window of values that it shows, with the curves cut to that window."""
+def _cut(
+    thinned: ThinnedChart, window: tuple[float, float], most: int
+) -> tuple[list[tuple[Drawn, Floats, tuple[Floats, ...]]], tuple[float, float]]:
+    """Return the curves in a window along x, of ``most`` samples each, and the window along y that shows them."""
+    chart = thinned.chart
+    curves, ends = [], []
+    for drawn in thinned.series:
+        x, values = drawn.x, drawn.curves
+        along = np.arange(x.size, dtype=float)
+        if isinstance(chart, LineChart):
+            first = max(int(np.searchsorted(x, window[0], "left")) - 1, 0)
+            inside = slice(first, int(np.searchsorted(x, window[1], "right")) + 1)
+            x, values = x[inside], tuple(curve[inside] for curve in values)
+            along = x
+        kept = kept_samples(along, values if along is x else [*values, x], most)
+        x, values = x[kept], tuple(curve[kept] for curve in values)
+        curves.append((drawn, x, values))
+        both = np.concatenate(values)
+        if drawn.source.style != "band" and len(values) == 2:
+            both = np.concatenate([values[0] - np.nan_to_num(values[1]), values[0] + np.nan_to_num(values[1])])
+        shown = both[np.isfinite(both) & ((both > 0) | (chart.y_scale == "linear"))]
+        ends += [float(shown.min()), float(shown.max())] if shown.size else []
+    empty = (1.0, 10.0) if chart.y_scale == "log" else (0.0, 1.0)
+    return curves, padded_range(min(ends), max(ends), chart.y_scale, 0.05) if ends else empty
 
-    paper: _Paper
-    chart: LineChart | ScatterChart
-    curves: list[tuple[Drawn, Floats, tuple[Floats, ...]]]
-    left: int
-    top: int
-    width: int
-    height: int
-    x: tuple[float, float]
-    y: tuple[float, float]
 
-    @classmethod
-    def of(
-        cls,
-        paper: _Paper,
-        thinned: ThinnedChart,
-        place: tuple[int, int, int, int],
-        window: tuple[float, float],
-        most: int,
-        *,
-        has_texts: bool = True,
-    ) -> "_Panel":
-        """Make the panel of a window along x between the texts at its sides, with ``most`` samples of a curve."""
-        chart, (left, top, width, height) = thinned.chart, place
-        curves, ends = [], []
-        for drawn in thinned.series:
-            x, values = drawn.x, drawn.curves
-            along = np.arange(x.size, dtype=float)
-            if isinstance(chart, LineChart):
-                first = max(int(np.searchsorted(x, window[0], "left")) - 1, 0)
-                inside = slice(first, int(np.searchsorted(x, window[1], "right")) + 1)
-                x, values = x[inside], tuple(curve[inside] for curve in values)
-                along = x
-            kept = kept_samples(along, values if along is x else [*values, x], most)
-            x, values = x[kept], tuple(curve[kept] for curve in values)
-            curves.append((drawn, x, values))
-            both = np.concatenate(values)
-            if drawn.source.style != "band" and len(values) == 2:
-                both = np.concatenate([values[0] - np.nan_to_num(values[1]), values[0] + np.nan_to_num(values[1])])
-            shown = both[np.isfinite(both) & ((both > 0) | (chart.y_scale == "linear"))]
-            ends += [float(shown.min()), float(shown.max())] if shown.size else []
-        empty = (1.0, 10.0) if chart.y_scale == "log" else (0.0, 1.0)
-        y = padded_range(min(ends), max(ends), chart.y_scale, 0.05) if ends else empty
-        if has_texts:
-            named = ticks(*y, chart.y_scale, min(9, height // 300))
-            before = round(max(len(text) for _, text in named) * _LETTER) + 130
-            left, width = left + before, width - before - round(3 * _LETTER)
-        return cls(paper, chart, curves, left, top, width, height, window, y)
+def _panel(
+    paper: _Paper,
+    thinned: ThinnedChart,
+    place: tuple[int, int, int, int],
+    window: tuple[float, float],
+    most: int,
+    labels: tuple[str, str] | None = None,
+) -> None:
+    """Draw a window along x of a chart in a rectangle; with ``labels``, of x and above it, grid and axes too."""
+    chart, (left, top, wide, tall) = thinned.chart, place
+    curves, y_window = _cut(thinned, window, most)
+    named = ticks(*y_window, chart.y_scale, min(9, tall // 300)) if labels else []
+    if labels:
+        before = round(max(len(text) for _, text in named) * _LETTER) + 130
+        left, wide = left + before, wide - before - round(3 * _LETTER)
 
-    def across(self, values: Floats) -> Floats:
-        """Places along x; NaN where the axis cannot show a value."""
-        return self.left + self.width * _part(values, self.x, self.chart.x_scale)
+    def across(values: Floats) -> Floats:
+        return left + wide * _part(values, window, chart.x_scale)
 
-    def down(self, values: Floats) -> Floats:
+    def down(values: Floats) -> Floats:
         """Places along y, which grow downwards; values below a logarithmic axis are at its lower end."""
-        shown = np.where(values <= 0.0, self.y[0], values) if self.chart.y_scale == "log" else values
-        return self.top + self.height * (1.0 - _part(shown, self.y, self.chart.y_scale))
+        shown = np.where(values <= 0.0, y_window[0], values) if chart.y_scale == "log" else values
+        return top + tall * (1.0 - _part(shown, y_window, chart.y_scale))
 
-    def draw(self, x_label: str, heading: str) -> None:
-        """Draw grid, data and axes."""
-        paper, left, top, wide, tall = self.paper, self.left, self.top, self.width, self.height
-        down = ticks(*self.y, self.chart.y_scale, min(9, tall // 300))
+    axis: list[tuple[float, str]] = []
+    x: list[int] = []
+    y: list[int] = down(np.array([v for v, _ in named])).astype(int).tolist()
+    if labels:
         for count in range(9, 1, -1):  # as many ticks across as have room for their texts
-            across = ticks(*self.x, self.chart.x_scale, count)
-            places = self.across(np.array([value for value, _ in across]))
-            if np.all(np.diff(places) > _LETTER * (1 + max(len(text) for _, text in across))):
+            axis = ticks(*window, chart.x_scale, count)
+            places = across(np.array([value for value, _ in axis]))
+            if np.all(np.diff(places) > _LETTER * (1 + max(len(text) for _, text in axis))):
                 break
-        x, y = places.astype(int).tolist(), self.down(np.array([v for v, _ in down])).astype(int).tolist()
-        grid = [f"M{place} {top}v{tall}" for place in x] + [f"M{left} {place}h{wide}" for place in y]
+        x = places.astype(int).tolist()
+        grid = [f"M{at} {top}v{tall}" for at in x] + [f"M{left} {at}h{wide}" for at in y]
         paper.path("".join(grid), _stroke("#e2e2e2", 0.5))
-        self.draw_data()
+    clip = f'<clipPath id="NAME"><rect x="{left}" y="{top}" width="{wide}" height="{tall}"/></clipPath>'
+    paper.parts.append(f'<g clip-path="{paper.share(clip)}">')
+    if chart.y_scale == "linear" and any(drawn.source.role == "residual" for drawn, _, _ in curves):
+        paper.path(f"M{left} {int(down(np.zeros(1))[0])}h{wide}", _stroke("#808080", 0.6))
+    lines = np.array([x for _, x in chart.vlines if window[0] <= x <= window[1]])
+    marked = np.unique(across(lines).astype(int) // 60 * 60)  # three points apart at least
+    paper.path("".join(f"M{at} {top}v{tall}" for at in marked), _stroke("#a0a0a0", 0.5, (0.5, 1.0)))
+    for drawn, along, values in sorted(curves, key=lambda one: one[0].source.style == "points"):  # above lines
+        _draw_curve(paper, drawn, across(along), values, down)
+    paper.parts.append("</g>")
+    if labels:
         paper.path(f"M{left} {top}V{top + tall}h{wide}", _stroke("#000", 0.6))
-        for at, (_, text) in zip(x, across, strict=True):
+        for at, (_, text) in zip(x, axis, strict=True):
             paper.text(at, top + tall + 130 + 0.5 * _TEXT, text, "middle")
-        for at, (_, text) in zip(y, down, strict=True):
+        for at, (_, text) in zip(y, named, strict=True):
             paper.text(left - 110, at + 0.36 * _TEXT, text, "end")
-        paper.text(left + wide / 2, top + tall + 190 + 2 * _TEXT, x_label, "middle")
-        paper.text(left, top - 100, heading)
+        paper.text(left + wide / 2, top + tall + 190 + 2 * _TEXT, labels[0], "middle")
+        paper.text(left, top - 100, labels[1])
 
-    def draw_data(self) -> None:
-        """Draw everything inside the panel, points above lines."""
-        paper, left, top, wide, tall = self.paper, self.left, self.top, self.width, self.height
-        clip = f'<clipPath id="NAME"><rect x="{left}" y="{top}" width="{wide}" height="{tall}"/></clipPath>'
-        paper.parts.append(f'<g clip-path="{paper.share(clip)}">')
-        if self.chart.y_scale == "linear" and any(drawn.source.role == "residual" for drawn, _, _ in self.curves):
-            paper.path(f"M{left} {int(self.down(np.zeros(1))[0])}h{wide}", _stroke("#808080", 0.6))
-        lines = np.array([x for _, x in self.chart.vlines if self.x[0] <= x <= self.x[1]])
-        places = np.unique(self.across(lines).astype(int) // 60 * 60)  # three points apart at least
-        paper.path("".join(f"M{place} {top}v{tall}" for place in places), _stroke("#a0a0a0", 0.5, (0.5, 1.0)))
-        for one in sorted(self.curves, key=lambda one: one[0].source.style == "points"):
-            self._draw_curve(*one)
-        paper.parts.append("</g>")
 
-    def _draw_curve(self, drawn: Drawn, x: Floats, values: tuple[Floats, ...]) -> None:
-        paper, source, look, across = self.paper, drawn.source, drawn.look, self.across(x)
-        if source.style == "band":
-            low, high = map(self.down, values)
-            for run in _runs(across + low + high):
-                edge = np.append(across[run], across[run][::-1]), np.append(high[run], low[run][::-1])
-                paper.path(_line(*edge) + "z", _area(look))
-            return
-        down = np.where(np.isfinite(values[0]), self.down(values[0]), np.nan)
-        is_there = np.flatnonzero(np.isfinite(across + down))
-        if len(values) == 2:
-            u = np.nan_to_num(values[1])
-            ends = np.column_stack([across, self.down(values[0] - u), self.down(values[0] + u)])[is_there]
-            bars = (bar for bar in np.rint(ends).astype(int).tolist() if bar[1] != bar[2])
-            data = "".join(f"M{at} {foot}V{top}m-36 0h72M{at} {foot}m-36 0h72" for at, foot, top in bars)
-            paper.path(data, _stroke(look.light, 0.7))
-        if source.style == "step":
-            across, down = np.repeat(across, 2)[1:], np.repeat(down, 2)[:-1]
-        if source.style != "points":
-            data = "".join(_line(across[run], down[run]) for run in _runs(across + down))
-            paper.path(data, _stroke(look.light, look.width, look.dash))
-        marked = (
-            is_there if source.style == "points" else is_there[:: max(is_there.size // 8, 1)][: 8 * drawn.is_marked]
-        )
-        if marked.size:
-            marks = " ".join(f'marker-{where}="{paper.marker(look)}"' for where in ("start", "mid", "end"))
-            paper.path(_line(across[marked], down[marked]), f'fill="none" {marks}')
+def _draw_curve(
+    paper: _Paper, drawn: Drawn, across: Floats, values: tuple[Floats, ...], to_y: Callable[[Floats], Floats]
+) -> None:
+    source, look = drawn.source, drawn.look
+    if source.style == "band":
+        low, high = map(to_y, values)
+        for run in _runs(across + low + high):
+            edge = np.append(across[run], across[run][::-1]), np.append(high[run], low[run][::-1])
+            paper.path(_line(*edge) + "z", _area(look))
+        return
+    down = np.where(np.isfinite(values[0]), to_y(values[0]), np.nan)
+    is_there = np.flatnonzero(np.isfinite(across + down))
+    if len(values) == 2:
+        u = np.nan_to_num(values[1])
+        ends = np.column_stack([across, to_y(values[0] - u), to_y(values[0] + u)])[is_there]
+        bars = (bar for bar in np.rint(ends).astype(int).tolist() if bar[1] != bar[2])
+        data = "".join(f"M{at} {foot}V{top}m-36 0h72M{at} {foot}m-36 0h72" for at, foot, top in bars)
+        paper.path(data, _stroke(look.light, 0.7))
+    if source.style == "step":
+        across, down = np.repeat(across, 2)[1:], np.repeat(down, 2)[:-1]
+    if source.style != "points":
+        data = "".join(_line(across[run], down[run]) for run in _runs(across + down))
+        paper.path(data, _stroke(look.light, look.width, look.dash))
+    marked = is_there if source.style == "points" else is_there[:: max(is_there.size // 8, 1)][: 8 * drawn.is_marked]
+    if marked.size:
+        marks = " ".join(f'marker-{where}="{paper.marker(look)}"' for where in ("start", "mid", "end"))
+        paper.path(_line(across[marked], down[marked]), f'fill="none" {marks}')
 
 
 def ticks(low: float, high: float, scale: str, most: int) -> list[tuple[float, str]]:
