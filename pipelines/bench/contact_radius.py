@@ -6,10 +6,10 @@ the fit works is not used. The bound is that of the same pixels with the same un
 """
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes import fit_circle
-from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, paired, race
+from pipelines.bench.measure import OURS, Bound, Calls, Extra, Point, Suite, Timing, race
 
 Film = NDArray[np.uint8]
 
@@ -32,8 +32,6 @@ _NODES, _MOMENTS = 48, 15
 #: Places from the edge of the contact outwards at which its gap is integrated.
 _PLACES = 4000
 _DEFAULT = "3 fringes"
-#: Frames from which a run is no quick one.
-_MANY = 16
 #: The thesis's other ways to a radius: laser reading and modulus as well as they are known (1).
 _LASER, _MODULUS = 1e-6, 0.05
 
@@ -57,7 +55,7 @@ class Scene:
 
 
 def run(quick: bool) -> list[Suite]:
-    """Measure error and time of every setting, and what disturbances do.
+    """Measure error and time of every setting on an ideal film.
 
     Parameters
     ----------
@@ -68,13 +66,8 @@ def run(quick: bool) -> list[Suite]:
     if quick:
         scene = replace(scene, rows=240, columns=320, radius=200e-6, centre=(158.3, 121.2))
     frames, repeats = (8, 2) if quick else (24, 5)
-    return [_settings(scene, frames, repeats), _disturbances(scene, 3 if quick else 6)]
-
-
-def _settings(scene: Scene, frames: int, repeats: int) -> Suite:
     film = make_film(scene, frames, 1)
-    is_quick = frames < _MANY
-    contenders = _contenders(film, scene, is_quick=is_quick)
+    contenders = _contenders(film, scene, is_quick=quick)
     bounds = {count: cramer_rao(scene, count) for count in (1.0, 3.0)}
 
     def judge(name: str, timings: Mapping[str, Timing]) -> tuple[float, Extra]:
@@ -86,9 +79,9 @@ def _settings(scene: Scene, frames: int, repeats: int) -> Suite:
             "RMS / bound of 3 fringes": rms / bounds[3.0],
         }
 
-    traced = (_DEFAULT,) if is_quick else contenders
+    traced = (_DEFAULT,) if quick else contenders
     rows = race(contenders, repeats, judge, _DEFAULT, budget=60.0, per=frames, traced=traced) + _static(scene)
-    return Suite(
+    suite = Suite(
         "contact-radius",
         f"Radius of a contact of {scene.radius / _MICROMETRE:g} µm, {frames} frames of "
         f"{scene.columns} × {scene.rows} px, noise of {_NOISE:g} grey levels",
@@ -102,6 +95,7 @@ def _settings(scene: Scene, frames: int, repeats: int) -> Suite:
         ),
         time_label="run time per frame (s)",
     )
+    return [suite]
 
 
 _PEER = "edge of the spot"
@@ -123,22 +117,8 @@ def _contenders(film: Film, scene: Scene, *, is_quick: bool) -> Calls:
     return found
 
 
-def _fitted(film: Film, scene: Scene, **options: object) -> Floats:
-    return _measured(film, scene, **options)[0]
-
-
-def _measured(film: Film, scene: Scene, **options: object) -> Floats:
-    """Radius and standard uncertainty (2, frame) in m."""
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # disturbed films are measured on purpose
-        found = contact_radius(
-            film,
-            scene.pixel,
-            scene.sphere,
-            scene.wavelength,
-            **options,  # type: ignore[arg-type]
-        )
-    u = np.hypot(found["u_radius"].values, found["radius_systematic"].values)
-    return np.stack([found["radius"].values, u])
+def _fitted(film: Film, scene: Scene, **options: Any) -> Floats:
+    return np.asarray(contact_radius(film, scene.pixel, scene.sphere, scene.wavelength, **options)["radius"].values)
 
 
 def _each(film: Film, scene: Scene, method: Callable[[Film], float]) -> Floats:
@@ -198,60 +178,6 @@ def _static(scene: Scene) -> list[Point]:
         Point("√(R δ), δ by laser", 0.5 * a * _LASER / approach, math.nan, "thesis"),
         Point("Hertz's static radius from the load", a * _MODULUS / 3.0, math.nan, "thesis"),
     ]
-
-
-def _disturbances(scene: Scene, frames: int) -> Suite:
-    """Errors of the default and of the plain edge where the image is not ideal."""
-    cases: Mapping[str, Scene] = {
-        "ideal": scene,
-        "radius moves 10 µm in the exposure": replace(scene, travel=10e-6),
-        "radius moves 20 µm in the exposure": replace(scene, travel=20e-6),
-        "blur of 1 px": replace(scene, blur=1.0),
-        "blur of 5 px": replace(scene, blur=5.0),
-        "light ± 30 % from side to side": replace(scene, slope=0.3),
-        "sphere 2 % larger than stated": replace(scene, sphere=1.02 * scene.sphere),
-        "ellipse, 1.5 %": replace(scene, stretch=0.015),
-        "centre at the border": replace(scene, centre=(scene.centre[0], 2.4)),
-        "phase of 2.4 rad": replace(scene, phase=2.4),
-        "wavelength stated as 532 nm": scene,
-        "ellipse, blur, sloping light": replace(scene, stretch=0.04, blur=2.0, slope=0.4),
-    }
-    rows: list[Point] = []
-    plain = 0.0  # of the first row, the ideal one
-    for name, case in cases.items():
-        film = make_film(case, frames, 2)
-        truth = scene.radius * math.sqrt(1.0 + case.stretch)
-        stated = replace(case, sphere=scene.sphere)
-        if name.startswith("wavelength"):
-            stated = replace(stated, wavelength=532e-9)
-        calls: dict[str, Callable[[], object]] = {
-            "fringes": partial(_measured, film, stated),
-            "edge": partial(_each, film, case, outline_radius),
-        }
-        timings = paired(calls, 1)
-        found = np.asarray(timings["fringes"].value, float)
-        ours, edge = found[0] - truth, np.asarray(timings["edge"].value, float) - truth
-        seconds = timings["fringes"].seconds / frames
-        plain = plain or seconds
-        ratios = np.abs(ours / found[1])
-        rows.append(
-            Point(
-                name,
-                float(np.sqrt(np.mean(ours**2))) / _MICROMETRE,
-                seconds,
-                is_default=name == "ideal",
-                extra={
-                    "bias (µm)": float(np.mean(ours)) / _MICROMETRE,
-                    "RMS of error / u": float(np.sqrt(np.mean(ratios**2))),
-                    "largest error / u": float(ratios.max()),
-                    "edge, RMS error (µm)": float(np.sqrt(np.mean(edge**2))) / _MICROMETRE,
-                    "time over ideal's": seconds / plain,
-                },
-            )
-        )
-    title = f"The default where images are not ideal, and the plain edge; {frames} frames of each"
-    error, time = "RMS error of the radius (µm)", "run time per frame (s)"
-    return Suite("contact-radius-disturbed", title, error, rows, time_label=time, has_diagram=False)
 
 
 def surface_gap(distance: Floats, radius: float, sphere: float, flat: float = 0.0) -> Floats:
