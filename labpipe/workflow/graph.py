@@ -104,23 +104,23 @@ def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = Non
     problems = []
     for stage in stages:
         fields = [name for name in stage.parameters if name != "*"] + ([stage.over] if stage.over is not None else [])
-        own = []
+        wrong = []
         for name in stage.inputs:
             other = by_name.get(name)
             if name.startswith(FILE):
                 fields.append(name.removeprefix(FILE))
             elif name.startswith(OTHER):
                 fields.append(name.removeprefix(OTHER).split("/")[0])
-                own += [] if name.count("/") == 1 else [f'input "{name}" must read "other:FIELD/STAGE"']
+                wrong += [] if name.count("/") == 1 else [f'input "{name}" must read "other:FIELD/STAGE"']
             elif other is None:
-                own.append(f'unknown input "{name}"{suggest(name, by_name)}')
+                wrong.append(f'unknown input "{name}"{suggest(name, by_name)}')
             elif other.output == "page":
-                own.append(f'input "{name}" is a page; pages are for people')
+                wrong.append(f'input "{name}" is a page; pages are for people')
             elif stage.per == other.per == "recording" and stage.over != other.over:
-                own.append(f'input "{name}" runs over "{other.over}", this one over "{stage.over}"')
+                wrong.append(f'input "{name}" runs over "{other.over}", this one over "{stage.over}"')
         absent = [name for name in fields if settings is not None and not _has_field(settings, name)]
-        own += [f'the settings have no field "{name}"' for name in absent]
-        problems += [f'stage "{stage.name}": {text}' for text in own]
+        wrong += [f'the settings have no field "{name}"' for name in absent]
+        problems += [f'stage "{stage.name}": {text}' for text in wrong]
     if problems:
         raise InputError("; ".join(problems))
     try:
