@@ -52,6 +52,8 @@ class Scene:
     slope: float = 0.0
     stretch: float = 0.0
     phase: float = math.pi
+    beams: float = 0.0
+    flat: float = 0.0
 
 
 def run(quick: bool) -> list[Suite]:
@@ -214,9 +216,8 @@ def make_image(scene: Scene) -> Floats:
     for radius in radii:
         # The gap rises as a power of 1.5 beyond the edge, where the places lie close together.
         places = radius + (r[-1] - radius) * np.linspace(0.0, 1.0, _PLACES) ** 2
-        gap = np.interp(r, places, surface_gap(places, radius, scene.sphere))
-        wave = np.cos(4.0 * math.pi * gap / scene.wavelength + scene.phase)
-        light += (1.0 + _VISIBILITY * wave) / len(radii)
+        gap = np.interp(r, places, surface_gap(places, radius, scene.sphere, scene.flat))
+        light += _interference(4.0 * math.pi * gap / scene.wavelength + scene.phase, scene.beams) / len(radii)
     total = np.zeros((scene.rows, scene.columns))
     steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
     for dy in steps:
@@ -227,6 +228,14 @@ def make_image(scene: Scene) -> Floats:
     across = 2.0 * np.arange(scene.columns) / scene.columns - 1.0
     grey = _MEAN * total / _SAMPLES**2 * (1.0 + scene.slope * across)
     return np.asarray(gaussian_filter(grey, scene.blur, mode="nearest") if scene.blur else grey)
+
+
+def _interference(phase: Floats, reflectance: float) -> Floats:
+    """Light, about 1 in the mean, of two beams, or of many between faces that reflect alike (Airy)."""
+    if not reflectance:
+        return 1.0 + _VISIBILITY * np.cos(phase)
+    wave = np.exp(1j * (phase - math.pi))
+    return np.asarray(0.1 + 1.5 * reflectance * np.abs(1.0 - wave) ** 2 / np.abs(1.0 - reflectance * wave) ** 2)
 
 
 def make_film(scene: Scene, frames: int, seed: int) -> Film:

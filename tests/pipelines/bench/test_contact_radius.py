@@ -52,6 +52,9 @@ DISTURBED = {  # the scene, and the largest root-mean-square error (µm); what i
     "centre at the border": (replace(SCENE, centre=(SCENE.centre[0], 2.4)), 0.02),
     "phase of 2.4 rad": (replace(SCENE, phase=2.4), 0.02),
     "wavelength stated as 532 nm": (SCENE, 0.02),
+    "many beams, faces that reflect 30 %": (replace(SCENE, beams=0.3), 0.02),
+    "sphere worn flat, 120 µm": (replace(SCENE, flat=120e-6), 0.02),
+    "ellipse, 4 %": (replace(SCENE, stretch=0.04), 0.02),
     "ellipse, blur, sloping light": (replace(SCENE, stretch=0.04, blur=2.0, slope=0.4), 0.06),
 }
 
