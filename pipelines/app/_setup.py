@@ -19,12 +19,12 @@ from labpipe import files
 from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow import config, session as sessions
-from labpipe.workflow.document import dotted, parse
+from labpipe.workflow.document import dotted, nodes, parse
 from labpipe.workflow.fields import GAP, FileMark, ReferenceMark, describe, is_gap, mark, split
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _edits as edits
 from pipelines.experiments import KINDS
-from pipelines.session import SETTINGS, bare_type, gap_for, in_unit, library_names
+from pipelines.session import SETTINGS, bare_type, gap_for, in_unit, library_names, remedy
 
 Told = dict[str, Any]
 _PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
@@ -202,7 +202,7 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
                 "title": "no known kind" if kind is None else kind.title,
                 "fields": []
                 if kind is None
-                else _fields(kind.settings, table, place, FILE_NAME, names, records, remarks),
+                else _fields(folder, kind.settings, table, place, FILE_NAME, names, records, remarks),
                 "waits": name in waiting or _has_problem(name, table, problems),
             }
         )
@@ -211,7 +211,7 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
         record = _tree(texts[name])
         kind_of = RECORDS.get(str(record.get("kind")))
         if kind_of is not None:
-            fields = _fields(kind_of, record, (), name, names, records, edits.remarks(texts[name]))
+            fields = _fields(folder, kind_of, record, (), name, names, records, edits.remarks(texts[name]))
             users = [
                 one["name"] for one in experiments if any(f["text"] == name and not f["files"] for f in one["fields"])
             ]
@@ -220,6 +220,7 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
 
 
 def _fields(
+    folder: Path,
     kind: Any,
     table: Any,
     prefix: edits.Place,
@@ -241,6 +242,7 @@ def _fields(
         suggestions = list(library_names()) if path[-1] == "material" else []
         suggestions += records if mark(marks, FileMark) is not None and path[-1] in _RECORD_FIELDS else []
         suggestions += names if mark(marks, ReferenceMark) is not None else []
+        suggestions += _columns_of(folder, table) if path[-1] == "columns" else []
         is_files = is_list and mark(split(typing.get_args(bare)[0])[1], FileMark) is not None
         found.append(
             {
@@ -295,7 +297,21 @@ def _as_text(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, date):
         return value.isoformat()
-    return files.canonical(value) if isinstance(value, list | dict) else str(value)
+    if isinstance(value, dict):
+        return edits.inline(value)
+    return files.canonical(value) if isinstance(value, list) else str(value)
+
+
+def _columns_of(folder: Path, table: Any) -> list[str]:
+    """Propose the columns of the recordings that no instrument recognises, as far as their headings tell."""
+    proposed = []
+    for name in {node: None for node in nodes(table) if isinstance(node, str)}:
+        try:
+            path = safe_join(folder, name)
+        except InputError:
+            continue
+        proposed += [remedy(path).partition("columns = ")[2]] if path.is_file() and path.suffix != ".toml" else []
+    return list(dict.fromkeys(filter(None, proposed)))
 
 
 def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mapping[str, Any]]:

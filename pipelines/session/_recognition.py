@@ -22,6 +22,8 @@ from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS, Found
 
 UNKNOWN = "no instrument recognises the content"
+COLUMNS = "columns = "
+"""Begins the line to copy that the advice on an unknown table ends with."""
 PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
 LOOSE = (
     "images of a film directly in the session folder: move them into a folder of their own, such as film, then run "
@@ -165,8 +167,10 @@ def why_unknown(folder: Path, name: str) -> str:
         return UNKNOWN
     if not head.strip(b"\0"):
         return _ZEROS if head else "the file is empty"
-    # of a text the advice would be to name its columns, which most texts have not
-    return f"{UNKNOWN}. {remedy(path)}" if b"\0" in head else UNKNOWN
+    advice = remedy(path)
+    if b"\0" not in head:  # a text without rows of numbers needs no advice
+        advice = advice[advice.find("Name its columns") :] if COLUMNS in advice else ""
+    return f"{UNKNOWN}. {advice}".removesuffix(". ")
 
 
 def unreadable(path: Path) -> str:
