@@ -87,7 +87,8 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
                     "another table; rename one of them"
                 )
             array[start : start + len(column.values)] = column.values
-    tests, results = [], []  # counted in the order of the file; a name that returns begins anew
+    tests: list[int] = []  # counted in the order of the file; a name that returns begins anew
+    results: list[int] = []
     for before, interval in zip([None, *intervals], intervals, strict=False):
         is_same = before is not None and (before.sheet, before.test) == (interval.sheet, interval.test)
         is_next = before is not None and (interval.result != before.result or interval.number <= before.number)

@@ -5,7 +5,7 @@ compliance D* = D′ − i D″, and the complex viscosity η* = η′ − i η�
 Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 """
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -134,7 +134,7 @@ def needed(names: set[str]) -> set[str]:
     return names & (wanted | (TIMES if responses else set()) | (SHIFTS if temperatures else set()))
 
 
-def missing(names: Set[str]) -> str:
+def missing(names: set[str]) -> str:
     """Name the quantities that columns lack to be sweeps, responses over time or shift factors; "" for nothing.
 
     Examples

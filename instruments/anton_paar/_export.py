@@ -18,7 +18,7 @@ import xarray as xr
 
 from instruments._intervals import Column, Interval, assemble, in_one_unit
 from instruments._quantities import TEXT, TIMES, fold, quantity, repaired, signs_of
-from instruments._workbook import is_workbook, sheets, text_of
+from instruments._workbook import is_workbook, sheets
 from instruments.anton_paar._table import Export, Parser, Table
 from instruments.tables import Notes, converted, is_numeric, numbers, settled_units, short_rows
 from labpipe.arrays import Flags, Integers
@@ -86,7 +86,7 @@ def read(
     if is_workbook(first_bytes(path)):
         for title, rows in sheets(path):
             for number, row in enumerate(rows, 1):
-                parser.take(number, title, [text_of(cell) for cell in row])
+                parser.take(number, title, row)
         export = parser.finished()
     else:
         source = survey(path, declared=(encoding,) if encoding else _CODECS, limits=_LIMITS)
@@ -154,14 +154,6 @@ def _delimiter_of(source: TextFile) -> str:
 def _cells(line: str, delimiter: str) -> list[str]:
     """Split one line; quotes are those of an edited file."""
     if delimiter != "\t":
-        return next(csv.reader([line], delimiter=delimiter), [""])
-    quoted = (len(cell) > 1 and cell[0] == cell[-1] == '"' for cell in line.split("\t"))
-    return [c[1:-1].replace('""', '"') if q else c for c, q in zip(line.split("\t"), quoted, strict=True)]
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    """Split one line; quotes are those of an edited file."""
-    if delimiter != "\t":
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [""])]
     cells = (cell.strip() for cell in line.split("\t"))
     return [c[1:-1].replace('""', '"') if len(c) > 1 and c[0] == c[-1] == '"' else c for c in cells]
@@ -190,8 +182,8 @@ def _interval(table: Table, signs: Separators, notes: Notes) -> tuple[Interval, 
             raise SourceError(block.place(notes.path), text, line=block.line, hint=hint)
         is_word = not heading.is_known and not heading.unit.strip("[] ") and not quantity(heading.text)
         if heading.name in TEXT or (is_word and heading.text and any(c and not is_numeric(c) for c in cells)):
-            values, sub = [repaired(cell) for cell in cells], table.sub_labels[k]
-            texts[k] = Column(heading.name, heading.text, heading.unit, "", values, sub)
+            words = [repaired(cell) for cell in cells]
+            texts[k] = Column(heading.name, heading.text, heading.unit, "", words, table.sub_labels[k])
     wanted = settled_units(notes, block)
     point, valid = _points(table, notes)
     short = short_rows(notes, block, wanted)

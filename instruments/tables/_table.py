@@ -13,7 +13,7 @@ import xarray as xr
 from instruments._intervals import Interval, assemble, in_one_unit
 from instruments._moduli import missing
 from instruments._quantities import SHIFTS, signs_of
-from instruments._workbook import Cell, is_workbook, sheets, text_of
+from instruments._workbook import is_workbook, sheets
 from instruments.tables._headings import stated_in_title
 from instruments.tables._layout import COMMA, TAB, Block, blocks, plain_lines
 from instruments.tables._mapping import Chosen, Columns, chosen, line_to_copy, located, suggestion, time_step
@@ -93,7 +93,7 @@ def read(
     path, named = Path(path), None if columns is None else chosen(columns)
     notes, open_line, found_encoding = Notes(path), 0, path.suffix.lstrip(".").lower() or "xlsx"
     if is_workbook(first_bytes(path)):
-        found = [(title, plain_lines(map(_joined, rows))) for title, rows in sheets(path)]
+        found = [(title, plain_lines(map(TAB.join, rows))) for title, rows in sheets(path)]
         found = [(title, [(1, title), *own] if own and stated_in_title(title) else own) for title, own in found]
     else:
         source = survey(path, declared=(encoding,) if encoding else CODECS, limits=_LIMITS)
@@ -107,21 +107,16 @@ def read(
     decimal = decimal or next((_SIGNS.get(word[1].casefold()) for word in stated if word), None)
     tables = _blocks(path, found) if named is None else []
     if named is not None:
-        block, lines = _located(path, found, named)
+        block, own = _located(path, found, named)
         tables = [block]
         if {each.name for each in named} & {"displacement", "force"}:
             if open_line == block.rows[-1][0]:
                 notes.add("the last line has no line end; if the file was cut, its last number is wrong", open_line)
             cells = [cell for _, row in block.rows for cell in row]
             signs = DOT if block.separator == COMMA else signs_of(path, cells, decimal)
-            made = trace(notes, block, signs, cycle, time_step(lines, block.line))
+            made = trace(notes, block, signs, cycle, time_step(own, block.line))
             return made.assign_attrs(source=path.name, encoding=found_encoding, decimal=signs.decimal)
     return _sweeps(notes, tables, decimal, open_line, found_encoding)
-
-
-def _joined(row: Sequence[Cell]) -> str:
-    """Write the cells of a workbook as a line with TABs."""
-    return TAB.join(" ".join(text_of(cell).split()) for cell in row)
 
 
 def _blocks(path: Path, found: _Sheets) -> list[Block]:
