@@ -220,7 +220,7 @@ def as_value(kind: Any, text: str) -> Any:
     """Return a typed text as TOML keeps it for a field; an unsuitable one stays a text."""
     bare = split(bare_type(kind))[0]
     try:
-        if dict in map(typing.get_origin, typing.get_args(bare)):  # the columns of a table
+        if any(typing.get_origin(option) is dict for option in typing.get_args(bare)):  # the columns of a table
             typed = re.sub(r"^columns\s*=\s*", "", text)
             return tomllib.loads(f"columns = {typed}")["columns"] if typed.startswith("{") else typed
         if bare is bool:

@@ -9,6 +9,7 @@ import re
 import typing
 from collections.abc import Mapping
 from datetime import date
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +25,7 @@ from labpipe.workflow.fields import GAP, FileMark, ReferenceMark, describe, is_g
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _edits as edits
 from pipelines.experiments import KINDS
-from pipelines.session import SETTINGS, bare_type, gap_for, in_unit, library_names, remedy
+from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, remedy
 
 Told = dict[str, Any]
 _PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
@@ -305,13 +306,21 @@ def _as_text(value: Any) -> str:
 def _columns_of(folder: Path, table: Any) -> list[str]:
     """Propose the columns of the recordings that no instrument recognises, as far as their headings tell."""
     proposed = []
-    for name in {node: None for node in nodes(table) if isinstance(node, str)}:
+    for name in dict.fromkeys(node for node in nodes(table) if isinstance(node, str)):
         try:
             path = safe_join(folder, name)
-        except InputError:
+            status = path.stat()
+        except (InputError, OSError):  # not the name of a file
             continue
-        proposed += [remedy(path).partition("columns = ")[2]] if path.is_file() and path.suffix != ".toml" else []
+        if path.is_file() and path.suffix != ".toml":
+            proposed.append(_proposed_columns(path, status.st_size, status.st_mtime_ns))
     return list(dict.fromkeys(filter(None, proposed)))
+
+
+@lru_cache(1024)  # the page asks after every change
+def _proposed_columns(path: Path, size: int, modified: int) -> str:
+    del size, modified
+    return remedy(path).partition(COLUMNS)[2]
 
 
 def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mapping[str, Any]]:
@@ -335,6 +344,8 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
     for line in told:
         match = _PROBLEM.match(line)
         file, number, place, message = match.groups() if match is not None else (FILE_NAME, "1", "", line)
+        if place and message.startswith("columns"):  # refused with the table around them
+            place += ".columns"
         told_before = (file, place) if place else (file, "", message)
         problems.setdefault(told_before, {"file": file, "line": int(number), "place": place or "", "message": message})
     return list(problems.values()), waiting

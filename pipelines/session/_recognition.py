@@ -79,7 +79,11 @@ def recognise(folder: Path) -> Found:
         if kept and not each.unproposed:
             found[each.content] = [*found.get(each.content, []), *kept]
         owners |= {name: (each.title, f'a copy of "{first}"') for name, first in own.items()}
-        owners |= {name: (each.title, _why_not(each)) for name in kept}
+        able = [f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and each.content in k.proposal.contents]
+        why_not = each.unproposed or _UNUSED[each.content]
+        if able and (each.unproposed or each.content == "film"):
+            why_not += f"; kinds that begin from it: {', '.join(able)}"
+        owners |= dict.fromkeys(kept, (each.title, why_not))
         copies |= own
     return Found(folder, found, owners, unknown=tuple(unknown), copies=copies)
 
@@ -203,16 +207,6 @@ def instrument_of(path: Path) -> str | None:
         return instruments.identify(path)
     except (LabpipeError, OSError):
         return None
-
-
-def _why_not(instrument: instruments.Instrument) -> str:
-    """Say why a file of an instrument is in no proposed experiment, and which kinds may begin from it."""
-    able = [
-        f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and instrument.content in k.proposal.contents
-    ]
-    names_kinds = able and (instrument.unproposed or instrument.content == "film")
-    kinds = f"; kinds that begin from it: {', '.join(able)}" * bool(names_kinds)
-    return f"{instrument.unproposed or _UNUSED[instrument.content]}{kinds}"
 
 
 def _record_kind(path: Path) -> str | None:

@@ -4,7 +4,6 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from instruments import tables
 from labpipe.errors import InputError
 from labpipe.units import Quantity
 from labpipe.workflow import fields
@@ -37,6 +36,8 @@ def named_columns(columns: Columns | None) -> str | dict[str, object] | None:
     """Return the columns as :func:`instruments.read` takes them; ValueError where they name no table that is read."""
     found: str | dict[str, object] | None = msgspec.to_builtins(columns)
     if found is not None:
+        from instruments import tables  # which a session without such columns needs not load
+
         try:
             tables.chosen(found)
         except InputError as error:

@@ -187,8 +187,8 @@ def test_columns_of_an_unknown_table_are_named_on_the_card(page: Page, raw: Path
     (proposed,) = fields["experiments.drop.keyence.columns"]["suggestions"]
     assert proposed == '{ time = "Time (s) Run #1", displacement = "Position (m) Run #1" }'
     wrong = {"base": base, "edits": [add, *edits(("keyence.columns", '{ gravity = "Position (m) Run #1" }'))]}
-    problems = [p["message"] for p in page.told("api/check", wrong)["problems"]]
-    assert any('"gravity" is no quantity' in text for text in problems)
+    problems = {p["place"]: p["message"] for p in page.told("api/check", wrong)["problems"]}
+    assert '"gravity" is no quantity' in problems["experiments.drop.keyence.columns"]
     page.told("api/write", {"base": base, "edits": [add, *edits(("keyence.columns", f"columns = {proposed}"))]})
     assert f"columns = {proposed}\n" in (raw / "session.toml").read_text("utf-8")
     fields = {f["dotted"]: f for one in page.told("api/session")["experiments"] for f in one["fields"]}
