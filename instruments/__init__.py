@@ -139,9 +139,17 @@ def _identify(path: Path, fps: float | None = None) -> Instrument:
     if is_lossy_film(path, fps):
         return IMAGE_STACK
     for plugin in added():
-        if plugin.found is not None and _is_from(plugin, head, path):
-            return plugin.found
+        try:
+            if plugin.found is not None and plugin.found.sniff(head, path):
+                return plugin.found
+        except Exception as error:  # somebody else's code may raise anything; it is reported once
+            if plugin.name not in _FAILED:
+                _FAILED.add(plugin.name)
+                tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
     raise _unknown(path, head)
+
+
+_FAILED: set[str] = set()
 
 
 def _unknown(path: Path, head: bytes) -> SourceError:
@@ -171,20 +179,6 @@ def _unknown(path: Path, head: bytes) -> SourceError:
         hint = "This is a page of HTML, whatever its name ends in; save it from a spreadsheet as .xlsx or CSV."
     tried = ", ".join(each.name for each in known())
     return SourceError(path, f"no instrument recognises the content; tried {tried}", hint=hint).because(UNKNOWN_FORMAT)
-
-
-def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:
-    """Ask a plug-in; a failing one is reported once and counts as not knowing the file."""
-    try:
-        return plugin.found is not None and bool(plugin.found.sniff(head, path))
-    except Exception as error:  # somebody else's code may raise anything
-        if plugin.name not in _FAILED:
-            _FAILED.add(plugin.name)
-            tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
-        return False
-
-
-_FAILED: set[str] = set()
 
 
 _SPECIAL = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
@@ -247,7 +241,14 @@ def read(
     for _ in range(2):
         _head(path)  # no reader waits at a named pipe
         before = path.stat()
-        result = _read(reader, path, options)
+        try:
+            result: xr.Dataset | FrameSource = reader.read(path, options)
+        except Exception as error:
+            if reader in OURS or isinstance(error, LabpipeError):
+                raise
+            text = f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}'
+            hint = "Report it to its maintainer; `labpipe doctor` names the distribution."
+            raise SourceError(path, text, hint=hint) from error
         after = path.stat() if path.exists() else before
         if (before.st_size, before.st_mtime_ns) == (after.st_size, after.st_mtime_ns):
             return result
@@ -297,18 +298,3 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
 
 
 _OF_COLUMNS = {"displacement": "out1", "force": "force_z"}
-
-
-def _read(reader: Instrument, path: Path, options: Any) -> xr.Dataset | FrameSource:
-    """Read a file; an error of a plug-in that is none of ours is reported as its fault."""
-    try:
-        found: xr.Dataset | FrameSource = reader.read(path, options)
-    except LabpipeError:
-        raise
-    except Exception as error:
-        if reader in OURS:
-            raise
-        text = f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}'
-        hint = "Report it to its maintainer; `labpipe doctor` names the distribution."
-        raise SourceError(path, text, hint=hint) from error
-    return found

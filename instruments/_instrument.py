@@ -148,7 +148,10 @@ def text_of(head: bytes) -> str:
     """Decode the first bytes of a text file of any codec, well enough to look for words."""
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return head.decode("utf-16", errors="replace")
-    wide = unmarked_codec(head)
-    if wide:
+    if wide := unmarked_codec(head):
         return head.decode(wide, errors="replace")
-    return head.decode("latin-1").removeprefix("ï»¿")
+    whole = head[: head.rfind(b"\n") + 1 or None] if len(head) >= HEAD_BYTES else head
+    try:
+        return whole.decode("utf-8").removeprefix("\ufeff")
+    except UnicodeDecodeError:
+        return whole.decode("latin-1").removeprefix("ï»¿")

@@ -5,17 +5,14 @@ compliance D* = D′ − i D″, and the complex viscosity η* = η′ − i η�
 Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 """
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from instruments._quantities import FREQUENCIES, RESPONSES, SHIFTS, TEMPERATURES, TIMES
 from labpipe.arrays import Floats
-from labpipe.errors import SourceError
-from labpipe.units import ZERO_CELSIUS
 
 _Made = tuple[Floats, Floats]
 
@@ -54,6 +51,7 @@ _WAYS: tuple[tuple[tuple[str, ...], Callable[..., _Made]], ...] = (
 
 
 def _contradictions(columns: Mapping[str, Any], made: Sequence[tuple[tuple[str, ...], _Made]]) -> list[str]:
+    """Describe the quantities that columns give twice and that disagree by more than their rounding."""
     said = []
     if {"frequency", "angular_frequency"} <= columns.keys():
         omega, hertz = columns["angular_frequency"], columns["frequency"]
@@ -136,7 +134,7 @@ def needed(names: set[str]) -> set[str]:
     return names & (wanted | (TIMES if responses else set()) | (SHIFTS if temperatures else set()))
 
 
-def missing(names: Set[str]) -> str:
+def missing(names: set[str]) -> str:
     """Name the quantities that columns lack to be sweeps, responses over time or shift factors; "" for nothing.
 
     Examples
@@ -144,49 +142,18 @@ def missing(names: Set[str]) -> str:
     >>> missing({"frequency", "temperature", "storage_modulus"})
     'loss modulus, tan δ or phase'
     """
-    has = set(names)
-    if "temperature_set" in has:
-        has.add("temperature")
-    if has & FREQUENCIES:
-        has.add("ω")
-    if "temperature" in has and has & SHIFTS:
+    is_shift_table = names & {*TEMPERATURES} and names & SHIFTS
+    if is_shift_table or (names & TIMES and names & RESPONSES):
         return ""
-    if has & TIMES and has & RESPONSES:
-        return ""
-    makes = any(set(needed) <= has for needed, _ in _WAYS)
-    lacks = []
-    if "ω" not in has:
-        lacks.append("frequency")
-    if not makes:
-        lacks.append(_lacking_modulus(has))
+    has = names | ({"ω"} if names & FREQUENCIES else set())
+    lacks = [] if "ω" in has else ["frequency"]
+    if not any(set(way) <= has for way, _ in _WAYS):
+        begun = [way for way, _ in _WAYS if has.intersection(way) - {"ω", "loss_factor", "phase_angle"}]
+        rests = [set(way) - has - {"ω"} for way in begun]
+        words = dict.fromkeys(_WORDS.get(n, n.replace("_", " ")) for rest in rests if len(rest) == 1 for n in rest)
+        *others, last = words or ["modulus"]
+        lacks.append(f"{', '.join(others)} or {last}" if others else last)
     return "; no ".join(lacks)
 
 
-def _lacking_modulus(has: Set[str]) -> str:
-    if has & {"storage_modulus"}:
-        return "loss modulus, tan δ or phase"
-    if has & {"loss_modulus"}:
-        return "storage modulus, tan δ or phase"
-    if has & {"complex_modulus", "complex_viscosity", "complex_compliance"}:
-        return "phase or tan δ"
-    if has & {"storage_compliance"}:
-        return "loss compliance, tan δ or phase"
-    if has & {"complex_viscosity_real", "complex_viscosity_imaginary"}:
-        return "other part of the complex viscosity"
-    return "modulus"
-
-
-def celsius(values: Floats, si: str, *, path: Path, line: int, header: str, stated: str) -> Floats:
-    """Convert a column in degC, K or degF to degC.
-
-    Raises
-    ------
-    SourceError
-        It holds a temperature below absolute zero: the unit is that of another scale.
-    """
-    scales = {"K": values - ZERO_CELSIUS, "degF": (values - 32.0) * 5.0 / 9.0}
-    found = scales.get(si, values)
-    if (found < -ZERO_CELSIUS).any():
-        said = f'{header} is in "{stated}" and holds {np.nanmin(values):g}, below absolute zero'
-        raise SourceError(path, said, line=line, hint="Correct the row of units, or export again.")
-    return found
+_WORDS = {"loss_factor": "tan δ", "phase_angle": "phase"}

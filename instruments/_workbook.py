@@ -5,6 +5,7 @@ not so much: a damaged or hostile workbook then costs a child, never the session
 """
 
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -15,8 +16,7 @@ from pathlib import Path
 from labpipe.errors import SourceError
 from labpipe.text import first_bytes, shorten
 
-Cell = str | float | None
-
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,(?!\d{3}\s*$)\d+(?:[eE][+-]?\d+)?\s*")  # "1,234" may group thousands
 _OLD = b"\xd0\xcf\x11\xe0"  # .xls
 _ZIP = b"PK\x03\x04"  # .xlsx, .ods, and any other archive
 _MOST_UNPACKED = 256 << 20  # bytes; the largest known export has 0.2 MB
@@ -55,8 +55,10 @@ def is_workbook(head: bytes) -> bool:
     return head.startswith((_OLD, _ZIP))
 
 
-def sheets(path: Path) -> list[tuple[str, list[list[Cell]]]]:
-    """Return title and rows of cells of every sheet; an empty cell, and one with an error such as #REF!, is None.
+def sheets(path: Path) -> list[tuple[str, list[list[str]]]]:
+    """Return title and rows of every sheet, cells as texts; "" for an empty one and one with an error such as #REF!.
+
+    Numbers have the decimal sign of those that the workbook holds as text.
 
     Raises
     ------
@@ -76,20 +78,11 @@ def beginning(path: Path, rows: int = 200) -> str:
         found = sheets(path)
     except SourceError:
         return ""
-    return "".join("\t".join(map(text_of, row)) + "\n" for _, cells in found for row in cells[:rows])
-
-
-def text_of(cell: Cell) -> str:
-    """Return a cell as text; a number as its shortest form."""
-    if cell is None:
-        return ""
-    if isinstance(cell, float):
-        return repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
-    return cell.strip()
+    return "".join("\t".join(row) + "\n" for _, cells in found for row in cells[:rows])
 
 
 @lru_cache(8)  # a file is recognised, read and described one after the other
-def _sheets(path: Path, size: int, modified: int) -> list[tuple[str, list[list[Cell]]]]:
+def _sheets(path: Path, size: int, modified: int) -> list[tuple[str, list[list[str]]]]:
     del modified
     if first_bytes(path).startswith(_ZIP):
         _check_archive(path)
@@ -103,7 +96,16 @@ def _sheets(path: Path, size: int, modified: int) -> list[tuple[str, list[list[C
         found = "its cells cannot be read"
     if isinstance(found, str):
         raise _damaged(path, found)
-    return [(title, rows) for title, rows in found]
+    texts = (cell for _, rows in found for row in rows for cell in row if isinstance(cell, str))
+    decimal = "," if any(map(_DECIMAL_COMMA.fullmatch, texts)) else "."
+
+    def text_of(cell: str | float | None) -> str:
+        if isinstance(cell, float):  # a number in its shortest form
+            is_whole = cell.is_integer() and abs(cell) < 1e15
+            return (repr(int(cell)) if is_whole else repr(cell)).replace(".", decimal)
+        return " ".join((cell or "").split())
+
+    return [(title, [list(map(text_of, row)) for row in rows]) for title, rows in found]
 
 
 def _check_archive(path: Path) -> None:

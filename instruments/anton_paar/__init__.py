@@ -9,11 +9,9 @@ from instruments._workbook import beginning, is_workbook
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from instruments.anton_paar._dataset import (
+    from instruments._intervals import (
         Column as Column,
-        Interval as Interval,
         assemble as assemble,
-        in_one_unit as in_one_unit,
         make_column as make_column,
         make_interval as make_interval,
     )

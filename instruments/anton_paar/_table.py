@@ -1,4 +1,4 @@
-"""From rows of cells to intervals: the structure that all Anton Paar exports share.
+"""From rows of cells to tables: the structure that all Anton Paar exports share.
 
 RheoCompass::
 
@@ -16,14 +16,12 @@ Structure is asked before words: a label and two whole numbers begin an interval
 """
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field
 
-from instruments._quantities import TEXT, fold, quantity, repaired
-from instruments._workbook import Cell, text_of
+from instruments._quantities import TEXT, fold, quantity, repaired, slug
+from instruments.tables import Block, Heading, Notes, is_unit
 from labpipe.errors import SourceError
-from labpipe.text import listed, shorten
+from labpipe.text import shorten
 
 _BRACKETS = re.compile(r"\s*\[.*\]\s*")
 _WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")
@@ -47,8 +45,6 @@ _LABELS = {
     ),
 }
 _LABEL_OF = {fold(word): name for name, words in _LABELS.items() for word in words.split(", ")}
-_INVALID = ("invalid", "invalide", "ungultig", "invalido")
-_COUNT = re.compile(r"\s*(\d{1,9})(?:\.0*)?\s*(?:\(\s*(.+?)\s*\))?\s*")
 
 
 def label(text: str) -> str | None:
@@ -56,267 +52,207 @@ def label(text: str) -> str | None:
     return _LABEL_OF.get(fold(text))
 
 
-def point_number(text: str) -> tuple[int, bool] | None:
-    """Read a point number and whether the point is valid; None when it is neither.
-
-    Examples
-    --------
-    >>> point_number("7"), point_number("8 (invalid)"), point_number("8 (perhaps)")
-    ((7, True), (8, False), None)
-    """
-    match = _COUNT.fullmatch(text)
-    if match is None or (match[2] is not None and fold(match[2]) not in _INVALID):
-        return None
-    return int(match[1]), match[2] is None
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One row: its number in the file or sheet, its sheet ("" in a text), its cells.
-
-    ``is_short`` means that the file holds fewer of them than the table has columns.
-    """
-
-    line: int
-    cells: list[Cell]
-    sheet: str = ""
-    is_short: bool = False
-
-
 @dataclass(slots=True)
-class RawInterval:
+class Table:
     """One table as in the file.
 
-    ``declared`` is the number of points that the file announces (None when it does not);
-    ``first`` the cell with which the columns begin.
+    ``declared`` is the number of points that the file announces (None when it does not); ``sub_labels`` stand below
+    the headings; ``first`` is the cell with which the columns begin.
     """
 
     test: str
     result: str
     number: int
     declared: int | None
-    line: int
-    sheet: str
-    headers: list[str] = field(default_factory=list)
+    block: Block
     sub_labels: list[str] = field(default_factory=list)
-    units: list[str] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
     first: int = 0
 
 
 @dataclass(slots=True)
 class Export:
-    """Everything between the first and the last row."""
+    """Everything between the first and the last row; ``cut`` holds line and note of tables that lack points."""
 
-    path: Path
-    intervals: list[RawInterval] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
     header: list[str] = field(default_factory=list)
     projects: int = 0
-    notes: list[str] = field(default_factory=list)
-    cut: list[tuple[int, str]] = field(default_factory=list)  # intervals that lack points: their line, and its note
+    cut: list[tuple[int, str]] = field(default_factory=list)
 
 
-def read_table(path: Path, rows: Iterable[Row]) -> Export:
-    """Find the intervals.
+class Parser:
+    """One pass over the rows: which labels were seen, and which part of a table comes next."""
 
-    Raises
-    ------
-    SourceError
-        There is none, a table has no units, or a row does not fit its header.
-    """
-    reader = _Reader(path)
-    for row in rows:
-        reader.take(row)
-    return reader.finished()
-
-
-class _Reader:
-    """The state of one pass: which labels were seen, and which part of a table comes next."""
-
-    def __init__(self, path: Path) -> None:
-        self.export = Export(path)
-        self.sheet: str | None = None
-        self.test = self.result = ""
+    def __init__(self, notes: Notes) -> None:
+        self.notes, self.export = notes, Export()
+        self.sheet, self.test, self.result = "", "", ""
         self.number: int | None = None  # RheoPlus: stated before the number of points
-        self.current: RawInterval | None = None
+        self.current: Table | None = None
         self.expects = "labels"
         self.is_rheoplus = False
-        self.dangling = 0  # line of a label after the last table
+        self.header_line = self.dangling = 0  # line of a label after the last table
 
-    def fail(self, row: Row, message: str, hint: str = "") -> SourceError:
-        where = f"sheet {row.sheet}: " if row.sheet else ""
-        return SourceError(self.export.path, where + message, line=row.line, hint=hint)
+    def _fail(self, line: int, message: str, hint: str = "") -> SourceError:
+        where = f"sheet {self.sheet}: " if self.sheet else ""
+        return SourceError(self.notes.path, where + message, line=line, hint=hint)
 
-    def take(self, row: Row) -> None:
-        """Take one row in."""
-        if row.sheet != self.sheet:
-            self.close()
-            self.sheet, self.test, self.result = row.sheet, "", ""
-            self.number = None
-        cells = [text_of(c) for c in row.cells]
-        while cells and not cells[-1]:
-            cells.pop()
+    def take(self, line: int, sheet: str, row: list[str]) -> None:
+        """Take one row in, from the sheet of that name ("" in a text).
+
+        Raises
+        ------
+        SourceError
+            A table has no units, or a row does not fit its headings.
+        """
+        if sheet != self.sheet:
+            self._close()
+            self.sheet, self.test, self.result, self.number = sheet, "", "", None
+        cells = row[: max((k + 1 for k, cell in enumerate(row) if cell), default=0)]
         if not cells:
-            if self.current is not None and self.current.rows:
-                self.close()
+            if self.current is not None and self.current.block.rows:
+                self._close()
             return
         if len(cells) > _MOST_COLUMNS:
-            raise self.fail(row, f"found {len(cells)} cells, no table has more than {_MOST_COLUMNS}")
-        if self._is_label(cells):
-            self._label(row, cells)
+            raise self._fail(line, f"found {len(cells)} cells, no table has more than {_MOST_COLUMNS}")
+        is_names = self.expects == "header" and len(cells) > 2 and not _WHOLE.fullmatch(cells[1])
+        if not is_names and (cells[0].endswith(":") or label(cells[0]) in ("header", "project")):
+            self._label(line, cells)
         elif self.current is None and quantity(repaired(cells[0])) == "point" and len(cells) > 2:
-            self._begin_unstated(row, cells)
+            self._unstated(line, cells)
         elif self.current is None:
-            self._loose(row, cells)
+            numbers = sum(bool(_NUMBER.fullmatch(cell)) for cell in cells)
+            # Above the first table one number may be a remark; several are a row that lost its table.
+            if numbers > (0 if self.export.tables else 1):
+                text = f"found {shorten(' '.join(cells))} outside a table"
+                raise self._fail(line, text, "An empty line stands inside the table, or its header is lost.")
+            self.export.header.append(" ".join(cells))
         elif self.expects == "header":
-            self._header(self.current, row, cells)
+            self._names(self.current, line, cells)
         elif self.expects == "units":
-            self._units(self.current, row, cells)
+            self._units(self.current, line, cells)
         else:
-            self._data(self.current, row, cells)
+            self._data(self.current, line, row, cells)
 
-    def _is_label(self, cells: list[str]) -> bool:
-        first = cells[0]
-        if self.expects == "header" and len(cells) > 2 and not _WHOLE.fullmatch(cells[1]):
-            return False
-        return first.endswith(":") or label(first) in ("header", "project")
-
-    def _label(self, row: Row, cells: list[str]) -> None:
-        values = [c for c in cells[1:] if c]
-        text = repaired(" ".join(values))
-        meaning = label(repaired(cells[0]))
+    def _label(self, line: int, cells: list[str]) -> None:
+        values = [cell for cell in cells[1:] if cell]
+        text, meaning = repaired(" ".join(values)), label(repaired(cells[0]))
         numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
         if meaning is None and self.expects == "header" and self.is_rheoplus:
             # Settings of the interval, which RheoPlus writes between its number of points and its table.
             self.export.header.append(f"{cells[0]}\t{text}")
             return
-        self.close()
-        self.dangling = row.line
+        self._close()
+        self.dangling = line
         if len(values) == 2 and len(numbers) == 2:
-            self._begin(row, numbers[0], numbers[1])
+            self._begin(line, numbers[0], numbers[1])
             self.is_rheoplus = False
         elif meaning == "header" and len(values) > 1:
-            self._begin_unstated(row, cells)
+            self._unstated(line, cells)
         elif meaning == "interval" and len(values) == 1 and numbers:
             self.number = numbers[0]
         elif meaning == "points" and len(values) == 1 and numbers:
-            self._begin(row, self.number or self._next_number(), numbers[0])
+            self._begin(line, self.number, numbers[0])
             self.number, self.is_rheoplus = None, True
         else:
-            self._named(row, meaning, cells[0], text)
+            self.export.header.append(f"{cells[0]}\t{text}")
+            if meaning == "project":
+                self.export.projects += 1
+                if self.export.projects == 2:
+                    self.notes.add("a second project begins; exports were joined", line)
+            elif meaning == "test":
+                self.test, self.result = text, ""
+            elif meaning == "result":
+                self.result = text
 
-    def _next_number(self) -> int:
+    def _begin(self, line: int, number: int | None, declared: int | None) -> Table:
         place = (self.sheet, self.test, self.result)
-        return sum((i.sheet, i.test, i.result) == place for i in self.export.intervals) + 1
-
-    def _begin_unstated(self, row: Row, cells: list[str]) -> None:
-        self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
-        self._header(self._begin(row, self._next_number(), None), row, cells)
-
-    def _named(self, row: Row, meaning: str | None, name: str, text: str) -> None:
-        self.export.header.append(f"{name}\t{text}")
-        if meaning == "project":
-            self.export.projects += 1
-            if self.export.projects == 2 and not row.sheet:
-                self.export.notes.append(f"line {row.line}: a second project begins; exports were joined")
-        elif meaning == "test":
-            self.test, self.result = text, ""
-        elif meaning == "result":
-            self.result = text
-
-    def _begin(self, row: Row, number: int, declared: int | None) -> RawInterval:
-        self.current = RawInterval(self.test, self.result, number, declared, row.line, self.sheet or "")
+        before = sum((t.block.sheet, t.test, t.result) == place for t in self.export.tables)
+        self.current = Table(self.test, self.result, number or before + 1, declared, Block(line, [], sheet=self.sheet))
         self.expects = "header"
         return self.current
 
-    def _header(self, current: RawInterval, row: Row, cells: list[str]) -> None:
-        headers = [repaired(c) for c in cells]
-        if self.is_rheoplus and quantity(headers[0]) != "point" and not any(map(_NUMBER.fullmatch, cells)):
+    def _unstated(self, line: int, cells: list[str]) -> None:
+        self.notes.add("a table without the line that states its number of points", line)
+        self._names(self._begin(line, None, None), line, cells)
+
+    def _names(self, current: Table, line: int, cells: list[str]) -> None:
+        names = [repaired(cell) for cell in cells]
+        if self.is_rheoplus and quantity(names[0]) != "point" and not any(map(_NUMBER.fullmatch, cells)):
             self.export.header.append(" ".join(cells))  # of the measuring profile
             return
         # RheoCompass keeps the first column for the label, RheoPlus begins with the points.
-        current.first = 0 if quantity(headers[0]) == "point" else 1
-        current.headers = headers[current.first :]
-        while current.headers and not current.headers[-1]:
-            current.headers.pop()
-        if len(current.headers) < 2 or any(_WHOLE.fullmatch(h) for h in headers):
+        current.first = 0 if quantity(names[0]) == "point" else 1
+        current.block.headings = [Heading(name, "") for name in names[current.first :]]
+        current.block.inset = current.first
+        if len(current.block.headings) < 2 or any(map(_WHOLE.fullmatch, names)):
             text = f"found {shorten(' '.join(cells))}, expected the names of the columns"
-            raise self.fail(row, text, "The lines of the table were changed; export the file again.")
-        self.header_line = row.line
-        self.expects = "units"
+            raise self._fail(line, text, "The lines of the table were changed; export the file again.")
+        self.header_line, self.expects = line, "units"
 
-    def _units(self, current: RawInterval, row: Row, cells: list[str]) -> None:
-        inside = [repaired(c) for c in cells[current.first :]]
-        stated = [c for c in inside if c]
-        if stated and not cells[0] and all(_BRACKETS.fullmatch(c) for c in stated):
-            if len(inside) > len(current.headers):
-                raise self.fail(row, f"found {len(inside)} units for {len(current.headers)} columns")
-            current.units = inside + [""] * (len(current.headers) - len(inside))
+    def _units(self, current: Table, line: int, cells: list[str]) -> None:
+        inside, headings = [repaired(cell) for cell in cells[current.first :]], current.block.headings
+        stated = [cell for cell in inside if cell]
+        if stated and not cells[0] and all(map(_BRACKETS.fullmatch, stated)):
+            if len(inside) > len(headings):
+                raise self._fail(line, f"found {len(inside)} units for {len(headings)} columns")
+            inside += [""] * (len(headings) - len(inside))
+            subs = current.sub_labels + [""] * len(headings)
+            current.sub_labels, current.block.unit_line = subs[: len(headings)], line
+            current.block.headings = self._named([h.text for h in headings], inside, current.sub_labels)
             self.expects = "data"
             return
-        is_number = any(_NUMBER.fullmatch(c) for c in stated)
-        if row.line - self.header_line > _UNITS_WITHIN or is_number:
+        if line - self.header_line > _UNITS_WITHIN or any(map(_NUMBER.fullmatch, stated)):
             text = "found no row of units such as [Pa] below the names of the columns"
-            raise self.fail(row, text, "Export again with units; they are not guessed.")
+            raise self._fail(line, text, "Export again with units; they are not guessed.")
         current.sub_labels = inside
 
-    def _data(self, current: RawInterval, row: Row, cells: list[str]) -> None:
+    def _named(self, texts: list[str], units: list[str], sub_labels: list[str]) -> list[Heading]:
+        """Name the columns; of those with one heading the further ones by their sub-label or a number."""
+        headings: list[Heading] = []
+        for text, unit, sub in zip(texts, units, sub_labels, strict=True):
+            first = quantity(text) or slug(text)
+            if text.endswith(","):
+                self.notes.add(f'"{text}" is taken as the column {first}: a dot was replaced by a comma')
+            others = [name for name in (f"{first}_{slug(sub)}" if sub else "", slug(text)) if name]
+            numbered = [f"{others[-1]}_{serial}" for serial in range(2, len(texts) + 2)]
+            taken = {heading.name for heading in headings}
+            name = next(one for one in (first, *others, *numbered) if one not in taken)
+            # A column of an unknown quantity is converted by its unit all the same.
+            is_known = name == quantity(text) or (bool(unit.strip("[] ")) and is_unit(unit))
+            headings.append(Heading(text, name, unit, is_known=is_known and name not in ("point", *TEXT)))
+        return headings
+
+    def _data(self, current: Table, line: int, row: list[str], cells: list[str]) -> None:
         # At least the first cell is empty (RheoCompass) or a point number (RheoPlus).
-        compare = "compare the row with its neighbours."
         if current.first and cells[0]:
             text = f"found {shorten(cells[0])} where the first cell of a row of data is empty"
-            raise self.fail(row, text, f"A cell was added or moved; {compare}")
-        width, filled = len(current.headers), len(cells) - current.first
-        inside = row.cells[current.first :][:width]
-        is_short = not row.sheet and len(inside) < width
-        if filled > width or (is_short and any(quantity(h) not in TEXT for h in current.headers[len(inside) :])):
-            text = f"found {max(filled, len(inside))} cells, expected {width}: {shorten(' '.join(cells))}"
-            raise self.fail(row, text, f"A cell {'was added' if filled > width else 'is missing'}; {compare}")
-        inside = inside + [None] * (width - len(inside))
-        current.rows.append(Row(row.line, inside, row.sheet, is_short))
+            raise self._fail(line, text, "A cell was added or moved; compare the row with its neighbours.")
+        inside = row[current.first :][: max(len(current.block.headings), len(cells) - current.first)]
+        current.block.rows.append((line, inside))
+        current.block.widths.append(len(current.block.headings) if self.sheet else len(inside))
 
-    def _loose(self, row: Row, cells: list[str]) -> None:
-        numbers = sum(bool(_NUMBER.fullmatch(c)) for c in cells)
-        # Above the first table one number may be a remark; several are a row that lost its table.
-        if numbers > (0 if self.export.intervals else 1):
-            text = f"found {shorten(' '.join(cells))} outside a table"
-            raise self.fail(row, text, "An empty line stands inside the table, or its header is lost.")
-        self.export.header.append(" ".join(cells))
-
-    def close(self) -> None:
+    def _close(self) -> None:
         """End the table at hand."""
-        found, self.current = self.current, None
-        self.expects = "labels"
+        found, self.current, self.expects = self.current, None, "labels"
         if found is None:
             return
-        self.dangling = 0
-        place = f"{found.sheet + ', ' if found.sheet else ''}line {found.line}"
-        if found.declared is not None and found.declared != len(found.rows):
+        self.dangling, rows = 0, len(found.block.rows)
+        if found.declared is not None and found.declared != rows:
+            sheet = f"{self.sheet}, " if self.sheet else ""
             text = (
-                f"{place}: interval {found.number} of {shorten(found.test)} declares {found.declared} points and holds "
-                f"{len(found.rows)}: the test was stopped, or the file is cut"
+                f"interval {found.number} of {shorten(found.test)} declares {found.declared} points and holds {rows}: "
             )
-            self.export.notes.append(text)
-            self.export.cut.append((found.line, text))
-        # Which cells a row lost is not known, so no value of it is believed; where every row lacks the same text at
-        # its end, an editor has taken off what was empty.
-        short = [row.line for row in found.rows if row.is_short]
-        if len(short) == len(found.rows):
-            found.rows = [replace(row, is_short=False) for row in found.rows]
-        elif short:
-            self.export.notes.append(
-                f"{listed(short)}: {len(short)} of {len(found.rows)} rows lost cells at "
-                "their end; which ones is not known, so the points are marked invalid"
-            )
-        self.export.intervals.append(found)
+            text += "the test was stopped, or the file is cut"
+            self.notes.add(text, found.block.line)
+            self.export.cut.append((found.block.line, f"{sheet}line {found.block.line}: {text}"))
+        self.export.tables.append(found)
 
     def finished(self) -> Export:
-        """Return the export; refuse one without a row of data."""
+        """Return the export; SourceError for one without a row of data."""
         last = self.dangling if self.current is None else 0
-        self.close()
+        self._close()
         if last:
-            self.export.notes.append(f"line {last}: the file ends after a label, before its table: it is cut")
-        if not any(i.rows for i in self.export.intervals):
+            self.notes.add("the file ends after a label, before its table: it is cut", last)
+        if not any(table.block.rows for table in self.export.tables):
             hint = "Export the table of the measurement from RheoCompass as CSV or XLSX."
-            raise SourceError(self.export.path, "found no table with rows of data", hint=hint)
+            raise SourceError(self.notes.path, "found no table with rows of data", hint=hint)
         return self.export

@@ -15,7 +15,6 @@ import xarray as xr
 from labpipe import files, text
 from labpipe.arrays import Floats
 from labpipe.errors import SourceError, warn_of
-from labpipe.text import plain_number
 from labpipe.variables import variable
 
 _FILE = re.compile(r"^DICe_solution_(-?\d+)\.txt$")
@@ -114,18 +113,9 @@ def _one(path: Path) -> tuple[list[str], Floats]:
     if missing := [name for name in _REQUIRED if name not in header]:
         message = f"the fields {', '.join(missing)} are missing; found {', '.join(header)}"
         raise SourceError(path, message, line=start + 1, hint="Ask DICe for them in its output specification.")
-    rows = []
-    for number, line in enumerate(lines[start + 1 :], start + 2):
-        cells = [cell.strip() for cell in line.strip().rstrip(",").split(delimiter)]
-        if not line.strip():
-            continue
-        if len(cells) != len(header):
-            raise SourceError(path, f"{len(cells)} values, expected {len(header)}", line=number)
-        values = [plain_number(cell) for cell in cells]
-        if None in values:
-            k = values.index(None)
-            raise text.not_a_number(cells[k], path=path, line_number=number, column=k + 1)
-        rows.append(values)
+    rows = [" ".join(line.strip().rstrip(",").replace(delimiter or " ", " ").split()) for line in lines[start + 1 :]]
+    while rows and not rows[-1]:
+        rows.pop()
     if not rows:
         raise SourceError(path, "holds no point", line=start + 1)
-    return header, np.array(rows, dtype=float)
+    return header, text.parse_rows(rows, len(header), " ", path=path, first_line=start + 2)

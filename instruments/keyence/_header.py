@@ -1,4 +1,4 @@
-"""The header of a Keyence storage file, its columns, and the first row of readings.
+"""The header of a Keyence storage file: its settings, the columns below it, and the first row of readings.
 
 No storage file of LK-Navigator is public, so the layout is assumed. Settings that the header does not hold (sampling
 cycle, units) are asked for, never guessed. Only outputs and the counter are read as numbers; columns of words and empty
@@ -6,15 +6,15 @@ ones are left out, and a column of times stays text, as its decimals say how exa
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 from instruments.keyence._markers import marker_status
-from labpipe.errors import InputError, SourceError
-from labpipe.text import check_width, shorten
-from labpipe.units import unit
+from labpipe.errors import UNSAID, InputError, SourceError
+from labpipe.text import shorten
+from labpipe.units import quantity, unit
 
 LABELS: Mapping[str, str] = {
     "model": r"model|controller|modell|mod[èe]le|機種|型式|型号",
@@ -42,48 +42,142 @@ _TIME = re.compile(
 )
 _WORDS = re.compile(r"judge?ments?|judge|results?(?: info)?|status|state|go/?ng|判定(?:結果)?|结果", re.IGNORECASE)
 _JUDGEMENT = re.compile(r"GO|NG|OK|HI|LO|HH|LL|HIGH|LOW|PASS|FAIL", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?")
 CLOCK = re.compile(r"(?:\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[ T])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 # A unit that lost a letter may be another unit ("mm" and "m"), so only displayed ones are taken.
 _UNITS = tuple(map(unit, ("mm", "um", "cm", "V", "mV", "mm/s", "m/s2", "km/s2")))
+_SHORTEST, _LONGEST = 1e-7, 86400.0  # s; the time between samples of any sensor of this family
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
     """Lines above the readings, and the columns below them.
 
-    ``text``: the lines, unchanged; ``n_lines``: their number; ``delimiter``; ``entries``: meaning of a label to (line
-    number, cells of its value, unit inside the label); ``outputs``: numbers of the outputs, in the order of their
-    columns; ``has_counter``: the first column read counts the points; ``unit_texts``: from the names of the columns or
-    a row below them, or none; ``n_cells`` of a row, of which the indices ``kept`` are read; ``times``: index of the
-    column of times or None, and ``time_unit``, "" where it is not said or they are times of day.
+    ``lines``: unchanged; ``entries``: meaning of a label to (line number, cells of its value, unit inside the label);
+    ``outputs``: numbers of the outputs in the order of their columns; ``has_counter``: the first column that is read
+    counts the points; ``units``: one per output, or fewer; ``n_cells`` of a row, of which the indices ``kept`` are
+    read; ``times``: index of the column of times or None, and ``time_unit``, "" where it is not stated.
     """
 
-    text: str
-    n_lines: int
+    path: Path
+    lines: Sequence[str]
     delimiter: str
     entries: Mapping[str, tuple[int, tuple[str, ...], str]]
     outputs: tuple[int, ...]
     has_counter: bool
-    unit_texts: tuple[str, ...]
+    units: tuple[str, ...]
     n_cells: int
     kept: tuple[int, ...]
     times: int | None
     time_unit: str
 
-    def readings(self, lines: Iterable[str], path: Path) -> Iterator[str]:
-        """Pass on the cells of each row that are read."""
-        for number, line in enumerate(lines, self.n_lines + 1):
-            cells = line.split(self.delimiter)
-            check_width(line, cells, self.n_cells, self.delimiter, path=path, line_number=number)
-            yield self.delimiter.join(cells[index] for index in self.kept)
+    @property
+    def n_lines(self) -> int:
+        """Number of lines above the first row."""
+        return len(self.lines)
+
+    def text(self, meaning: str) -> str:
+        """Return the value of a header line as one text, "" where there is none."""
+        return " ".join(self.entries[meaning][1]).strip() if meaning in self.entries else ""
+
+    def count(self, meaning: str) -> int | None:
+        """Return a whole number (number of points, averaging), None without one; SourceError for any other cell."""
+        if meaning not in self.entries:
+            return None
+        line, cells, _ = self.entries[meaning]
+        found = {cell for cell in cells if cell}
+        if len(found) != 1 or not re.fullmatch(r"[0-9]{1,12}", next(iter(found))):
+            raise SourceError(self.path, f"found {shorten(','.join(cells))}, expected one whole number", line=line)
+        return int(found.pop())
+
+    def settle_units(self, given: Sequence[str] | None) -> tuple[str, ...]:
+        """Return the unit of every output; SourceError without one, an unknown one, or where file and caller differ."""
+        line, cells, _ = self.entries.get("units", (None, (), ""))
+        stated, asked = tuple(filter(None, cells)) or self.units, tuple(given or ())
+        units = stated or asked
+        if len(units) != len(self.outputs):
+            text = f"found {len(units)} units for {len(self.outputs)} outputs"
+            text = text if units else "the file does not say the unit of its readings"
+            hint = 'Give one for every output, in order: units=["mm"].'
+            raise SourceError(self.path, text, line=line, hint=hint).because(UNSAID)
+        for text in units:
+            if not _is_displayed(text):
+                message = f"found the unit {shorten(text)}, expected a length, volts or a derivative"
+                hint = "Units of Keyence outputs are mm, um, cm, V, mm/s, m/s2, km/s2."
+                raise SourceError(self.path, message, line=line, hint=hint)
+        if stated and asked and list(map(unit, asked)) != list(map(unit, stated)):
+            raise self._contradiction("units", line, ", ".join(stated), ", ".join(asked))
+        return units
+
+    def settle_cycle(self, given: str | float | None) -> float:
+        """Return the sampling cycle [s]; SourceError without one or its unit, or where file and caller differ."""
+        asked = None if given is None else _seconds(given if isinstance(given, str) else f"{given} s")
+        if given is not None and asked is None:
+            raise InputError(f'cycle must be a time such as "50 us", found "{given}"')
+        if "cycle" not in self.entries:
+            if asked is None:
+                text, hint = "the file does not say its sampling cycle", 'Give it: cycle="50 us".'
+                raise SourceError(self.path, text, hint=hint).because(UNSAID)
+            return asked
+        line, _, unit_text = self.entries["cycle"]
+        text = f"{self.text('cycle')} {unit_text}".strip()
+        stated = _seconds(text)
+        if stated is None:
+            message = f"found the sampling cycle {shorten(text)}, expected a time with its unit"
+            hint = 'The line should read for example "Sampling cycle,50us".'
+            raise SourceError(self.path, message, line=line, hint=hint)
+        if asked is not None and abs(asked - stated) > 1e-9 * stated:
+            raise self._contradiction("cycle", line, f"{stated:g} s", f"{asked:g} s")
+        return stated
+
+    def settle_storage(self, given: int | None, cycle: float, *, is_cycle_given: bool) -> int:
+        """Return the samples per stored point; SourceError without them, or where file and caller differ."""
+        if "storage" not in self.entries:
+            if given is None and not is_cycle_given:
+                text = "the file does not say whether every sample was stored"
+                hint = "Give the factor between samples and stored points: storage_factor=1."
+                raise SourceError(self.path, text, hint=hint).because(UNSAID)
+            return given or 1
+        line, _, unit_text = self.entries["storage"]
+        text = self.text("storage")
+        match = re.fullmatch(r"(?:[x×*]|1/)?\s*([0-9]{1,9})\s*(?:times|回|倍)?", text, re.IGNORECASE)
+        in_time = _seconds(f"{text} {unit_text}".strip())
+        factor = float(match[1]) if match and not unit_text else (in_time or 0.0) / cycle
+        if not 1 <= factor <= 1e9 or abs(factor - round(factor)) > 1e-6 * factor:
+            message = f"found the storage cycle {shorten(text)}, expected a whole factor such as x1"
+            hint = 'The line should read for example "Storage cycle,x10".'
+            raise SourceError(self.path, message, line=line, hint=hint)
+        if given is not None and given != round(factor):
+            raise self._contradiction("storage_factor", line, round(factor), given)
+        return round(factor)
+
+    def _contradiction(self, name: str, line: int | None, stated: object, given: object) -> SourceError:
+        text = f"the file says {stated}, the option {name} says {given}"
+        return SourceError(self.path, text, line=line, hint=f"Leave the option {name} out, or correct it.")
 
 
-def is_length_or_volts(text: str) -> bool:
-    """Recognise a unit that an output can have."""
+def _seconds(text: str) -> float | None:
+    """Read a time, or a rate as its inverse; None when it is neither, or cannot be meant."""
     try:
-        return bool(text) and unit(text) in _UNITS
+        found = quantity(text.replace(",", "."))
+    except InputError:
+        return None
+    if found.value <= 0 or found.si not in ("s", "Hz"):
+        return None
+    seconds = found.value if found.si == "s" else 1.0 / found.value
+    return seconds if _SHORTEST <= seconds <= _LONGEST else None
+
+
+def _is_unit(cell: str, known: tuple[object, ...] = ()) -> bool:
+    try:
+        return bool(cell) and (unit(cell) in known or not known)
     except InputError:
         return False
+
+
+def _is_displayed(cell: str) -> bool:
+    """Recognise a unit that an output can have."""
+    return _is_unit(cell, _UNITS)
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
@@ -102,55 +196,59 @@ def column_of(line: str, delimiter: str, index: int) -> int:
     return len(delimiter.join(line.split(delimiter)[:index])) + (2 if index else 1)
 
 
-def _is_unit(cell: str) -> bool:
-    try:
-        return bool(cell) and bool(unit(cell))
-    except InputError:
-        return False
-
-
 def _is_reading(cell: str) -> bool:
-    looks_like_number = re.fullmatch(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?", cell) is not None
-    return looks_like_number or marker_status(cell) is not None
+    return _NUMBER.fullmatch(cell) is not None or marker_status(cell) is not None
 
 
-def parse_header(path: Path, lines: Sequence[str], delimiter: str | None) -> Header:
+def parse_header(path: Path, lines: Sequence[str], given: str | None) -> Header:
     """Find the first row of readings and understand the lines above it.
 
-    ``lines`` are the beginning of the file, ``delimiter`` is found without one. Raises SourceError without a row of
-    readings, with a line between the names of the columns and the first row, or names that do not fit the columns.
+    ``lines`` are the beginning of the file; the delimiter is found unless it is given. Raises SourceError without a
+    row of readings, with a line between the names of the columns and the first row, or names that do not fit the
+    columns.
     """
-    delimiter, start = _find_start(path, lines, delimiter)
-    head, row = lines[:start], split_cells(lines[start], delimiter)
-    names_at = _find_names(path, head, delimiter, len(row))
-    unit_texts: tuple[str, ...] = ()
-    if names_at is None:
-        kept, times, time_unit = _sorted_columns((), row)
-        firsts = [split_cells(line, delimiter)[0] for line in lines[start : start + 3]]
+    delimiter, start = _first_row(path, lines, given)
+    split = [split_cells(line, delimiter) for line in lines[: start + 3]]
+    row = split[start]
+    names_at = _names_at(path, lines[:start], split[:start], len(row))
+    names = split[names_at] if names_at is not None else []
+    if names and len(names) != len(row):
+        hint = 'If the comma is the decimal sign, the delimiter must be another: delimiter=";".'
+        text = f"the first row has {len(row)} cells, its names are {len(names)}"
+        raise SourceError(path, text, line=start + 1, column=1, hint=hint)
+    kept: list[int] = []
+    times, time_unit = None, ""
+    for index, cell in enumerate(row):  # without names the cells of the first row tell
+        label = _LABEL.fullmatch(names[index]) if names else None
+        if times is None and (_TIME.fullmatch(label[1]) if label else CLOCK.fullmatch(cell)):
+            times, time_unit = index, (label and label[2]) or ""
+        elif (cell or (names and names[index])) and not (
+            _WORDS.fullmatch(label[1] if label else "") or _JUDGEMENT.fullmatch(cell)
+        ):
+            kept.append(index)
+    if names:
+        has_counter = _COUNTER.fullmatch(names[0]) is not None
+    else:
+        firsts = [cells[0] for cells in split[start:]]
         counts = len(kept) > 1 and len(firsts) == 3 and all(map(str.isdigit, firsts)) and int(firsts[0]) in (0, 1)
         has_counter = counts and all(int(b) - int(a) == 1 for a, b in pairwise(firsts))
-        outputs = tuple(range(1, len(kept) + 1 - has_counter))
-    else:
-        names = split_cells(head[names_at], delimiter)
-        if len(names) != len(row):
-            hint = 'If the comma is the decimal sign, the delimiter must be another: delimiter=";".'
-            message = f"the first row has {len(row)} cells, its names are {len(names)}"
-            raise SourceError(path, message, line=start + 1, column=1, hint=hint)
-        has_counter = _COUNTER.fullmatch(names[0]) is not None
-        kept, times, time_unit = _sorted_columns(names, row)
-        of_outputs = kept[int(has_counter) :]
-        outputs, unit_texts = _outputs(path, [names[index] for index in of_outputs], names_at)
-        if below := _units_below(path, head, names_at, delimiter, of_outputs):
-            unit_texts = tuple(below[index] for index in of_outputs)
-            time_unit = time_unit if times is None else below[times] or time_unit
-    if not outputs:
+    of_outputs = kept[int(has_counter) :]
+    if not of_outputs:
         raise SourceError(path, "there is no column of readings", line=start + 1)
-    entries = _entries(head[:names_at], delimiter)
-    text = "\n".join(head)
-    return Header(text, start, delimiter, entries, outputs, has_counter, unit_texts, len(row), kept, times, time_unit)
+    outputs = tuple(range(1, len(of_outputs) + 1))
+    units: tuple[str, ...] = ()
+    if names_at is not None:
+        outputs, units = _outputs(path, [names[index] for index in of_outputs], names_at)
+        if below := _units_below(path, lines[:start], names_at, delimiter, of_outputs):
+            units = tuple(below[index] for index in of_outputs)
+            time_unit = time_unit if times is None else below[times] or time_unit
+    entries = _entries(lines[:names_at] if names_at is not None else lines[:start], delimiter)
+    return Header(
+        path, lines[:start], delimiter, entries, outputs, has_counter, units, len(row), tuple(kept), times, time_unit
+    )
 
 
-def _find_start(path: Path, lines: Sequence[str], given: str | None) -> tuple[str, int]:
+def _first_row(path: Path, lines: Sequence[str], given: str | None) -> tuple[str, int]:
     """Return delimiter and index of the first row: readings, times of day, judgements, and empty cells at the end."""
     delimiters = (given,) if given else ("\t", ";", ",")
     for index, line in enumerate(lines):
@@ -167,9 +265,8 @@ def _find_start(path: Path, lines: Sequence[str], given: str | None) -> tuple[st
     raise SourceError(path, text, line=1, hint="Expected rows of numbers or markers such as +FFFFFFF below the header.")
 
 
-def _find_names(path: Path, head: Sequence[str], delimiter: str, n_columns: int) -> int | None:
+def _names_at(path: Path, head: Sequence[str], split: Sequence[Sequence[str]], n_columns: int) -> int | None:
     """Return the index of the names of the columns: OUT1, or a word over every column, the first a counter or time."""
-    split = [split_cells(line, delimiter) for line in head]
     found = [index for index, cells in enumerate(split) if any(map(_OUTPUT.fullmatch, cells))]
     if len(found) > 1:
         text = f"the columns are named twice, before on line {found[0] + 1}"
@@ -177,13 +274,12 @@ def _find_names(path: Path, head: Sequence[str], delimiter: str, n_columns: int)
     filled = [index for index, line in enumerate(head) if line.strip()]
     if len(filled) > 1 and len(split[filled[-1]]) == n_columns and all(map(_is_unit, split[filled[-1]])):
         filled.pop()  # a row of units below the names
-    last = filled[-1] if filled else None
-    if not found and last is not None:
-        cells = split[last]
+    if not found and filled:
+        cells = split[filled[-1]]
         first = _LABEL.fullmatch(cells[0])
         is_first = _COUNTER.fullmatch(cells[0]) or (first is not None and _TIME.fullmatch(first[1]))
         if len(cells) == n_columns > 1 and is_first and all(re.match(r"[^\W\d_]|#", cell) for cell in cells):
-            found = [last]
+            return filled[-1]
     # without names a damaged first row must not pass for a line of the header
     damaged = (i for i, cells in enumerate(split) if len(cells) == n_columns and re.match(r"[+-]?[0-9]", cells[0]))
     if not found and (index := next(damaged, None)) is not None:
@@ -192,35 +288,17 @@ def _find_names(path: Path, head: Sequence[str], delimiter: str, n_columns: int)
     return found[0] if found else None
 
 
-def _sorted_columns(names: Sequence[str], row: Sequence[str]) -> tuple[tuple[int, ...], int | None, str]:
-    """Sort the columns by their names, or without names by the cells of the first row: read, of times, its unit."""
-    kept, times, time_unit = [], None, ""
-    for index, cell in enumerate(row):
-        name = _LABEL.fullmatch(names[index]) if names else None
-        if times is None and (_TIME.fullmatch(name[1]) if name else CLOCK.fullmatch(cell)):
-            times, time_unit = index, (name and name[2]) or ""
-        elif (cell or (names and names[index])) and not (
-            _WORDS.fullmatch(name[1] if name else "") or _JUDGEMENT.fullmatch(cell)
-        ):
-            kept.append(index)
-    return tuple(kept), times, time_unit
-
-
 def _outputs(path: Path, names: Sequence[str], names_at: int) -> tuple[tuple[int, ...], tuple[str, ...]]:
     """Return the numbers of the outputs, and their units where all are in the names."""
-    if not any(map(_OUTPUT.fullmatch, names)):
-        labels = [_LABEL.fullmatch(name) for name in names]
-        texts = [(label and label[2]) or "" for label in labels]
-        return tuple(range(1, len(names) + 1)), tuple(texts) if all(texts) else ()
-    numbers, units = [], []
-    for name in names:
-        match = _OUTPUT.fullmatch(name)
-        if match is None or int(match[1]) in numbers:
+    is_numbered = any(map(_OUTPUT.fullmatch, names))
+    labels = [(_OUTPUT if is_numbered else _LABEL).fullmatch(name) for name in names]
+    numbers = [int(label[1]) if label and is_numbered else k for k, label in enumerate(labels, 1)]
+    for k, name in enumerate(names):
+        if labels[k] is None or numbers[k] in numbers[:k]:
             text = f"found the column name {shorten(name)}, expected OUT1, OUT2, … each once"
             raise SourceError(path, text, line=names_at + 1, column=1)
-        numbers.append(int(match[1]))
-        units.append(match[2] or "")
-    return tuple(numbers), tuple(units) if all(units) else ()
+    units = tuple((label and label[2]) or "" for label in labels)
+    return tuple(numbers), units if all(units) else ()
 
 
 def _units_below(
@@ -232,16 +310,13 @@ def _units_below(
         cells = split_cells(head[index], delimiter)
         if not any(cells):
             continue
-        texts = [cells[k] for k in of_outputs] if len(cells) > max(of_outputs, default=0) else []
-        if units or not texts or not all(map(is_length_or_volts, texts)):
+        texts = [cells[k] for k in of_outputs] if len(cells) > max(of_outputs) else []
+        if units or not texts or not all(map(_is_displayed, texts)):
             wrong = next((i for i, cell in enumerate(cells) if not _is_reading(cell)), 0)
-            raise SourceError(
-                path,
-                f"found {shorten(cells[wrong])}, expected the first row of readings",
-                line=index + 1,
-                column=column_of(head[index], delimiter, wrong),
-                hint="A cell of the row is no number and no known marker; export the file again.",
-            )
+            text = f"found {shorten(cells[wrong])}, expected the first row of readings"
+            hint = "A cell of the row is no number and no known marker; export the file again."
+            column = column_of(head[index], delimiter, wrong)
+            raise SourceError(path, text, line=index + 1, column=column, hint=hint)
         units = tuple(cells)
     return units
 

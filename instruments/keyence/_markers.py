@@ -74,18 +74,6 @@ def layout(cell: str) -> Layout | None:
     return Layout(bool(match[1]), len(match[2]), len(match[3] or "")) if match else None
 
 
-def is_padded(cell: str) -> bool:
-    """Return whether a number is filled up with zeros in front, as a fixed layout is.
-
-    Examples
-    --------
-    >>> is_padded("+00.1234"), is_padded("0.1234")
-    (True, False)
-    """
-    match = _NUMBER.fullmatch(cell.strip())
-    return match is not None and len(match[2]) > 1 and match[2].startswith("0")
-
-
 def marker_status(cell: str, column: Layout | None = None) -> Status | None:
     """Return the state that a cell stands for, None for any other cell.
 

@@ -16,6 +16,7 @@
 Everything that departs from it is refused with file, line and column.
 """
 
+import contextlib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -138,19 +139,15 @@ class Block:
     is_complete: bool = True
 
 
-class Options(NamedTuple):
-    """Departures that the caller allows: a decimal comma, a file cut short, rows missing inside."""
-
-    decimal: str = "."
-    allow_incomplete: bool = False
-    allow_gaps: bool = False
-
-
 class Cursor:
-    """The current line of a file with its number; ``None`` after the last."""
+    """The current line of a file with its number; ``None`` after the last.
 
-    def __init__(self, source: TextFile) -> None:
-        self.source = source
+    The caller may allow departures: a decimal comma, a file cut short, rows missing inside.
+    """
+
+    def __init__(self, source: TextFile, decimal: str, allow_incomplete: bool, allow_gaps: bool) -> None:
+        self.source, self.signs = source, Separators(decimal, "")
+        self.allow_incomplete, self.allow_gaps = allow_incomplete, allow_gaps
         self.cut: str | None = None
         self.number = 0
         self.line: str | None = None
@@ -174,11 +171,11 @@ class Cursor:
             yield self.line
             self.advance()
 
-    def refuse_incomplete(self, message: str, options: Options) -> None:
+    def refuse_incomplete(self, message: str) -> None:
         """Refuse a file that ends too early, or only warn where the caller allows it."""
         if self.cut is not None:
             message += f"; the line is {shorten(self.cut)}"
-        if not options.allow_incomplete:
+        if not self.allow_incomplete:
             raise self.error(message, hint=_COPY_AGAIN)
         warn_of(self.source.path, message, line=self.number)
 
@@ -186,6 +183,14 @@ class Cursor:
         """Make the error for the current line."""
         number = max(self.number, 1)
         return SourceError(self.source.path, message, line=number, column=column, hint=hint)
+
+    def number_of(self, text: str, is_needed: bool) -> float | None:
+        """Return the number behind the tab of the current line; SourceError for no number where one is needed."""
+        value = plain_number(text, self.signs)
+        if value is None and is_needed:
+            column = (self.line or "").find("\t") + 2
+            raise not_a_number(text, path=self.source.path, line_number=self.number, column=column)
+        return value
 
 
 def tag_of(line: str | None) -> str | None:
@@ -218,7 +223,7 @@ def pair_of(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str
     return (stripped[:-1], "") if stripped.endswith(":") else None
 
 
-def parse(source: TextFile, options: Options) -> list[Block]:
+def parse(cursor: Cursor) -> list[Block]:
     """Read all blocks of a file.
 
     Raises
@@ -226,7 +231,6 @@ def parse(source: TextFile, options: Options) -> list[Block]:
     SourceError
         With line and column of the first departure from the grammar.
     """
-    cursor = Cursor(source)
     if tag_of(cursor.line) != "Mach-1 File":
         raise cursor.error(
             f"found {shorten(cursor.line or cursor.cut or '')}, expected {TITLE}",
@@ -241,12 +245,12 @@ def parse(source: TextFile, options: Options) -> list[Block]:
         tag = tag_of(cursor.line)
         if tag == "Mach-1 File":
             text = f"a second {TITLE}: two files were joined; their blocks are numbered through"
-            warn_of(source.path, text, line=cursor.number)
+            warn_of(cursor.source.path, text, line=cursor.number)
             cursor.advance()
         elif tag == "INFO" and is_header_used:
-            info_lines, is_header_used = _read_info(cursor, options), False
+            info_lines, is_header_used = _read_info(cursor), False
         elif tag is not None and info_lines is not None and tag not in _STRUCTURE:
-            blocks.append(_read_block(cursor, tag, info_lines, options))
+            blocks.append(_read_block(cursor, tag, info_lines))
             is_header_used = True
         elif cursor.line.strip():
             expected = "<INFO> or the tag of a function" if is_header_used else "a function's tag"
@@ -256,34 +260,31 @@ def parse(source: TextFile, options: Options) -> list[Block]:
     if not blocks:
         raise cursor.error("the file ends before its first block", hint=_COPY_AGAIN)
     if blocks[-1].is_complete and (cursor.cut is not None or not is_header_used):
-        cursor.refuse_incomplete("the file ends between two blocks", options)
+        cursor.refuse_incomplete("the file ends between two blocks")
         blocks[-1] = replace(blocks[-1], is_complete=False)
     return blocks
 
 
-def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
+def _read_info(cursor: Cursor) -> tuple[str, ...]:
     lines: list[str] = []
     opened = cursor.number
     cursor.advance()
     while tag_of(cursor.line) != "END INFO":
         if cursor.line is None:
-            cursor.refuse_incomplete(f"the file ends inside the header that opens on line {opened}", options)
+            cursor.refuse_incomplete(f"the file ends inside the header that opens on line {opened}")
             return tuple(lines)
         if tag_of(cursor.line) or pair_of(cursor.line) is None:
             raise cursor.error(f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>")
         # a header number that is none would be passed over later without a word
         key, text = pair_of(cursor.line) or ("", "")
-        number = plain_number(text, Separators(options.decimal, ""))
-        if key in _INFO_NUMBERS and number is None:
-            column = cursor.line.find("\t") + 2
-            raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
+        cursor.number_of(text, key in _INFO_NUMBERS)
         lines.append(cursor.line)
         cursor.advance()
     cursor.advance()
     return tuple(lines)
 
 
-def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], options: Options) -> Block:
+def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> Block:
     info = tuple(pair for pair in map(pair_of, info_lines) if pair)
     cursor.advance()
     lines: list[str] = []
@@ -294,40 +295,38 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], opti
         # Functions that are not known may hold tables of coordinates; they are kept as they are.
         if pair is None and function in RECORDING:
             raise cursor.error(f"found {shorten(line)}, expected 'Key:', a tab and a value")
-        parameters += [_parameter(cursor, *pair, options)] if pair else []
+        if pair is None:
+            continue
+        key, text = pair
+        name, separator, unit_text = key.rpartition(", ")
+        name, unit_text = (name, unit_text) if separator else (key, "1")
+        value = cursor.number_of(text, name in DECLARED and text not in _NOT_SET)
+        if name in DECLARED and unit_text not in _DECLARED_UNITS:
+            expected = ", ".join(sorted(_DECLARED_UNITS))
+            message = f"found the unit {shorten(unit_text)}, expected one of {expected}"
+            raise cursor.error(message, column=len(name) + 3)
+        parameters.append(parameter_of(key, text, value))
     block = Block(function, info_lines, tuple(lines), info, tuple(parameters), (), np.empty((0, 0)), has_data=False)
     if tag_of(cursor.line) == "DATA":
-        return _read_data(cursor, block, options)
+        return _read_data(cursor, block)
     if cursor.line is None and (function not in SILENT or cursor.cut is not None):
-        cursor.refuse_incomplete(f"the file ends inside <{function}>", options)
+        cursor.refuse_incomplete(f"the file ends inside <{function}>")
         return replace(block, is_complete=False)
     if function in RECORDING:
         raise cursor.error(f"found {shorten(cursor.line or '')}, expected <DATA> of <{function}>")
     return block
 
 
-def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Parameter:
-    name, separator, unit_text = key.rpartition(", ")
-    if not separator:
-        name, unit_text = key, "1"
-    is_declared = name in DECLARED
-    value = plain_number(text, Separators(options.decimal, ""))
-    if is_declared and text not in _NOT_SET and value is None:
-        column = (cursor.line or "").find("\t") + 2
-        raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
-    if is_declared and unit_text not in _DECLARED_UNITS:
-        raise cursor.error(
-            f"found the unit {shorten(unit_text)}, expected one of {', '.join(sorted(_DECLARED_UNITS))}",
-            column=len(name) + 3,
-        )
-    try:
-        known = unit(unit_text)
-    except InputError:
-        known = None
-    return Parameter(key, text, value, known if value is not None else None)
+def parameter_of(key: str, text: str, value: float | None) -> Parameter:
+    """Make a parameter: a number with a unit where the key ends with one that is known, else a text."""
+    _, separator, unit_text = key.rpartition(", ")
+    with contextlib.suppress(InputError):
+        if value is not None:
+            return Parameter(key, text, value, unit(unit_text if separator else "1"))
+    return Parameter(key, text, value, None)
 
 
-def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
+def _read_data(cursor: Cursor, block: Block) -> Block:
     cursor.advance()
     columns = _read_columns(cursor)
     parts: list[Floats] = []
@@ -342,15 +341,21 @@ def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
         if cursor.line.startswith("<") or not columns:
             raise cursor.error(f"found {shorten(cursor.line)}, expected a row, {DIVIDER} or {END_DATA}")
         starts.append((n_rows, cursor.number))
-        part = _read_batch(cursor, len(columns), options)
-        n_rows += len(part)
-        parts.append(part)
+        batch = []
+        for line in cursor.rows():
+            batch.append(line)
+            if len(batch) == _BATCH:
+                cursor.advance()
+                break
+        path, (_, first) = cursor.source.path, starts[-1]
+        parts.append(parse_rows(batch, len(columns), "\t", path=path, first_line=first, signs=cursor.signs))
+        n_rows += len(batch)
     is_complete = cursor.line is not None
     if not is_complete:
-        cursor.refuse_incomplete(f"the file ends inside <{block.function}>, expected {END_DATA}", options)
+        cursor.refuse_incomplete(f"the file ends inside <{block.function}>, expected {END_DATA}")
     cursor.advance()
     values = np.concatenate(parts) if parts else np.empty((0, len(columns)))
-    _check_time(cursor, values, starts, options)
+    _check_time(cursor, values, starts)
     return replace(
         block, columns=columns, values=values, dividers=tuple(dividers), has_data=True, is_complete=is_complete
     )
@@ -390,19 +395,7 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> Floats:
-    first = cursor.number
-    lines: list[str] = []
-    for line in cursor.rows():
-        lines.append(line)
-        if len(lines) == _BATCH:
-            cursor.advance()
-            break
-    signs = Separators(options.decimal, "")
-    return parse_rows(lines, n_columns, "\t", path=cursor.source.path, first_line=first, signs=signs)
-
-
-def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]], options: Options) -> None:
+def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]]) -> None:
     """Refuse rows that repeat, go back, or are missing: time must be a grid from zero."""
     if not len(values):
         return
@@ -410,7 +403,7 @@ def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]], o
     steps = np.diff(time)
     wrong = np.flatnonzero(steps <= 0)
     fault = "the time does not go on"
-    if not wrong.size and not options.allow_gaps:
+    if not wrong.size and not cursor.allow_gaps:
         interval = float(np.median(steps)) if steps.size else 0.0
         wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
         fault = f"rows are missing or added: the step is not {interval:.6f} s"

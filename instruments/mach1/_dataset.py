@@ -22,7 +22,7 @@ import numpy as np
 import xarray as xr
 
 from instruments._clock import moment
-from instruments.mach1._blocks import DECLARED, DIVIDER, END_DATA, TITLE, Block, Column, Options, Parameter, parse
+from instruments.mach1._blocks import DECLARED, DIVIDER, END_DATA, TITLE, Block, Column, Cursor, parse
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, warn_of
@@ -85,7 +85,7 @@ def read(
     """
     check_decimal(decimal)
     source = survey(path, declared=("latin-1",), limits=limits or Limits())
-    blocks = parse(source, Options(decimal or ".", allow_incomplete, allow_gaps))
+    blocks = parse(Cursor(source, decimal or ".", allow_incomplete, allow_gaps))
     unknown = [str(number) for number, block in enumerate(blocks) if not start_of(block)]
     if unknown:
         text = f"date and time of block {', '.join(unknown)} are not of the form "
@@ -127,18 +127,19 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
         name: ("sample", values, described(column.unit.si, column.quantity, original_unit=column.unit_text))
         for name, (values, column) in columns.items()
     }
+    described_blocks = [_describe(block) for block in blocks]
     attrs: dict[str, Any] = {
         "instrument": DEVICE,
         "header": "\n".join(
             "\n".join(["<INFO>", *block.info_lines, "<END INFO>", f"<{block.function}>", *block.parameter_lines])
             for block in blocks
         ),
-        "blocks": json.dumps([_describe(block) for block in blocks], ensure_ascii=False),
+        "blocks": json.dumps(described_blocks, ensure_ascii=False),
         "start": start_of(blocks[0]),
         "clock": "local wall clock without a zone",
         "incomplete": int(not all(block.is_complete for block in blocks)),
     }
-    signs = {_compression_sign(block) for block in blocks if block.has_data}
+    signs = {each["compression_sign"] for each in described_blocks if each["has_data"]}
     if len(signs) == 1 and 0 not in signs:
         attrs["compression_sign"] = signs.pop()
     dataset = xr.Dataset(
@@ -154,7 +155,7 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
         },
         attrs=attrs,
     )
-    return dataset.assign(_block_variables(blocks))
+    return dataset.assign(_block_variables(blocks, described_blocks))
 
 
 def variable_name(quantity: str) -> str:
@@ -171,47 +172,31 @@ def variable_name(quantity: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", quantity.lower()).strip("_") or "unnamed"
 
 
-def _block_variables(blocks: Sequence[Block]) -> dict[str, Any]:
-    numbers: dict[str, tuple[Any, str, str]] = {
+def _block_variables(blocks: Sequence[Block], described_blocks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Make the variables over blocks: rows, interval, sign, completeness, and the numbers that functions declare."""
+    sign = "sign of compression in force_z, 0 when the header does not state it"
+    numbers: dict[str, tuple[list[Any], str, str]] = {
         "n_rows": ([len(block.values) for block in blocks], "rows of the block", "1"),
-        "sampling_interval": ([_interval(block) for block in blocks], "sampling interval", "s"),
-        "compression_sign": (
-            [_compression_sign(block) for block in blocks],
-            "sign of compression in force_z, 0 when the header does not state it",
-            "1",
-        ),
+        "sampling_interval": ([each["sampling_interval"] for each in described_blocks], "sampling interval", "s"),
+        "compression_sign": ([each["compression_sign"] for each in described_blocks], sign, "1"),
         "is_complete": ([int(block.is_complete) for block in blocks], "1 when the block is ended in the file", "1"),
     }
     for name in dict.fromkeys(DECLARED.values()):
         found = [
-            next((p for p in block.parameters if DECLARED.get(re.sub(r", [^,]*$", "", p.key)) == name), None)
-            for block in blocks
+            next((p for p in each["parameters"] if DECLARED.get(re.sub(r", [^,]*$", "", p["key"])) == name), None)
+            for each in described_blocks
         ]
-        units = {parameter.unit.si for parameter in found if parameter and parameter.unit}
+        units = {parameter["units"] for parameter in found if parameter and parameter["units"]}
         if len(units) == 1:
-            values = [math.nan if parameter is None else _si_value(parameter) for parameter in found]
+            values = [None if parameter is None else parameter["value"] for parameter in found]
             numbers[name] = (values, name.replace("_", " ") + " (a command, not a measurement)", units.pop())
-    return {
-        "function": ("block_index", np.array([block.function for block in blocks])),
-        "start_time": ("block_index", np.array([start_of(block) for block in blocks])),
-        **{
-            name: ("block_index", np.asarray(values), described(units, text))
-            for name, (values, text, units) in numbers.items()
-        },
+    made: dict[str, Any] = {
+        name: ("block_index", np.array([math.nan if v is None else v for v in values]), described(units, text))
+        for name, (values, text, units) in numbers.items()
     }
-
-
-def _si_value(parameter: Parameter) -> float:
-    return math.nan if parameter.number is None or parameter.unit is None else parameter.number * parameter.unit.factor
-
-
-def _interval(block: Block) -> float:
-    time = block.values[:, 0] if block.columns else np.empty(0)
-    return float((time[-1] - time[0]) / (len(time) - 1)) if len(time) > 1 else math.nan
-
-
-def _compression_sign(block: Block) -> int:
-    return COMPRESSION_SIGN.get(dict(block.info).get("Load Cell Type", ""), 0)
+    for name in ("function", "start"):
+        made["start_time" if name == "start" else name] = ("block_index", np.array([b[name] for b in described_blocks]))
+    return made
 
 
 def start_of(block: Block) -> str:
@@ -228,6 +213,7 @@ def start_of(block: Block) -> str:
 def _describe(block: Block) -> dict[str, Any]:
     """Put the whole description of a block into plain JSON types; NaN is None."""
     info = dict(block.info)
+    time = block.values[:, 0] if block.columns else np.empty(0)
     keys = ("Name", "Type", "Calibration Factor", "Offset", "Calibration Date")
     return {
         "function": block.function,
@@ -237,12 +223,12 @@ def _describe(block: Block) -> dict[str, Any]:
         "info": info,
         "parameters": [
             {
-                "key": parameter.key,
-                "text": parameter.text,
-                "value": None if math.isnan(value := _si_value(parameter)) else value,
-                "units": parameter.unit.si if parameter.unit else None,
+                "key": key,
+                "text": text,
+                "value": None if number is None or known is None else number * known.factor,
+                "units": known.si if known else None,
             }
-            for parameter in block.parameters
+            for key, text, number, known in block.parameters
         ],
         "columns": [
             {
@@ -255,11 +241,11 @@ def _describe(block: Block) -> dict[str, Any]:
         ],
         "rows": len(block.values),
         "dividers": block.dividers,
-        "sampling_interval": None if math.isnan(interval := _interval(block)) else interval,
+        "sampling_interval": float((time[-1] - time[0]) / (len(time) - 1)) if len(time) > 1 else None,
         "load_cell": {key.lower().replace(" ", "_"): info.get(f"Load Cell {key}") for key in keys},
         "filter": _filter(info),
         "images_folder": info.get("Captured Images Folder"),
-        "compression_sign": _compression_sign(block),
+        "compression_sign": COMPRESSION_SIGN.get(info.get("Load Cell Type", ""), 0),
         "has_data": block.has_data,
         "incomplete": not block.is_complete,
     }

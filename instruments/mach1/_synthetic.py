@@ -6,10 +6,10 @@ from datetime import datetime
 
 import numpy as np
 
-from instruments.mach1._blocks import Block, Column, Parameter
+from instruments.mach1._blocks import Block, Column, parameter_of
 from instruments.mach1._dataset import MONTHS
 from labpipe.arrays import Floats
-from labpipe.errors import InputError
+from labpipe.text import plain_number
 from labpipe.units import unit
 
 _DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
@@ -98,13 +98,7 @@ def make_block(
         ("Load Cell Low-pass filter Cutoff frequency (Hz)", f"{load_cell.filter_cutoff:.2f}"),
         *([("Captured Images Folder", images_folder)] if images_folder else []),
     ]
-    declared = []
-    for key, text in parameters.items():
-        _, separator, unit_text = key.rpartition(", ")
-        try:
-            declared.append(Parameter(key, text, float(text), unit(unit_text if separator else "1")))
-        except (ValueError, InputError):
-            declared.append(Parameter(key, text, None, None))
+    declared = [parameter_of(key, text, plain_number(text)) for key, text in parameters.items()]
     steps = {**(load_cell.steps or {}), "Position (z)": 1e-6 if function == "Sinusoid" else 1e-4}  # mm, of the stage
     known, values = [], []
     for header, si_values in columns.items():

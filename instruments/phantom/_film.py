@@ -111,7 +111,7 @@ class CineFrames(MappedFrames[Header]):
     @cached_property
     def levels(self) -> tuple[float, float]:
         """Black and white level in the units of the decoded pixels."""
-        black, white = self._header.setup.black_level, self._header.setup.white_level
+        black, white = self._header.black_level, self._header.white_level
         if black is None or white is None or not 0 <= black < white < 2**16:
             return 0.0, float(2**self._header.bits - 1)
         if self._header.packing == "10-packed":

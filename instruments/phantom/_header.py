@@ -32,31 +32,13 @@ _MOST_BLOCKS = 1 << 10  # tagged blocks; a film has about five
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
-    """Settings of the recording; None where this version of the format has no such field."""
-
-    frame_rate: int | None
-    decimation: float | None
-    shutter: float | None
-    black_level: int | None
-    white_level: int | None
-    real_bits: int | None
-    serial: int | None
-    software_version: int | None
-    colour_filter: int
-    camera_model: str
-    lens: str
-    description: str
-    time_zone: int | None
-    size: tuple[int, int] | None
-
-
-@dataclass(frozen=True, slots=True)
 class Header:
     """Everything needed to find and decode the images.
 
     ``offsets`` is the table of image positions; ``stamps`` holds raw 64-bit times of the frames
-    and ``exposures`` their exposure in units of 2⁻³² s, both None where the file lacks them.
+    and ``exposures`` their exposure in units of 2⁻³² s, both None where the file lacks them;
+    ``frame_rate`` [1/s], ``decimation``, ``shutter`` [s] and the levels are settings of the recording, None where
+    this version of the format has no such field.
     """
 
     first_image: int
@@ -71,7 +53,11 @@ class Header:
     offsets: Integers
     stamps: NDArray[np.uint64] | None
     exposures: NDArray[np.uint32] | None
-    setup: Setup
+    frame_rate: int | None
+    decimation: float | None
+    shutter: float | None
+    black_level: int | None
+    white_level: int | None
 
     @property
     def packed_bits(self) -> int:
@@ -111,20 +97,33 @@ def read_header(window: Window) -> Header:
     if count == 0:
         _refuse(window, 20, "ImageCount is 0: the file holds no image")
     width, height, top_down, packing, bits, image_bytes = _image(window, bitmap)
-    setup, setup_length = _setup(window, setup_at)
-    if setup.size == (height, width) and width != height:
+    if window.take(setup_at + 140, 2, "the mark of SETUP") != b"ST":
+        _refuse(window, setup_at + 140, 'SETUP does not carry its mark "ST"')
+    length = window.integer("H", setup_at + 142, "the length of SETUP")
+    window.require(setup_at, length, "SETUP")
+
+    def setting(layout: str, offset: int) -> float | None:
+        is_there = offset + struct.calcsize(layout) <= length
+        return window.field(layout, setup_at + offset, "SETUP") if is_there else None
+
+    def whole(layout: str, offset: int) -> int | None:
+        value = setting(layout, offset)
+        return None if value is None else int(value)
+
+    if (whole("I", 1588), whole("I", 1592)) == (height, width) and width != height:
         text = f"the images are {width} × {height} px, in the camera's settings {height} × {width} px: "
         _refuse(window, bitmap + 4, f"{text}width and height are exchanged", EXCHANGED)
-    if setup.colour_filter:
-        _refuse_colour(window, f"the sensor has a colour filter (CFA {setup.colour_filter})")
+    if colour_filter := whole("I", 808):
+        _refuse_colour(window, f"the sensor has a colour filter (CFA {colour_filter})")
     kind = "<i8" if version == 1 else "<u4"
     offsets = window.array(kind, table_at, count, f"the table of {count} image offsets")
-    stamps, exposures, stated = _tags(window, setup_at + setup_length, table_at, count)
+    stamps, exposures, stated = _tags(window, setup_at + length, table_at, count)
     room = (int(offsets.min()) - table_at) // offsets.dtype.itemsize
     if stated is not None and stated != count and stated == room:
         _refuse(window, 20, f"ImageCount is {count}, but there are time stamps and offsets of {stated} images")
     fractions = window.integer("I", 36, "TriggerTime")
     seconds = window.integer("I", 40, "TriggerTime")
+    shutter_ns, shutter_us = whole("I", 1568), whole("I", 772)
     return Header(
         first_image=window.integer("i", 16, "FirstImageNo"),
         count=count,
@@ -138,7 +137,11 @@ def read_header(window: Window) -> Header:
         offsets=offsets.astype(np.int64),
         stamps=stamps,
         exposures=exposures,
-        setup=setup,
+        frame_rate=whole("I", 768),
+        decimation=setting("f", 10388),
+        shutter=shutter_ns * 1e-9 if shutter_ns else shutter_us * 1e-6 if shutter_us else None,
+        black_level=whole("i", 5732),
+        white_level=whole("i", 5736),
     )
 
 
@@ -179,47 +182,6 @@ def _image(window: Window, bitmap: int) -> tuple[int, int, bool, Packing, int, i
         text = f"biSizeImage is {declared} bytes, but {width} × {abs(height)} px of this format need {expected}"
         _refuse(window, bitmap + 20, text)
     return width, abs(height), height < 0 or packing.endswith("packed"), packing, bits, expected
-
-
-def _setup(window: Window, start: int) -> tuple[Setup, int]:
-    if window.take(start + 140, 2, "the mark of SETUP") != b"ST":
-        _refuse(window, start + 140, 'SETUP does not carry its mark "ST"')
-    length = window.integer("H", start + 142, "the length of SETUP")
-    window.require(start, length, "SETUP")
-
-    def number(layout: str, offset: int) -> float | None:
-        is_there = offset + struct.calcsize(layout) <= length
-        return window.field(layout, start + offset, "SETUP") if is_there else None
-
-    def whole(layout: str, offset: int) -> int | None:
-        value = number(layout, offset)
-        return None if value is None else int(value)
-
-    def text(offset: int, size: int) -> str:
-        if offset + size > length:
-            return ""
-        raw = window.take(start + offset, size, "SETUP").split(b"\0", 1)[0]
-        return "".join(c for c in raw.decode("latin-1") if c.isprintable())
-
-    columns, rows = whole("I", 1588), whole("I", 1592)
-    shutter_ns, shutter_us = whole("I", 1568), whole("I", 772)
-    shutter = shutter_ns * 1e-9 if shutter_ns else shutter_us * 1e-6 if shutter_us else None
-    return Setup(
-        frame_rate=whole("I", 768),
-        decimation=number("f", 10388),
-        shutter=shutter,
-        black_level=whole("i", 5732),
-        white_level=whole("i", 5736),
-        real_bits=whole("I", 896),
-        serial=whole("I", 743),
-        software_version=whole("I", 800),
-        colour_filter=whole("I", 808) or 0,
-        camera_model=text(10128, 256),
-        lens=text(5740, 256),
-        description=text(1596, 4096),
-        time_zone=whole("i", 804),
-        size=None if columns is None or rows is None else (columns, rows),
-    ), length
 
 
 def _tags(

@@ -129,7 +129,7 @@ def _from_frame_rate(header: Header, number: Integers) -> TimeAxis:
     if interval is None:
         raise InputError(
             f"no frame has a time: there are no usable time stamps, and the frame rate is "
-            f"{header.setup.frame_rate} with a decimation of {header.setup.decimation}"
+            f"{header.frame_rate} with a decimation of {header.decimation}"
         )
     flag = np.full(header.count, TimeFlag.NO_STAMPS, dtype=np.int64)
     time = np.asarray(number * interval, np.float64)
@@ -138,7 +138,7 @@ def _from_frame_rate(header: Header, number: Integers) -> TimeAxis:
 
 def _stated_interval(header: Header) -> float | None:
     """Return the time between frames by the header in s, None where it cannot be true."""
-    rate, decimation = header.setup.frame_rate, header.setup.decimation or 1.0
+    rate, decimation = header.frame_rate, header.decimation or 1.0
     return decimation / rate if rate and 1.0 <= decimation < np.inf else None
 
 
@@ -181,7 +181,7 @@ def longest_order(values: Floats) -> Flags:
 def exposure_times(header: Header, axis: TimeAxis) -> Floats | None:
     """Return the exposure of every frame in s; NaN where it is longer than a frame lasts."""
     if header.exposures is None:
-        shutter = header.setup.shutter
+        shutter = header.shutter
         return None if shutter is None else np.full(header.count, shutter)
     exposure = np.asarray(header.exposures * _UNIT, np.float64)
     if header.count > 1:

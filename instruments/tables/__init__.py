@@ -8,10 +8,19 @@ from typing import TYPE_CHECKING, Any, TypedDict
 from instruments._instrument import HEAD_BYTES, Instrument, text_of
 from instruments._workbook import beginning, is_workbook
 from labpipe.installation import lazily
-from labpipe.text import unmarked_codec
 from labpipe.units import Quantity
 
 if TYPE_CHECKING:
+    from instruments.tables._headings import Heading as Heading, is_unit as is_unit
+    from instruments.tables._layout import Block as Block, is_numeric as is_numeric
+    from instruments.tables._mapping import chosen as chosen
+    from instruments.tables._readings import (
+        Notes as Notes,
+        converted as converted,
+        numbers as numbers,
+        settled_units as settled_units,
+        short_rows as short_rows,
+    )
     from instruments.tables._table import read as read
 else:
     __getattr__ = lazily(__name__)
@@ -42,27 +51,17 @@ def _beginning(head: bytes, path: Path) -> str:
     """Return the first lines of a text or of the sheets of a workbook; "" of another file."""
     if is_workbook(head):
         return beginning(path)
-    text = _decoded(head)
+    text = text_of(head)
     # a page or a document of JSON is no table; of its long lines every part would be tried as a heading
     if "\0" in text or re.match(r"\ufeff?\s*(?:\{|<!|<html|<\?xml)", text):
         return ""
     if len(head) == HEAD_BYTES:  # lines on specimen and procedure may stand before the first table
         try:
             with path.open("rb") as stream:
-                text = _decoded(stream.read(_FAR))
+                text = text_of(stream.read(_FAR))
         except OSError:
             return ""
     return text
-
-
-def _decoded(head: bytes) -> str:
-    """Decode the beginning of a file; symbols such as E′ stand in headings."""
-    if not unmarked_codec(head):
-        try:
-            return head[: head.rfind(b"\n") + 1 or None].decode("utf-8").removeprefix("\ufeff")
-        except UnicodeDecodeError:
-            pass
-    return text_of(head)
 
 
 def columns_hint(head: bytes, path: Path) -> str:

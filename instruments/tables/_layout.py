@@ -9,6 +9,7 @@ import csv
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from instruments._quantities import OTHERS, fits
 from instruments.tables._headings import Heading, facts, is_begin, parsed, stated_in_title
@@ -42,26 +43,11 @@ _BETWEEN = 6  # lines of units and remarks between headings and rows at most
 class Block:
     """One table of a text.
 
-    Attributes
-    ----------
-    line, unit_line : int
-        Of the headings, and of the row of units (0 where there is none).
-    headings : list of Heading
-        Units of a row of their own are theirs already.
-    rows : list of (int, list of str)
-        Line and cells of every row.
-    widths : list of int
-        Cells of every row before padding at its end fell away.
-    separator : str
-        Between the cells of the rows.
-    title : str
-        The name of the step, "" where there is none.
-    facts : dict
-        Quantities stated above the table: canonical name to value and unit.
-    above : str
-        The line above the headings.
-    sheet : str
-        Its sheet in a workbook, "" in a text.
+    ``line`` and ``unit_line`` are those of the headings and of the row of units (0 without one), whose units the
+    ``headings`` have already; ``rows`` holds line and cells of every row, ``widths`` their numbers of cells before
+    padding at the end fell away, ``separator`` is between them; ``title`` names the step, "" without one; ``facts``
+    are quantities stated above the table, canonical name to value and unit; ``above`` is the line above the headings;
+    ``sheet`` that of a workbook, "" in a text; ``inset`` the characters of each line before the first of these cells.
     """
 
     line: int
@@ -74,6 +60,11 @@ class Block:
     above: str = ""
     unit_line: int = 0
     sheet: str = ""
+    inset: int = 0
+
+    def place(self, path: Path) -> Path:
+        """Name the sheet with the file, for messages."""
+        return path.with_name(f"{path.name}, sheet {self.sheet}") if self.sheet else path
 
     def names(self) -> set[str]:
         """Return the quantities that it names, or that stand above it."""
@@ -153,27 +144,27 @@ def blocks(lines: Sequence[tuple[int, str]]) -> list[Block]:
     title, in_step, k = "", False, 0
     while k < len(lines):
         number, line = lines[k]
+        above = lines[k - 1][1] if k else ""
         last = found[-1] if found and found[-1].rows else None
+        block, sign = None, ""
         if signal := _SIGNAL.fullmatch(line):
             signals.append(parsed(signal[1]))
-        head = (signals, TAB if TAB in lines[min(k + 1, len(lines) - 1)][1] else BLANKS)
-        named = head if signals and _DATA.fullmatch(line) else None if signal else headings_of(line)
-        block = None
-        if named is not None:
-            before = lines[k - 1][1] if k else ""
-            its = stated | stated_in_title(title) | (stated_in_title(before) if headings_of(before) is None else {})
-            block = Block(number, named[0], title=title, facts=its, above=before)
-            k = fill(block, lines, k + 1, named[1])
+        elif signals and _DATA.fullmatch(line):
+            block, sign = Block(number, signals), TAB if TAB in lines[min(k + 1, len(lines) - 1)][1] else BLANKS
+        elif named := headings_of(line):
+            block, sign = Block(number, named[0]), named[1]
         elif last is not None and (  # a whole row below some words goes on with the table above them
             len(cells(line, last.separator)) == max(last.widths) and is_row(line, last, last.separator)
         ):
-            above = stated_in_title(lines[k - 1][1])
-            block = replace(last, rows=[], widths=[], facts=last.facts | stated | above)
-            k = fill(block, lines, k, last.separator)
+            block = replace(last, rows=[], widths=[], facts=last.facts | stated | stated_in_title(above))
+            k, in_step = fill(block, lines, k, last.separator), False
+            found.append(block)
+            continue
         if block is not None:
-            in_step = False
-            if block.rows or not found:
-                found.append(block)
+            block.title, block.above, in_step = title, above, False
+            block.facts = stated | stated_in_title(title) | (stated_in_title(above) if not headings_of(above) else {})
+            k = fill(block, lines, k + 1, sign)
+            found += [block] if block.rows or not found else []
             continue
         if _STEP.match(line):
             in_step, title = True, ""
@@ -192,9 +183,8 @@ def columns_below(lines: Sequence[str]) -> Iterator[str]:
 
 def fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:
     """Read units and rows of a table; return the index of the first line behind it."""
-    ways = dict.fromkeys((separator, BLANKS))
     near = range(k, min(k + _BETWEEN, len(lines)))
-    first = next((i for i in near if any(is_row(lines[i][1], block, way) for way in ways)), None)
+    first = next((i for i in near if any(is_row(lines[i][1], block, way) for way in (separator, BLANKS))), None)
     if first is None:
         return k
     for number, line in lines[k:first]:
@@ -202,19 +192,17 @@ def fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str)
             block.unit_line = number
         else:
             block.facts |= facts(line) or stated_in_title(line)
-    k = first
-    block.separator = _separator_of_rows(lines[k][1], block, separator)
-    while k < len(lines):
-        number, line = lines[k]
+    block.separator = _separator_of_rows(lines[first][1], block, separator)
+    for end, (number, line) in enumerate(lines[first:], first):
         parts = cells(line, block.separator)
-        if not is_row(line, block, block.separator) and not (
-            _is_damaged(parts, block) and headings_of(line) is None and not facts(line)
-        ):
-            break
+        if not is_row(line, block, block.separator):  # a row with a damaged cell, or something else
+            known = [cell for heading, cell in zip(block.headings, parts, strict=False) if heading.is_known and cell]
+            is_damaged = sum(map(is_numeric, known)) * 2 >= len(known) > 1
+            if not is_damaged or headings_of(line) is not None or facts(line):
+                return end
         block.rows.append((number, trimmed(parts)))
         block.widths.append(len(parts))
-        k += 1
-    return k
+    return len(lines)
 
 
 def _take_units(block: Block, line: str, separator: str) -> bool:
@@ -244,11 +232,10 @@ def _separator_of_rows(line: str, block: Block, separator: str) -> str:
     """Return the sign between the cells of the rows: that of the headings, unless it does not fit."""
     if TAB in line.strip():
         return TAB
-    ways = [separator, *_OF_ROWS] if separator in _OF_ROWS else list(_OF_ROWS)
-    width = len(block.headings)
-    numbers = {way: sum(map(is_numeric, cells(line, way))) for way in dict.fromkeys(ways)}
-    whole = [way for way in numbers if len(trimmed(cells(line, way))) == width]
-    if separator in numbers and numbers[separator] > 1 and not whole:
+    ways = dict.fromkeys([separator, *_OF_ROWS] if separator in _OF_ROWS else _OF_ROWS)
+    numbers = {way: sum(map(is_numeric, cells(line, way))) for way in ways}
+    whole = [way for way in numbers if len(trimmed(cells(line, way))) == len(block.headings)]
+    if numbers.get(separator, 0) > 1 and not whole:
         return separator
     return max(whole or numbers, key=lambda way: numbers[way])  # of equals the first
 
@@ -263,9 +250,3 @@ def is_row(line: str, block: Block, separator: str) -> bool:
     ]
     good = sum(is_numeric(cell) or cell.casefold() in ABSENT or is_clock(cell) for cell in known)
     return bool(known) and good == len(known) and any(map(is_numeric, known))
-
-
-def _is_damaged(parts: Sequence[str], block: Block) -> bool:
-    """Distinguish a row with a damaged cell from a line of something else."""
-    known = [cell for heading, cell in zip(block.headings, parts, strict=False) if heading.is_known and cell]
-    return sum(map(is_numeric, known)) * 2 >= len(known) > 1

@@ -120,7 +120,12 @@ def located(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, 
     places = [c.column - 1 if isinstance(c.column, int) else _at(texts, c.column) or 0 for c in wanted]
     headings = [Heading(text, slug(text)) for text in texts]
     for each, place in zip(wanted, places, strict=True):
-        headings[place] = Heading(texts[place], each.name, _stated_unit(texts[place], each.name), is_known=True)
+        # in brackets or, of a quantity that is known by its heading, behind a slash or a comma
+        unit = next((m for m in _BRACKET.findall(texts[place]) if m.strip() and is_unit(m)), "")
+        head = parsed(texts[place])
+        is_fitting = head.is_known and fits(head.name, head.unit) and (head.name == each.name or each.name in TIMES)
+        unit = unit or (head.unit if is_fitting else "")
+        headings[place] = Heading(texts[place], each.name, unit, is_known=True)
     block = Block(line, headings)
     for _, text in lines[:start]:
         block.facts |= facts(text)
@@ -131,10 +136,10 @@ def located(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, 
         text = f"found {shorten(lines[k][1])}, and rows again from line {below}"
         raise SourceError(path, text, line=lines[k][0], hint="Correct the line, or give each table a file of its own.")
     for (number, row), width in zip(block.rows, block.widths, strict=True):
+        if max(places) >= width:
+            text = f"found {width} cells, expected {max(places) + 1}"
+            raise SourceError(path, text, line=number, hint="A cell is missing; the file may be cut.")
         for place in places:
-            if place >= width:
-                text = f"found {width} cells, expected {max(places) + 1}"
-                raise SourceError(path, text, line=number, hint="A cell is missing; the file may be cut.")
             if place < len(row) and not is_numeric(row[place]) and row[place].casefold() not in ABSENT:
                 at = sum(len(before) + 1 for before in row[:place]) + 1
                 raise not_a_number(row[place], path=path, line_number=number, column=at)
@@ -159,7 +164,11 @@ def _headings(
     last = max((each.column for each in wanted if isinstance(each.column, int)), default=0)
     best: tuple[int, list[str], int] = (0, [], 0)
     for k, (number, line) in enumerate(lines):
-        for way in ((TAB,) if TAB in line.strip() else _WAYS) if named else (_way_of_row(line),):
+        ways: tuple[str, ...] = (TAB,) if TAB in line.strip() else _WAYS
+        if not named:  # the sign that leaves nothing but numbers, of several the one that leaves most
+            found = {way: [is_numeric(cell) for cell in cells(line, way) if cell] for way in _WAYS}
+            ways = (max(found, key=lambda way: (all(found[way]), sum(found[way]))),)
+        for way in ways:
             parts = [part.strip('"') for part in cells(line, way)]
             if named:
                 hits = sum(_at(parts, text) is not None for text in named)
@@ -179,12 +188,6 @@ def _headings(
     raise SourceError(path, text + shown, line=best[2] or None, hint=hint)
 
 
-def _way_of_row(line: str) -> str:
-    """Return the sign that leaves nothing but numbers, of several the one that leaves most."""
-    found = {way: [is_numeric(cell) for cell in cells(line, way) if cell] for way in _WAYS}
-    return max(found, key=lambda way: (all(found[way]), sum(found[way])))  # of equals the first
-
-
 def _at(parts: Sequence[str], text: str) -> int | None:
     """Return which heading a text names, as a whole or without its unit; None for none or several."""
     for spell in (_plain, lambda one: _plain(_BRACKET.sub("", one))):
@@ -196,14 +199,6 @@ def _at(parts: Sequence[str], text: str) -> int | None:
 
 def _plain(text: str) -> str:
     return " ".join(unicodedata.normalize("NFKC", text).casefold().split())
-
-
-def _stated_unit(heading: str, name: str) -> str:
-    """Return the unit in a heading: in brackets or, of a quantity that is known by it, behind a slash or a comma."""
-    unit = next((m for m in _BRACKET.findall(heading) if m.strip() and is_unit(m)), "")
-    head = parsed(heading)
-    fitting = head.is_known and fits(head.name, head.unit) and (head.name == name or name in TIMES)
-    return unit or (head.unit if fitting else "")
 
 
 def _with_unit(path: Path, each: Chosen, heading: Heading, line: int, in_header: str) -> Heading:
@@ -268,20 +263,17 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
     """Write the mapping of a table as it may be copied, filled in as far as the headings allow."""
     found: dict[str, str] = {}
     for number, heading in enumerate(headings, 1):
-        has_sense = not heading.unit or not is_unit(heading.unit) or fits(heading.name, heading.unit)
-        is_known = heading.is_known and heading.at is None and has_sense
+        unit = heading.unit.strip("[]()") if heading.unit and is_unit(heading.unit) else ""
+        is_known = heading.is_known and heading.at is None and (not unit or fits(heading.name, unit))
         name, usual = (heading.name, "") if is_known else _of_trace(heading)
         if name in ("", "point", "set") or name in found or name not in SI_OF:
             continue
-        column = number if by_number else heading.text
-        si = SI_OF[name]
-        has_unit = si == _UNITLESS or (heading.unit and is_unit(heading.unit) and unit_of(heading.unit).si in si)
-        unit = heading.unit.strip("[]()") if has_unit else usual or _USUAL.get(si[0], si[0])
-        if by_number or not has_unit:
-            stated = f'{{ column = {_quoted(column)}, unit = "{unit}" }}' if si != _UNITLESS else _quoted(column)
-            found[name] = stated
-        else:
-            found[name] = _quoted(column)
+        column, si = _quoted(number if by_number else heading.text), SI_OF[name]
+        has_unit = si == _UNITLESS or (unit != "" and unit_of(unit).si in si)
+        if si != _UNITLESS and (by_number or not has_unit):
+            unit = unit if has_unit else usual or _USUAL.get(si[0], si[0])
+            column = f'{{ column = {column}, unit = "{unit}" }}'
+        found[name] = column
     if not found:
         return _EXAMPLE
     if "force" in found and "displacement" in found:  # of a tester

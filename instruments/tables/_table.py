@@ -6,21 +6,21 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from instruments._intervals import Interval, assemble, in_one_unit
+from instruments._moduli import missing
 from instruments._quantities import SHIFTS, signs_of
-from instruments._workbook import is_workbook, sheets, text_of
-from instruments.anton_paar import Interval, assemble, in_one_unit
-from instruments.tables import _traces
+from instruments._workbook import is_workbook, sheets
 from instruments.tables._headings import stated_in_title
 from instruments.tables._layout import COMMA, TAB, Block, blocks, plain_lines
 from instruments.tables._mapping import Chosen, Columns, chosen, line_to_copy, located, suggestion, time_step
-from instruments.tables._readings import intervals, lacking
-from labpipe.errors import SourceError, warn_of
-from labpipe.text import DOT, Limits, Separators, check_decimal, first_bytes, survey
+from instruments.tables._readings import Notes, intervals
+from instruments.tables._traces import trace
+from labpipe.errors import SourceError
+from labpipe.text import DOT, Limits, check_decimal, first_bytes, survey
 from labpipe.units import Measure
 
 DEVICE = "plain table of a dynamic mechanical analysis"
@@ -31,14 +31,7 @@ _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")
 _SIGNS = {"point": ".", "punkt": ".", "comma": ",", "komma": ","}
 
 Lines = Sequence[tuple[int, str]]
-
-
-class _Found(NamedTuple):
-    """The lines of a file by sheet, its codec, and a last line without an end (0: none)."""
-
-    sheets: Sequence[tuple[str, Lines]]
-    encoding: str
-    open_line: int = 0
+_Sheets = Sequence[tuple[str, Lines]]
 
 
 def read(
@@ -97,77 +90,57 @@ def read(
     >>> fall = read("run.csv", columns={"time": "Time (s)", "displacement": "Position (m)"})  # doctest: +SKIP
     """
     check_decimal(decimal)
-    path = Path(path)
-    named = None if columns is None else chosen(columns)
+    path, named = Path(path), None if columns is None else chosen(columns)
+    notes, open_line, found_encoding = Notes(path), 0, path.suffix.lstrip(".").lower() or "xlsx"
     if is_workbook(first_bytes(path)):
-        found = _in_sheets(path)
+        found = [(title, plain_lines(map(TAB.join, rows))) for title, rows in sheets(path)]
+        found = [(title, [(1, title), *own] if own and stated_in_title(title) else own) for title, own in found]
     else:
         source = survey(path, declared=(encoding,) if encoding else CODECS, limits=_LIMITS)
+        lines, found_encoding = plain_lines(source.lines()), source.encoding
         open_line = 0 if source.is_ended else source.n_lines
-        found = _Found([("", plain_lines(source.lines()))], source.encoding, open_line)
-    if found.open_line and allow_incomplete:
-        title, lines = found.sheets[-1]
-        if lines and lines[-1][0] == found.open_line:
-            warn_of(path, "the last line is cut, it has no line end; it is dropped", line=found.open_line)
-            found = _Found([*found.sheets[:-1], (title, lines[:-1])], found.encoding)
-    if named is None:
-        return _sweeps(path, found, _blocks(path, found), decimal)
-    block, lines = _located(path, found, named)
-    if not {each.name for each in named} & {"displacement", "force"}:
-        return _sweeps(path, found, [block], decimal)
-    if found.open_line == block.rows[-1][0]:
-        message = "the last line has no line end; if the file was cut, its last number is wrong"
-        warn_of(path, message, line=found.open_line)
-    cells = [cell for _, row in block.rows for cell in row]
-    signs = DOT if block.separator == COMMA else _signs(path, found, cells, decimal)
-    made = _traces.trace(path, block, signs, cycle, time_step(lines, block.line))
-    return made.assign_attrs(source=path.name, encoding=found.encoding, decimal=signs.decimal)
+        if allow_incomplete and lines and lines[-1][0] == open_line:
+            notes.add("the last line is cut, it has no line end; it is dropped", open_line)
+            lines.pop()
+        found = [("", lines)]
+    stated = (_DECIMAL.match(line) for _, lines in found for _, line in lines[:_HEADER])
+    decimal = decimal or next((_SIGNS.get(word[1].casefold()) for word in stated if word), None)
+    tables = _blocks(path, found) if named is None else []
+    if named is not None:
+        block, own = _located(path, found, named)
+        tables = [block]
+        if {each.name for each in named} & {"displacement", "force"}:
+            if open_line == block.rows[-1][0]:
+                notes.add("the last line has no line end; if the file was cut, its last number is wrong", open_line)
+            cells = [cell for _, row in block.rows for cell in row]
+            signs = DOT if block.separator == COMMA else signs_of(path, cells, decimal)
+            made = trace(notes, block, signs, cycle, time_step(own, block.line))
+            return made.assign_attrs(source=path.name, encoding=found_encoding, decimal=signs.decimal)
+    return _sweeps(notes, tables, decimal, open_line, found_encoding)
 
 
-def _in_sheets(path: Path) -> _Found:
-    """Return the sheets of a workbook as lines with TABs; a title that states a temperature is a line."""
-    found = []
-    for title, rows in sheets(path):
-        lines = plain_lines(TAB.join(" ".join(text_of(cell).split()) for cell in row) for row in rows)
-        if lines and stated_in_title(title):
-            lines = [(1, title), *lines]
-        found.append((title, lines))
-    return _Found(found, path.suffix.lstrip(".").lower() if path.suffix else "xlsx")
-
-
-def _blocks(path: Path, found: _Found) -> list[Block]:
+def _blocks(path: Path, found: _Sheets) -> list[Block]:
     """Find the tables; sheets and lines without any, such as remarks, are passed over."""
-    tables = [replace(block, sheet=title) for title, lines in found.sheets for block in blocks(lines)]
+    tables = [replace(block, sheet=title) for title, lines in found for block in blocks(lines)]
     whole = [block for block in tables if block.rows]
-    if whole:
-        return whole
-    if tables:
-        raise SourceError(
-            _place(path, tables[0]),
-            "found no row of numbers below the headings",
-            line=tables[0].line,
-            hint="Cells hold numbers alone; the units stand in the headings or in a row below them.",
-        )
-    hint = next((text for _, lines in found.sheets if (text := suggestion(lines))), "")
-    hint = hint or """columns = "f (Hz), E' (MPa), E'' (MPa), T (degC)\""""
-    raise SourceError(
-        path,
-        "no line names the columns: expected frequency, temperature, storage and loss modulus (or tan δ, phase), or "
-        "temperature and log_aT",
-        line=next((lines[0][0] for _, lines in found.sheets if lines), 1),
-        hint=f"Name the columns in a first line, or say which they are: {hint}",
-    )
+    if tables and not whole:
+        text, hint = "found no row of numbers below the headings", "Cells hold numbers alone; the units stand in the "
+        hint += "headings or in a row below them."
+        raise SourceError(tables[0].place(path), text, line=tables[0].line, hint=hint)
+    if not whole:
+        hint = next((text for _, lines in found if (text := suggestion(lines))), "")
+        hint = hint or """columns = "f (Hz), E' (MPa), E'' (MPa), T (degC)\""""
+        text = "no line names the columns: expected frequency, temperature, storage and loss modulus (or tan δ, phase)"
+        line = next((lines[0][0] for _, lines in found if lines), 1)
+        hint = f"Name the columns in a first line, or say which they are: {hint}"
+        raise SourceError(path, f"{text}, or temperature and log_aT", line=line, hint=hint)
+    return whole
 
 
-def _place(path: Path, block: Block) -> Path:
-    """Name the sheet of a table with its file, for messages."""
-    return path.with_name(f"{path.name}, sheet {block.sheet}") if block.sheet else path
-
-
-def _located(path: Path, found: _Found, named: tuple[Chosen, ...]) -> tuple[Block, Lines]:
+def _located(path: Path, found: _Sheets, named: tuple[Chosen, ...]) -> tuple[Block, Lines]:
     """Find the named columns in the first sheet that has them; return its lines too."""
     first: SourceError | None = None
-    for _, lines in found.sheets:
+    for _, lines in found:
         try:
             return located(path, lines, named), lines
         except SourceError as error:
@@ -175,16 +148,34 @@ def _located(path: Path, found: _Found, named: tuple[Chosen, ...]) -> tuple[Bloc
     raise first or SourceError(path, "the file holds no line")
 
 
-def _sweeps(path: Path, found: _Found, tables: Sequence[Block], decimal: str | None) -> xr.Dataset:
-    """Convert the tables that can be used to one Dataset."""
-    last = tables[-1]
-    if found.open_line and last.rows and last.rows[-1][0] == found.open_line:
+def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: int, encoding: str) -> xr.Dataset:
+    """Convert the tables that can be used to one Dataset; refuse a file that has none, naming the missing quantity."""
+    path, last = notes.path, tables[-1]
+    if open_line and last.rows and last.rows[-1][0] == open_line:
         if len(last.rows[-1][1]) < max(len(row) for _, row in last.rows):
             text = "the last line has no line end and fewer cells than the others; it is cut"
             hint = "Complete the line, or drop it with allow_incomplete=True."
-            raise SourceError(path, text, line=found.open_line, hint=hint)
-        message = "the last line has no line end; it is kept, as no cell is missing, but if the file was cut, its last "
-        warn_of(path, message + "number is wrong", line=found.open_line)
+            raise SourceError(path, text, line=open_line, hint=hint)
+        text = "the last line has no line end; it is kept, as no cell is missing, but if the file was cut, its last "
+        notes.add(text + "number is wrong", open_line)
+    lacking = [missing(block.names()) for block in tables]
+    whole = [block for block, text in zip(tables, lacking, strict=True) if not text]
+    if not whole:
+        block = tables[0]
+        names = dict.fromkeys(
+            h.name.replace("_", " ") for h in block.headings if h.is_known and h.name not in ("point", "set")
+        )
+        hint = "Export the table again with it; if a column is there under another name, name all that are needed: "
+        text = f"found {', '.join(names)}; no {lacking[0]}"
+        raise SourceError(block.place(path), text, line=block.line, hint=hint + line_to_copy(block.headings))
+    sweeps = [block for block in whole if not block.names() & SHIFTS]
+    if sweeps and len(sweeps) < len(whole):
+        notes.add("a table of shift factors among the readings is left out; give it as a file of its own")
+        whole = sweeps
+    for block, text in zip(tables, lacking, strict=True):
+        if text:
+            title = f' "{block.title or block.sheet}"' if block.title or block.sheet else ""
+            notes.add(f"the table{title} is left out: it has no {text}", block.line)
     evidence = [
         cell
         for block in tables
@@ -192,60 +183,28 @@ def _sweeps(path: Path, found: _Found, tables: Sequence[Block], decimal: str | N
         for heading, cell in zip(block.headings, row, strict=False)
         if heading.is_known and heading.name != "point"
     ]
-    signs = _signs(path, found, evidence, decimal)
+    signs = signs_of(path, evidence, decimal)
     made: list[Interval] = []
-    whole = _complete(path, tables)
     for block in whole:
-        made += intervals(_place(path, block), block, signs, len(made) + 1)
-    made, notes = in_one_unit(made)
+        made += intervals(notes, block, signs, len(made) + 1)
+    made, several = in_one_unit(made)
     sizes = [interval.point.size for interval in made]
     is_cut = len(sizes) > 2 and len(set(sizes[:-1])) == 1 and sizes[-1] < sizes[0]
     if is_cut:
-        notes.append(f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
-    for note in notes:
-        warn_of(path, note)
-    numbers = [np.asarray(column.values, dtype=float) for interval in made for column in interval.columns]
-    dataset = assemble(
+        several.append(f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
+    for note in several:
+        notes.add(note)
+    empty = sum(np.isnan(np.asarray(c.values, dtype=float)).sum() for interval in made for c in interval.columns)
+    return assemble(
         made,
+        instrument=DEVICE,
+        layout="plain table",
         source=path.name,
-        encoding=found.encoding,
+        encoding=encoding,
         header="",
-        empty_cells=int(sum(np.isnan(values).sum() for values in numbers)),
+        empty_cells=int(empty),
         work=json.dumps({"bytes_read": path.stat().st_size, "rows_read": sum(sizes), "intervals_read": len(made)}),
         delimiter=whole[0].separator,
         decimal=signs.decimal,
+        **({"incomplete": 1} if is_cut else {}),
     )
-    dataset.attrs |= {"instrument": DEVICE, "layout": "plain table"} | ({"incomplete": 1} if is_cut else {})
-    return dataset
-
-
-def _signs(path: Path, found: _Found, cells: Sequence[str], decimal: str | None) -> Separators:
-    """Decide the decimal sign, by the option, a header that states it (of Netzsch), or the cells."""
-    stated = {word for _, lines in found.sheets for _, line in lines[:_HEADER] if (word := _DECIMAL.match(line))}
-    return signs_of(path, cells, decimal or next((_SIGNS.get(word[1].casefold()) for word in stated), None))
-
-
-def _complete(path: Path, tables: Sequence[Block]) -> list[Block]:
-    """Return the tables that can be used; refuse a file that has none, naming the missing quantity."""
-    whole = [block for block in tables if not lacking(block)]
-    if not whole:
-        block = tables[0]
-        names = dict.fromkeys(
-            h.name.replace("_", " ") for h in block.headings if h.is_known and h.name not in ("point", "set")
-        )
-        raise SourceError(
-            _place(path, block),
-            f"found {', '.join(names)}; no {lacking(block)}",
-            line=block.line,
-            hint="Export the table again with it; if a column is there under another name, name all that are needed: "
-            + line_to_copy(block.headings),
-        )
-    sweeps = [block for block in whole if not block.names() & SHIFTS]
-    if sweeps and len(sweeps) < len(whole):
-        warn_of(path, "a table of shift factors among the readings is left out; give it as a file of its own")
-        whole = sweeps
-    for block in tables:
-        if lacking(block):
-            title = f' "{block.title or block.sheet}"' if block.title or block.sheet else ""
-            warn_of(path, f"the table{title} is left out: it has no {lacking(block)}", line=block.line)
-    return whole

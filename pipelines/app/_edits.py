@@ -22,7 +22,7 @@ import tomlkit.exceptions
 import tomlkit.items
 
 from labpipe.errors import InputError
-from labpipe.workflow.fields import REFERENCE, ReferenceMark, mark, split
+from labpipe.workflow.fields import REFERENCE, ReferenceMark, is_gap, mark, split
 from pipelines.session import bare_type
 
 Place = tuple[str | int, ...]
@@ -59,6 +59,8 @@ def set_values(text: str, changes: Sequence[tuple[Place, Any]]) -> str:
                 node = node[key]
             if value is None:
                 node.remove(place[-1]) if place[-1] in node else None
+            elif isinstance(value, dict):
+                node[place[-1]] = tomlkit.value(inline(value))
             else:
                 node[place[-1]] = _listed(value) if isinstance(value, list) else value
         changed = tomlkit.dumps(document)
@@ -147,7 +149,8 @@ def add(text: str, name: str, key: str, names: Sequence[str]) -> str:
     here = tree[EXPERIMENTS][name].get(key)
     if not isinstance(here, list):
         raise InputError(f"{name}: {key} is no list of recordings")
-    return set_value(text, (EXPERIMENTS, name, key), [*here, *(file for file in names if file not in here)])
+    kept = [file for file in here if not is_gap(file)]
+    return set_value(text, (EXPERIMENTS, name, key), [*kept, *(file for file in names if file not in kept)])
 
 
 def leaves(tree: Mapping[str, Any], kinds: Mapping[str, type[msgspec.Struct]]) -> Iterator[tuple[Place, Any, Any]]:
@@ -199,16 +202,31 @@ def remarks(text: str) -> dict[Place, str]:
     return found
 
 
+def inline(value: Any) -> str:
+    r"""Write a table on one line, as session.toml and a field of the page hold it.
+
+    Examples
+    --------
+    >>> print(inline({"time": "t (s)", "force": {"column": 2, "unit": "N"}}))
+    { time = "t (s)", force = { column = 2, unit = "N" } }
+    """
+    if not isinstance(value, dict):
+        return json.dumps(value, ensure_ascii=False)
+    keys = (key if _NAME.fullmatch(key) else json.dumps(key, ensure_ascii=False) for key in value)
+    return "{ " + ", ".join(f"{key} = {inline(one)}" for key, one in zip(keys, value.values(), strict=True)) + " }"
+
+
 def as_value(kind: Any, text: str) -> Any:
     """Return a typed text as TOML keeps it for a field; an unsuitable one stays a text."""
     bare = split(bare_type(kind))[0]
     try:
+        if any(typing.get_origin(option) is dict for option in typing.get_args(bare)):  # the columns of a table
+            typed = re.sub(r"^columns\s*=\s*", "", text)
+            return tomllib.loads(f"columns = {typed}")["columns"] if typed.startswith("{") else typed
         if bare is bool:
             return {"true": True, "false": False}.get(text, text)
-        if bare is int:
-            return int(text)
-        if bare is float:
-            return float(text.replace(",", "."))
+        if bare in (int, float):
+            return bare(text.replace(",", "."))
         if bare is datetime.date:
             return datetime.date.fromisoformat(text)
         if typing.get_origin(bare) in (tuple, list):

@@ -9,6 +9,7 @@ import re
 import typing
 from collections.abc import Mapping
 from datetime import date
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,12 +20,12 @@ from labpipe import files
 from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow import config, session as sessions
-from labpipe.workflow.document import dotted, parse
+from labpipe.workflow.document import dotted, nodes, parse
 from labpipe.workflow.fields import GAP, FileMark, ReferenceMark, describe, is_gap, mark, split
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _edits as edits
 from pipelines.experiments import KINDS
-from pipelines.session import SETTINGS, bare_type, gap_for, in_unit, library_names
+from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, remedy
 
 Told = dict[str, Any]
 _PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
@@ -202,7 +203,7 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
                 "title": "no known kind" if kind is None else kind.title,
                 "fields": []
                 if kind is None
-                else _fields(kind.settings, table, place, FILE_NAME, names, records, remarks),
+                else _fields(folder, kind.settings, table, place, FILE_NAME, names, records, remarks),
                 "waits": name in waiting or _has_problem(name, table, problems),
             }
         )
@@ -211,7 +212,7 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
         record = _tree(texts[name])
         kind_of = RECORDS.get(str(record.get("kind")))
         if kind_of is not None:
-            fields = _fields(kind_of, record, (), name, names, records, edits.remarks(texts[name]))
+            fields = _fields(folder, kind_of, record, (), name, names, records, edits.remarks(texts[name]))
             users = [
                 one["name"] for one in experiments if any(f["text"] == name and not f["files"] for f in one["fields"])
             ]
@@ -220,6 +221,7 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
 
 
 def _fields(
+    folder: Path,
     kind: Any,
     table: Any,
     prefix: edits.Place,
@@ -241,6 +243,7 @@ def _fields(
         suggestions = list(library_names()) if path[-1] == "material" else []
         suggestions += records if mark(marks, FileMark) is not None and path[-1] in _RECORD_FIELDS else []
         suggestions += names if mark(marks, ReferenceMark) is not None else []
+        suggestions += _columns_of(folder, table) if path[-1] == "columns" else []
         is_files = is_list and mark(split(typing.get_args(bare)[0])[1], FileMark) is not None
         found.append(
             {
@@ -295,7 +298,29 @@ def _as_text(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, date):
         return value.isoformat()
-    return files.canonical(value) if isinstance(value, list | dict) else str(value)
+    if isinstance(value, dict):
+        return edits.inline(value)
+    return files.canonical(value) if isinstance(value, list) else str(value)
+
+
+def _columns_of(folder: Path, table: Any) -> list[str]:
+    """Propose the columns of the recordings that no instrument recognises, as far as their headings tell."""
+    proposed = []
+    for name in dict.fromkeys(node for node in nodes(table) if isinstance(node, str)):
+        try:
+            path = safe_join(folder, name)
+            status = path.stat()
+        except (InputError, OSError):  # not the name of a file
+            continue
+        if path.is_file() and path.suffix != ".toml":
+            proposed.append(_proposed_columns(path, status.st_size, status.st_mtime_ns))
+    return list(dict.fromkeys(filter(None, proposed)))
+
+
+@lru_cache(1024)  # the page asks after every change
+def _proposed_columns(path: Path, size: int, modified: int) -> str:
+    del size, modified
+    return remedy(path).partition(COLUMNS)[2]
 
 
 def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mapping[str, Any]]:
@@ -319,6 +344,8 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
     for line in told:
         match = _PROBLEM.match(line)
         file, number, place, message = match.groups() if match is not None else (FILE_NAME, "1", "", line)
+        if place and message.startswith("columns"):  # refused with the table around them
+            place += ".columns"
         told_before = (file, place) if place else (file, "", message)
         problems.setdefault(told_before, {"file": file, "line": int(number), "place": place or "", "message": message})
     return list(problems.values()), waiting

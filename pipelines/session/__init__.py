@@ -36,7 +36,12 @@ if TYPE_CHECKING:
         watch as watch,
     )
     from pipelines.session._proposal import Scan as Scan, init as init
-    from pipelines.session._recognition import Surveyed as Surveyed, survey as survey
+    from pipelines.session._recognition import (
+        COLUMNS as COLUMNS,
+        Surveyed as Surveyed,
+        remedy as remedy,
+        survey as survey,
+    )
     from pipelines.session._results import (
         SCHEMAS as SCHEMAS,
         SETTINGS as SETTINGS,

@@ -229,7 +229,12 @@ def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) 
         renewed.append(name)
     below = [_relative(root, base) for root in roots]
     found = {*renewed, *unchanged, *problems}
-    gone = [n for n in known if n not in found and any(_is_below(n, root) for root in below)]
+    gone = [
+        name
+        for name in known
+        if name not in found
+        and any(name.startswith(f"{root}/") or name == root or (root == "." and name[:3] != "../") for root in below)
+    ]
     kept: dict[str, Any] = {row["session"]: row for row in tables["sessions"].to_dict("records")}
     # the rest that is known of a session that cannot be read is kept
     new["sessions"] += [kept.get(n, {"session": n}) | {"digest": None, "problem": why} for n, why in problems.items()]
@@ -250,10 +255,6 @@ def _relative(folder: Path, start: Path) -> str:
         return Path(os.path.relpath(folder, start)).as_posix()
     except ValueError:  # another drive
         return folder.as_posix()
-
-
-def _is_below(name: str, root: str) -> bool:
-    return (root == "." and not name.startswith("../")) or name == root or name.startswith(f"{root}/")
 
 
 def _digest(plan: Plan) -> str:

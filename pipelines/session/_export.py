@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
-from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.errors import InputError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.variables import described, variable
 from labpipe.workflow.plan import READY, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS
+from pipelines.session._recognition import instrument_of
 from pipelines.session._results import STAGES, derive, needed, reopen_session
 from pipelines.session._verdicts import Verdict, told_verdicts
 
@@ -138,7 +139,8 @@ def export(
     place = Path(source)
     if format not in FORMATS:
         raise UsageError(f'unknown format "{format}"; expected one of {", ".join(FORMATS)}')
-    if not (place / FILE_NAME).is_file() and not _is_unknown_folder(place):
+    is_unknown = place.is_dir() and instrument_of(place) is None  # it should have been a session
+    if not (place / FILE_NAME).is_file() and not is_unknown:
         writer = _Writer(Path(out or "."), format, replace)
         _export_file(place, writer, dict(reading or {}))
         return Exported(tuple(writer.paths), ())
@@ -163,16 +165,6 @@ def export(
         _export_table(results, experiments, writer)
         writer.paths.insert(0, writer.paths.pop())
     return Exported(tuple(writer.paths), tuple(writer.left_out))
-
-
-def _is_unknown_folder(place: Path) -> bool:
-    """Whether a folder should have been a session, since it holds no film either."""
-    import instruments
-
-    try:
-        return place.is_dir() and not instruments.identify(place)
-    except SourceError:
-        return True
 
 
 def _export_file(path: Path, writer: _Writer, options: dict[str, Any]) -> None:

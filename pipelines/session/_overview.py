@@ -15,7 +15,7 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.store import AMENDED, Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
-from pipelines.experiments import Kind, Picture
+from pipelines.experiments import Picture
 from pipelines.session._session_checks import unused_files
 from pipelines.session._verdicts import Verdict, stored_verdicts
 
@@ -153,7 +153,9 @@ def _groups(session: Session) -> list[tuple[str, list[str]]]:
 
 def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, bytes | None]]":
     """Return the numbers of experiments, under headings that at least one of them has, and their pictures."""
-    from labpipe.report import Listed, listed
+    import numpy as np
+
+    from labpipe.report import Listed, listed, thumbnail
 
     plan, store = results.plan, Store(results.plan.session.folder)
     kinds = {name: experiments.KINDS[results.experiments[name].kind] for name in names}
@@ -165,7 +167,11 @@ def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, 
     pictures: dict[str, bytes | None] = {}
     for name, kind in kinds.items():
         read = cache(partial(results.first, name))  # one result holds several numbers
-        cells: list[tuple[Cell, float | None]] = [(_worst(read("comparison"), kind.error), None)]
+        comparison = read("comparison")
+        has_error = comparison is not None and kind.error in comparison
+        errors: Any = comparison[kind.error].values.ravel() if comparison is not None and has_error else ()
+        worst = max((float(error) for error in errors if np.isfinite(error)), default=None)
+        cells: list[tuple[Cell, float | None]] = [(worst, None)]
         own = {(n.title, n.unit): n for n in kind.key_numbers}
         for key in numbers:
             number = own.get(key)
@@ -175,22 +181,14 @@ def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, 
         records = [store.record(key) for key in keys if key is not None]
         cells.append((sum(len(record.warnings) for record in records if record is not None), None))
         found.append(cells)
-        pictures[name] = _picture(read, kind)
+        chart = None if kind.picture is None else _chart(read(kind.picture.stage), kind.picture)
+        pictures[name] = None if chart is None else thumbnail(chart)
     columns = []
     for (title, unit, digits), column in zip(headings, zip(*found, strict=True), strict=True):
         values, u = zip(*column, strict=True)
         if any(value is not None for value in values):
             columns.append(Listed(title, values, unit, u if any(u) else None, digits))
     return listed(columns), pictures
-
-
-def _worst(dataset: "xr.Dataset | None", variable: str) -> float | None:
-    import numpy as np
-
-    if dataset is None or variable not in dataset:
-        return None
-    values = np.asarray(dataset[variable].values, float)
-    return float(np.nanmax(values)) if np.isfinite(values).any() else None
 
 
 def _row(
@@ -242,22 +240,14 @@ def _judged(verdict: Verdict | None) -> tuple[str, str]:
     return f"believable, model {verdict.model}", "warning" if verdict.model == "differs" else "ok"
 
 
-def _picture(read: _Read, kind: Kind) -> bytes | None:
-    from labpipe.report import thumbnail
-
-    source = kind.picture
-    dataset = read(source.stage) if source else None
-    if source is None or dataset is None or not {source.x, source.y} <= set(dataset.variables):
-        return None
-    chart = _chart(dataset, source)
-    return None if chart is None else thumbnail(chart)
-
-
-def _chart(dataset: "xr.Dataset", source: Picture) -> "LineChart | ScatterChart | None":
+def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | ScatterChart | None":
+    """Draw the main curve of an experiment; None where its result is not there or holds too few points."""
     import numpy as np
 
     from labpipe.report import LineChart, ScatterChart, Series
 
+    if dataset is None or not {source.x, source.y} <= set(dataset.variables):
+        return None
     x, y = (np.asarray(dataset[name].values, float) for name in (source.x, source.y))
     if x.ndim > 1:  # one loop per frequency
         loops = [(a[np.isfinite(a + b)], b[np.isfinite(a + b)]) for a, b in zip(x, y, strict=True)]

@@ -8,8 +8,8 @@ is missing is proposed as a file of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace as with_fields
 from pathlib import Path
 
 import instruments
@@ -109,8 +109,12 @@ def init(
         found = recognise(folder)
         there = [n for kind, own in found.names.items() if kind.startswith("record:") for n in own]
         begun = {n: (folder / n).read_text("utf-8") for n in there}
-        records, completed = _with_missing_records(found)
-        text, names = propose(completed)
+        completed = dict(found.names)
+        for call in dict.fromkeys(proposal.records for proposal in _proposals() if proposal.records):
+            for sort, made in function(call)(found).items():
+                completed[sort] = [*completed.get(sort, []), *made]
+                records |= made
+        text, names = propose(with_fields(found, names=completed, texts=records))
         if not names:
             raise UsageError(_nothing_proposed(found))
     texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
@@ -134,17 +138,6 @@ def _proposals() -> list[Proposal]:
     return [kind.proposal for kind in KINDS.values() if kind.proposal is not None]
 
 
-def _with_missing_records(found: Found) -> tuple[dict[str, str], Found]:
-    """Return the records that the kinds propose, by name, and what was found with them."""
-    records: dict[str, str] = {}
-    names: dict[str, list[str]] = dict(found.names)
-    for text in dict.fromkeys(proposal.records for proposal in _proposals() if proposal.records):
-        for sort, made in function(text)(found).items():
-            names[sort] = [*names.get(sort, []), *made]
-            records |= made
-    return records, replace(found, names=names, texts=records)
-
-
 def propose(found: Found) -> tuple[str, list[str]]:
     """Return the text of session.toml and the names of the proposed experiments."""
     names: list[str] = []
@@ -153,7 +146,12 @@ def propose(found: Found) -> tuple[str, list[str]]:
         for each in instruments.known():
             if each.content != content or each.unproposed:
                 continue
-            for proposed in sorted(_of_instrument(found, each.name, content), key=lambda made: made.stem):
+            left, made = found.of(each.name), list[Proposed]()
+            for proposal in (p for p in reversed(_proposals()) if content in p.contents):  # one after the other
+                for proposed in function(proposal.function)(found, left):
+                    left = [name for name in left if name not in proposed.files]
+                    made.append(proposed)
+            for proposed in sorted(made, key=lambda one: one.stem):
                 wanted = name = identifier(proposed.stem)
                 number = 2
                 while name in names:
@@ -166,16 +164,6 @@ def propose(found: Found) -> tuple[str, list[str]]:
 def _head(folder: Path) -> str:
     title = f'title = "{quoted(folder.resolve().name)}"'
     return f'labpipe = {VERSION}  # version of this file\'s format\n\n[session]\n{title}\noperator = ""\nnotes = ""'
-
-
-def _of_instrument(found: Found, instrument: str, content: str) -> Iterator[Proposed]:
-    """Offer the files of an instrument to one kind after the other."""
-    left = found.of(instrument)
-    for proposal in reversed(_proposals()):
-        if content in proposal.contents:
-            for proposed in function(proposal.function)(found, left):
-                left = [name for name in left if name not in proposed.files]
-                yield proposed
 
 
 def _unused_files(found: Found, text: str) -> list[str]:

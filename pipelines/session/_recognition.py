@@ -22,6 +22,8 @@ from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS, Found
 
 UNKNOWN = "no instrument recognises the content"
+COLUMNS = "columns = "
+"""Begins the line to copy that the advice on an unknown table ends with."""
 PICTURE = "a picture; one of a ruler in the plane of focus gives the image scale of a camera record"
 LOOSE = (
     "images of a film directly in the session folder: move them into a folder of their own, such as film, then run "
@@ -77,7 +79,11 @@ def recognise(folder: Path) -> Found:
         if kept and not each.unproposed:
             found[each.content] = [*found.get(each.content, []), *kept]
         owners |= {name: (each.title, f'a copy of "{first}"') for name, first in own.items()}
-        owners |= {name: (each.title, _why_not(each)) for name in kept}
+        able = [f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and each.content in k.proposal.contents]
+        why_not = each.unproposed or _UNUSED[each.content]
+        if able and (each.unproposed or each.content == "film"):
+            why_not += f"; kinds that begin from it: {', '.join(able)}"
+        owners |= dict.fromkeys(kept, (each.title, why_not))
         copies |= own
     return Found(folder, found, owners, unknown=tuple(unknown), copies=copies)
 
@@ -165,8 +171,10 @@ def why_unknown(folder: Path, name: str) -> str:
         return UNKNOWN
     if not head.strip(b"\0"):
         return _ZEROS if head else "the file is empty"
-    # of a text the advice would be to name its columns, which most texts have not
-    return f"{UNKNOWN}. {remedy(path)}" if b"\0" in head else UNKNOWN
+    advice = remedy(path)
+    if b"\0" not in head:  # a text without rows of numbers needs no advice
+        advice = advice[advice.find("Name its columns") :] if COLUMNS in advice else ""
+    return f"{UNKNOWN}. {advice}".removesuffix(". ")
 
 
 def unreadable(path: Path) -> str:
@@ -199,16 +207,6 @@ def instrument_of(path: Path) -> str | None:
         return instruments.identify(path)
     except (LabpipeError, OSError):
         return None
-
-
-def _why_not(instrument: instruments.Instrument) -> str:
-    """Say why a file of an instrument is in no proposed experiment, and which kinds may begin from it."""
-    able = [
-        f"{k.name} ({k.summary})" for k in KINDS.values() if k.proposal and instrument.content in k.proposal.contents
-    ]
-    names_kinds = able and (instrument.unproposed or instrument.content == "film")
-    kinds = f"; kinds that begin from it: {', '.join(able)}" * bool(names_kinds)
-    return f"{instrument.unproposed or _UNUSED[instrument.content]}{kinds}"
 
 
 def _record_kind(path: Path) -> str | None:

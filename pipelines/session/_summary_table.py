@@ -13,10 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from labpipe.report import display_unit, number, plus_minus
-from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row, row
@@ -72,19 +70,13 @@ def lines(results: Results, experiments: Iterable[str] = ()) -> list[Line]:
         rows = compared(results, name) or []
         known = {r.measured for r in rows}  # a key number may be one of those that are compared
         for key in KINDS[experiment.kind].key_numbers:
-            dataset = _dataset(results, name, key.stage)
+            dataset = results.first(name, key.stage)
             if dataset is not None and (own := key.within(dataset)) is not None and own[0] not in known:
                 u = math.nan if own[1] is None else own[1]
                 one = row(key.title, key.unit, 1, against="", measured=own[0], u_measured=u)
                 rows.append(labelled(one, experiment, session))
         found += [Line(r, *verdict) for r in rows]
     return found
-
-
-def _dataset(results: Results, experiment: str, stage: str) -> xr.Dataset | None:
-    wanted = (r for r in results.plan.rows if (r.experiment, r.stage) == (experiment, stage))
-    found = next((r for r in wanted if r.recording is None and r.state in READY), None)
-    return None if found is None else results.up_to_date(found)
 
 
 def table_csv(found: Sequence[Line], remarks: Mapping[str, str]) -> str:

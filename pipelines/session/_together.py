@@ -12,7 +12,6 @@ from labpipe.errors import InputError, UsageError
 from labpipe.report import SURE, Block, Column, Link, Notice, Paragraph, Section, Table, display_unit
 from labpipe.workflow.plan import page_name
 from labpipe.workflow.results import Results
-from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import session_document, synthetic_notice
@@ -67,9 +66,14 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     found = Comparison((*own, *others), {}, {}, session.folder / PAGE)
     names = (first, second)
     answer = (*_verdicts(names, verdicts, found.rows), said, *_chart(results, names))
+    links = [
+        Link(name, page_name(name), KINDS[session.experiments[name].kind].title)
+        for name in names
+        if (session.folder / page_name(name)).is_file()
+    ]
     sections = [
         Section("Answer", answer),
-        Section("Difference", (*difference, *_reports(session, names), *synthetic_notice(session))),
+        Section("Difference", (*difference, *links, *synthetic_notice(session))),
         *parts(found),
     ]
     path = session.folder / f"{BESIDE}{_safe(first)}{AND}{_safe(second)}.html"
@@ -87,12 +91,6 @@ def _verdicts(names: Sequence[str], verdicts: Mapping[str, Verdict], rows: Itera
     for row in rows:
         by[row.experiment] = "model" if by.get(row.experiment) == "model" else row.against
     return each(names, verdicts, by)
-
-
-def _reports(session: Session, names: Iterable[str]) -> Iterator[Block]:
-    for name in names:
-        if (session.folder / page_name(name)).is_file():
-            yield Link(name, page_name(name), KINDS[session.experiments[name].kind].title)
 
 
 def _difference(first: Sequence[Row], second: Sequence[Row], a: str, b: str) -> Iterator[Block]:

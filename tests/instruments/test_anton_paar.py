@@ -108,12 +108,15 @@ def test_every_language_and_decimal_sign_gives_the_same_numbers(tmp_path, langua
     assert entry["result_name"] == "Frequency sweep 1"
 
 
-def test_a_workbook_gives_the_same_numbers(tmp_path):
+@pytest.mark.parametrize("kept", ["", "E+"])
+def test_a_workbook_gives_the_same_numbers(tmp_path, kept):
+    """Those with a power of ten as texts with a decimal comma, or all as numbers."""
     openpyxl = pytest.importorskip("openpyxl")
     book = openpyxl.Workbook()
     sheet = book.active
     for line in rheocompass().split("\r\n"):
-        cells = [float(c) if _is_float(c) else c for c in line.split("\t")]
+        texts = [c.replace(".", ",") if kept and kept in c else c for c in line.split("\t")]
+        cells = [float(c) if _is_float(c) else c for c in texts]
         sheet.append([c if c != "" else None for c in cells])
     book.save(tmp_path / "export.xlsx")
     assert instruments.identify(tmp_path / "export.xlsx") == "anton_paar"

@@ -48,7 +48,7 @@ def test_a_failed_point_is_nan_and_said(tmp_path: Path) -> None:
     [
         ("DISPLACEMENT_Y", "VALUE_Y", "DISPLACEMENT_Y are missing"),
         ("1,11.0", "1,1x1.0", "1x1"),
-        ("2,12.0,22.0", "2,12.0", "7 values, expected 8"),
+        ("2,12.0,22.0", "2,12.0", "found 7 cells, expected 8"),
         ("1,11.0,21.0", "1,15.0,21.0", "points are not the"),
     ],
 )

@@ -273,3 +273,31 @@ def test_notes_that_speak_of_the_instrument_are_no_files_of_it(notes, tmp_path):
     (tmp_path / "notes.txt").write_text(notes, encoding="utf-8")
     with pytest.raises(SourceError, match="no instrument recognises"):
         instruments.identify(tmp_path / "notes.txt")
+
+
+RECORDED = np.arange(40) * 2e-4
+VOLTAGE = 3.1 - 4905 * RECORDED**2
+LVM = "LabVIEW Measurement\nChannels\t1\nSamples\t40\nY_Unit_Label\tVolts\nDelta_X\t2.0E-4\n***End_of_Header***\t\n"
+
+
+@pytest.mark.parametrize("head", ["Time,Channel A\n(ms),(mV)\n\n", "Time (ms) Run #1,Position (mV) Run #1\n"])
+def test_a_column_of_times_is_no_output_and_its_units_count(tmp_path, head):
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{t * 1e3:.7f},{z:.5f}\n" for t, z in zip(RECORDED, VOLTAGE, strict=True))
+    path.write_text(head + rows, "utf-8")
+    found = keyence.read(path)
+    assert [name for name in found.data_vars if name.startswith("out")] == ["out1"]
+    np.testing.assert_allclose(found.out1, VOLTAGE * 1e-3, atol=1e-8)
+    assert found.out1.attrs["units"] == "V"
+    assert found.attrs["sampling_interval"] == pytest.approx(2e-4)
+    with pytest.raises(SourceError, match="units"):
+        keyence.read(path, units=["mm"])
+    with pytest.raises(SourceError, match="the option units says"):
+        keyence.read(path, units=["mm", "mm"], cycle="200 us")
+
+
+def test_the_unit_of_a_labview_header_counts(tmp_path):
+    path = tmp_path / "a.lvm"
+    path.write_text(LVM + "X_Value\tVoltage\tComment\n" + "".join(f"\t{z:.6f}\n" for z in VOLTAGE), "utf-8")
+    with pytest.raises(SourceError, match="Volts"):
+        keyence.read(path, units=["mm"], cycle="200 us")

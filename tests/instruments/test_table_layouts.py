@@ -168,7 +168,6 @@ def test_columns_that_agree_are_no_contradiction(tmp_path):
         ("f (Hz),E' (MPa),E'' (MPa),T (°C),tan δ", (*ALL, 1.5 * TAN), "loss modulus of E' .* and tan δ is 1.5 times"),
         ("f (Hz),E' (MPa),E'' (MPa),T (°C),ω (rad/s)", (*ALL, F), "ω .rad/s. is 0.159 times 2π f "),
         ("f (Hz),E' (mPa),E'' (mPa),T (°C)", ALL, "moduli are in mPa, which is read as MPa"),
-        ("f (Hz),E' (MPa),E'' (MPa),Kammer (°C)", ALL, "Kammer .°C.', the only column in degrees, is taken for"),
     ],
 )  # fmt: skip
 def test_doubts_are_noted(tmp_path, head, columns, message):

@@ -136,7 +136,10 @@ function experiment(one) {
     // A recording that came later belongs to one of the experiments that hold its like.
     const like = (files.find((file) => file.name === lists[0].files[0]) || {}).kind;
     const taken = setup.data.experiments.flatMap((two) => two.fields.flatMap((field) => field.files || []));
-    const new_ = files.filter((file) => like && file.kind === like && !file.copy_of && !taken.includes(file.name));
+    // A table that no instrument recognises can be read by the columns that this card names.
+    const named = one.fields.some((field) => field.place.at(-1) === "columns");
+    const fits = (file) => (file.kind ? file.kind === like : named && file.reason.includes("columns = "));
+    const new_ = files.filter((file) => fits(file) && !file.copy_of && !taken.includes(file.name));
     if (new_.length && lists[0].files.length) {
       const choice = make("select", {}, make("option", { value: "", textContent: "Add a recording …" }), ...new_.map((file) => make("option", { value: file.name, textContent: file.name })));
       choice.setAttribute("aria-label", `Add a recording to ${one.name}`);

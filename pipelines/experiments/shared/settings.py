@@ -4,12 +4,17 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from labpipe.errors import InputError
 from labpipe.units import Quantity
 from labpipe.workflow import fields
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of session.toml; an unknown key is a mistake, not a wish."""
+
+    def __post_init__(self) -> None:
+        """Refuse ``columns`` that mean nothing before a file is read."""
+        named_columns(getattr(self, "columns", None))
 
 
 class NamedColumn(Table, frozen=True, kw_only=True):
@@ -19,14 +24,24 @@ class NamedColumn(Table, frozen=True, kw_only=True):
     unit: str = ""
 
 
-Columns = str | dict[str, str | int | NamedColumn]
+Columns = Annotated[
+    str | dict[str, str | int | NamedColumn],
+    msgspec.Meta(description='columns such as { time = "Time (s)", displacement = "Position (m)" }'),
+]
 """Columns of a table that no reader recognises, ``{ time = "Time (s)", displacement = "Position (m)" }``, or all in
 their order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"`` (:func:`instruments.tables.read`)."""
 
 
 def named_columns(columns: Columns | None) -> str | dict[str, object] | None:
-    """Return the columns as :func:`instruments.read` takes them."""
+    """Return the columns as :func:`instruments.read` takes them; ValueError where they name no table that is read."""
     found: str | dict[str, object] | None = msgspec.to_builtins(columns)
+    if found is not None:
+        from instruments import tables  # which a session without such columns needs not load
+
+        try:
+            tables.chosen(found)
+        except InputError as error:
+            raise ValueError(str(error)) from None
     return found
 
 

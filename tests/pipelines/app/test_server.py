@@ -174,6 +174,27 @@ def test_a_bare_number_gets_the_unit_that_was_asked_for(page: Page) -> None:
     assert {problem["place"] for problem in looked["problems"]} == {"experiments.drop.sphere.material"}
 
 
+def test_columns_of_an_unknown_table_are_named_on_the_card(page: Page, raw: Path) -> None:
+    rows = "".join(f"{k * 1e-4:.4f},{3 - k * k * 5e-8:.6f}\n" for k in range(40))
+    (raw / "laser/recorder.csv").write_text(f"Time (s) Run #1,Position (m) Run #1\n{rows}")
+    page.told("api/init", {})
+    unknown = {entry["name"]: entry for entry in page.told("api/files")["files"]}["laser/recorder.csv"]
+    assert (unknown["kind"], "columns = {" in unknown["reason"]) == ("", True)
+    add = {"op": "add", "name": "drop", "key": "laser", "names": ["laser/recorder.csv"]}
+    base = page.told("api/session")["base"]
+    looked = page.told("api/check", {"base": base, "edits": [add]})
+    fields = {field["dotted"]: field for one in looked["experiments"] for field in one["fields"]}
+    (proposed,) = fields["experiments.drop.keyence.columns"]["suggestions"]
+    assert proposed == '{ time = "Time (s) Run #1", displacement = "Position (m) Run #1" }'
+    wrong = {"base": base, "edits": [add, *edits(("keyence.columns", '{ gravity = "Position (m) Run #1" }'))]}
+    problems = {p["place"]: p["message"] for p in page.told("api/check", wrong)["problems"]}
+    assert '"gravity" is no quantity' in problems["experiments.drop.keyence.columns"]
+    page.told("api/write", {"base": base, "edits": [add, *edits(("keyence.columns", f"columns = {proposed}"))]})
+    assert f"columns = {proposed}\n" in (raw / "session.toml").read_text("utf-8")
+    fields = {f["dotted"]: f for one in page.told("api/session")["experiments"] for f in one["fields"]}
+    assert fields["experiments.drop.keyence.columns"]["text"] == proposed
+
+
 def test_before_a_run_it_is_told_what_would_run_and_what_waits_for_which_line(page: Page, raw: Path) -> None:
     page.told("api/init", {})
     (raw / "laser/other_1.csv").write_bytes((raw / "laser/drop_1.csv").read_bytes().replace(b"0", b"1", 1))

@@ -1,4 +1,4 @@
-"""Intervals of readings, joined to one Dataset."""
+"""Intervals of readings of a rheometer or an analyser, joined to one Dataset over ``sample``."""
 
 import json
 from collections.abc import Sequence
@@ -87,7 +87,13 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
                     "another table; rename one of them"
                 )
             array[start : start + len(column.values)] = column.values
-    tests, results = _numbered(intervals)
+    tests: list[int] = []  # counted in the order of the file; a name that returns begins anew
+    results: list[int] = []
+    for before, interval in zip([None, *intervals], intervals, strict=False):
+        is_same = before is not None and (before.sheet, before.test) == (interval.sheet, interval.test)
+        is_next = before is not None and (interval.result != before.result or interval.number <= before.number)
+        tests.append((tests[-1] + (not is_same)) if tests else 0)
+        results.append(results[-1] + is_next if is_same else 0)
     coords = {
         name: variable(_SAMPLE, np.repeat(np.asarray(values, dtype=np.int64), counts), "1", text)
         for name, values, text in (
@@ -101,51 +107,7 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
     )
     marks, meaning = np.concatenate([i.is_valid for i in intervals]), "0 where the instrument marked the point invalid"
     variables["is_valid"] = variable(_SAMPLE, marks.astype(np.int8), "1", meaning)
-    dataset = xr.Dataset(variables, coords=coords)
-    dataset.attrs = {
-        "instrument": DEVICE,
-        "layout": "RheoCompass",
-        "tests": json.dumps(_described(intervals, tests, results), ensure_ascii=False),
-        **attrs,
-    }
-    return _frequencies(_unclipped(dataset))
-
-
-def in_one_unit(intervals: Sequence[Interval]) -> tuple[list[Interval], list[str]]:
-    """Leave columns out whose unit is not the same in all tables, and name them in notes."""
-    units: dict[str, set[str]] = {}
-    for interval in intervals:
-        for column in interval.columns:
-            units.setdefault(column.name, set()).add(column.si)
-    several = {name: found for name, found in units.items() if len(found) > 1}
-    notes = [
-        f"the column {name} is in {' and '.join(sorted(unit or 'text' for unit in found))}; it is left out"
-        for name, found in several.items()
-    ]
-    return [replace(i, columns=tuple(c for c in i.columns if c.name not in several)) for i in intervals], notes
-
-
-def _numbered(intervals: Sequence[Interval]) -> tuple[list[int], list[int]]:
-    """Count tests and results in the order of the file; a name that returns begins anew."""
-    tests: list[int] = []
-    results: list[int] = []
-    before: Interval | None = None
-    for interval in intervals:
-        place = (interval.sheet, interval.test)
-        if before is None or place != (before.sheet, before.test):
-            tests.append(tests[-1] + 1 if tests else 0)
-            results.append(0)
-        else:
-            is_next = interval.result != before.result or interval.number <= before.number
-            tests.append(tests[-1])
-            results.append(results[-1] + is_next)
-        before = interval
-    return tests, results
-
-
-def _described(intervals: Sequence[Interval], tests: Sequence[int], results: Sequence[int]) -> list[dict[str, Any]]:
-    """Return one entry per interval: names, counts, and the columns as they stand in the file."""
-    return [
+    described_intervals = [
         {
             "test": test,
             "result": result,
@@ -163,6 +125,28 @@ def _described(intervals: Sequence[Interval], tests: Sequence[int], results: Seq
         }
         for interval, test, result in zip(intervals, tests, results, strict=True)
     ]
+    dataset = xr.Dataset(variables, coords=coords)
+    dataset.attrs = {
+        "instrument": DEVICE,
+        "layout": "RheoCompass",
+        "tests": json.dumps(described_intervals, ensure_ascii=False),
+        **attrs,
+    }
+    return _frequencies(_unclipped(dataset))
+
+
+def in_one_unit(intervals: Sequence[Interval]) -> tuple[list[Interval], list[str]]:
+    """Leave columns out whose unit is not the same in all tables, and name them in notes."""
+    units: dict[str, set[str]] = {}
+    for interval in intervals:
+        for column in interval.columns:
+            units.setdefault(column.name, set()).add(column.si)
+    several = {name: found for name, found in units.items() if len(found) > 1}
+    notes = [
+        f"the column {name} is in {' and '.join(sorted(unit or 'text' for unit in found))}; it is left out"
+        for name, found in several.items()
+    ]
+    return [replace(i, columns=tuple(c for c in i.columns if c.name not in several)) for i in intervals], notes
 
 
 def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
