@@ -9,7 +9,7 @@ import xarray as xr
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_by_input
 from pipelines.experiments.ball_drop.settings import BallDrop
@@ -78,17 +78,10 @@ def comparison(
         ),
     ):
         units, ours = repeats[name].attrs["units"], repeats[name].values[:count]
-        for key, values, text in (
-            (f"{name}_measured", ours, f"{name}, measured"),
-            (f"{name}_model", theirs, f"{name}, model"),
-            (f"{name}_difference", ours - theirs, f"{name}, measured minus model"),
-            (
-                f"u_{name}_difference",
-                np.hypot(u_ours, u_theirs.values[:count]),
-                f"standard uncertainty: {name} difference",
-            ),
-        ):
-            made[key] = variable("impact", values, units, text)
+        made[f"{name}_measured"] = variable("impact", ours, units, f"{name}, measured")
+        made[f"{name}_model"] = variable("impact", theirs, units, f"{name}, model")
+        u, text = np.hypot(u_ours, u_theirs.values[:count]), f"{name}, measured minus model"
+        made = made.assign(with_u(f"{name}_difference", "impact", ours - theirs, u, units, text))
     return made
 
 
@@ -195,6 +188,7 @@ def _of_impact(
         unit,
         int(repeats["n_repeats"][impact]),
         slopes=slopes,
+        simulated=(theirs, impact),
         measured=(measured, u_measured),
         model=(expected, u_expected),
         difference=(measured - expected, np.hypot(u_apart, u_expected)),

@@ -146,12 +146,10 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
         scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
         stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
         apart = np.hypot(stated, scatter_beyond(scatter, stated, n)) / np.sqrt(n)
+        table |= with_u(name, "impact", mean, np.hypot(apart, np.sqrt(shared)), units, name)
         table[name] = ("impact", mean, first[name].attrs)
-        for key, column, text in (
-            (f"u_{name}", np.hypot(apart, np.sqrt(shared)), f"standard uncertainty: {name}"),
-            (f"{name}_sd", np.where(n > 1, scatter, np.nan), f"standard deviation over repeats: {name}"),
-        ):
-            table[key] = variable("impact", column, units, text)
+        text = f"standard deviation over repeats: {name}"
+        table[f"{name}_sd"] = variable("impact", np.where(n > 1, scatter, np.nan), units, text)
         if (of_unknowns := f"common_{name}") in first:
             parts = np.nanmean(of_all(of_unknowns), axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
             table[of_unknowns] = variable(("impact", "unknown"), parts, units, f"by common unknowns: {name}")

@@ -31,11 +31,10 @@ from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.film_frames import enlarged, png
+from pipelines.experiments.shared.film_frames import drawing_of, png
 from pipelines.experiments.shared.reports import Report, budgets
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
-_SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
 _METHODS = {
     1: "fringe fit",
@@ -56,7 +55,6 @@ _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 def _summary(
     settings: ContactArea,
     context: Context,
-    radius: xr.Dataset | None = None,
     impacts: xr.Dataset | None = None,
     model: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
@@ -68,14 +66,11 @@ def _summary(
         ("wavelength", wavelength, "from session.toml"),
     ]
     if impacts is not None and impacts.sizes["impact"]:
-        alone = pages.told(impacts, "peak_radius", 0)
-        said = (alone, "first impact, between the frames; includes the uncertainty of the image scale")
+        shown, remark = pages.told(impacts, "peak_radius", 0), "first impact, between the frames"
         if comparison is not None and comparison.sizes["impact"]:
-            seen, u = (float(comparison[name][0]) for name in ("peak_radius_film", "u_peak_radius_film"))
-            if (seen, u) != (float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])):
-                how = "first impact, all its frames, the course in time being the model's; includes the image scale"
-                said = (value_with_uncertainty(seen, u, "m"), f"{how} (by the frames at the top alone: {alone})")
-        rows.append(("largest contact radius, film", *said))
+            shown = pages.told(comparison, "peak_radius_film", 0)
+            remark = "first impact, all its frames, the course in time being the model's"
+        rows.append(("largest contact radius, film", shown, f"{remark}; includes the uncertainty of the image scale"))
     if model is not None and model.sizes["impact"]:
         remark = "first impact; uncertainty from height, body and material"
         rows.append(("largest contact radius, model", pages.told(model, "peak_contact_radius", 0), remark))
@@ -96,12 +91,6 @@ def _summary(
             "and is uncertain by several micrometres."
         )
         blocks.append(Notice("warning", text))
-    if radius is not None:
-        methods = radius["method"].values[radius["in_contact"].values.astype(bool)]
-        counts = [(name, int(np.sum(methods == code))) for code, name in _METHODS.items()]
-        text = ", ".join(f"{pages.counted(count, 'frame')} by {name}" for name, count in counts if count)
-        if text:
-            blocks.append(Notice("info", f"Method: {text}."))
     return Section("Summary", tuple(blocks))
 
 
@@ -125,25 +114,18 @@ def _key_frames(keys: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | N
     shown = shown if impacts is not None else "Frames all over the film, since no impact was found in it"
     caption = f"{shown}. The chart of the contact radius marks the frame that is shown."
     gallery = Gallery("Key frames with the fitted circle", pictures, start=top, group=_GROUP, caption=caption)
-    header = pages.raw_header(keys.assign_attrs(source=settings.film))
-    return Section("Film", (gallery,) if header is None else (gallery, header))
+    return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
 def _picture(key: xr.Dataset) -> Picture:
-    image = key["image"].values
-    factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
-    canvas = enlarged(image, factor)
-    scale = factor / float(key["reduction"])
+    canvas, scale, shift = drawing_of(key)
     x, y, r = (float(key[n]) for n in ("circle_x", "circle_y", "circle_radius"))
     if all(map(math.isfinite, (x, y, r))):
-        unit = 1 << _SUB_PIXEL
-        shift = scale / 2 - 0.5  # the centre of an enlarged or reduced pixel
-        centre = (round((x * scale + shift) * unit), round((y * scale + shift) * unit))
-        axes = (float(key["circle_major"]), float(key["circle_minor"]))
-        major, minor = (v if math.isfinite(v) else r for v in axes)
-        angle = float(key["circle_angle"])
-        turned = math.degrees(angle) if math.isfinite(angle) else 0.0
-        size = (round(major * scale * unit), round(minor * scale * unit))
+        unit = scale * (1 << _SUB_PIXEL)
+        centre = (round((x + shift / scale) * unit), round((y + shift / scale) * unit))
+        axes = (float(key[f"circle_{axis}"]) for axis in ("major", "minor"))
+        size = [round((axis if math.isfinite(axis) else r) * unit) for axis in axes]
+        turned = math.degrees(float(np.nan_to_num(key["circle_angle"])))
         cv2.ellipse(canvas, centre, size, turned, 0, 360, _CIRCLE, 1, cv2.LINE_AA, _SUB_PIXEL)
     frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
     found = "no radius"
@@ -196,45 +178,33 @@ def _over_time(
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
-        charts.append(Paragraph(_AROUND))
-        for i in range(comparison.sizes["impact"]):
-            charts += _around(comparison, model, i)
+        charts += _around(comparison, model)
     return Section("Contact radius over time", tuple(charts))
 
 
-def _around(comparison: xr.Dataset, simulated: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
-    """Draw one impact, film and model, and their difference below."""
-    mine = comparison["impact_number"].values == i + 1
-    since = comparison["since_peak"].values[mine] * 1e3
-    film, model, u = (comparison[name].values[mine] for name in ("film", "model", "u_film"))
-    # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
-    relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
-    slope = np.gradient(model, since) if since.size > 1 else np.zeros(since.size)
-    wide = 2e6 * relative * np.abs(model - 2.0 * since * slope)
-    curves = LineChart(
-        f"Impact {i + 1} around its largest radius",
-        "time since the largest radius / ms",
-        "contact radius / mm",
-        (
-            Series("film", since, film * 1e3, role="measured", style="points", u=u * 1e3),
-            Series("model", since, model * 1e3, role="model"),
-        ),
-        group=f"impact {i + 1}",
-        height_px=260,
-    )
-    residual = LineChart(
-        f"Film minus model, impact {i + 1}",
-        "time since the largest radius / ms",
-        "difference / µm",
-        (
-            Band("model ± 2 u", since, -wide, wide, role="model"),
-            Series("film minus model", since, (film - model) * 1e6, role="residual", style="points", u=u * 1e6),
-        ),
-        group=f"impact {i + 1}",
-        height_px=220,
-        caption=_alignment(comparison, i),
-    )
-    return curves, residual
+def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
+    """Draw film and model around the largest radius of each impact, and their differences below."""
+    curves: list[Series | Band] = []
+    residuals: list[Series | Band] = []
+    for i in range(comparison.sizes["impact"]):
+        mine, name = comparison["impact_number"].values == i + 1, f"impact {i + 1}"
+        since = comparison["since_peak"].values[mine] * 1e3
+        film, model, u = (comparison[of].values[mine] for of in ("film", "model", "u_film"))
+        # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
+        relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
+        slope = np.gradient(model, since) if since.size > 1 else np.zeros(since.size)
+        wide = 2e6 * relative * np.abs(model - 2.0 * since * slope)
+        curves.append(Series(f"{name}, film", since, film * 1e3, role="measured", style="points", u=u * 1e3))
+        curves.append(Series(f"{name}, model", since, model * 1e3, role="model"))
+        residuals.append(Band(f"{name}, model ± 2 u", since, -wide, wide, role="model"))
+        gap = (film - model) * 1e6
+        residuals.append(Series(f"{name}, film minus model", since, gap, role="residual", style="points", u=u * 1e6))
+    label, group = "time since the largest radius / ms", "impacts"
+    text = " ".join(f"Impact {i + 1}: {_alignment(comparison, i)}" for i in range(comparison.sizes["impact"]))
+    titles = ("Contact radius around its largest value", label, "contact radius / mm")
+    drawn = LineChart(*titles, tuple(curves), group=group, height_px=260)
+    titles = ("Film minus model", label, "difference / µm")
+    return [Paragraph(_AROUND), drawn, LineChart(*titles, tuple(residuals), group=group, height_px=220, caption=text)]
 
 
 def _alignment(comparison: xr.Dataset, i: int) -> str:

@@ -34,27 +34,19 @@ def comparison(
     made = signals.compare(film, seen)
     agreed = signals.agreement(film.values, seen.values)
     shift = signals.lag(film, reference, _LARGEST_LAG)
-    scalars = {
-        "bias": (agreed.bias, "m", "mean of film minus laser"),
-        "u_bias": (agreed.u_bias, "m", "standard uncertainty: bias"),
-        "difference_sd": (agreed.sd, "m", "standard deviation of film minus laser"),
-        "limit_low": (agreed.low, "m", "lower 95 % limit of agreement"),
-        "limit_high": (agreed.high, "m", "upper 95 % limit of agreement"),
-        "u_limit_low": (agreed.u_limit, "m", "standard uncertainty: lower limit"),
-        "u_limit_high": (agreed.u_limit, "m", "standard uncertainty: upper limit"),
-        "concordance": (agreed.concordance, "1", "Lin's concordance coefficient"),
-        "lag": (shift.lag, "s", "time by which the laser lags after alignment at first contact"),
-        "u_lag": (shift.u_lag, "s", "standard uncertainty: lag"),
-        "gain": (shift.gain, "1", "laser's displacement per film's displacement"),
-        "u_gain": (shift.u_gain, "1", "standard uncertainty (random): gain"),
-        "expected_u_gain": (
-            float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0))),
-            "1",
-            "standard uncertainty of the ratio of both scales, from both calibrations",
-        ),
-    }
-    for name, (value, units, text) in scalars.items():
-        made[name] = variable((), value, units, text)
+    expected = float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0)))
+    for name, value, u, units, text in (
+        ("bias", agreed.bias, agreed.u_bias, "m", "mean of film minus laser"),
+        ("limit_low", agreed.low, agreed.u_limit, "m", "lower 95 % limit of agreement"),
+        ("limit_high", agreed.high, agreed.u_limit, "m", "upper 95 % limit of agreement"),
+        ("lag", shift.lag, shift.u_lag, "s", "time by which the laser lags after alignment at first contact"),
+        ("gain", shift.gain, shift.u_gain, "1", "laser's displacement per film's displacement, random u"),
+    ):
+        made = made.assign(with_u(name, (), value, u, units, text))
+    made["difference_sd"] = variable((), agreed.sd, "m", "standard deviation of film minus laser")
+    made["concordance"] = variable((), agreed.concordance, "1", "Lin's concordance coefficient")
+    text = "standard uncertainty of the ratio of both scales, from both calibrations"
+    made["expected_u_gain"] = variable((), expected, "1", text)
     made["film"] = film.drop_attrs().assign_attrs(units="m", long_name="film, over the height of first contact")
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
@@ -109,10 +101,9 @@ def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
         ours = film[name].values[:count] - (start if name == "touch_time" else 0.0)
         theirs = laser[name].values[:count]
         own, others = (one[f"u_{name}"].values[:count] for one in (film, laser))
-        for key, values in (("film", ours), ("laser", theirs), ("difference", ours - theirs)):
-            table[f"{name}_{key}"] = variable("impact", values, units, f"{name}, {key}")
-        for key, values in (("film", own), ("laser", others), ("difference", np.hypot(own, others))):
-            table[f"u_{name}_{key}"] = variable("impact", values, units, f"standard uncertainty: {name}, {key}")
+        apart = ("difference", ours - theirs, np.hypot(own, others))
+        for key, values, u in (("film", ours, own), ("laser", theirs, others), apart):
+            table |= with_u(f"{name}_{key}", "impact", values, u, units, f"{name}, {key}")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 

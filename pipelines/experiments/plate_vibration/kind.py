@@ -41,7 +41,6 @@ _STAGES = (
     _each(
         "plate_vibration.measured:ringing",
         ("displacement",),
-        ("blow",),
         schema="ringing",
         summary="fit the free vibration after the first impact",
     ),

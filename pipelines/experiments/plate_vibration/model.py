@@ -14,7 +14,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.units import Quantity
-from labpipe.variables import described, with_u
+from labpipe.variables import described, variable, with_u
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, weighted_mean
 from pipelines.experiments.plate_vibration.settings import PlateVibration
@@ -27,6 +27,7 @@ from pipelines.experiments.shared.material_choice import (
     resolve,
     variations,
 )
+from pipelines.experiments.shared.model_inputs import inputs_of, table_of
 
 _COVERED = 6e-3  # s of simulation after first touch: any contact ends before
 _FINE = 4e-6  # s, spacing of the simulated force: 250 points in a contact
@@ -96,16 +97,11 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     if inputs:
         whole = np.zeros((len(inputs), table.sizes["series"]))
         whole[:, places] = slopes
-        made = made.assign_coords(solid_input=np.array(list(inputs), dtype=str))
-        for name, values, text in (
-            ("solid_value", [given.value for given in inputs.values()], "value of an input of the solids, SI"),
-            ("solid_u", sizes, "standard uncertainty of an input of the solids, SI"),
-            ("solid_mass", by_solids, "change of the modal mass per SI unit of an input of the solids"),
-        ):
-            made[name] = ("solid_input", values, described("kg" if name == "solid_mass" else "1", text))
+        made = made.merge(table_of(inputs))
+        text = "change of the modal mass per SI unit of an input of the solids"
+        made["solid_mass"] = variable("uncertain", by_solids, "kg", text)
         text = "relative change of the momentum per SI unit of an input of the solids"
-        made["solid_momentum"] = (("solid_input", "series"), whole, described("1", text))
-        made.attrs["solid_units"] = json.dumps([given.si for given in inputs.values()])
+        made["solid_momentum"] = variable(("uncertain", "series"), whole, "1", text)
     full = np.full((2, table.sizes["series"]), np.nan)
     full[:, places] = each, u_each
     made = made.assign(with_u("modal_mass", "series", full[0], full[1], "kg", "modal mass by each of the drops"))
@@ -140,13 +136,8 @@ def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dic
 
 def of_solids(plate: xr.Dataset) -> dict[str, tuple[Quantity, Floats]]:
     """Return what is uncertain of the solids, with the relative change (series,) of the momenta per unit."""
-    if "solid_input" not in plate.coords:
-        return {}
-    columns = (plate["solid_input"], plate["solid_value"], plate["solid_u"], plate["solid_momentum"])
-    units = json.loads(plate.attrs["solid_units"])
     return {
-        str(name): (Quantity(float(value), float(u), unit), slope)
-        for name, value, u, slope, unit in zip(*(c.values for c in columns), units, strict=True)
+        name: (given, plate["solid_momentum"].values[i]) for i, (name, given) in enumerate(inputs_of(plate).items())
     }
 
 

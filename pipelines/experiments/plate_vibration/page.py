@@ -6,20 +6,7 @@ from itertools import groupby
 import numpy as np
 import xarray as xr
 
-from labpipe.report import (
-    Band,
-    Block,
-    Cell,
-    KeyValues,
-    LineChart,
-    Listed,
-    Notice,
-    Paragraph,
-    Section,
-    Series,
-    listed,
-    value_with_uncertainty,
-)
+from labpipe.report import Band, Block, Cell, KeyValues, LineChart, Listed, Notice, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
@@ -61,30 +48,15 @@ def _summary(
     return Section("Summary", (KeyValues(rows), *blocks, *pages.failed_notice(context)))
 
 
-def _measured(settings: PlateVibration, context: Context, readings: Sequence[xr.Dataset | None] = ()) -> Section:
+def _files(
+    settings: PlateVibration,
+    context: Context,
+    readings: Sequence[xr.Dataset | None] = (),
+    displacement: Sequence[xr.Dataset | None] = (),
+) -> Section:
     count = sum(len(drops.laser) for drops in settings.drops)
-    rows = [
-        ("recordings", str(count), f"{len(settings.drops)} combinations of material and height"),
-        *pages.remarks(context),
-    ]
-    if settings.sphere is not None:
-        for title, quantity in (("sphere radius", settings.sphere.radius), ("moving mass", settings.sphere.mass)):
-            rows.insert(1, (title, value_with_uncertainty(quantity.value, quantity.u, quantity.si), ""))
-    blocks: list[Block] = []
-    if read := pages.present(readings):
-        first = read[0]
-        interval = float(first.attrs["sampling_interval"])
-        rows.insert(1, ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"), f"{first.sizes['time']} points"))
-        header = pages.raw_header(first)
-        blocks += [] if header is None else [header]
-    return pages.folded("What was measured", "Files and readings", (KeyValues([r for r in rows if r[1]]), *blocks))
-
-
-def _calibration(displacement: Sequence[xr.Dataset | None]) -> Section:
-    first = pages.present(displacement)[0]
-    caption = "Budget for the largest displacement of the first recording"
-    inside = pages.laser_calibration(first, "in every recording", "from the quiet beginning", caption)
-    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", inside)
+    first = ("recordings", str(count), f"{len(settings.drops)} combinations of material and height")
+    return pages.laser_recordings(first, settings.sphere, context, readings, displacement)
 
 
 def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
@@ -183,6 +155,6 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
 page = Report(
     "Vibration of the plate",
     ("readings", "displacement", "ringing", "table", "plate", "comparison"),
-    (_summary, _measured, _calibration, _motion, _table, _recordings, budgets(quantities), _methods),
+    (_summary, _files, _motion, _table, _recordings, budgets(quantities), _methods),
     compared_rows,
 )

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,19 +12,11 @@ from labpipe.errors import UNSAID, SourceError
 from labpipe.signals import outliers
 from pipelines.experiments.shared.settings import Keyence, named_columns
 
-
-class _Recorded(Protocol):
-    """Settings of an experiment that a laser records."""
-
-    @property
-    def keyence(self) -> Keyence: ...
-
-
 OUTLIER = 7
 """Status of a reading that deviates from those around it, beyond the states that a controller writes."""
 
 
-def readings(path: Path, *, settings: _Recorded) -> xr.Dataset:
+def readings(path: Path, *, settings: Any) -> xr.Dataset:
     """Read one laser export, as a stage of every kind that has one; outliers become NaN and :data:`OUTLIER`.
 
     The attribute ``outliers`` holds, as JSON and by output, first and last index and largest deviation [m or V] of

@@ -172,19 +172,16 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     if exact := counted_as_exact(result):
         blocks.append(Paragraph(f"Counted as exact, since stated without ±: {', '.join(exact)}."))
     if judged.findings:
-        blocks.append(_found(judged))
+        cells = [
+            (f.level, f.check, with_minus(f.message), with_minus(f.cause), written_place(f)) for f in judged.findings
+        ]
+        titles = ("level", "check", "observation", "probable cause", "file and line")
+        blocks.append(Table(tuple(map(Column, titles)), cells))
     if result.sizes["input"]:
         blocks.append(Paragraph(noticed(result)))
-        blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
     blocks.append(_checked(judged))
     blocks.append(Details(f"Results of the {len(judged.checks)} evaluations", blocks=(_evaluated(judged),)))
     return tuple(blocks)
-
-
-def _found(judged: Judgement) -> Table:
-    rows = [(f.level, f.check, with_minus(f.message), with_minus(f.cause), written_place(f)) for f in judged.findings]
-    columns = ("level", "check", "observation", "probable cause", "file and line")
-    return Table(tuple(Column(name) for name in columns), rows)
 
 
 def written_place(finding: Finding) -> str:
@@ -232,16 +229,6 @@ def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
             size = f"{in_words(100 * relative, 2)} %" if np.isfinite(relative) and relative < 1.0 else ""
         found.append((shown_source(str(name)), size, float(relative)))
     return sorted(found, key=lambda each: (not each[1], bool(np.isnan(each[2])), each[2]))
-
-
-def _noticed(result: xr.Dataset) -> Table:
-    rows = [(name, size or "insensitive (below 100 %)") for name, size, _ in _errors(result)]
-    return Table(
-        (Column("input"), Column("smallest error that would have shown")),
-        rows,
-        caption="With 95 % probability the model would no longer agree (p < 0.05), all other inputs held at their "
-        "uncertainty. Up to 1.4 times as much is needed for it to differ (p < 0.001).",
-    )
 
 
 def _checked(judged: Judgement) -> Table:

@@ -117,15 +117,13 @@ def test_nothing_is_suspected_where_the_model_agrees() -> None:
     assert json.loads(found.attrs["suspects"]) == []
 
 
-RESTING = SimpleNamespace(sphere=SimpleNamespace(material_from="experiment:nylon_dma"), plate_from="experiment:plate")
-
-
 def _dma(level):
-    return judgement(Scene([stated("moduli", "the moduli are those of a metal", level)]))
+    found = judgement(Scene([stated("moduli", "the moduli are those of a metal", level)]))
+    return found.assign_attrs(experiment="nylon_dma")
 
 
 def test_what_rests_on_an_impossible_experiment_is_held_against_nothing_and_sends_there() -> None:
-    basis = Basis.of(RESTING, {"sphere.material_from": _dma("impossible"), "plate_from": None})
+    basis = Basis.of([_dma("impossible"), None])
     assert not basis.is_sound
     found = judgement(Scene((), basis=basis))
     assert (believed(found).believable, found.attrs["model"]) == ("yes", "undecided")
@@ -141,13 +139,13 @@ def test_what_was_computed_from_an_impossible_experiment_is_no_expectation(word:
         seen.extend((given.get("measured"), given.get("model"), basis.is_sound))
         return Scene((), basis=basis)
 
-    judged(2, 1, _dma(word), settings=RESTING, context=None)
+    judged(2, 1, _dma(word), settings=None, context=SimpleNamespace(experiment="drop"))
     assert seen == [2, expected, expected is not None]
 
 
 @pytest.mark.parametrize(("temperature", "model"), [(5.0, "differs"), (0.2, "agrees")])
 def test_a_doubtful_basis_is_the_first_suspect_of_a_model_that_differs(temperature: float, model: str) -> None:
-    basis = Basis.of(RESTING, {"sphere.material_from": _dma("doubtful")})
+    basis = Basis.of([_dma("doubtful")])
     assert basis.is_sound
     found = judgement(Scene((), rows=_rows(temperature=temperature), inputs=INPUTS, basis=basis))
     assert found.attrs["model"] == model
