@@ -10,7 +10,6 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.report import (
     Band,
-    Block,
     KeyValues,
     LineChart,
     Listed,
@@ -28,7 +27,7 @@ from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
-from pipelines.experiments.shared.reports import Report, budgets
+from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _RIGID_FLOOR = (
     "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the restitution of a mass "
@@ -40,33 +39,6 @@ _CONTACT = 1e-3  # s, shown where no duration was found
 _MM, _UM, _MS = 1e3, 1e6, 1e3
 _LABEL = "time since first contact / ms"
 _SPREAD = "± 2 sd of the repeats"
-
-
-def _summary(
-    settings: BallDrop,
-    context: Context,
-    repeats: xr.Dataset | None = None,
-    model: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
-) -> Section:
-    rows = [("drop height", pages.stated(settings.height), "from session.toml")]
-    if repeats is not None and repeats.sizes["impact"]:
-        remark = f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard uncertainty"
-        rows.append(("restitution of the first impact, measured", pages.told(repeats, "restitution", 0), remark))
-    if model is not None and model.sizes["impact"]:
-        moduli = "with that of their DMA" if settings.sphere.material_from else "are taken as exact"
-        remark = (
-            "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where stated "
-            f"with an uncertainty; the moduli {moduli}"
-        )
-        rows.append(("restitution of the first impact, model", pages.told(model, "restitution", 0), remark))
-    if comparison is not None:
-        remark = "root mean square of measured minus model, over the range of the model"
-        rows.append(("nRMSE of displacement", f"{float(comparison['nrmse']) * 100:.3g} %", remark))
-    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
-    if comparison is None and not context.failures:
-        blocks.append(Notice("info", "There is no comparison with a model."))
-    return Section("Summary", tuple(blocks))
 
 
 def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
@@ -288,6 +260,6 @@ def _methods(
 page = Report(
     lambda settings: f"Ball drop from {pages.stated(settings.height)}",
     ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-    (_summary, motion, _bounces, _recordings, _files, _model, budgets(quantities), _methods),
+    (summary(compared_rows), motion, _bounces, _recordings, _files, _model, budgets(quantities), _methods),
     compared_rows,
 )

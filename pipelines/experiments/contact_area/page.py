@@ -15,7 +15,6 @@ from labpipe.report import (
     KeyValues,
     LineChart,
     Listed,
-    Notice,
     Paragraph,
     Picture,
     Section,
@@ -25,14 +24,13 @@ from labpipe.report import (
     quantity,
     value_with_uncertainty,
 )
-from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.film_frames import drawing_of, png
-from pipelines.experiments.shared.reports import Report, budgets
+from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
@@ -52,46 +50,23 @@ _GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
 
-def _summary(
-    settings: ContactArea,
-    context: Context,
-    impacts: xr.Dataset | None = None,
-    model: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
-) -> Section:
-    wavelength = "not known" if settings.wavelength is None else pages.stated(settings.wavelength)
-    rows = [
-        ("film", settings.film, f'view "{settings.view}"'),
-        ("drop height", pages.stated(settings.height), "from session.toml"),
-        ("wavelength", wavelength, "from session.toml"),
-    ]
+def _details(
+    settings: ContactArea, impacts: xr.Dataset | None = None, model: xr.Dataset | None = None
+) -> list[tuple[str, str, str]]:
+    light, limit = settings.wavelength, "by the edge of the dark spot, uncertain by several micrometres"
+    known = ("not known", limit) if light is None else (pages.stated(light), "from session.toml")
+    rows = [("wavelength", *known)]
     if impacts is not None and impacts.sizes["impact"]:
-        shown, remark = pages.told(impacts, "peak_radius", 0), "first impact, between the frames"
-        if comparison is not None and comparison.sizes["impact"]:
-            shown = pages.told(comparison, "peak_radius_film", 0)
-            remark = "first impact, all its frames, the course in time being the model's"
-        rows.append(("largest contact radius, film", shown, f"{remark}; includes the uncertainty of the image scale"))
+        rows.append(("largest contact radius, film", pages.told(impacts, "peak_radius", 0), "first impact, at its top"))
     if model is not None and model.sizes["impact"]:
-        remark = "first impact; uncertainty from height, body and material"
-        rows.append(("largest contact radius, model", pages.told(model, "peak_contact_radius", 0), remark))
         rows.append(("edge of the contact", *_edge(model, settings)))
-    if comparison is not None and comparison.sizes["impact"]:
-        nrmse = f"{float(comparison['nrmse'][0]) * 100:.3g} %"
-        rows.append(("nRMSE of the radius", nrmse, "first impact, relative to its largest radius"))
     if impacts is not None and np.isfinite(float(impacts["static_radius"])):
         rows.append(("contact radius at rest, film", pages.told(impacts, "static_radius"), ""))
         if model is not None:
             brief, lasting = (float(model[f"static_radius_{n}"]) for n in ("brief", "lasting"))
             text = f"{brief * 1e6:.4g} µm after as long as an impact, {lasting * 1e6:.4g} µm at the end of the film"
             rows.append(("Hertz radius under the weight", text, "with the creep of the material"))
-    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
-    if settings.wavelength is None:
-        text = (
-            "No wavelength is given: the radius was measured from the edge of the dark spot, not from the fringes, "
-            "and is uncertain by several micrometres."
-        )
-        blocks.append(Notice("warning", text))
-    return Section("Summary", tuple(blocks))
+    return rows
 
 
 def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
@@ -261,6 +236,6 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
 page = Report(
     lambda settings: f"Contact area, drop from {pages.stated(settings.height)}",
     ("radius", "impacts", "model", "comparison", "keys"),
-    (_summary, _key_frames, _over_time, _impacts, _calibration, budgets(quantities), _methods),
+    (summary(compared_rows, _details), _key_frames, _over_time, _impacts, _calibration, budgets(quantities), _methods),
     compared_rows,
 )

@@ -15,7 +15,6 @@ from labpipe.report import (
     KeyValues,
     LineChart,
     Listed,
-    Notice,
     Paragraph,
     Picture,
     Section,
@@ -25,13 +24,12 @@ from labpipe.report import (
     quantity,
     value_with_uncertainty,
 )
-from labpipe.workflow.context import Context
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.film_frames import drawing_of, png
-from pipelines.experiments.shared.reports import Report, budgets
+from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
@@ -44,33 +42,6 @@ _MASKS = (
 _GROUP = "film"  # charts and frames over the film's time
 _SPREAD = "± 2 sd of the laser's repeats"
 _LABEL = "time since first contact / ms"
-
-
-def _summary(
-    settings: DicValidation,
-    context: Context,
-    track: xr.Dataset | None = None,
-    bounces: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
-) -> Section:
-    rows = [("film", settings.film, f'view "{settings.view}"')]
-    if track is not None:
-        points, share = pages.counted(track.sizes["point"], "point"), 100 * float(track["valid"].mean())
-        rows.append(("frames", str(track.sizes["frame"]), f"{points} followed; found in {share:.3g} % of the frames"))
-    if bounces is not None and bounces.sizes["impact"]:
-        shown = pages.told(bounces, "restitution", 0)
-        rows.append(("restitution of the first impact, film", shown, "standard uncertainty"))
-    if comparison is not None:
-        nrmse, expected = (100 * float(comparison[name]) for name in ("nrmse", "expected_u_gain"))
-        remark = "root mean square of the difference, over the range of the laser"
-        rows.append(("nRMSE, film against laser", f"{nrmse:.2f} %", remark))
-        remark = f"expected 1 within {expected:.2g} % from both calibrations"
-        rows.append(("ratio of the laser's scale to the film's", pages.told(comparison, "gain"), remark))
-    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
-    if comparison is None and not context.failures:
-        text = "The film is compared with no laser: name its experiment as laser_experiment in session.toml."
-        blocks.append(Notice("info", text))
-    return Section("Summary", tuple(blocks))
 
 
 def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Section:
@@ -240,7 +211,7 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
 page = Report(
     "Camera against laser",
     ("track", "motion", "bounces", "velocity", "keys", "comparison", "laser"),
-    (_summary, _key_frames, _motion, _agreement, _tracking, _calibration, budgets(quantities), _methods),
+    (summary(compared_rows), _key_frames, _motion, _agreement, _tracking, _calibration, budgets(quantities), _methods),
     compared_rows,
     counts={"comparison": lambda comparison: "nrmse" in comparison},
 )
