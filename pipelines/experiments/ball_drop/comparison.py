@@ -1,7 +1,6 @@
 """Comparison of a ball drop with the model: displacement, free fall, and the first impacts."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -165,13 +164,12 @@ def _of_impact(
     comparison: xr.Dataset,
 ) -> Row:
     """Return one row of a variable ``ours`` of the repeats and ``theirs`` of the model."""
-
-    def value(result: xr.Dataset, name: str) -> Any:
-        return result.variables[name].values[impact]
-
-    measured, u_measured = float(value(repeats, ours)), float(value(repeats, f"u_{ours}"))
-    expected, u_expected = float(value(model, theirs)), float(value(model, f"u_{theirs}"))
-    u_apart, seen = u_measured, float(value(comparison, f"seen_{ours}"))
+    measured, u_measured, expected, u_expected = (
+        float(result.variables[f"{u}{name}"].values[impact])
+        for result, name in ((repeats, ours), (model, theirs))
+        for u in ("", "u_")
+    )
+    u_apart, seen = u_measured, float(comparison[f"seen_{ours}"].values[impact])
     if np.isfinite(seen):
         expected, u_apart = seen, float(_without_shape(repeats, ours)[impact])
     slopes = slopes_of(model, theirs, impact)
@@ -180,7 +178,7 @@ def _of_impact(
     # the noise of an impact is common to all that is measured of it
     slopes |= {
         f"impact {impact + 1}, {text}": float(by)
-        for text, by in zip(repeats["unknown"].values.tolist(), value(repeats, f"common_{ours}"), strict=True)
+        for text, by in zip(repeats["unknown"].values.tolist(), repeats[f"common_{ours}"].values[impact], strict=True)
         if text.startswith(NOISE) and np.isfinite(by)
     }
     return row(

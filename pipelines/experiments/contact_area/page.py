@@ -1,6 +1,5 @@
 """The report of a contact area."""
 
-import json
 import math
 
 import cv2
@@ -12,15 +11,11 @@ from labpipe.report import (
     Band,
     Block,
     Gallery,
-    KeyValues,
     LineChart,
-    Listed,
     Paragraph,
     Picture,
     Section,
     Series,
-    budget_table,
-    listed,
     quantity,
     value_with_uncertainty,
 )
@@ -112,13 +107,8 @@ def _picture(key: xr.Dataset) -> Picture:
 
 
 def _calibration(radius: xr.Dataset) -> Section:
-    size = pages.told(radius, "pixel_size")
-    blocks: list[Block] = [
-        pages.calibration_rows(radius.attrs["calibration"]),
-        KeyValues([("length of one pixel", size, "in the plane of the disc")]),
-        *budget_table(json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"),
-    ]
-    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
+    rows = [("length of one pixel", pages.told(radius, "pixel_size"), "in the plane of the disc")]
+    return pages.camera_calibration(radius.attrs["calibration"], radius.attrs["scale_budget"], rows)
 
 
 def _over_time(
@@ -191,22 +181,6 @@ def _alignment(comparison: xr.Dataset, i: int) -> str:
     return f"Model shifted by {shown} to {way} times."
 
 
-def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
-    count = impacts.sizes["impact"]
-    columns = [
-        Listed("impact", list(range(1, count + 1))),
-        Listed("t_p in the film", impacts["peak_time"].values.tolist(), "s"),
-        pages.column(impacts, "peak_radius", "largest radius, film"),
-    ]
-    if comparison is not None:
-        for name, title in (("radius_model", "model"), ("radius_difference", "film − model"), ("nrmse", "nRMSE")):
-            known = pages.column(comparison, name if name == "nrmse" else f"peak_{name}", title)
-            columns.append(known.extended(count))
-        columns.append(pages.column(comparison, "edge_radius", "edge, film (JKR)").extended(count))
-    text = "Impacts are counted from their largest radius (t_p = 0). The radius is the Hertz-equivalent one."
-    return Section("Impacts", (Paragraph(text), listed(columns)))
-
-
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
     known = "" if settings.wavelength is None else f" (wavelength {pages.stated(settings.wavelength)})"
@@ -236,6 +210,6 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
 page = Report(
     lambda settings: f"Contact area, drop from {pages.stated(settings.height)}",
     ("radius", "impacts", "model", "comparison", "keys"),
-    (summary(compared_rows, _details), _key_frames, _over_time, _impacts, _calibration, budgets(quantities), _methods),
+    (summary(compared_rows, _details), _key_frames, _over_time, _calibration, budgets(quantities), _methods),
     compared_rows,
 )

@@ -1,7 +1,7 @@
 """The report of a film against the laser."""
 
-import json
 import math
+from functools import partial
 
 import cv2
 import numpy as np
@@ -14,13 +14,10 @@ from labpipe.report import (
     Gallery,
     KeyValues,
     LineChart,
-    Listed,
     Paragraph,
     Picture,
     Section,
     Series,
-    budget_table,
-    listed,
     quantity,
     value_with_uncertainty,
 )
@@ -92,9 +89,7 @@ def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
         ("tilt of the camera, up or down", pages.stated(settings.camera_tilt), "stated; lengths / cos(tilt)"),
         ("relative uncertainty of a displacement's scale", relative, "the same for every frame"),
     ]
-    budget = budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale", "m/px")
-    blocks = (pages.calibration_rows(motion.attrs["calibration"]), KeyValues(rows), *budget)
-    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
+    return pages.camera_calibration(motion.attrs["calibration"], motion.attrs["budget"], rows)
 
 
 def _motion(
@@ -116,10 +111,7 @@ def _motion(
         (f"impact {i}", (t - _BEFORE) * 1e3, (t + _AFTER) * 1e3) for i, t in enumerate(touches, 1) if np.isfinite(t)
     )
 
-    def chart(title: str, label: str, drawn: list[Series | Band], caption: str = "", height: int = 320) -> LineChart:
-        curves = tuple(drawn)
-        return LineChart(title, _LABEL, label, curves, group=_GROUP, views=views, caption=caption, height_px=height)
-
+    chart = partial(LineChart, x_label=_LABEL, group=_GROUP, views=views)
     position: list[Series | Band] = [Series("film", time, (moved - level) * 1e3, role="measured")]
     speed: list[Series | Band] = []
     if velocity is not None:
@@ -133,7 +125,7 @@ def _motion(
             position.insert(0, Band(_SPREAD, when, mean - wide, mean + wide, role="reference"))
         if speed and "velocity_mean" in laser:
             speed.append(Series("laser, mean of the repeats", when, inside["velocity_mean"].values, role="reference"))
-    charts: list[Block] = [chart("Displacement", "height over first contact / mm", position)]
+    charts: list[Block] = [chart("Displacement", y_label="height over first contact / mm", series=tuple(position))]
     if comparison is not None:
         both = comparison["time"].values
         drawn: list[Series | Band] = [
@@ -143,9 +135,11 @@ def _motion(
             wide = 2e6 * np.interp(both, laser["time"].values, laser["displacement_sd"].values)
             drawn.insert(0, Band(_SPREAD, both * 1e3, -wide, wide, role="reference"))
         caption = "An impact that is early or late in one record shows as a spike, as both curves are steep there."
-        charts.append(chart("Film minus laser", "difference / µm", drawn, caption, 220))
+        made = tuple(drawn)
+        shown = chart("Film minus laser", y_label="difference / µm", series=made, caption=caption, height_px=220)
+        charts.append(shown)
     if speed:
-        charts.append(chart("Velocity", "velocity / (m/s), upwards", speed))
+        charts.append(chart("Velocity", y_label="velocity / (m/s), upwards", series=tuple(speed)))
     return Section("Motion", tuple(charts))
 
 
@@ -158,19 +152,12 @@ def _agreement(comparison: xr.Dataset) -> Section:
         ("concordance", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"),
         ("remaining lag", pages.told(comparison, "lag"), "lag of the laser after alignment"),
     ]
-    columns = (
-        Listed("impact", comparison["impact"].values.tolist()),
-        pages.column(comparison, "touch_time_difference", "touch, film − laser"),
-        pages.plain(comparison, "restitution_film", "restitution, film"),
-        pages.plain(comparison, "restitution_laser", "laser"),
-        pages.column(comparison, "restitution_difference", "film − laser"),
-    )
     text = (
         "Film and laser recorded different drops on different days: they are aligned at first contact. Limits of "
         "agreement after Bland and Altman, with the number of independent samples estimated from the autocorrelation "
         "of the difference."
     )
-    return Section("Agreement", (Paragraph(text), KeyValues(rows), listed(columns)))
+    return Section("Agreement", (Paragraph(text), KeyValues(rows)))
 
 
 def _tracking(track: xr.Dataset) -> Section:

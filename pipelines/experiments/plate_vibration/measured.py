@@ -7,14 +7,11 @@ of a simulated impact. Upwards is positive, as for the sphere.
 """
 
 import json
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from scipy.special import chdtrc
 
-import calibration
-from calibration import laser
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.variables import described, variable, with_u
@@ -29,14 +26,6 @@ NAMES = {
     "amplitude": "amplitude at impact",
     "modal_mass": "modal mass",
 }
-
-
-def displacement(readings: xr.Dataset, record: Path, *, settings: PlateVibration) -> xr.Dataset:
-    """Correct the inclination: upward displacement of the plate, with uncertainty."""
-    if settings.sensor.serial is not None:
-        readings = readings.assign_attrs(serial=settings.sensor.serial)
-    known, sensor, day = calibration.load_record(record), settings.sensor, settings.measured_on
-    return laser.displacement(readings, known, output=sensor.output, direction=sensor.direction, measured=day)
 
 
 def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:

@@ -120,7 +120,8 @@ def row(
     """
     pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
     values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
-    plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
+    numbers = {name: float("nan") if value is None else float(value) for name, value in values.items()}
+    plain: dict[str, Any] = {name: number if np.isfinite(number) else None for name, number in numbers.items()}
     if plain.get("degrees_of_freedom") is not None:
         plain["degrees_of_freedom"] = told_freedom(plain["degrees_of_freedom"])
     where = ("", "", material, condition, quantity, unit, n, against)
@@ -158,8 +159,3 @@ def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:
     """Return the agreement of a curve as values of a row, from a table of :func:`curve_table`."""
     keys = ("chi2", "degrees_of_freedom", "p_of_curve")
     return {key: comparison[f"{name}_{of}"] for key, (of, _) in zip(keys, _OF_CURVE, strict=True)}
-
-
-def _plain(value: Any) -> float | None:
-    number = float("nan") if value is None else float(value)
-    return number if np.isfinite(number) else None

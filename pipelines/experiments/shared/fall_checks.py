@@ -6,7 +6,7 @@ contact lasts as long as the stated sphere makes it. A factor in time or length 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import floor, hypot, isfinite, log, log10, pi
+from math import hypot, isfinite, log, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,19 +59,6 @@ class Fall:
 def shown(value: float, u: float, unit: str) -> str:
     """Write a value with its uncertainty."""
     return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
-
-
-def matched(value: float, u: float, unit: str) -> str:
-    """Write a value with the digits of another one whose standard uncertainty is u, to compare both.
-
-    Examples
-    --------
-    >>> matched(9.81, 5e-4, "m/s2")
-    '9.8100 m/s²'
-    """
-    if not (value and isfinite(value) and isfinite(u) and u > 0.0):
-        return quantity(value, unit)
-    return quantity(value, unit, max(2, floor(log10(abs(value))) - floor(log10(u)) + 1))
 
 
 def acceleration(fall: Fall, gravity: Quantity) -> Check:
@@ -202,7 +189,7 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: 
             scale = np.hypot(u, 1.4826 * float(np.median(np.abs(values - centre))) * few)
             worst, allowance = int(np.argmax(np.abs(values - centre) / scale)), of_several * abs(centre)
         seen, file = float(values[worst]), falls[worst].name
-        others = matched(float(np.median(np.delete(values, worst))), float(u[worst]), unit)
+        others = shown(float(np.median(np.delete(values, worst))), float(u[worst]), unit)
         text = f"{file}: {shown(seen, float(u[worst]), unit)}, the other repeats {others}"
         u_seen = float(scale[worst])
         check = compared(

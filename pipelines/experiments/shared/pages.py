@@ -233,6 +233,13 @@ def calibration_rows(text: str) -> KeyValues:
     return KeyValues(rows, caption="Calibration record")
 
 
+def camera_calibration(record: str, budget: str, rows: Sequence[tuple[str, str, str]]) -> Section:
+    """Show the calibration record of a camera, what follows from it, and the budget of its scale, folded away."""
+    table = budget_table(json.loads(budget), "Budget of the image scale", "m/px")
+    blocks = (calibration_rows(record), KeyValues(rows), *table)
+    return folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
+
+
 def raw_header(dataset: xr.Dataset | None) -> Details | None:
     """Show the instrument's own header, folded away."""
     if dataset is None:

@@ -205,7 +205,10 @@ def held_readings(trace: Trace) -> Check:
     is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + _IN_NOISE * trace.noise)
     # noise does not stay on one reading, least of all on the last one that there is
     is_end = longest > 0 and abs(x[start] - min((np.nanmin(x), np.nanmax(x)), key=lambda v: abs(x[start] - v))) < step
-    is_cut = is_end and trace.noise > step and longest > _longest_by_chance(trace.noise, step, x.size)
+    # of white noise a reading lies on one step with erf(step/(2 sqrt(2) noise)) at most
+    stays = erf(step / (sqrt(8.0) * trace.noise)) if trace.noise > 0.0 else 1.0
+    by_chance = log(_CHANCE / x.size) / log(stays) if 0.0 < stays < 1.0 else inf
+    is_cut = is_end and trace.noise > step and longest > by_chance
     is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
     if longest < _FLAT or not (is_moving or is_cut or is_constant):
         return trace.seen(name, "no clipped or held readings")
@@ -215,15 +218,6 @@ def held_readings(trace: Trace) -> Check:
         cause = "the end of the file is filled with zeros: the recording or its copy broke off there"
     text = f"{longest + 1} equal readings in a row from {trace.at(start)}, {until} (clipped or held)"
     return trace.seen(name, text, "impossible", cause)
-
-
-def _longest_by_chance(noise: float, step: float, count: int) -> float:
-    """Return how many of `count` readings stay on one step by chance; infinite where noise does not reach the step.
-
-    Of white noise a reading lies on one step with erf(step/(2 sqrt(2) noise)) at most.
-    """
-    stays = erf(step / (sqrt(8.0) * noise)) if noise > 0.0 else 1.0
-    return log(_CHANCE / count) / log(stays) if 0.0 < stays < 1.0 else inf
 
 
 def longest_run(flags: np.ndarray) -> tuple[int, int]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import xarray as xr
 
-from labpipe.report import Block, Column, KeyValues, Notice, Section, Table, value_with_uncertainty
+from labpipe.report import Block, Column, KeyValues, Notice, Section, Table, quantity, value_with_uncertainty
 from labpipe.workflow.context import Context
 from pipelines.experiments._kind import JUDGEMENT
 from pipelines.experiments.shared import budget_blocks
@@ -79,7 +79,9 @@ def summary(
 
 def _compared(rows: Sequence[Row]) -> Table:
     def shown(value: float | None, u: float | None, unit: str) -> str | None:
-        return None if value is None else value_with_uncertainty(value, u or 0.0, unit)
+        if value is None:
+            return None
+        return value_with_uncertainty(value, u, unit) if u else quantity(value, unit)
 
     cells = [
         (

@@ -202,9 +202,18 @@ def noticed(result: xr.Dataset) -> str:
     --------
     ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Insensitive to: mass."``
     """
-    errors = _errors(result)
-    parts = [f"{name}{TIED}{size.replace(' ', TIED)}" for name, size, _ in errors if size]
-    none = [name for name, size, _ in errors if not size]
+    units = json.loads(result.attrs["units"])
+    values = (result[name].values for name in ("input", "detectable", "detectable_error"))
+    errors = []
+    for name, relative, error, unit in zip(*values, units, strict=True):
+        size = f"{in_words(100 * relative, 2)} %" if np.isfinite(relative) and relative < 1.0 else ""
+        if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
+            is_seen = np.isfinite(error) and not (unit == "degC" and error > _FAR_WARMER)
+            size = quantity(float(error), of_error(unit)) if is_seen else ""
+        errors.append((not size, bool(np.isnan(relative)), float(relative), shown_source(str(name)), size))
+    errors.sort()
+    parts = [f"{name}{TIED}{size.replace(' ', TIED)}" for *_, name, size in errors if size]
+    none = [name for *_, name, size in errors if not size]
     between = f"{TIED}· "
     said = f"Errors that would have shown: {between.join(parts) or 'none below 100' + TIED + '%'}."
     return (
@@ -212,23 +221,6 @@ def noticed(result: xr.Dataset) -> str:
         if none and parts
         else said
     )
-
-
-def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
-    """Return name, size as text, and relative size of each error that would have shown; the smallest first."""
-    units = json.loads(result.attrs["units"])
-    values = zip(
-        result["input"].values, result["detectable"].values, result["detectable_error"].values, units, strict=True
-    )
-    found = []
-    for name, relative, error, unit in values:
-        if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
-            is_seen = np.isfinite(error) and not (unit == "degC" and error > _FAR_WARMER)
-            size = quantity(float(error), of_error(unit)) if is_seen else ""
-        else:
-            size = f"{in_words(100 * relative, 2)} %" if np.isfinite(relative) and relative < 1.0 else ""
-        found.append((shown_source(str(name)), size, float(relative)))
-    return sorted(found, key=lambda each: (not each[1], bool(np.isnan(each[2])), each[2]))
 
 
 def _checked(judged: Judgement) -> Table:
