@@ -1,7 +1,7 @@
 """Comparison of a film of the holder with the laser."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -51,32 +51,27 @@ def comparison(
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
     )
-    along = _along(made, bounces, laser, float(made["expected_u_gain"]))
-    pair = with_u(_RATIO, (), along.ratio, along.u, "1", "displacement, film over laser; u without that of the scales")
-    return made.assign(curve_table((), [along.agreement]) | pair).merge(_impacts(bounces, laser))
+    agreement, ratio, u_ratio = _along(made, bounces, laser, float(made["expected_u_gain"]))
+    pair = with_u(_RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")
+    return made.assign(curve_table((), [agreement]) | pair).merge(_impacts(bounces, laser))
 
 
-class _Along(NamedTuple):
-    """Agreement of the curves, and displacement of the film over that of the laser with its u without the scales."""
-
-    agreement: Agreement | None
-    ratio: float = np.nan
-    u: float = np.nan
-
-
-def _along(made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float) -> _Along:
+def _along(
+    made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float
+) -> tuple[Agreement | None, float, float]:
     """Lay the film over the laser in stretches of fall and flights.
 
     They share the ratio of both scales, level and moment of first touch, and by how much the drops that the laser
     saw differ from each other: the film shows one drop, and each impact's scatter moves all that follows.
-    The ratio of the displacements is that of generalised least squares with the covariance of the rest.
+    Returned are the agreement, and the displacement of the film over that of the laser with its standard uncertainty
+    without the scales, by generalised least squares with the covariance of the rest.
     """
     time, start = made["time"].values, float(film["first_contact_time"])
     touches = film["touch_time"].values - start
     leaves = film["liftoff_time"].values - start
     places = flights(time, touches, leaves, float(film["release_time"]) - start)
     if not places:
-        return _Along(None)
+        return None, np.nan, np.nan
     means, own = stretches(made["residual"].values, places)
     later = np.gradient(made["laser"].values, time)
     touched = [float(one["u_touch_time"][0]) * (later + float(laser["incoming_speed"][0])) for one in (film, laser)]
@@ -88,8 +83,8 @@ def _along(made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float) 
     size, others = effects[0, known], effects[1:, known]
     weighted = np.linalg.pinv(others.T @ others + np.diag(own[known] ** 2), hermitian=True) @ size
     if not size @ weighted > 0.0:
-        return _Along(agreed)
-    return _Along(agreed, 1.0 + float(weighted @ means[known] / (size @ weighted)), float((size @ weighted) ** -0.5))
+        return agreed, np.nan, np.nan
+    return agreed, 1.0 + float(weighted @ means[known] / (size @ weighted)), float((size @ weighted) ** -0.5)
 
 
 def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:

@@ -135,9 +135,10 @@ def _motion(
             wide = 2e6 * np.interp(both, laser["time"].values, laser["displacement_sd"].values)
             drawn.insert(0, Band(_SPREAD, both * 1e3, -wide, wide, role="reference"))
         caption = "An impact that is early or late in one record shows as a spike, as both curves are steep there."
-        made = tuple(drawn)
-        shown = chart("Film minus laser", y_label="difference / µm", series=made, caption=caption, height_px=220)
-        charts.append(shown)
+        residual = chart(
+            "Film minus laser", y_label="difference / µm", series=tuple(drawn), caption=caption, height_px=220
+        )
+        charts.append(residual)
     if speed:
         charts.append(chart("Velocity", y_label="velocity / (m/s), upwards", series=tuple(speed)))
     return Section("Motion", tuple(charts))

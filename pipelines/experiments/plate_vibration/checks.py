@@ -107,8 +107,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     checks += _momenta(table, plate, settings)
     inputs, shared = {}, {}
     if table is not None:
-        own = relative_uncertainty(table, settings)
-        shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own.amplitude)}
+        own, _ = relative_uncertainty(table, settings)
+        shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own)}
         inputs = {height_name(settings, i): drops.height for i, drops in enumerate(settings.drops)}
         inputs |= {} if plate is None else {name: given for name, (given, _) in of_solids(plate).items()}
     # of a body that cannot be, no blow tells which height is wrong

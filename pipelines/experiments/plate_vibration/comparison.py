@@ -107,7 +107,8 @@ def rows(comparison: xr.Dataset, table: xr.Dataset, plate: xr.Dataset, *, settin
 def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -> Iterator[Row | None]:
     """Yield the row of each drop's amplitude against the plate that the others find; None where there are no others."""
     predicted, weights = from_others(table, plate)
-    amplitude, own = table["amplitude"].values, relative_uncertainty(table, settings)
+    amplitude, (of_amplitude, of_height) = table["amplitude"].values, relative_uncertainty(table, settings)
+    total = np.hypot(of_amplitude, of_height)
     # what two drops share of their solids cancels in the prediction of one by the other
     solids = {name: (given.u, slope - weights @ slope) for name, (given, slope) in of_solids(plate).items()}
     for i, expected in enumerate(predicted):
@@ -120,13 +121,13 @@ def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -
             slopes[f"{SERIES} {j + 1}"] = float(-moves[j])
             slopes[height_name(settings, j)] = float(0.5 * moves[j] / settings.drops[j].height.value)
         solid = np.linalg.norm([slope[i] * u for u, slope in solids.values()])
-        by_others = expected * np.hypot(np.linalg.norm(weights[i] * own.total), solid)
+        by_others = expected * np.hypot(np.linalg.norm(weights[i] * total), solid)
         yield row(
             "amplitude at impact",
             "m",
             int(table["n"][i]),
             slopes=slopes,
-            measured=(amplitude[i], amplitude[i] * own.amplitude[i]),
-            model=(expected, np.hypot(by_others, expected * own.height[i])),
-            difference=(amplitude[i] - expected, np.hypot(by_others, expected * own.total[i])),
+            measured=(amplitude[i], amplitude[i] * of_amplitude[i]),
+            model=(expected, np.hypot(by_others, expected * of_height[i])),
+            difference=(amplitude[i] - expected, np.hypot(by_others, expected * total[i])),
         )

@@ -65,7 +65,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     frequency, zeta = float(made["frequency"]), float(made["damping_ratio"])
     places = list(known)
     scale = table["amplitude"].values[places] * 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
-    relative = relative_uncertainty(table, settings).total[places]
+    relative = np.hypot(*relative_uncertainty(table, settings))[places]
     mass, substrate = np.inf, None
 
     def heard(i: int, solid: Prony) -> float:
@@ -141,28 +141,17 @@ def of_solids(plate: xr.Dataset) -> dict[str, tuple[Quantity, Floats]]:
     }
 
 
-class Relative(NamedTuple):
-    """Relative standard uncertainties (series,) that are different in every drop."""
+def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> tuple[Floats, Floats]:
+    """Return what amplitude and height leave uncertain (series,) of the mass that each of the drops gives, relative.
 
-    amplitude: Floats
-    height: Floats
-
-    @property
-    def total(self) -> Floats:
-        """Of the modal mass: the momentum goes with the square root of the height."""
-        return np.hypot(self.amplitude, self.height)
-
-
-def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> Relative:
-    """Return what amplitude and height leave uncertain of the mass that each of the drops gives.
-
-    What several share, the scale of length and the solids, is left out.
+    The momentum goes with the square root of the height. What several share, the scale of length and the solids, is
+    left out.
     """
     amplitude = table["amplitude"].values
     shared = float(table.attrs["u_systematic_relative"]) * amplitude
     own = np.sqrt(np.maximum(table["u_amplitude"].values ** 2 - shared**2, 0.0))
     by_height = np.array([0.5 * drops.height.u / drops.height.value for drops in settings.drops])
-    return Relative(own / amplitude, by_height)
+    return own / amplitude, by_height
 
 
 def _heard(
