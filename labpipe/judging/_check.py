@@ -182,7 +182,11 @@ class CheckSummary:
         word, share = (self.level, wrong) if failed else ("passed", count)
         text = f"{word}" if count == 1 else f"{word} in {share} of {count} {noun}s"
         margins = [abs(e.margin) for e in made if isfinite(e.margin)]
-        return f"{text}, worst margin {max(margins):.1f} u" if margins else text
+        if not margins:
+            return text
+        # a passed comparison may differ by more where a systematic effect is allowed for
+        allowed = " within the known systematic effects" if not failed and max(margins) > DOUBTFUL else ""
+        return f"{text}, worst margin {max(margins):.1f} u{allowed}"
 
 
 def grouped(evaluations: Iterable[Check], laws: Mapping[str, str]) -> tuple[CheckSummary, ...]:

@@ -32,7 +32,7 @@ Change = Callable[[xr.Dataset], xr.Dataset]
 _FILM, _CAMERA = "film/a.cine", "calibration/camera_under.toml"
 _COUNT, _STEP = 900, 1e-4
 _CONTEXT = Context("film", "contact_area", "", "", "", True)
-_SETTINGS = ContactArea(
+SETTINGS = ContactArea(
     kind="contact_area",
     film=_FILM,
     camera=_CAMERA,
@@ -188,8 +188,8 @@ def film() -> xr.Dataset:
     )
 
 
-def _judgement(film: xr.Dataset, **changes: Any) -> xr.Dataset:
-    settings = msgspec.structs.replace(_SETTINGS, **changes)
+def judgement_of(film: xr.Dataset, **changes: Any) -> xr.Dataset:
+    settings = msgspec.structs.replace(SETTINGS, **changes)
     found = impacts(film, settings=settings)
     made = model(film, found, None, None, None, settings=settings)
     compared = comparison(film, found, made, settings=settings)
@@ -197,7 +197,7 @@ def _judgement(film: xr.Dataset, **changes: Any) -> xr.Dataset:
 
 
 def _judged(film: xr.Dataset, **changes: Any) -> Judgement:
-    return believed(_judgement(film, **changes))
+    return believed(judgement_of(film, **changes))
 
 
 def test_clean_film_is_believed(film: xr.Dataset) -> None:

@@ -42,28 +42,14 @@ def quantities(
     gain = Input(float(moved["gain"]), float(moved["u_gain"]))
     relative = float(moved.attrs["u_systematic_relative"])
 
-    fallen = _read(made, "drop_height", "m", 0, relative)
     along = cos(tilt.value) / gain.value  # of a true length, as it is read
-    scale = {"gain": gain, "inclination": tilt}
-    yield Quantity(
-        "height of the fall",
-        "m",
-        lambda measured, gain, inclination, noise, repeatability, pulse_shape: (
-            (measured + noise) * gain / cos(inclination) + repeatability + pulse_shape
-        ),
-        fallen | {MEASURED: Input(fallen[MEASURED].value * along, 0.0, "m")} | scale,
-        (*_INERT, _LEVELS),
-    )
-    speed = _read(made, "incoming_speed", "m/s", 0, relative)
-    yield Quantity(
-        "speed of the first impact",
-        "m/s",
-        lambda measured, gain, inclination, noise, repeatability, pulse_shape, clock: (
-            (measured + noise) * gain / cos(inclination) / clock + repeatability + pulse_shape
-        ),
-        speed | {MEASURED: Input(speed[MEASURED].value * along, 0.0, "m/s")} | scale | {"clock": clock(moved)},
-        _INERT,
-    )
+    for name, title, unit, times in (
+        ("drop_height", "height of the fall", "m", {}),
+        ("incoming_speed", "speed of the first impact", "m/s", {"clock": clock(moved)}),
+    ):
+        read = _read(made, name, unit, 0, relative)
+        inputs = read | {MEASURED: Input(read[MEASURED].value * along, 0.0, unit), "gain": gain, "inclination": tilt}
+        yield Quantity(title, unit, _along_motion, inputs | times, _INERT if times else (*_INERT, _LEVELS))
     for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
         inputs = _read(made, "restitution", "1", i, 0.0)
         if np.isfinite(inputs[MEASURED].value):
@@ -72,6 +58,18 @@ def quantities(
         asked = ("mass", "radius", "height", "Poisson's ratio", "temperature")
         best, sources = float(model["restitution"][0]), json.loads(model.attrs["budget"])
         yield model_quantity("restitution of the model, impact 1", best, "1", sources, asked)
+
+
+def _along_motion(
+    measured: float,
+    gain: float,
+    inclination: float,
+    noise: float,
+    repeatability: float,
+    pulse_shape: float,
+    clock: float = 1.0,
+) -> float:
+    return (measured + noise) * gain / cos(inclination) / clock + repeatability + pulse_shape
 
 
 def _read(made: Sequence[xr.Dataset], name: str, unit: str, impact: int, relative: float) -> dict[str, Input]:

@@ -4,36 +4,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
-from math import acos, cos, degrees, inf
+from math import acos, cos, degrees, sqrt
 
 import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import SLIPS, Cause, Check, explain, not_made, stated, too_large, with_causes
+from labpipe.judging import SLIPS, Cause, Check, explain, in_words, not_made, too_large, with_causes
 from labpipe.materials import load
-from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.ball_drop.comparison import DURATION, RESTITUTION, SCALE, rows
+from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
-from pipelines.experiments.shared.alternatives import of_drop
-from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.drop_model import inputs_of
-from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.fall_checks import BY_NAME, HEIGHT, Fall, G, Stiffness
+from pipelines.experiments.shared.alternatives import SOURCES, of_drop
+from pipelines.experiments.shared.fall_checks import BY_NAME, HEIGHT, HERTZ, MEASURED, Fall, G, Repeated
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, Title, line_of, times_over
-from pipelines.experiments.shared.record_checks import Trace
+from pipelines.experiments.shared.judgements import Scene, Title, line_of
+from pipelines.experiments.shared.model_inputs import inputs_of
 
 _LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
 _LEVEL = 3.0  # degrees
-_LIGHTEST = 5.0  # times the falling mass: a lighter plate would be hit again before the body leaves
-_LESS, _SHORTENED = 2.0, 0.1
-"""Standard uncertainties by which a plate must lower the first restitution to be named where all bounces differ, and
-the part of a contact's duration that it changes at most."""
 _FINE = 2.0  # standard uncertainties within which a record is in order where another is not
+_FILTERED = "; or the controller averages or filters the readings over such a time, which smears an impact"
 _SMEARED = (HEIGHT, fall_checks.DURATION)
 _OF_ANOTHER = (
     "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
@@ -42,13 +35,6 @@ _OTHER_WAY = (
     "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign "
     "(direction = -1 where the reading falls when the body rises)"
 )
-_OF_IMPACTS = {
-    RESTITUTION: "restitution",
-    DURATION: "contact_duration",
-    "speed of the first impact": "impact_speed",
-    "penetration of the first impact": "penetration",
-}
-"""Results of a simulation by the beginning of the name of a compared quantity."""
 _OTHERWISE = {
     G: "the body did not fly freely (a guide that rubs, a thread), or bench or sensor moved",
     HEIGHT: "height in session.toml is not that of this drop, the body did not fall freely (a guide that rubs, a "
@@ -56,9 +42,9 @@ _OTHERWISE = {
 }
 """Cause of a fall that no factor of time, length or height explains."""
 _REPEATS = (
-    ("drop_height", "height of the fall", "m"),
-    ("restitution", "first restitution", "1"),
-    ("fall_acceleration", G, "m/s2"),
+    Repeated("drop_height", "height of the fall", "m"),
+    Repeated("restitution", "first restitution", "1", of_two=0.05),
+    Repeated("fall_acceleration", G, "m/s2"),
 )
 _FAILED = record_checks.CAUSES | {
     "model": "a temperature, height or radius of session.toml is outside of what the material is known for",
@@ -67,7 +53,6 @@ _FAILED = record_checks.CAUSES | {
     "controller that smears impacts",
 }
 _STEPS = ("readings", "displacement", "bounces", "repeats", "model", "comparison")
-_SOURCES = ("material_file", "fitted", "plate")
 TITLES = {
     "free fall": Title(
         "Every flight is a parabola with the acceleration of gravity.",
@@ -84,30 +69,18 @@ TITLES = {
 }
 
 
-@judgements.judging(*_STEPS, *_SOURCES, rests_on=("sphere.material_from", "plate_from"), titles=TITLES)
+@judgements.judging(*_STEPS, *SOURCES, rests_on=("sphere.material_from", "plate_from"), titles=TITLES)
 def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context: Context) -> Scene:
     """Judge one ball drop; a step without a result is judged by its error."""
     readings, displacement, bounces, repeats, model, _ = map(given.get, _STEPS)
-    sphere, gravity = settings.sphere, settings.model.gravity
+    sphere = settings.sphere
     read, moved, bounced = (
         dict(zip(settings.laser, found or repeat(None), strict=False)) for found in (readings, displacement, bounces)
     )
-    traces = [
-        trace
-        for name, one in read.items()
-        if one is not None and (trace := Trace.of(name, one, settings.sensor.output)) is not None
-    ]
-    of_traces = [
-        check
-        for trace in traces
-        for check in record_checks.of_readings(trace, gravity.value, moved[trace.name], bounced[trace.name])
-    ]
-    of_traces.append(record_checks.shared_rows(traces))
-    checks = [record_checks.placed(c, settings.calibration) for c in judgements.failed_steps(context, _FAILED)]
+    of_traces, checks = record_checks.of_recordings(read, moved, bounced, settings, context, _FAILED)
     values = [("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)]
     checks += [*of_traces, *judgements.uncertainties_stated(values)]
     checks.append(fall_checks.body_stated(sphere.radius.value, sphere.mass.value))
-    checks += record_checks.of_record(moved, settings.calibration)
     records = [
         (Fall(name, found, float(one.attrs["u_systematic_relative"])), one)
         for name, one in moved.items()
@@ -132,7 +105,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         relative = 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"])
         inputs[SCALE] = Quantity(1.0, relative, "1")
     in_common = {name: Quantity(0.0, 1.0, "1") for row in compared for name in row.slopes if name not in inputs}
-    sources = {name: given.get(name) for name in _SOURCES}
     return Scene(
         checks,
         causes,
@@ -140,27 +112,18 @@ def judgement(given: Given, basis: judgements.Basis, settings: BallDrop, context
         inputs,
         in_common,
         basis,
-        _unstated_plate(compared, settings),
         measured_by=judgements.measured_by(sphere),
-        alternatives=partial(of_drop, settings=settings, column=_simulated, **sources),
+        alternatives=partial(of_drop, given=given, settings=settings),
     )
 
 
 def _of_fall(
-    fall: Fall, moved: xr.Dataset, stiffness: Stiffness | None, settings: BallDrop, of_traces: Sequence[Check]
+    fall: Fall, moved: xr.Dataset, stiffness: tuple[float, float] | None, settings: BallDrop, of_traces: Sequence[Check]
 ) -> list[Check]:
     """Evaluate all redundancies of one recording; lost rows, or an averaging controller, explain their effects."""
     gravity, radius, mass = settings.model.gravity, settings.sphere.radius.value, settings.sphere.mass.value
-    modulus = 1e9 if stiffness is None else stiffness.modulus
+    modulus = 1e9 if stiffness is None else stiffness[0]
     sag = float((0.75 * mass * gravity.value / (modulus * np.sqrt(radius))) ** (2 / 3))  # Hertz, under the weight
-    end, count = quantity(float(moved["time"][-1]), "s"), fall.bounces.sizes["impact"]
-    ended = stated(
-        "end of the record",
-        f"{fall.name}: the record ends at {end}, after {count} impact{'s' * (count > 1)}",
-        None if count > 1 else "note",
-        cause="the recording ends too soon, in the first flight",
-        file=fall.name,
-    )
     checks = [
         fall_checks.acceleration(fall, gravity),
         fall_checks.height(fall, settings.height),
@@ -169,7 +132,6 @@ def _of_fall(
         fall_checks.contact_duration(fall, radius, mass, stiffness, gravity),
         fall_checks.rest_level(fall, sag),
         fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
-        ended,
     ]
     blamed = {record_checks.SINGLE_ROWS: {c.name for c in checks}, record_checks.SMOOTHED: _SMEARED}
     for wrong in of_traces:
@@ -199,65 +161,38 @@ def _explained(
             name = record[0].name
             alone = [_of_one(c, name, settings) for c in _causes(settings, {name: readings.get(name)}, [record])]
             everything += with_causes(found, explain(found, alone))
-    # a time or a length that is wrong makes the contact of the right body too long
-    for best in explain(everything, causes)[:1]:
-        place = {"file": best.cause.file, "line": best.cause.line, "setting": best.cause.setting}
-        moved = [name for name in best.checks if name == fall_checks.DURATION]
-        everything = judgements.because(everything, best.sentence, *moved, **place)
     return everything
 
 
 def _of_one(cause: Cause, name: str, settings: BallDrop) -> Cause:
     """Return a cause as it can be of one recording: a value that is stated once for all of them is not wrong for it."""
-    if cause.setting == "height":
+    if len(settings.laser) == 1:
+        return cause
+    if cause.setting == "height" or cause.setting.startswith("sphere"):
         return replace(cause, say=lambda _: _OF_ANOTHER, file=name, setting="")
-    if cause.file != settings.calibration or len(settings.laser) == 1:
+    if cause.file != settings.calibration:
         return cause
     why = "its gain or display factor, or the angle of the sensor, was another one than for the other repeats"
     return replace(cause, say=lambda k: f"lengths of {name} come out {too_large(k)}: {why}", file=name, setting="")
 
 
-def _simulated(row: Row) -> tuple[str, int] | None:
-    """Return which result of a simulation a row compares, and of which impact."""
-    for title, name in _OF_IMPACTS.items():
-        if row.quantity.startswith(title):
-            number = row.quantity.removeprefix(title)
-            return name, int(number) - 1 if number else 0
-    return None
+def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> tuple[float, float] | None:
+    """Return the contact modulus [Pa] as simulated, else that of the named material at a millisecond.
 
-
-def _unstated_plate(compared: Sequence[Row], settings: BallDrop) -> str:
-    """Say which plate would explain a first bounce that returns too little, where none is stated.
-
-    A plate of modal mass M takes e - (1 + e) m/(m + M) in place of e, as long as it hardly moves
-    while it is struck, and changes the contact's duration by t ~ (1 + m/M)^-0.4.
+    The second number is the standard uncertainty of the logarithm of a contact's duration.
     """
-    by_name = {row.quantity: row for row in compared}
-    first, lasts = by_name.get(f"{RESTITUTION}1"), by_name.get(f"{DURATION}1")
-    if first is None or lasts is None or settings.plate is not None or settings.plate_from is not None:
-        return ""
-    less, own = -(first.difference or 0.0), settings.sphere.mass.value
-    is_of_material = abs(lasts.difference or 0.0) > _SHORTENED * (lasts.model or 0.0)
-    if is_of_material or less <= _LESS * (first.u_difference or inf):
-        return ""
-    mass = own * ((1.0 + (first.model or 0.0)) / less - 1.0)
-    text = "the session states no plate under the drop (plate or plate_from): one that swings with about "
-    return f"{text}{quantity(mass, 'kg', 2)} would take that much of the first bounce" if mass > _LIGHTEST * own else ""
-
-
-def _stiffness(settings: BallDrop, model: xr.Dataset | None) -> Stiffness | None:
-    """Return how stiff the contact is: as simulated, else that of the named material at a millisecond."""
     sphere = settings.sphere
     if model is not None and model.sizes["impact"]:
-        is_measured = bool(judgements.measured_by(sphere))
-        return Stiffness.of_model(model, sphere.radius.value, sphere.mass.value, is_measured=is_measured)
+        duration, v = float(model["contact_duration"][0]), float(model["impact_speed"][0])
+        modulus = sqrt((HERTZ / duration) ** 5 * sphere.mass.value**2 / (sphere.radius.value * v))
+        return modulus, MEASURED if judgements.measured_by(sphere) else BY_NAME
     if sphere.material is None:
         return None
     try:
         solid = load(sphere.material)
     except LabpipeError:
         return None
-    return Stiffness(float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2), BY_NAME)
+    return float(np.asarray(solid.relaxation(1e-3))) / (1 - float(solid.nu) ** 2), BY_NAME
 
 
 def _causes(
@@ -266,18 +201,10 @@ def _causes(
     record, of_lengths = settings.calibration, {G: 1.0, HEIGHT: 1.0}
     file, first = next(((name, found) for name, found in readings.items() if found is not None), ("", None))
     if first is not None:
-        header, interval = str(first.attrs.get("header", "")), float(first.attrs["sampling_interval"])
-        line, unit_line = line_of(header, "cycle", "period", "周期"), line_of(header, "unit", "単位")
-        given = settings.keyence.cycle is not None
-        where = "" if line is None or given else f"line {line} of {file}"
-        yield Cause(
-            {G: -2.0, fall_checks.DURATION: 1.0},
-            times_over("the sampling interval", interval, "s", where),
-            SLIPS["interval"],
-            file="" if given else file,
-            line=None if given else line,
-            setting="keyence.cycle" if given else "",
+        yield judgements.wrong_interval(
+            {G: -2.0, fall_checks.DURATION: 1.0}, file, first, settings.keyence.cycle is not None
         )
+        unit_line = line_of(str(first.attrs.get("header", "")), "unit", "単位")
         of_unit = f"the unit, the decimal point or the display factor of {file} is not what it says"
         of_unit += f" (line {unit_line})" if unit_line else ""
         yield Cause(
@@ -309,10 +236,18 @@ def _causes(
                 file=record,
                 setting="values.scale",
             )
-    yield Cause(
-        {HEIGHT: -1.0},
-        times_over("the drop height", settings.height.value, "m", "height in session.toml"),
-        SLIPS["decimal"],
-        u=(settings.height.u or usual_uncertainty(settings.height)) / settings.height.value,
-        setting="height",
-    )
+    yield judgements.stated_wrongly({HEIGHT: -1.0}, "the drop height", settings.height, "height")
+    # Hertz: t ~ m^0.4 R^-0.2 E^-0.4
+    sphere, lasts = settings.sphere, fall_checks.DURATION
+    for power, name, given, field, usual in (
+        (-0.4, "the moving mass", sphere.mass, "mass", "mass"),
+        (0.2, "the radius", sphere.radius, "radius", "size"),
+    ):
+        typed = judgements.stated_wrongly({lasts: power}, name, given, f"sphere.{field}", usual)
+        yield replace(typed, only_usual=True)
+
+    def of_material(k: float) -> str:
+        text = f"the sphere's material is about {in_words(1 / k, 2)} times as stiff as stated, of another material then"
+        return text + _FILTERED * (k > 1.0)
+
+    yield Cause({lasts: 0.4}, of_material, setting="sphere")

@@ -1,7 +1,6 @@
 """Comparison of a ball drop with the model: displacement, free fall, and the first impacts."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -9,7 +8,7 @@ import xarray as xr
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_by_input
 from pipelines.experiments.ball_drop.settings import BallDrop
@@ -78,17 +77,10 @@ def comparison(
         ),
     ):
         units, ours = repeats[name].attrs["units"], repeats[name].values[:count]
-        for key, values, text in (
-            (f"{name}_measured", ours, f"{name}, measured"),
-            (f"{name}_model", theirs, f"{name}, model"),
-            (f"{name}_difference", ours - theirs, f"{name}, measured minus model"),
-            (
-                f"u_{name}_difference",
-                np.hypot(u_ours, u_theirs.values[:count]),
-                f"standard uncertainty: {name} difference",
-            ),
-        ):
-            made[key] = variable("impact", values, units, text)
+        made[f"{name}_measured"] = variable("impact", ours, units, f"{name}, measured")
+        made[f"{name}_model"] = variable("impact", theirs, units, f"{name}, model")
+        u, text = np.hypot(u_ours, u_theirs.values[:count]), f"{name}, measured minus model"
+        made = made.assign(with_u(f"{name}_difference", "impact", ours - theirs, u, units, text))
     return made
 
 
@@ -172,13 +164,12 @@ def _of_impact(
     comparison: xr.Dataset,
 ) -> Row:
     """Return one row of a variable ``ours`` of the repeats and ``theirs`` of the model."""
-
-    def value(result: xr.Dataset, name: str) -> Any:
-        return result.variables[name].values[impact]
-
-    measured, u_measured = float(value(repeats, ours)), float(value(repeats, f"u_{ours}"))
-    expected, u_expected = float(value(model, theirs)), float(value(model, f"u_{theirs}"))
-    u_apart, seen = u_measured, float(value(comparison, f"seen_{ours}"))
+    measured, u_measured, expected, u_expected = (
+        float(result.variables[f"{u}{name}"].values[impact])
+        for result, name in ((repeats, ours), (model, theirs))
+        for u in ("", "u_")
+    )
+    u_apart, seen = u_measured, float(comparison[f"seen_{ours}"].values[impact])
     if np.isfinite(seen):
         expected, u_apart = seen, float(_without_shape(repeats, ours)[impact])
     slopes = slopes_of(model, theirs, impact)
@@ -187,7 +178,7 @@ def _of_impact(
     # the noise of an impact is common to all that is measured of it
     slopes |= {
         f"impact {impact + 1}, {text}": float(by)
-        for text, by in zip(repeats["unknown"].values.tolist(), value(repeats, f"common_{ours}"), strict=True)
+        for text, by in zip(repeats["unknown"].values.tolist(), repeats[f"common_{ours}"].values[impact], strict=True)
         if text.startswith(NOISE) and np.isfinite(by)
     }
     return row(
@@ -195,6 +186,7 @@ def _of_impact(
         unit,
         int(repeats["n_repeats"][impact]),
         slopes=slopes,
+        simulated=(theirs, impact),
         measured=(measured, u_measured),
         model=(expected, u_expected),
         difference=(measured - expected, np.hypot(u_apart, u_expected)),

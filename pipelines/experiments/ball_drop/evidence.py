@@ -42,17 +42,16 @@ def evidence(
     own = np.maximum(of_each("u_touch_time") ** 2 - of_each("shared_u_touch_time") ** 2, 0.0).mean(axis=0)
     u_touch = np.maximum(np.sqrt(own), _scatter(touch)) / np.sqrt(len(bounces))
     u_touch = np.maximum(u_touch, _LEAST_OF_TIME * touch.mean(axis=0))
-    names, unknowns = body(settings.sphere)
-    height = mean_height(name, settings.height, np.array([float(b["drop_height"]) for b in bounces]))
-    trigger = nuisance(f"{name} trigger", 0.0, float(u_touch[0]), "s", "delay of the first contact")
-    pulse = nuisance("pulse shape", 0.0, 1.0, "1", "shape of the force pulse, in standard uncertainties")
-    names |= {"height": height.name, "trigger": trigger.name, "pulse": pulse.name}
-    unknowns += [height, trigger, pulse]
+    unknowns = body(settings.sphere) | {
+        "height": mean_height(name, settings.height, np.array([float(b["drop_height"]) for b in bounces])),
+        "trigger": nuisance(f"{name} trigger", 0.0, float(u_touch[0]), "s", "delay of the first contact"),
+        "pulse": nuisance("pulse shape", 0.0, 1.0, "1", "shape of the force pulse, in standard uncertainties"),
+    }
     none, shared = np.full(count, np.nan), (of_each("shared_u_contact_duration") ** 2).mean(axis=0)
     duration, u_duration = (repeats[f"{u}contact_duration"].values[:count] for u in ("", "u_"))
     u_duration = np.sqrt(np.maximum(u_duration**2 - shared, 0.0))
     seen = Bounces(touch.mean(axis=0), u_touch, duration, u_duration, none, none, np.sqrt(shared))
-    return of_drop(name, settings, seen, names, unknowns, plate, file, fitted)
+    return of_drop(name, settings, seen, unknowns, plate, file, fitted)
 
 
 def _scatter(touch: Floats) -> Floats:

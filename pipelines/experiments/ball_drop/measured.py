@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-import calibration
 from calibration import laser
 from labpipe import signals
 from labpipe.arrays import Floats
@@ -19,6 +18,7 @@ from labpipe.uncertainty import scatter_beyond
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared import laser_readings
 from pipelines.experiments.shared.drop_model import padded
 from pipelines.experiments.shared.plate_under_drop import floor_under
 
@@ -31,15 +31,7 @@ _PER_IMPACT = ("restitution", "touch_time", *_LENGTHS, "contact_duration")
 
 def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> xr.Dataset:
     """Correct the inclination: upward displacement of the holder, with uncertainty."""
-    known = calibration.load_record(record)
-    if settings.sensor.serial is not None:
-        readings = readings.assign_attrs(serial=settings.sensor.serial)
-    options: dict[str, Any] = {
-        "output": settings.sensor.output,
-        "direction": settings.sensor.direction,
-        "measured": settings.measured_on,
-    }
-    moved = laser.displacement(readings, known, **options)
+    moved = laser_readings.displacement(readings, record, settings=settings)
     if not settings.analysis.inclination_from_height:
         return moved
     # the inclination from the fall of known height, along the line of sight
@@ -48,7 +40,7 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> x
     fall = signals.bounces(along, contact=settings.analysis.contact)
     travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
     found = laser.inclination_from_drop(travel, settings.height)
-    again = laser.displacement(readings, known, inclination=found, **options)
+    again = laser_readings.displacement(readings, record, settings=settings, inclination=found)
     recorded = {"value": float(moved["inclination"]), "u": float(moved["u_inclination"])}
     return again.assign_attrs(inclination_of_record=json.dumps(recorded))
 
@@ -105,19 +97,27 @@ def repeats(
 
 def _fall(displacement: list[xr.Dataset], bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
     """Mean of the acceleration of the free fall; scale and clock are those of all repeats."""
-    values = np.array([float(b["fall_acceleration"]) for b in bounces])
-    own = np.array([float(b["u_fall_acceleration"]) for b in bounces])
+    values, own = (np.array([float(b[f"{u}fall_acceleration"]) for b in bounces]) for u in ("", "u_"))
     known = np.isfinite(values) & np.isfinite(own)
     if not known.any():
         return xr.Dataset()
-    values, own = values[known], own[known]
-    mean = float(values.mean())
-    stated = float(np.sqrt(np.mean(own**2)))
-    scatter = float(values.std(ddof=1)) if values.size > 1 else 0.0
+    mean, u, *_ = _mean(values[known], own[known], 0.0)
     clock = float(json.loads(displacement[0].attrs["time_base"])["u_relative"])
-    apart = np.hypot(stated, scatter_beyond(scatter, stated, values.size))
-    u = np.sqrt(apart**2 / values.size + (mean * relative) ** 2 + (2 * mean * clock) ** 2)
-    return xr.Dataset(with_u("fall_acceleration", (), mean, float(u), "m/s2", "acceleration of the free fall"))
+    u = np.sqrt(u**2 + (mean * relative) ** 2 + (2 * mean * clock) ** 2)
+    return xr.Dataset(with_u("fall_acceleration", (), float(mean), float(u), "m/s2", "acceleration of the free fall"))
+
+
+def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return mean and its standard uncertainty, scatter and number of repeats (repeat, …).
+
+    ``own`` are the standard uncertainties, which contain the variance ``shared`` that all repeats have in common.
+    Scatter between repeats counts where it is more than what each states of itself.
+    """
+    n, mean = np.isfinite(values).sum(axis=0), np.nanmean(values, axis=0)
+    scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
+    stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
+    apart = np.hypot(stated, scatter_beyond(scatter, stated, n)) / np.sqrt(n)
+    return mean, np.hypot(apart, np.sqrt(shared)), scatter, n
 
 
 def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
@@ -140,18 +140,12 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
         if name == "touch_time":
             values = values - begins
         shape = of_all(f"shared_u_{name}") if f"shared_u_{name}" in first else 0.0 * values
-        n, mean = np.isfinite(values).sum(axis=0), np.nanmean(values, axis=0)
-        shared = np.nanmean(shape**2, axis=0) + (relative * mean) ** 2 * (name in _LENGTHS)
-        # scatter between repeats counts where it is more than what each states of itself
-        scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
-        stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
-        apart = np.hypot(stated, scatter_beyond(scatter, stated, n)) / np.sqrt(n)
+        scale = relative * np.nanmean(values, axis=0) * (name in _LENGTHS)
+        mean, u, scatter, n = _mean(values, own, np.nanmean(shape**2, axis=0) + scale**2)
+        table |= with_u(name, "impact", mean, u, units, name)
         table[name] = ("impact", mean, first[name].attrs)
-        for key, column, text in (
-            (f"u_{name}", np.hypot(apart, np.sqrt(shared)), f"standard uncertainty: {name}"),
-            (f"{name}_sd", np.where(n > 1, scatter, np.nan), f"standard deviation over repeats: {name}"),
-        ):
-            table[key] = variable("impact", column, units, text)
+        text = f"standard deviation over repeats: {name}"
+        table[f"{name}_sd"] = variable("impact", np.where(n > 1, scatter, np.nan), units, text)
         if (of_unknowns := f"common_{name}") in first:
             parts = np.nanmean(of_all(of_unknowns), axis=0) / np.where(of_noise, np.sqrt(n)[:, None], 1.0)
             table[of_unknowns] = variable(("impact", "unknown"), parts, units, f"by common unknowns: {name}")

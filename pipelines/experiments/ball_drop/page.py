@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -9,7 +10,6 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.report import (
     Band,
-    Block,
     KeyValues,
     LineChart,
     Listed,
@@ -18,7 +18,6 @@ from labpipe.report import (
     Section,
     Series,
     listed,
-    quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -28,7 +27,7 @@ from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
-from pipelines.experiments.shared.reports import Report, budgets
+from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _RIGID_FLOOR = (
     "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the restitution of a mass "
@@ -40,39 +39,6 @@ _CONTACT = 1e-3  # s, shown where no duration was found
 _MM, _UM, _MS = 1e3, 1e6, 1e3
 _LABEL = "time since first contact / ms"
 _SPREAD = "± 2 sd of the repeats"
-
-
-def _summary(
-    settings: BallDrop,
-    context: Context,
-    repeats: xr.Dataset | None = None,
-    model: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
-) -> Section:
-    rows = [("drop height", pages.stated(settings.height), "from session.toml")]
-    if repeats is not None and repeats.sizes["impact"]:
-        remark = f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard uncertainty"
-        rows.append(("restitution of the first impact, measured", pages.told(repeats, "restitution", 0), remark))
-    if model is not None and model.sizes["impact"]:
-        moduli = "with that of their DMA" if settings.sphere.material_from else "are taken as exact"
-        remark = (
-            "uncertainty from height, radius, mass, plate, and from temperature and Poisson's ratio where stated "
-            f"with an uncertainty; the moduli {moduli}"
-        )
-        rows.append(("restitution of the first impact, model", pages.told(model, "restitution", 0), remark))
-    if model is not None and comparison is not None:
-        known = 2.0 * float(model["u_displacement"].max())
-        of_model = f"2 u of the model reach {quantity(known, 'm')}" if np.isfinite(known) else ""
-        remark = "root mean square of measured minus model, over the range of the model"
-        rows += [
-            ("nRMSE of displacement", f"{float(comparison['nrmse']) * 100:.3g} %", remark),
-            ("bias", quantity(float(comparison["bias"]), "m"), "mean difference"),
-            ("largest difference", quantity(float(comparison["max_error"]), "m"), of_model),
-        ]
-    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
-    if comparison is None and not context.failures:
-        blocks.append(Notice("info", "There is no comparison with a model."))
-    return Section("Summary", tuple(blocks))
 
 
 def motion(repeats: xr.Dataset, model: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
@@ -224,53 +190,30 @@ def _files(
     readings: Sequence[xr.Dataset | None] = (),
     displacement: Sequence[xr.Dataset | None] = (),
 ) -> Section:
-    rows = [
-        ("recordings", str(len(settings.laser)), "repeats of the same drop"),
-        ("sphere radius", pages.stated(settings.sphere.radius), ""),
-        ("moving mass", pages.stated(settings.sphere.mass), "sphere and holder"),
-        *pages.remarks(context),
-    ]
-    blocks: list[Block] = []
-    if read := pages.present(readings):
-        first = read[0]
-        rate = value_with_uncertainty(1 / float(first.attrs["sampling_interval"]), 0.0, "Hz")
-        name, model = (str(first.attrs.get(key, "")) for key in ("instrument", "model"))
-        rows[1:1] = [("instrument", name, model), ("sampling", rate, f"{first.sizes['time']} points")]
-        if first.attrs.get("layout") == "assumed":
-            blocks.append(Notice("info", "The layout of Keyence storage files is assumed, as no such file is public."))
-        blocks += pages.raw_headers(read)
-    if moved := pages.present(displacement):
-        caption = "Budget for the largest displacement of the first repeat"
-        quiet = "from the part at rest before the drop"
-        blocks += pages.laser_calibration(moved[0], "for every sample", quiet, caption)
-        if "inclination_of_record" in moved[0].attrs:
-            recorded = json.loads(moved[0].attrs["inclination_of_record"])
-            shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
-            blocks.append(Notice("info", f"The inclination was fitted from the drop height; the record says {shown}."))
-    shown_rows = KeyValues([r for r in rows if r[1]])
-    title = "What was measured, and its calibration"
-    return pages.folded(title, "Files, readings and calibration record", (shown_rows, *blocks))
+    first = ("recordings", str(len(settings.laser)), "repeats of the same drop")
+    section = pages.laser_recordings(first, settings.sphere, context, readings, displacement)
+    moved = pages.present(displacement)
+    if not moved or "inclination_of_record" not in moved[0].attrs:
+        return section
+    recorded = json.loads(moved[0].attrs["inclination_of_record"])
+    shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
+    notice = Notice("info", f"The inclination was fitted from the drop height; the record says {shown}.")
+    return replace(section, blocks=(notice, *section.blocks))
 
 
 def _model(model: xr.Dataset) -> Section:
+    of_first = (("peak force", "peak_force"), ("largest contact radius", "peak_contact_radius"))
     rows = [
-        ("impacts in the simulated time", str(model.sizes["impact"]), ""),
-        ("peak force", pages.told(model, "peak_force", 0), "first impact"),
-        ("largest contact radius", pages.told(model, "peak_contact_radius", 0), "first impact"),
-        ("contact duration", value_with_uncertainty(float(model["contact_duration"][0]), 0.0, "s"), "first impact"),
+        (title, pages.told(model, name, 0), "first impact")
+        for title, name in (*of_first, ("contact duration", "contact_duration"))
     ]
     plate = json.loads(model.attrs["plate"])
-    floor = "a rigid flat" if plate is None else "a vibrating plate"
-    text = (
-        f"A viscoelastic sphere on {floor} by the method of dimensionality reduction: independent springs with exact "
-        "exponential memory, adaptive time steps, one step per flight."
-    )
     if plate is None:
-        return Section("Model", (Paragraph(text), KeyValues(rows), Paragraph(_RIGID_FLOOR)))
+        return Section("Model", (KeyValues(rows), Paragraph(_RIGID_FLOOR)))
     rigid = f"on a rigid one the first restitution is {float(model['rigid_restitution']):.5f}"
     swing = f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz"
     rows.append(("flat", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
-    return Section("Model", (Paragraph(text), KeyValues(rows)))
+    return Section("Model", (KeyValues(rows),))
 
 
 def _methods(
@@ -317,6 +260,6 @@ def _methods(
 page = Report(
     lambda settings: f"Ball drop from {pages.stated(settings.height)}",
     ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-    (_summary, motion, _bounces, _recordings, _files, _model, budgets(quantities), _methods),
+    (summary(compared_rows), motion, _bounces, _recordings, _files, _model, budgets(quantities), _methods),
     compared_rows,
 )

@@ -9,37 +9,22 @@ from math import hypot, inf, isfinite, log, nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import (
-    DOUBTFUL,
-    SLIPS,
-    Cause,
-    Check,
-    Level,
-    bounded,
-    compared,
-    explain,
-    in_words,
-    not_made,
-    stated,
-    too_large,
-)
+from labpipe.judging import DOUBTFUL, Cause, Check, Level, bounded, compared, explain, in_words, not_made, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.comparison import FRAMES, SCALE, WAVELENGTH, rows
-from pipelines.experiments.contact_area.measured import FRINGE_FIT, OPEN_GAP, READ, brightness, edges_only
+from pipelines.experiments.contact_area.measured import READ, brightness, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import fall_checks, judgements
-from pipelines.experiments.shared.alternatives import of_drop
-from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.drop_model import inputs_of
-from pipelines.experiments.shared.exact_values import usual_uncertainty
-from pipelines.experiments.shared.film_frames import CAUSES, explained, no_copies, sound_frames, whole_film
-from pipelines.experiments.shared.film_light import LIGHT, exposed, lit
-from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
+from pipelines.experiments.shared.alternatives import SOURCES, of_drop
+from pipelines.experiments.shared.film_frames import CAUSES, explained, frame_times, no_copies, sound_frames, whole_film
+from pipelines.experiments.shared.film_light import exposed, lit
+from pipelines.experiments.shared.film_stated import stated_twice, wrong_rate
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, Title, times_over
+from pipelines.experiments.shared.judgements import Scene, Title
+from pipelines.experiments.shared.model_inputs import inputs_of
 
 _LASTS = 0.03
 """Relative, by which gravity and losses (restitutions of 0.4 to 0.93) change a contact's duration over a²."""
@@ -55,17 +40,14 @@ _LOSSES_KNOWN = 1.03, 0.012
 its relative uncertainty, of a plate that swings and of another grade."""
 _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
 _OF_LINES = 5e-3  # by which lamps and diodes differ from them: they lie so close that more would hit one by chance
-_ASLANT, _MOST_ASLANT = ", or the camera looks aslant at the disc", 0.94
-"""What shortens lengths as well, and the factor of a camera at 20°."""
 _SPOILED = ", or something alters the rings (a bubble or liquid in the gap, a gamma in the grey levels)"
 _SLIGHT = 0.05  # relative, up to which that changes the scale of fringes
-_NEAR, _OF_HEIGHT = 3.0, ", or the drop is of another height than stated"
-"""Factor of the frame rate, below which a wrong height may be meant."""
+_OF_HEIGHT = ", or the drop is of another height than stated"
 _UNSEEN = "frames of the flights were lost or left out, as by bursts, and those after them numbered on, or are repeated"
 _ALWAYS = 0.98  # of all frames in contact: no flight is seen
 _OF_FORM = 1.5e-3  # relative, by which a sphere differs from a paraboloid, and a cone of light from a ray
 _STEADY, _CONTRADICTS = 1.0, 10.0  # px and standard uncertainties by which a contact does not jump
-_SMEARED, _TOO_SHARP = 4, 0.4  # frames with a smear to compare, and the share of the stated one that says it is wrong
+_FEWEST = 8  # frames with a contact, in which one may jump
 _LONGER = 1.5  # of the usual interval between frames in contact, from which some are missing
 _MENDS = {"region": "region"}  # setting, by the reason of the error
 _FAILED = CAUSES | {
@@ -75,7 +57,6 @@ _FAILED = CAUSES | {
 }
 ORDER = "order of the impacts"
 RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "first flight", "duration of the contact"
-_SOURCES = ("material_file", "fitted", "plate")
 TITLES = {
     **judgements.OF_FILM,
     "fringes": Title(
@@ -84,7 +65,7 @@ TITLES = {
     ),
     "contacts": Title(
         "A contact stays in place and shows in every frame of an impact; between impacts the sphere flies.",
-        ("contact and flight", "middle of the contacts", "place of the contacts", "contacts without gaps"),
+        ("contact and flight", "place of the contacts"),
     ),
     "contact radius": Title(
         "Hertz: a ∝ R^0.4 (m h)^0.2 E^-0.2.", (RADIUS,)
@@ -98,13 +79,7 @@ TITLES = {
 
 
 @judgements.judging(
-    "radius",
-    "impacts",
-    "model",
-    "comparison",
-    *_SOURCES,
-    rests_on=("sphere.material_from", "plate_from"),
-    titles=TITLES,
+    "radius", "impacts", "model", "comparison", *SOURCES, rests_on=("sphere.material_from", "plate_from"), titles=TITLES
 )
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
@@ -118,9 +93,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         touches = radius["in_contact"].values.astype(bool)
         checks += [lit(film, brightness(radius), touches, radius["time"].values), exposed(radius, film)]
         checks.append(sound_frames(radius["valid"].values.astype(bool), whole, film))
-        checks += given.each((_times, _copies, _in_order, _fringes, _method, _shutter, _flies, _in_view, _stays))
+        checks += given.each((_times, _copies, _in_order, _fringes, _method, _flies, _stays))
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
-        checks += given.each((_like_model, _order, _flight, _duration, _contacts_whole))
+        checks += given.each((_like_model, _order, _flight, _duration))
         # where impacts do not follow each other, or frames are lost, another flight is compared with the stated height
         order = next(c for c in checks if c.name == ORDER)
         checks = judgements.because(checks, order.cause if order.level else "", FLIGHT, DURATION, log_ratio=nan)
@@ -129,7 +104,6 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks = [replace(c, cause=c.cause or _UNSEEN) if c.name == FLIGHT else c for c in checks]
     inputs = {SCALE: Quantity(1.0, 0.0 if radius is None else float(radius.attrs["u_systematic_relative"]), "1")}
     inputs |= inputs_of(given.get("model")) | ({WAVELENGTH: settings.wavelength} if settings.wavelength else {})
-    sources = {name: given.get(name) for name in _SOURCES}
     return Scene(
         checks,
         causes,
@@ -138,14 +112,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         {FRAMES: Quantity(0.0, 1.0, "1")},
         basis=basis,
         measured_by=judgements.measured_by(settings.sphere),
-        alternatives=partial(of_drop, settings=settings, column=_simulated, **sources),
+        alternatives=partial(of_drop, given=given, settings=settings),
     )
-
-
-def _simulated(row: Row) -> tuple[str, int] | None:
-    """Return which result of a simulation a row compares, and of which impact."""
-    title, _, number = row.quantity.partition(", impact ")
-    return ("peak_contact_radius", int(number) - 1) if title == "largest radius" else None
 
 
 def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
@@ -176,8 +144,8 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
         cause = "contacts are small or move fast there, or something hides or spoils their fringes: look at these"
     else:
         cause = "fringes are not resolved: a scale of another view, another wavelength, a lens out of focus or covered"
-        better = [check.cause for check in (exposed(radius, settings.film), _in_view(radius, settings)) if check.level]
-        cause = better[0] if better else cause
+        bright = exposed(radius, settings.film)
+        cause = bright.cause if bright.level else cause
     return stated(name, message, level, cause=cause, file=settings.film)
 
 
@@ -274,8 +242,6 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
     """Hold the first contact's duration against its radius: both go with mass and modulus by the same law."""
     if model is None or not model.sizes["impact"]:
         return not_made(DURATION, "a model of the drop")
-    if _in_view(radius, settings).level:
-        return not_made(DURATION, "contacts whose middle the images show")
     shortest, longest = _seen_lasting(radius, impacts, 0)
     if not isfinite(longest):
         return not_made(DURATION, "a frame before and one after the first contact")
@@ -295,26 +261,10 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
 
 
 def _times(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
-    """Look for frames that are not later than the one before, or missing within a contact."""
-    film, time, frame = settings.film, radius["time"].values, radius["frame"].values
-    steps = np.diff(time)
-    level: Level | None = None
-    text, cause = f"{time.size} frames in order", ""
+    time, frame = radius["time"].values, radius["frame"].values
     contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
-    inside = [np.flatnonzero((time[:-1] >= first) & (time[1:] <= last)) for first, last in contacts]
-    within = np.concatenate([np.empty(0, int), *inside])
-    usual = float(np.median(steps[within])) if within.size else nan
-    wrong, lost = np.flatnonzero(~(steps > 0)), within[steps[within] > _LONGER * usual]
-    if wrong.size:
-        at = int(frame[wrong[0] + 1])
-        text = f"frame {at} is not later than the one before ({wrong.size} such frames)"
-        level, cause = "impossible", f"frames are exchanged or repeated at frame {at}"
-    elif lost.size:
-        at, lasts = int(lost[0]), quantity(float(steps[lost[0]]), "s")
-        text = f"{lasts} pass between frames {frame[at]} and {frame[at + 1]} of a contact, usual are "
-        text, level = f"{text}{quantity(usual, 's')}", "doubtful"
-        cause = "the camera recorded in bursts or dropped frames: the contact may have been larger between them"
-    return stated("times of the frames", f"{film}: {text}", level, cause=cause, file=film)
+    inside = [(time[:-1] >= first) & (time[1:] <= last) for first, last in contacts]
+    return frame_times(settings.film, frame, time, np.any([np.zeros(time.size - 1, bool), *inside], axis=0))
 
 
 def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
@@ -338,82 +288,11 @@ def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:
     return in_order(settings.film, radius["frame"].values, area, noise, radius["time"].values, ~touches)
 
 
-def _contacts_whole(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for frames without a contact between frames that show it."""
-    time, frame = radius["time"].values, radius["frame"].values
-    shows = radius["in_contact"].values.astype(bool) | ~radius["valid"].values.astype(bool)
-    inside = np.zeros(time.size, bool)
-    for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True):
-        inside |= (time > first) & (time < last)
-    lost = frame[inside & ~shows]
-    which = ", ".join(str(int(k)) for k in lost[:5]) + (", …" if lost.size > 5 else "")
-    named, show = ("frame", "shows") if lost.size == 1 else ("frames", "show")
-    text = (
-        f"{named} {which} within an impact {show} no contact"
-        if lost.size
-        else "no frame of an impact lacks its contact"
-    )
-    cause = (
-        "the contact is hidden there or its fringes are spoiled (glare, speckle, blur, a lost image), or neighbouring "
-        "frames are exchanged: look at these"
-    )
-    level: Level | None = "doubtful" if lost.size else None
-    return stated("contacts without gaps", f"{settings.film}: {text}", level, cause=cause, file=settings.film)
-
-
-def _in_view(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for contacts of which the images, or the region that is stated, show a part of the rim alone."""
-    name = "middle of the contacts"
-    view = json.loads(radius.attrs.get(LIGHT, "{}")).get("view")
-    known = np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
-    if view is None or not known.any():
-        return not_made(name, "contacts, and the size of the images")
-    first = (0.0, 0.0) if settings.region is None else np.min(settings.region, axis=0)
-    place = np.column_stack([radius[axis].values[known] for axis in ("centre_x", "centre_y")]) - first
-    beside = int(np.any((place < -0.5) | (place > np.array(view[::-1]) - 0.5), axis=1).sum())
-    what = "the images" if settings.region is None else "region"
-    text = f"{settings.film}: the middle lies beside {what} in {beside} of {place.shape[0]} frames with a contact"
-    if beside <= 0.5 * place.shape[0]:
-        return stated(name, text, None, file=settings.film)
-    cause = (
-        "the images were cropped beside the contact, or the camera looks past it"
-        if settings.region is None
-        else "region is not around the contact, or is not in px of the images, x to the right and y down"
-    )
-    level: Level = "doubtful" if np.greater(*edges_only(radius)) else "note"
-    setting = "" if settings.region is None else "region"
-    return stated(name, text, level, cause=cause, file="" if setting else settings.film, setting=setting)
-
-
-def _shutter(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Hold the stated exposure against how far fringes are smeared, which a lens out of focus does as well."""
-    name = "exposure by the fringes"
-    read = np.isin(radius["method"].values, (FRINGE_FIT, OPEN_GAP))
-    # Hertz: the area goes with the depth, so that its slope tells the speed of the radius
-    beside = np.flatnonzero(read[1:-1] & (read[2:] & read[:-2])) + 1
-    time, a = radius["time"].values, radius["radius"].values
-    speed = np.abs(a[beside + 1] ** 2 - a[beside - 1] ** 2) / (time[beside + 1] - time[beside - 1]) / (2.0 * a[beside])
-    moved = speed * (0.0 if settings.exposure is None else settings.exposure.value)
-    told = moved > float(radius["pixel_size"])
-    if "travel" not in radius or np.count_nonzero(told) < _SMEARED:
-        return not_made(name, "a stated exposure in which contacts move by a pixel, in four frames")
-    seen, moved = radius["travel"].values[beside[told]], moved[told]
-    at = int(np.argsort(seen / moved)[moved.size // 2])
-    text = (
-        f"{settings.film}: fringes of frame {int(radius['frame'].values[beside[told][at]])} are smeared by "
-        f"{quantity(float(seen[at]), 'm', 2)}; in the stated exposure the contact moves by "
-        f"{quantity(float(moved[at]), 'm', 2)}"
-    )
-    level: Level | None = "doubtful" if seen[at] < _TOO_SHARP * moved[at] else None
-    cause = "exposure is not that of this film, or its unit is wrong; or the frame rate is wrong"
-    return stated(name, text, level, cause=cause, setting="exposure")
-
-
 def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
     """Look for a contact that jumps in the image from one frame to the next."""
     name, known = "place of the contacts", np.isin(radius["method"].values, READ) & np.isfinite(radius["radius"].values)
     at = np.flatnonzero(known)
-    if at.size < 2 * _SMEARED or "centre_x" not in radius:
+    if at.size < _FEWEST or "centre_x" not in radius:
         return not_made(name, "contacts in eight frames, and their centres")
     x, y, u_x, u_y = (radius[c].values[at] for c in ("centre_x", "centre_y", "u_centre_x", "u_centre_y"))
     time, frame = radius["time"].values[at], radius["frame"].values[at]
@@ -432,59 +311,27 @@ def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 
 def _causes(settings: ContactArea, radius: xr.Dataset | None = None) -> Iterator[Cause]:
-    light, body = settings.wavelength, settings.sphere.radius
+    light, sphere = settings.wavelength, settings.sphere
     if light is not None:
-        colour = times_over("the wavelength", light.value, "m", "wavelength in session.toml")
-        yield Cause(
-            {FRINGE: 1.0},
-            lambda k: f"{colour(k)}{_SPOILED * (abs(log(k)) < _SLIGHT)}",
-            tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01),
-            slack=_OF_LINES,
-            u=(light.u or usual_uncertainty(light)) / light.value,
-            setting="wavelength",
+        colour = judgements.stated_wrongly({FRINGE: 1.0}, "the wavelength", light, "wavelength")
+        lines = tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01)
+        say = colour.say
+        yield replace(
+            colour, say=lambda k: f"{say(k)}{_SPOILED * (abs(log(k)) < _SLIGHT)}", usual=lines, slack=_OF_LINES
         )
-    yield Cause(
-        {FRINGE: -2.0, RADIUS: 1.0, DURATION: -2.0},
-        lambda k: (
-            f"lengths come out {too_large(k)}: the scale in {settings.camera} is wrong"
-            + (", of another view" if abs(log(k)) > log(3.0) else _ASLANT if _MOST_ASLANT < k < 1.0 else "")
-        ),
-        SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],
-        u=inf if radius is None else float(radius.attrs["u_systematic_relative"]) or inf,
-        file=settings.camera,
-        setting="values.pixel_length",
-    )
-    yield Cause(
-        {FRINGE: 1.0, RADIUS: -0.4, DURATION: 1.0},
-        times_over("the sphere's radius", body.value, "m", "sphere.radius in session.toml"),
-        SLIPS["decimal"],
-        u=(body.u or usual_uncertainty(body)) / body.value,
-        setting="sphere.radius",
-    )
-    yield Cause(
-        {FLIGHT: -1.0, DURATION: -1.0},
-        lambda k: of_rate(k, _OF_HEIGHT * (1 / _NEAR < k < _NEAR)),
-        SLIPS["interval"],
-        u=_CLOCK,
-        file="" if is_rate_used(settings.frame_rate, radius) else settings.film,
-        setting="frame_rate" if is_rate_used(settings.frame_rate, radius) else "",
-    )
-    height = times_over("the drop height", settings.height.value, "m", "height in session.toml")
-    yield Cause(
-        {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.5},
-        height,
-        SLIPS["decimal"],
-        u=(settings.height.u or usual_uncertainty(settings.height)) / settings.height.value,
-        setting="height",
-    )
-    mass = times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml")
-    yield Cause(
-        {RADIUS: -0.2},
-        lambda k: (
-            f"{mass(k)}; or the polymer is another than stated, some {in_words(max(k, 1 / k), 1)} times "
-            f"{'stiffer' if k > 1.0 else 'softer'} in the impact"
-        ),
-        SLIPS["mass"],
-        only_usual=True,
-        setting="sphere.mass",
-    )
+    relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
+    of_lengths = {FRINGE: -2.0, RADIUS: 1.0, DURATION: -2.0}
+    yield judgements.wrong_scale(of_lengths, settings.camera, relative or inf)
+    of_radius = {FRINGE: 1.0, RADIUS: -0.4, DURATION: 1.0}
+    yield judgements.stated_wrongly(of_radius, "the sphere's radius", sphere.radius, "sphere.radius")
+    of_times = {FLIGHT: -1.0, DURATION: -1.0}
+    yield wrong_rate(of_times, settings.frame_rate, radius, settings.film, _CLOCK, _OF_HEIGHT)
+    of_height = {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.5}
+    yield judgements.stated_wrongly(of_height, "the drop height", settings.height, "height")
+    mass = judgements.stated_wrongly({RADIUS: -0.2}, "the moving mass", sphere.mass, "sphere.mass", "mass", inf)
+
+    def of_mass(k: float) -> str:
+        other = f"some {in_words(max(k, 1 / k), 1)} times {'stiffer' if k > 1.0 else 'softer'} in the impact"
+        return f"{mass.say(k)}; or the polymer is another than stated, {other}"
+
+    yield replace(mass, say=of_mass, only_usual=True)

@@ -232,5 +232,6 @@ def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
             measured=with_its_u(comparison, "peak_radius_film", i),
             model=(comparison["peak_radius_model"][i], model["u_peak_contact_radius"][i]),
             difference=with_its_u(comparison, "peak_radius_difference", i),
+            simulated=("peak_contact_radius", i),
             slopes=own | slopes_of(model, "peak_contact_radius", i),
         )

@@ -35,11 +35,10 @@ def evidence(
             made["u_peak_radius"].values[:count] ** 2 - (relative * radius) ** 2, (_LEAST_RELATIVE * radius) ** 2
         )
     )
-    names, unknowns = body(settings.sphere)
-    height = mean_height(name, settings.height, np.empty(0))
-    pixel = nuisance(f"{name} scale", 1.0, relative, "1", "scale of the film")
-    names |= {"height": height.name, "pixel": pixel.name}
-    unknowns += [height, pixel]
+    unknowns = body(settings.sphere) | {
+        "height": mean_height(name, settings.height, np.empty(0)),
+        "pixel": nuisance(f"{name} scale", 1.0, relative, "1", "scale of the film"),
+    }
     none = np.full(count, np.nan)
     seen = Bounces(none, none, none, none, radius, u)
-    return of_drop(name, settings, seen, names, unknowns, plate, file, fitted)
+    return of_drop(name, settings, seen, unknowns, plate, file, fitted)

@@ -1,6 +1,5 @@
 """The report of a contact area."""
 
-import json
 import math
 
 import cv2
@@ -12,30 +11,23 @@ from labpipe.report import (
     Band,
     Block,
     Gallery,
-    KeyValues,
     LineChart,
-    Listed,
-    Notice,
     Paragraph,
     Picture,
     Section,
     Series,
-    budget_table,
-    listed,
     quantity,
     value_with_uncertainty,
 )
-from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.film_frames import enlarged, png
-from pipelines.experiments.shared.reports import Report, budgets
+from pipelines.experiments.shared.film_frames import drawing_of, png
+from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
-_SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
 _METHODS = {
     1: "fringe fit",
@@ -53,56 +45,23 @@ _GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
 
-def _summary(
-    settings: ContactArea,
-    context: Context,
-    radius: xr.Dataset | None = None,
-    impacts: xr.Dataset | None = None,
-    model: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
-) -> Section:
-    wavelength = "not known" if settings.wavelength is None else pages.stated(settings.wavelength)
-    rows = [
-        ("film", settings.film, f'view "{settings.view}"'),
-        ("drop height", pages.stated(settings.height), "from session.toml"),
-        ("wavelength", wavelength, "from session.toml"),
-    ]
+def _details(
+    settings: ContactArea, impacts: xr.Dataset | None = None, model: xr.Dataset | None = None
+) -> list[tuple[str, str, str]]:
+    light, limit = settings.wavelength, "by the edge of the dark spot, uncertain by several micrometres"
+    known = ("not known", limit) if light is None else (pages.stated(light), "from session.toml")
+    rows = [("wavelength", *known)]
     if impacts is not None and impacts.sizes["impact"]:
-        alone = pages.told(impacts, "peak_radius", 0)
-        said = (alone, "first impact, between the frames; includes the uncertainty of the image scale")
-        if comparison is not None and comparison.sizes["impact"]:
-            seen, u = (float(comparison[name][0]) for name in ("peak_radius_film", "u_peak_radius_film"))
-            if (seen, u) != (float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])):
-                how = "first impact, all its frames, the course in time being the model's; includes the image scale"
-                said = (value_with_uncertainty(seen, u, "m"), f"{how} (by the frames at the top alone: {alone})")
-        rows.append(("largest contact radius, film", *said))
+        rows.append(("largest contact radius, film", pages.told(impacts, "peak_radius", 0), "first impact, at its top"))
     if model is not None and model.sizes["impact"]:
-        remark = "first impact; uncertainty from height, body and material"
-        rows.append(("largest contact radius, model", pages.told(model, "peak_contact_radius", 0), remark))
         rows.append(("edge of the contact", *_edge(model, settings)))
-    if comparison is not None and comparison.sizes["impact"]:
-        nrmse = f"{float(comparison['nrmse'][0]) * 100:.3g} %"
-        rows.append(("nRMSE of the radius", nrmse, "first impact, relative to its largest radius"))
     if impacts is not None and np.isfinite(float(impacts["static_radius"])):
         rows.append(("contact radius at rest, film", pages.told(impacts, "static_radius"), ""))
         if model is not None:
             brief, lasting = (float(model[f"static_radius_{n}"]) for n in ("brief", "lasting"))
             text = f"{brief * 1e6:.4g} µm after as long as an impact, {lasting * 1e6:.4g} µm at the end of the film"
             rows.append(("Hertz radius under the weight", text, "with the creep of the material"))
-    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
-    if settings.wavelength is None:
-        text = (
-            "No wavelength is given: the radius was measured from the edge of the dark spot, not from the fringes, "
-            "and is uncertain by several micrometres."
-        )
-        blocks.append(Notice("warning", text))
-    if radius is not None:
-        methods = radius["method"].values[radius["in_contact"].values.astype(bool)]
-        counts = [(name, int(np.sum(methods == code))) for code, name in _METHODS.items()]
-        text = ", ".join(f"{pages.counted(count, 'frame')} by {name}" for name, count in counts if count)
-        if text:
-            blocks.append(Notice("info", f"Method: {text}."))
-    return Section("Summary", tuple(blocks))
+    return rows
 
 
 def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
@@ -125,25 +84,18 @@ def _key_frames(keys: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | N
     shown = shown if impacts is not None else "Frames all over the film, since no impact was found in it"
     caption = f"{shown}. The chart of the contact radius marks the frame that is shown."
     gallery = Gallery("Key frames with the fitted circle", pictures, start=top, group=_GROUP, caption=caption)
-    header = pages.raw_header(keys.assign_attrs(source=settings.film))
-    return Section("Film", (gallery,) if header is None else (gallery, header))
+    return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
 def _picture(key: xr.Dataset) -> Picture:
-    image = key["image"].values
-    factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
-    canvas = enlarged(image, factor)
-    scale = factor / float(key["reduction"])
+    canvas, scale, shift = drawing_of(key)
     x, y, r = (float(key[n]) for n in ("circle_x", "circle_y", "circle_radius"))
     if all(map(math.isfinite, (x, y, r))):
-        unit = 1 << _SUB_PIXEL
-        shift = scale / 2 - 0.5  # the centre of an enlarged or reduced pixel
-        centre = (round((x * scale + shift) * unit), round((y * scale + shift) * unit))
-        axes = (float(key["circle_major"]), float(key["circle_minor"]))
-        major, minor = (v if math.isfinite(v) else r for v in axes)
-        angle = float(key["circle_angle"])
-        turned = math.degrees(angle) if math.isfinite(angle) else 0.0
-        size = (round(major * scale * unit), round(minor * scale * unit))
+        unit = scale * (1 << _SUB_PIXEL)
+        centre = (round((x + shift / scale) * unit), round((y + shift / scale) * unit))
+        axes = (float(key[f"circle_{axis}"]) for axis in ("major", "minor"))
+        size = [round((axis if math.isfinite(axis) else r) * unit) for axis in axes]
+        turned = math.degrees(float(np.nan_to_num(key["circle_angle"])))
         cv2.ellipse(canvas, centre, size, turned, 0, 360, _CIRCLE, 1, cv2.LINE_AA, _SUB_PIXEL)
     frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
     found = "no radius"
@@ -155,13 +107,8 @@ def _picture(key: xr.Dataset) -> Picture:
 
 
 def _calibration(radius: xr.Dataset) -> Section:
-    size = pages.told(radius, "pixel_size")
-    blocks: list[Block] = [
-        pages.calibration_rows(radius.attrs["calibration"]),
-        KeyValues([("length of one pixel", size, "in the plane of the disc")]),
-        *budget_table(json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"),
-    ]
-    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
+    rows = [("length of one pixel", pages.told(radius, "pixel_size"), "in the plane of the disc")]
+    return pages.camera_calibration(radius.attrs["calibration"], radius.attrs["scale_budget"], rows)
 
 
 def _over_time(
@@ -196,45 +143,33 @@ def _over_time(
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
-        charts.append(Paragraph(_AROUND))
-        for i in range(comparison.sizes["impact"]):
-            charts += _around(comparison, model, i)
+        charts += _around(comparison, model)
     return Section("Contact radius over time", tuple(charts))
 
 
-def _around(comparison: xr.Dataset, simulated: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
-    """Draw one impact, film and model, and their difference below."""
-    mine = comparison["impact_number"].values == i + 1
-    since = comparison["since_peak"].values[mine] * 1e3
-    film, model, u = (comparison[name].values[mine] for name in ("film", "model", "u_film"))
-    # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
-    relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
-    slope = np.gradient(model, since) if since.size > 1 else np.zeros(since.size)
-    wide = 2e6 * relative * np.abs(model - 2.0 * since * slope)
-    curves = LineChart(
-        f"Impact {i + 1} around its largest radius",
-        "time since the largest radius / ms",
-        "contact radius / mm",
-        (
-            Series("film", since, film * 1e3, role="measured", style="points", u=u * 1e3),
-            Series("model", since, model * 1e3, role="model"),
-        ),
-        group=f"impact {i + 1}",
-        height_px=260,
-    )
-    residual = LineChart(
-        f"Film minus model, impact {i + 1}",
-        "time since the largest radius / ms",
-        "difference / µm",
-        (
-            Band("model ± 2 u", since, -wide, wide, role="model"),
-            Series("film minus model", since, (film - model) * 1e6, role="residual", style="points", u=u * 1e6),
-        ),
-        group=f"impact {i + 1}",
-        height_px=220,
-        caption=_alignment(comparison, i),
-    )
-    return curves, residual
+def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
+    """Draw film and model around the largest radius of each impact, and their differences below."""
+    curves: list[Series | Band] = []
+    residuals: list[Series | Band] = []
+    for i in range(comparison.sizes["impact"]):
+        mine, name = comparison["impact_number"].values == i + 1, f"impact {i + 1}"
+        since = comparison["since_peak"].values[mine] * 1e3
+        film, model, u = (comparison[of].values[mine] for of in ("film", "model", "u_film"))
+        # nearly all uncertainty of the model is the modulus': the radius goes as E^-0.2 and the duration as E^-0.4
+        relative = float(simulated["u_peak_contact_radius"][i] / simulated["peak_contact_radius"][i])
+        slope = np.gradient(model, since) if since.size > 1 else np.zeros(since.size)
+        wide = 2e6 * relative * np.abs(model - 2.0 * since * slope)
+        curves.append(Series(f"{name}, film", since, film * 1e3, role="measured", style="points", u=u * 1e3))
+        curves.append(Series(f"{name}, model", since, model * 1e3, role="model"))
+        residuals.append(Band(f"{name}, model ± 2 u", since, -wide, wide, role="model"))
+        gap = (film - model) * 1e6
+        residuals.append(Series(f"{name}, film minus model", since, gap, role="residual", style="points", u=u * 1e6))
+    label, group = "time since the largest radius / ms", "impacts"
+    text = " ".join(f"Impact {i + 1}: {_alignment(comparison, i)}" for i in range(comparison.sizes["impact"]))
+    titles = ("Contact radius around its largest value", label, "contact radius / mm")
+    drawn = LineChart(*titles, tuple(curves), group=group, height_px=260)
+    titles = ("Film minus model", label, "difference / µm")
+    return [Paragraph(_AROUND), drawn, LineChart(*titles, tuple(residuals), group=group, height_px=220, caption=text)]
 
 
 def _alignment(comparison: xr.Dataset, i: int) -> str:
@@ -244,22 +179,6 @@ def _alignment(comparison: xr.Dataset, i: int) -> str:
         return "A shift in time was not fitted."
     shown, way = value_with_uncertainty(abs(shift), u, "s"), "earlier" if shift > 0 else "later"
     return f"Model shifted by {shown} to {way} times."
-
-
-def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
-    count = impacts.sizes["impact"]
-    columns = [
-        Listed("impact", list(range(1, count + 1))),
-        Listed("t_p in the film", impacts["peak_time"].values.tolist(), "s"),
-        pages.column(impacts, "peak_radius", "largest radius, film"),
-    ]
-    if comparison is not None:
-        for name, title in (("radius_model", "model"), ("radius_difference", "film − model"), ("nrmse", "nRMSE")):
-            known = pages.column(comparison, name if name == "nrmse" else f"peak_{name}", title)
-            columns.append(known.extended(count))
-        columns.append(pages.column(comparison, "edge_radius", "edge, film (JKR)").extended(count))
-    text = "Impacts are counted from their largest radius (t_p = 0). The radius is the Hertz-equivalent one."
-    return Section("Impacts", (Paragraph(text), listed(columns)))
 
 
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
@@ -291,6 +210,6 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
 page = Report(
     lambda settings: f"Contact area, drop from {pages.stated(settings.height)}",
     ("radius", "impacts", "model", "comparison", "keys"),
-    (_summary, _key_frames, _over_time, _impacts, _calibration, budgets(quantities), _methods),
+    (summary(compared_rows, _details), _key_frames, _over_time, _calibration, budgets(quantities), _methods),
     compared_rows,
 )

@@ -5,8 +5,8 @@ from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
-from pipelines.experiments.shared.film_proposal import head
 from pipelines.experiments.shared.proposals import GAP
+from pipelines.experiments.shared.record_templates import head
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:

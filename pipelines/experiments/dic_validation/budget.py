@@ -48,32 +48,19 @@ def quantities(motion: xr.Dataset, comparison: xr.Dataset | None = None) -> Iter
 def _against_laser(comparison: xr.Dataset, film: float) -> Iterator[Quantity]:
     """Yield mean difference and ratio of scales; both calibrations act on either."""
     laser = excess_uncertainty(float(comparison["expected_u_gain"]), film)
-    mean = float(comparison["film"].mean()), float(comparison["laser"].mean())
-    yield Quantity(
-        "mean of film minus laser",
-        "m",
-        lambda measured, noise, pixel_size, inclination_and_gain: (
-            measured + noise + mean[0] * (pixel_size - 1.0) - mean[1] * (inclination_and_gain - 1.0)
-        ),
-        {
-            MEASURED: Input(float(comparison["bias"]), 0.0, "m"),
-            "noise": Input(0.0, float(comparison["u_bias"]), "m"),
-            "pixel_size": Input(1.0, film),
-            "inclination_and_gain": Input(1.0, laser),
-        },
-        _AGAINST,
-    )
-    yield Quantity(
-        "ratio of displacements, laser over film",
-        "1",
-        lambda measured, noise, pixel_size, inclination_and_gain: (
-            (measured + noise) * inclination_and_gain / pixel_size
-        ),
-        {
-            MEASURED: Input(float(comparison["gain"]), 0.0),
-            "noise": Input(0.0, float(comparison["u_gain"])),
-            "pixel_size": Input(1.0, film),
-            "inclination_and_gain": Input(1.0, laser),
-        },
-        _AGAINST,
-    )
+    scales = {"pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)}
+    of_film, of_laser = float(comparison["film"].mean()), float(comparison["laser"].mean())
+
+    def mean(measured: float, noise: float, pixel_size: float, inclination_and_gain: float) -> float:
+        return measured + noise + of_film * (pixel_size - 1.0) - of_laser * (inclination_and_gain - 1.0)
+
+    def ratio(measured: float, noise: float, pixel_size: float, inclination_and_gain: float) -> float:
+        return (measured + noise) * inclination_and_gain / pixel_size
+
+    for name, title, unit, model in (
+        ("bias", "mean of film minus laser", "m", mean),
+        ("gain", "ratio of displacements, laser over film", "1", ratio),
+    ):
+        value, u = float(comparison[name]), float(comparison[f"u_{name}"])
+        own = {MEASURED: Input(value, 0.0, unit), "noise": Input(0.0, u, unit)}
+        yield Quantity(title, unit, model, own | scales, _AGAINST)

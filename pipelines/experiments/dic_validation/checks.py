@@ -2,26 +2,25 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import cos, degrees, exp, hypot, isfinite, log, nan
+from math import exp, hypot, nan
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.judging import SLIPS, Cause, Check, Level, compared, in_words, not_made, stated, too_large
-from labpipe.report import quantity, value_with_uncertainty
+from labpipe.judging import Cause, Check, Level, compared, in_words, not_made, stated
+from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.dic_validation.comparison import rows
-from pipelines.experiments.dic_validation.measured import STRAIGHT, statuses
+from pipelines.experiments.dic_validation.measured import statuses
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import fall_checks, judgements
 from pipelines.experiments.shared.fall_checks import HEIGHT, Fall, G
-from pipelines.experiments.shared.film_frames import CAUSES, explained, no_copies, sound_frames, whole_film
+from pipelines.experiments.shared.film_frames import CAUSES, explained, frame_times, no_copies, sound_frames, whole_film
 from pipelines.experiments.shared.film_light import exposed
-from pipelines.experiments.shared.film_stated import is_rate_used, of_rate, stated_twice
+from pipelines.experiments.shared.film_stated import of_rate, stated_twice, wrong_rate
 from pipelines.experiments.shared.frame_order import in_order
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene, Title
@@ -34,10 +33,8 @@ _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
 _MOSTLY = 0.5  # of the frames that have no value for one reason
-_GONE = 3  # frames in a row in which a holder that is in view does not vanish
 _GROWS = 2e-3  # least relative jump of the image's size
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
-_ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
 _MENDS = {f"tracking.{name}": f"tracking.{name}" for name in ("body", "body_subset", "line")}
 _MENDS |= {name: f"tracking.{name}" for name in ("regions", "covers", "obstructions")}
 _POLYGON = "the polygon is not drawn in px of the first image, x to the right and y down, or around something else"
@@ -46,8 +43,6 @@ _STEP = 0.02  # of the usual interval between frames, by which others may differ
 _FEWEST_BENDS = 20  # bends of the motion that tell its noise
 _IN_NOISE, _RETURNS = 10.0, 0.3
 """Standard deviations of noise of a jump, and the share of it by which the frames beside it may bend."""
-_NO_MOTION = "four frames of a motion that is clear of the noise"
-_MATTERS = 0.5  # of the uncertainty of the scale, by which the camera's angle may change lengths without a note
 _SURE = 10.0  # standard uncertainties of a speed that is no noise
 _FIRST, _MOVES = 12, 0.15  # frames that tell how fast it moves in the first, and the share of its top speed that counts
 _FAILED = CAUSES | {
@@ -69,9 +64,9 @@ _STEPS = ("track", "motion", "bounces", "comparison", "laser")
 TITLES = {
     **judgements.OF_FILM,
     "view of the holder": Title(
-        "The holder is found in every frame, moves straight up and down, and keeps its size.",
+        "The holder is found in every frame.",
         (
-            "holder is found", "direction of the motion",
+            "holder is found",
         ),
     ),
     "rest before the release": Title(
@@ -102,17 +97,16 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     if track is not None:
         checks += stated_twice(track, settings.film, settings.frame_rate)
         found = _found(track, settings)
-        if settings.tracking.masks:
-            names = " and ".join(f"tracking.{name}" for name in settings.tracking.masks)
-            also = f"; or {names} leave too little of it, or what does not move with it"
-            found = replace(found, cause=found.cause + also)
         if whole.level and found.level:  # frames that the file lacks show no holder
             found = replace(found, cause=whole.cause, setting="")
         # of a holder that is not found, what the images show is the better cause
         checks = judgements.because(checks, found.cause if found.level else "", "step motion")
         along = track["dy"].isel(point=0).values
         checks += [found, _copies(track, settings), in_order(settings.film, track["frame"].values, along)]
-        checks.append(sound_frames(_is_sound(track), whole, settings.film))
+        is_sound = np.ones(int(track["frame"][-1]) + 1, bool)  # frames that were not read are assumed to be
+        if "status" in track:
+            is_sound[track["frame"].values] = statuses(track) != "frame_damaged"
+        checks.append(sound_frames(is_sound, whole, settings.film))
         checks.append(exposed(track, settings.film))
     if motion is not None:
         steady = _steady(track, motion, bounces, settings)
@@ -122,7 +116,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         checks = judgements.because(checks, better, "step bounces")
         checks += [times, steady]
         begins = _begins_at_rest(motion, settings)
-        checks += [_direction(motion, settings), begins]
+        checks.append(begins)
     if motion is not None and bounces is not None and bounces.sizes["impact"]:
         fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
         height = _height(fall, laser)
@@ -162,55 +156,19 @@ def _found(track: xr.Dataset, settings: DicValidation) -> Check:
     status = statuses(track) if "status" in track else np.empty(0, str)
     if status.size and np.mean(status == "saturated") > _MOSTLY:
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
-    lost = np.flatnonzero(np.diff(~track["valid"].isel(point=0).values.astype(bool), prepend=False, append=False))
-    runs = [(int(a), int(b - a)) for a, b in zip(lost[::2], lost[1::2], strict=True) if b < track.sizes["frame"]]
-    first, longest = max(runs, key=lambda run: run[1], default=(0, 0))
-    if level is None and longest >= _GONE:
-        text = f"{message}; it is gone for {longest} of them, the first is number {first + 1} of those read"
-        cause = "frames are black, damaged or of something else there: the light failed, or something came between"
-        return stated(name, text, "note", cause=cause, file=settings.film)
     return stated(name, message, level, cause=cause, setting="tracking.body")
 
 
-def _is_sound(track: xr.Dataset) -> NDArray[np.bool_]:
-    """Return of every frame of a film whether it can be read; those that were not read are assumed to be."""
-    sound = np.ones(int(track["frame"][-1]) + 1, bool)
-    if "status" in track:
-        sound[track["frame"].values] = statuses(track) != "frame_damaged"
-    return sound
-
-
 def _times(motion: xr.Dataset, bounces: xr.Dataset | None, settings: DicValidation) -> Check:
-    name = "times of the frames"
     time = motion["time"].values
-    steps = np.diff(time)
-    usual = float(np.median(steps))
-    back = np.flatnonzero(~(steps > 0))
-    if back.size:
-        text = f"{settings.film}: frame {back[0] + 1} is not later than the one before ({back.size} such frames)"
-        cause = f"frames are exchanged or repeated at frame {back[0] + 1}"
-        return stated(name, text, "impossible", cause=cause, file=settings.film)
-    # after rest only every eighth frame is read
-    whole = np.abs(steps / usual - np.round(steps / usual)) < _STEP * np.maximum(np.round(steps / usual), 1)
-    last = int(np.flatnonzero(np.abs(steps / usual - 1) < _STEP)[-1]) if usual > 0 else 0
-    lost = np.flatnonzero(steps[:last] > 1.5 * usual)
-    if lost.size:
-        count = int(np.sum(np.round(steps[lost] / usual) - 1))
-        frames = "frame is" if count == 1 else "frames are"
-        text = f"{settings.film}: {count} {frames} missing, the first at {quantity(float(time[lost[0]]), 's')}"
-        cause = "the camera dropped frames or recorded in bursts"
-        how: Level = "doubtful" if _moves(bounces, time[lost], time[lost + 1]) else "note"
-        return stated(name, text, how, cause=cause, file=settings.film)
-    text = f"{settings.film}: a frame each {quantity(usual, 's')}"
-    return stated(name, text, None if whole.all() else "note", file=settings.film)
-
-
-def _moves(bounces: xr.Dataset | None, begin: Floats, end: Floats) -> bool:
-    """Return whether the holder moves in any of these times, as far as that is known."""
-    if bounces is None:
-        return True
-    release, rest = (float(bounces[name]) for name in ("release_time", "rest_time"))
-    return not bool(np.all((end <= release) | (begin >= rest)))
+    begin, end = time[:-1], time[1:]
+    if bounces is None:  # after rest only every eighth frame is read
+        usual = np.abs(end - begin - np.median(end - begin)) < _STEP * np.median(end - begin)
+        moves = np.arange(begin.size) < np.flatnonzero(usual).max(initial=0)
+    else:
+        release, rest = (float(bounces[name]) for name in ("release_time", "rest_time"))
+        moves = ~((end <= release) | (begin >= rest))
+    return frame_times(settings.film, np.arange(time.size), time, moves)
 
 
 def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
@@ -272,23 +230,6 @@ def _jump(time: Floats, y: Floats, least: float) -> tuple[int, float] | None:
     return at, float(y[at + 1] - y[at])
 
 
-def _direction(motion: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for a motion at an angle to the columns: of a camera that is turned, or of another body."""
-    name = "direction of the motion"
-    angle, u = float(motion["direction"]), float(motion["u_direction"])
-    if not isfinite(angle):
-        return not_made(name, _NO_MOTION)
-    text = f"{settings.film}: the holder moves at {value_with_uncertainty(degrees(angle), degrees(u), 'deg')} "
-    text += f"to the image's columns, whose vertical part is {in_words(100 * (1 - cos(angle)), 2)} % shorter"
-    if abs(angle) > STRAIGHT:
-        cause = "the film was turned when it was exported, or tracking.body follows something else than the holder"
-        return stated(name, text, "doubtful", cause=cause, file=settings.film, setting="tracking.body")
-    matters = 1.0 - cos(angle) > _MATTERS * float(motion["u_pixel_size"] / motion["pixel_size"])
-    text += "; displacements are those along the motion"
-    cause = "the camera is turned about its axis, or the holder is led aslant"
-    return stated(name, text, "note" if matters else None, cause=cause, file=settings.film)
-
-
 def _begins_at_rest(motion: xr.Dataset, settings: DicValidation) -> Check:
     """Look for a film that begins after the release, or after the first impact."""
     name = BEGINNING
@@ -337,28 +278,11 @@ def _gain(comparison: xr.Dataset, settings: DicValidation) -> Check:
 
 
 def _causes(track: xr.Dataset | None, settings: DicValidation) -> Iterator[Cause]:
-    yield Cause(
-        {G: 1.0, HEIGHT: 1.0, GAIN: -1.0},
-        lambda k: (
-            f"lengths come out {too_large(k)}: the scale in {settings.camera} is wrong"
-            + (", of another view" if abs(log(k)) > log(_ANOTHER_VIEW) else "")
-        ),
-        SLIPS["length"] + SLIPS["gain"] + SLIPS["view"],
-        file=settings.camera,
-        setting="values.pixel_length",
-    )
-    yield Cause(
-        {G: 2.0},
-        of_rate,
-        SLIPS["interval"],
-        file="" if is_rate_used(settings.frame_rate, track) else settings.film,
-        setting="frame_rate" if is_rate_used(settings.frame_rate, track) else "",
-    )
-    yield Cause(
-        {HEIGHT: 1.0},
-        lambda k: (
-            f"the film is of a drop from a height {in_words(k)} times that of {_laser(settings)}: "
-            "film or laser_experiment is another one"
-        ),
-        setting="laser_experiment",
-    )
+    yield judgements.wrong_scale({G: 1.0, HEIGHT: 1.0, GAIN: -1.0}, settings.camera)
+    yield wrong_rate({G: 2.0}, settings.frame_rate, track, settings.film)
+
+    def of_height(factor: float) -> str:
+        text = f"the film is of a drop from a height {in_words(factor)} times that of {_laser(settings)}"
+        return f"{text}: film or laser_experiment is another one"
+
+    yield Cause({HEIGHT: 1.0}, of_height, setting="laser_experiment")

@@ -1,7 +1,7 @@
 """Comparison of a film of the holder with the laser."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -34,57 +34,44 @@ def comparison(
     made = signals.compare(film, seen)
     agreed = signals.agreement(film.values, seen.values)
     shift = signals.lag(film, reference, _LARGEST_LAG)
-    scalars = {
-        "bias": (agreed.bias, "m", "mean of film minus laser"),
-        "u_bias": (agreed.u_bias, "m", "standard uncertainty: bias"),
-        "difference_sd": (agreed.sd, "m", "standard deviation of film minus laser"),
-        "limit_low": (agreed.low, "m", "lower 95 % limit of agreement"),
-        "limit_high": (agreed.high, "m", "upper 95 % limit of agreement"),
-        "u_limit_low": (agreed.u_limit, "m", "standard uncertainty: lower limit"),
-        "u_limit_high": (agreed.u_limit, "m", "standard uncertainty: upper limit"),
-        "concordance": (agreed.concordance, "1", "Lin's concordance coefficient"),
-        "lag": (shift.lag, "s", "time by which the laser lags after alignment at first contact"),
-        "u_lag": (shift.u_lag, "s", "standard uncertainty: lag"),
-        "gain": (shift.gain, "1", "laser's displacement per film's displacement"),
-        "u_gain": (shift.u_gain, "1", "standard uncertainty (random): gain"),
-        "expected_u_gain": (
-            float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0))),
-            "1",
-            "standard uncertainty of the ratio of both scales, from both calibrations",
-        ),
-    }
-    for name, (value, units, text) in scalars.items():
-        made[name] = variable((), value, units, text)
+    expected = float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0)))
+    for name, value, u, units, text in (
+        ("bias", agreed.bias, agreed.u_bias, "m", "mean of film minus laser"),
+        ("limit_low", agreed.low, agreed.u_limit, "m", "lower 95 % limit of agreement"),
+        ("limit_high", agreed.high, agreed.u_limit, "m", "upper 95 % limit of agreement"),
+        ("lag", shift.lag, shift.u_lag, "s", "time by which the laser lags after alignment at first contact"),
+        ("gain", shift.gain, shift.u_gain, "1", "laser's displacement per film's displacement, random u"),
+    ):
+        made = made.assign(with_u(name, (), value, u, units, text))
+    made["difference_sd"] = variable((), agreed.sd, "m", "standard deviation of film minus laser")
+    made["concordance"] = variable((), agreed.concordance, "1", "Lin's concordance coefficient")
+    text = "standard uncertainty of the ratio of both scales, from both calibrations"
+    made["expected_u_gain"] = variable((), expected, "1", text)
     made["film"] = film.drop_attrs().assign_attrs(units="m", long_name="film, over the height of first contact")
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
     )
-    along = _along(made, bounces, laser, float(made["expected_u_gain"]))
-    pair = with_u(_RATIO, (), along.ratio, along.u, "1", "displacement, film over laser; u without that of the scales")
-    return made.assign(curve_table((), [along.agreement]) | pair).merge(_impacts(bounces, laser))
+    agreement, ratio, u_ratio = _along(made, bounces, laser, float(made["expected_u_gain"]))
+    pair = with_u(_RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")
+    return made.assign(curve_table((), [agreement]) | pair).merge(_impacts(bounces, laser))
 
 
-class _Along(NamedTuple):
-    """Agreement of the curves, and displacement of the film over that of the laser with its u without the scales."""
-
-    agreement: Agreement | None
-    ratio: float = np.nan
-    u: float = np.nan
-
-
-def _along(made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float) -> _Along:
+def _along(
+    made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float
+) -> tuple[Agreement | None, float, float]:
     """Lay the film over the laser in stretches of fall and flights.
 
     They share the ratio of both scales, level and moment of first touch, and by how much the drops that the laser
     saw differ from each other: the film shows one drop, and each impact's scatter moves all that follows.
-    The ratio of the displacements is that of generalised least squares with the covariance of the rest.
+    Returned are the agreement, and the displacement of the film over that of the laser with its standard uncertainty
+    without the scales, by generalised least squares with the covariance of the rest.
     """
     time, start = made["time"].values, float(film["first_contact_time"])
     touches = film["touch_time"].values - start
     leaves = film["liftoff_time"].values - start
     places = flights(time, touches, leaves, float(film["release_time"]) - start)
     if not places:
-        return _Along(None)
+        return None, np.nan, np.nan
     means, own = stretches(made["residual"].values, places)
     later = np.gradient(made["laser"].values, time)
     touched = [float(one["u_touch_time"][0]) * (later + float(laser["incoming_speed"][0])) for one in (film, laser)]
@@ -96,8 +83,8 @@ def _along(made: xr.Dataset, film: xr.Dataset, laser: xr.Dataset, ratio: float) 
     size, others = effects[0, known], effects[1:, known]
     weighted = np.linalg.pinv(others.T @ others + np.diag(own[known] ** 2), hermitian=True) @ size
     if not size @ weighted > 0.0:
-        return _Along(agreed)
-    return _Along(agreed, 1.0 + float(weighted @ means[known] / (size @ weighted)), float((size @ weighted) ** -0.5))
+        return agreed, np.nan, np.nan
+    return agreed, 1.0 + float(weighted @ means[known] / (size @ weighted)), float((size @ weighted) ** -0.5)
 
 
 def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
@@ -109,10 +96,9 @@ def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
         ours = film[name].values[:count] - (start if name == "touch_time" else 0.0)
         theirs = laser[name].values[:count]
         own, others = (one[f"u_{name}"].values[:count] for one in (film, laser))
-        for key, values in (("film", ours), ("laser", theirs), ("difference", ours - theirs)):
-            table[f"{name}_{key}"] = variable("impact", values, units, f"{name}, {key}")
-        for key, values in (("film", own), ("laser", others), ("difference", np.hypot(own, others))):
-            table[f"u_{name}_{key}"] = variable("impact", values, units, f"standard uncertainty: {name}, {key}")
+        apart = ("difference", ours - theirs, np.hypot(own, others))
+        for key, values, u in (("film", ours, own), ("laser", theirs, others), apart):
+            table |= with_u(f"{name}_{key}", "impact", values, u, units, f"{name}, {key}")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 

@@ -2,7 +2,7 @@
 
 The two were recorded in different sessions; they are aligned at first contact (t_c = 0, and the
 height of that contact is 0). Point 0 of the tracks is the large subset on the holder, whose motion
-is the result; the others are the line of small subsets, whose scatter shows how stiffly it moves.
+is the result; the others are the line of small subsets of the thesis.
 """
 
 import json
@@ -51,23 +51,18 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     options |= chosen.masks
     if chosen.masks:
         body = imaging.track(source, points[:1], select=[0], **{**options, "subset": subsets[:1]})
-        _refuse_covered(body, chosen)
+        if statuses(body)[0] == "covered":
+            at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
+            raise InputError(
+                f"{' and '.join(f'tracking.{name}' for name in chosen.masks)} leave too few pixels of the square of "
+                f"{width} px about {at}, which gives the motion: draw them in px of the first image, or give another "
+                "tracking.body"
+            ).because(next(iter(chosen.masks)))
     coarse: dict[str, int] = {}
     if not full:
         coarse, options["select"] = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
     found = imaging.track(source, points, **options)
     return _with_bytes(found, source, coarse)
-
-
-def _refuse_covered(body: xr.Dataset, chosen: Tracking) -> None:
-    """Raise when the masks leave nothing of the large subset."""
-    if statuses(body)[0] == "covered":
-        at, width = f"[{float(body['x'][0]):g}, {float(body['y'][0]):g}]", int(body["subset"][0])
-        names_of_masks = " and ".join(f"tracking.{name}" for name in chosen.masks)
-        raise InputError(
-            f"{names_of_masks} leave too few pixels of the square of {width} px about {at}, "
-            "which tells the motion: draw them in px of the first image, or give another tracking.body"
-        ).because(next(iter(chosen.masks)))
 
 
 def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
@@ -187,12 +182,6 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         result = result.assign(with_u(name, "time", values, u, units, text, "(random)"))
     text = "direction of the motion to the image's columns, to the right of upwards"
     result = result.assign(with_u("direction", (), direction, u_direction, "rad", text))
-    if moved.sizes["point"] > 1:
-        line = moved["displacement_y"].isel(point=slice(1, None)).values
-        scatter = np.full(len(line), np.nan)
-        seen = np.isfinite(line).sum(axis=1) > 2
-        scatter[seen] = np.nanstd(line[seen], axis=1, ddof=1)
-        result["line_scatter"] = variable("time", scatter, "m", "standard deviation along the line of subsets")
     for name in ("pixel_size", "u_pixel_size"):
         result[name] = moved[name]
     size = float(moved["pixel_size"])

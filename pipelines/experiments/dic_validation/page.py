@@ -1,7 +1,7 @@
 """The report of a film against the laser."""
 
-import json
 import math
+from functools import partial
 
 import cv2
 import numpy as np
@@ -14,162 +14,82 @@ from labpipe.report import (
     Gallery,
     KeyValues,
     LineChart,
-    Listed,
-    Notice,
     Paragraph,
     Picture,
     Section,
     Series,
-    budget_table,
-    listed,
     quantity,
     value_with_uncertainty,
 )
-from labpipe.workflow.context import Context
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.film_frames import enlarged, png
-from pipelines.experiments.shared.reports import Report, budgets
+from pipelines.experiments.shared.film_frames import drawing_of, png
+from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
-_SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
+_BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
 _REGION, _COVER, _OBSTRUCTION = (80, 200, 80), (80, 80, 230), (230, 80, 200)  # BGR: green, red, violet
 _MASKS = (
     "Green: regions that count; red: covered parts that do not, both moving with the large subset; violet: "
     "obstructions that stand still before the holder and do not count. "
 )
-_BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
 _GROUP = "film"  # charts and frames over the film's time
 _SPREAD = "± 2 sd of the laser's repeats"
 _LABEL = "time since first contact / ms"
-
-
-def _summary(
-    settings: DicValidation,
-    context: Context,
-    track: xr.Dataset | None = None,
-    bounces: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
-) -> Section:
-    rows = [("film", settings.film, f'view "{settings.view}"')]
-    if track is not None:
-        share = float(track["valid"].mean())
-        count = track.sizes["point"]
-        followed = "one point" if count == 1 else f"{count} points"
-        rows.append(
-            ("frames", str(track.sizes["frame"]), f"{followed} followed; found in {100 * share:.3g} % of the frames")
-        )
-    if bounces is not None and bounces.sizes["impact"]:
-        rows.append(
-            ("restitution of the first impact, film", pages.told(bounces, "restitution", 0), "standard uncertainty")
-        )
-    if comparison is not None:
-        rows += [
-            (
-                "nRMSE, film against laser",
-                f"{float(comparison['nrmse']) * 100:.2f} %",
-                "root mean square of the difference, over the range of the laser",
-            ),
-            (
-                "ratio of the laser's scale to the film's",
-                pages.told(comparison, "gain"),
-                f"expected 1 within {float(comparison['expected_u_gain']) * 100:.2g} % from both calibrations",
-            ),
-        ]
-    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
-    if comparison is None and not context.failures:
-        text = (
-            "No laser experiment is named, so the film is not compared; name one as laser_experiment in session.toml."
-        )
-        blocks.append(Notice("info", text))
-    return Section("Summary", tuple(blocks))
 
 
 def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Section:
     start = None if bounces is None else float(bounces["first_contact_time"])
     pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
-    caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1)
-    caption += _MASKS * bool(settings.tracking.masks) + "The charts below mark the frame that is shown." * (
-        start is not None
-    )
+    caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1) + _MASKS * bool(settings.tracking.masks)
+    caption += "The charts below mark the frame that is shown." * (start is not None)
     gallery = Gallery("Key frames with the tracked subsets", pictures, caption=caption, group=_GROUP)
-    header = pages.raw_header(keys.assign_attrs(source=settings.film))
-    return Section("Film", (gallery,) if header is None else (gallery, header))
+    return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
 def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Picture:
-    image = key["image"].values
-    factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
-    canvas = enlarged(image, factor)
-    scale = factor / float(key["reduction"])
-    half = factor / 2 - 0.5  # the centre of an enlarged pixel
-    _draw_masks(canvas, key, tracking, scale, half)
-    for n in range(key.sizes["point"]):
-        x, y = float(key["point_x"][n]), float(key["point_y"][n])
-        if not (math.isfinite(x) and math.isfinite(y)):
-            continue
-        centre = (round(x * scale + half), round(y * scale + half))
-        if n == 0:
-            side = float(key["subset"][n]) * scale
-            box = cv2.boxPoints((centre, (side, side), math.degrees(float(key["turn"][n]))))
-            cv2.polylines(canvas, [np.rint(box).astype(np.int32)], True, _BODY, 2, cv2.LINE_AA)
-        else:
-            cv2.circle(canvas, centre, 4, _POINT, 2, cv2.LINE_AA)
-    frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
-    words = f"frame {frame} of the film with the tracked subsets drawn on it"
-    at = None if start is None else time - start * 1e3
-    status = str(key["key_status"].values)
-    lost = "" if status == "ok" else f"; the large subset has no value: {status.replace('_', ' ')}"
-    return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film{lost}", at=at)
-
-
-def _draw_masks(canvas: NDArray[np.uint8], key: xr.Dataset, tracking: Tracking, scale: float, half: float) -> None:
-    """Draw the polygons of the masks, those that move with the large subset moved and turned as it is."""
-    for polygon in tracking.obstructions or ():
-        _draw_polygon(canvas, np.array(polygon) * scale + half, _OBSTRUCTION)
+    """Draw the subsets and masks; those that move with the large subset are moved and turned as it is."""
+    canvas, scale, half = drawing_of(key)
     body = key.isel(point=0)
-    start, now = (np.array([float(body[f"{name}_x"]), float(body[f"{name}_y"])]) for name in ("start", "point"))
-    if not np.isfinite(now).all():
-        return
+    first, now = (np.array([float(body[f"{name}_x"]), float(body[f"{name}_y"])]) for name in ("start", "point"))
     cosine, sine = math.cos(float(body["turn"])), math.sin(float(body["turn"]))
     turn = np.array([[cosine, -sine], [sine, cosine]])
+    side = 0.5 * float(key["subset"][0])
+    square = now + np.array([(-side, -side), (side, -side), (side, side), (-side, side)]) @ turn.T
+    drawn: list[tuple[NDArray[np.float64], tuple[int, int, int]]] = [(square, _BODY)]
+    drawn += [(np.array(polygon), _OBSTRUCTION) for polygon in tracking.obstructions or ()]
     for polygons, colour in ((tracking.regions, _REGION), (tracking.covers, _COVER)):
-        for polygon in polygons or ():
-            corners = (now + (np.array(polygon) - start) @ turn.T) * scale + half
-            _draw_polygon(canvas, corners, colour)
-
-
-def _draw_polygon(canvas: NDArray[np.uint8], corners: NDArray[np.float64], colour: tuple[int, int, int]) -> None:
-    cv2.polylines(canvas, [np.rint(corners).astype(np.int32)], True, colour, 2, cv2.LINE_AA)
+        drawn += [(now + (np.array(polygon) - first) @ turn.T, colour) for polygon in polygons or ()]
+    for corners, colour in drawn:
+        if np.isfinite(corners).all():
+            places = np.rint(corners * scale + half).astype(np.int32)
+            cv2.polylines(canvas, [places], True, colour, 2, cv2.LINE_AA)
+    for x, y in zip(key["point_x"].values[1:], key["point_y"].values[1:], strict=True):
+        if math.isfinite(x) and math.isfinite(y):
+            cv2.circle(canvas, (round(x * scale + half), round(y * scale + half)), 4, _POINT, 2, cv2.LINE_AA)
+    frame, time, status = int(key["frame"]), float(key["key_time"]) * 1e3, str(key["key_status"].values)
+    lost = "" if status == "ok" else f"; the large subset has no value: {status.replace('_', ' ')}"
+    words = f"frame {frame} of the film with the tracked subsets drawn on it"
+    at = None if start is None else time - start * 1e3
+    return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film{lost}", at=at)
 
 
 def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:
     direction, u_direction = (math.degrees(float(motion[of])) for of in ("direction", "u_direction"))
-    blocks: list[Block] = [
-        pages.calibration_rows(motion.attrs["calibration"]),
-        KeyValues(
-            [
-                ("length of one pixel", pages.told(motion, "pixel_size"), "in the plane of the holder"),
-                (
-                    "motion, to the image's columns",
-                    value_with_uncertainty(direction, u_direction, "deg"),
-                    "positive to the right of upwards; displacements are along it up to 30°",
-                ),
-                ("tilt of the camera, up or down", pages.stated(settings.camera_tilt), "stated; lengths / cos(tilt)"),
-                (
-                    "relative uncertainty of a displacement's scale",
-                    f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %",
-                    "the same for every frame",
-                ),
-            ]
-        ),
-        *budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale", "m/px"),
+    turned = value_with_uncertainty(direction, u_direction, "deg")
+    relative = f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %"
+    along = "positive to the right of upwards; displacements are along it up to 30°"
+    rows = [
+        ("length of one pixel", pages.told(motion, "pixel_size"), "in the plane of the holder"),
+        ("motion, to the image's columns", turned, along),
+        ("tilt of the camera, up or down", pages.stated(settings.camera_tilt), "stated; lengths / cos(tilt)"),
+        ("relative uncertainty of a displacement's scale", relative, "the same for every frame"),
     ]
-    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
+    return pages.camera_calibration(motion.attrs["calibration"], motion.attrs["budget"], rows)
 
 
 def _motion(
@@ -179,21 +99,23 @@ def _motion(
     laser: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
 ) -> Section:
+    moved = motion["displacement"].values
     if bounces is None:  # no contact from which to count
-        shown = Series("film", motion["time"].values * 1e3, motion["displacement"].values * 1e3, role="measured")
+        shown = Series("film", motion["time"].values * 1e3, moved * 1e3, role="measured")
         labels = ("Displacement", "time in the film / ms", "displacement / mm, upwards")
         return Section("Motion", (LineChart(*labels, (shown,), group=_GROUP),))
     start, level = float(bounces["first_contact_time"]), float(bounces["contact_level"])
     time = (motion["time"].values - start) * 1e3
-    touches = (bounces["touch_time"].values[:_VIEWS] - start) * 1e3
+    touches = [float(t - start) for t in bounces["touch_time"].values[:_VIEWS]]
     views = tuple(
-        (f"impact {i + 1}", float(t - _BEFORE * 1e3), float(t + _AFTER * 1e3))
-        for i, t in enumerate(touches)
-        if np.isfinite(t)
+        (f"impact {i}", (t - _BEFORE) * 1e3, (t + _AFTER) * 1e3) for i, t in enumerate(touches, 1) if np.isfinite(t)
     )
-    position: list[Series | Band] = [
-        Series("film", time, (motion["displacement"].values - level) * 1e3, role="measured")
-    ]
+
+    chart = partial(LineChart, x_label=_LABEL, group=_GROUP, views=views)
+    position: list[Series | Band] = [Series("film", time, (moved - level) * 1e3, role="measured")]
+    speed: list[Series | Band] = []
+    if velocity is not None:
+        speed.append(Series("film", time, velocity["velocity"].values, role="measured"))
     if laser is not None:
         inside = laser.sel(time=slice(time[0] * 1e-3, time[-1] * 1e-3))
         when, mean = inside["time"].values * 1e3, inside["displacement_mean"].values * 1e3
@@ -201,40 +123,25 @@ def _motion(
         if laser.sizes["repeat"] > 1:
             wide = 2 * inside["displacement_sd"].values * 1e3
             position.insert(0, Band(_SPREAD, when, mean - wide, mean + wide, role="reference"))
-    charts: list[Block] = [
-        LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position), group=_GROUP, views=views)
-    ]
+        if speed and "velocity_mean" in laser:
+            speed.append(Series("laser, mean of the repeats", when, inside["velocity_mean"].values, role="reference"))
+    charts: list[Block] = [chart("Displacement", y_label="height over first contact / mm", series=tuple(position))]
     if comparison is not None:
-        charts.append(_difference(comparison, laser, views))
-    if velocity is not None:
-        speed = [Series("film", time, velocity["velocity"].values, role="measured")]
-        if laser is not None and "velocity_mean" in laser:
-            when, mean = inside["time"].values * 1e3, inside["velocity_mean"].values
-            speed.append(Series("laser, mean of the repeats", when, mean, role="reference"))
-        charts.append(
-            LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed), group=_GROUP, views=views)
+        both = comparison["time"].values
+        drawn: list[Series | Band] = [
+            Series("difference", both * 1e3, comparison["residual"].values * 1e6, role="residual")
+        ]
+        if laser is not None and laser.sizes["repeat"] > 1:
+            wide = 2e6 * np.interp(both, laser["time"].values, laser["displacement_sd"].values)
+            drawn.insert(0, Band(_SPREAD, both * 1e3, -wide, wide, role="reference"))
+        caption = "An impact that is early or late in one record shows as a spike, as both curves are steep there."
+        residual = chart(
+            "Film minus laser", y_label="difference / µm", series=tuple(drawn), caption=caption, height_px=220
         )
-    turned, label = Series("film", time, motion["rotation"].values * 1e3, role="measured"), "rotation / mrad, clockwise"
-    charts.append(
-        LineChart("Rotation of the holder", _LABEL, label, (turned,), group=_GROUP, views=views, height_px=220)
-    )
+        charts.append(residual)
+    if speed:
+        charts.append(chart("Velocity", y_label="velocity / (m/s), upwards", series=tuple(speed)))
     return Section("Motion", tuple(charts))
-
-
-def _difference(
-    comparison: xr.Dataset, laser: xr.Dataset | None, views: tuple[tuple[str, float, float], ...]
-) -> LineChart:
-    """Draw film minus laser, and behind it how far the laser's repeats differ among themselves."""
-    time = comparison["time"].values
-    series: list[Series | Band] = [
-        Series("difference", time * 1e3, comparison["residual"].values * 1e6, role="residual")
-    ]
-    if laser is not None and laser.sizes["repeat"] > 1:
-        wide = 2e6 * np.interp(time, laser["time"].values, laser["displacement_sd"].values)
-        series.insert(0, Band(_SPREAD, time * 1e3, -wide, wide, role="reference"))
-    caption = "An impact that is early or late in one record shows as a spike, as both curves are steep there."
-    labels, drawn = ("Film minus laser", _LABEL, "difference / µm"), tuple(series)
-    return LineChart(*labels, drawn, group=_GROUP, views=views, height_px=220, caption=caption)
 
 
 def _agreement(comparison: xr.Dataset) -> Section:
@@ -245,52 +152,31 @@ def _agreement(comparison: xr.Dataset) -> Section:
         ("upper 95 % limit of agreement", pages.told(comparison, "limit_high"), ""),
         ("concordance", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"),
         ("remaining lag", pages.told(comparison, "lag"), "lag of the laser after alignment"),
-        ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
     ]
-    columns = (
-        Listed("impact", comparison["impact"].values.tolist()),
-        pages.column(comparison, "touch_time_difference", "touch, film − laser"),
-        pages.plain(comparison, "incoming_speed_film", "incoming speed, film"),
-        pages.plain(comparison, "incoming_speed_laser", "laser"),
-        pages.plain(comparison, "restitution_film", "restitution, film"),
-        pages.plain(comparison, "restitution_laser", "laser"),
-        pages.column(comparison, "restitution_difference", "film − laser"),
-    )
     text = (
-        "Film and laser recorded different drops on different days: they are aligned at first "
-        "contact. Limits of agreement after Bland and Altman, with the number of independent "
-        "samples estimated from the autocorrelation of the difference."
+        "Film and laser recorded different drops on different days: they are aligned at first contact. Limits of "
+        "agreement after Bland and Altman, with the number of independent samples estimated from the autocorrelation "
+        "of the difference."
     )
-    return Section("Agreement", (Paragraph(text), KeyValues(rows), listed(columns)))
+    return Section("Agreement", (Paragraph(text), KeyValues(rows)))
 
 
-def _tracking(track: xr.Dataset, motion: xr.Dataset | None = None) -> Section:
-    frames = track["frame"].values
+def _tracking(track: xr.Dataset) -> Section:
     body = track.isel(point=0)
-    size = track["subset"].values[0]
-    stretched = int((np.nan_to_num(body["stretch_x"].values) != 0.0).sum())
+    seen, hidden = body["valid"].values, np.nan_to_num(body["hidden"].values)
     rows = [
-        ("subset on the holder", f"{size} px", "two shifts and a rotation"),
-        ("stretch and shear", f"in {stretched} of {len(frames)} frames", "solved for where the residual shows it"),
+        ("subset on the holder", f"{int(body['subset'])} px", "two shifts and a rotation"),
         ("standard uncertainty of a displacement (noise)", quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
         ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),
-        ("lost", str(int((~body["valid"].values).sum())), "frames without a value"),
+        ("lost", str(int((~seen).sum())), "frames without a value"),
     ]
-    share = np.nan_to_num(body["hidden"].values)
-    if (share > 0.0).any():
-        said = f"at most {100 * share.max():.0f} % of it, in {int((share > 0.0).sum())} of {share.size} frames"
+    if (hidden > 0.0).any():
+        said = f"at most {100 * hidden.max():.0f} % of it, in {int((hidden > 0.0).sum())} of {hidden.size} frames"
         rows.append(("hidden of it", said, "left out there; the uncertainty grows accordingly"))
-    if motion is not None and "line_scatter" in motion:
-        scatter = quantity(float(np.nanmedian(motion["line_scatter"])), "m")
-        rows.append(("scatter along the line", scatter, "median over frames; includes the rotation"))
-    seen = body["valid"].values
-    drawn = [Series("found", frames.astype(float), np.where(seen, body["zncc"].values, np.nan), role="measured")]
-    if not seen.all():
-        lost = np.where(seen, np.nan, body["zncc"].values)
-        drawn.append(Series("no value", frames.astype(float), lost, role="residual", style="points"))
+    found = np.where(seen, body["zncc"].values, np.nan)
+    drawn = (Series("large subset", track["frame"].values.astype(float), found, role="measured"),)
     labels = ("Correlation of the large subset", "frame", "zero-normalised correlation")
-    chart = LineChart(*labels, tuple(drawn), height_px=200)
-    return Section("Tracking", (KeyValues(rows), chart))
+    return Section("Tracking", (KeyValues(rows), LineChart(*labels, drawn, height_px=200)))
 
 
 def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
@@ -313,7 +199,7 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
 page = Report(
     "Camera against laser",
     ("track", "motion", "bounces", "velocity", "keys", "comparison", "laser"),
-    (_summary, _key_frames, _motion, _agreement, _tracking, _calibration, budgets(quantities), _methods),
+    (summary(compared_rows), _key_frames, _motion, _agreement, _tracking, _calibration, budgets(quantities), _methods),
     compared_rows,
     counts={"comparison": lambda comparison: "nrmse" in comparison},
 )

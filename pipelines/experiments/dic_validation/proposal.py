@@ -6,7 +6,7 @@ from functools import partial
 
 from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
-from pipelines.experiments.shared.film_proposal import head, is_exported
+from pipelines.experiments.shared.record_templates import head, is_exported
 
 _GUESSED = 'a guess: the name tells no view; a film through the disc is of kind "contact_area"'
 _NAMED = re.compile(r"front|holder|drop|fall", re.IGNORECASE)

@@ -74,7 +74,7 @@ def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, 
     solids: dict[str, float] = {}
     for name, (given, _) in of_solids(plate).items():
         kind = next((k for k in (TEMPERATURE, POISSONS_RATIO) if name.startswith(k)), _RHEOMETER)
-        solids[kind] = hypot(solids.get(kind, 0.0), given.u * float(plate["solid_mass"].sel(solid_input=name)))
+        solids[kind] = hypot(solids.get(kind, 0.0), given.u * float(plate["solid_mass"].sel(uncertain=name)))
     rest = excess_uncertainty(float(plate["u_mass"]), *map(float, parts), heights, *solids.values())
     silent = [name for name in (POISSONS_RATIO, TEMPERATURE) if name not in solids]
     inert = [("noise", "included in the repeatability"), *_OF_MASS, ("radius", _RADIUS)]

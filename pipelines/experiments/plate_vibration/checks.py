@@ -8,25 +8,23 @@ material, a mass or a sampling interval that is stated wrongly moves them differ
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
-from math import hypot, log, nan, pi, sqrt
+from math import hypot, inf, log, nan, pi, sqrt
 
 import numpy as np
 import xarray as xr
 
-from labpipe.judging import SLIPS, Cause, Check, bounded, compared, explain, in_words, not_made, too_large
+from labpipe.judging import SLIPS, Cause, Check, bounded, compared, explain, not_made, too_large
 from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.plate_vibration.comparison import SERIES, by_solids, from_others, height_name, rows
-from pipelines.experiments.plate_vibration.measured import drops_label
+from pipelines.experiments.plate_vibration.comparison import SERIES, amplitudes, from_others, height_name, rows
+from pipelines.experiments.plate_vibration.measured import SHORTEST_FLIGHT, drops_label
 from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
-from pipelines.experiments.shared.fall_checks import Fall, matched, shown
+from pipelines.experiments.shared.fall_checks import Fall, Repeated, shown
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements import Scene, Title, line_of, times_over
-from pipelines.experiments.shared.record_checks import Trace
+from pipelines.experiments.shared.judgements import Scene, Title
 
 _BLOCK = 16
 """Readings by which the free stretch grows, and that are given back before the second blow."""
@@ -36,13 +34,21 @@ DMA: it goes with the restitution."""
 _MOMENTUM = 0.03
 """The same of the momentum of an impact, which goes with 1 + e."""
 _PLATES = (0.3, 3e3)  # kg, modal masses of what spheres are dropped on in a laboratory
-_ANOTHER_PLATE = 5e-3  # relative, by which a frequency may change when a plate is touched or warmed
 _MOMENTUM_OF, _PAUSE_OF = "momentum of the blow", "pause before the second blow"
 _STATED = (
     "what falls is stated wrongly: sphere.mass, or a height, or the material of one of the drops; or a file is of "
     "another drop"
 )
-_ALIKE = (("amplitude", "amplitude at impact", "m"),)
+_AMPLITUDE = (Repeated("amplitude", "amplitude at impact", "m"),)
+_OF_ONE_PLATE = (
+    Repeated("natural_frequency", "frequency of the plate", "Hz", 5e-3, 5e-3),
+    Repeated("damping_ratio", "damping of the plate", "1", 0.2, 0.2),
+)
+"""A frequency changes a little when a plate is touched or warmed; damping depends on its support and the amplitude."""
+_ANOTHER_PLATE = (
+    "something else struck plate or table, the plate was changed, the sampling interval of this file is not what it "
+    "says, or it is of another plate"
+)
 _FAILED = record_checks.CAUSES | {
     "ringing": "the recording holds no ringing plate: the wrong channel or file, a blow before the recording began, "
     "something else that struck plate or table shortly before or after the body, a recording that ends too soon, or a "
@@ -56,12 +62,9 @@ _STEPS = ("readings", "displacement", "ringing", "table", "plate", "model", "com
 TITLES = {
     "one plate": Title(
         "All recordings show the free ringing of one plate: one frequency and one damping.",
-        ("frequency of the plate", "damping of the plate", "modal mass of the plate"),
+        ("repeats: frequency of the plate", "repeats: damping of the plate", "modal mass of the plate"),
     ),
-    "direction and order of the blows": Title(
-        "A falling body pushes the plate down, and harder from a larger height.",
-        ("direction of the blow", "amplitude over height"),
-    ),
+    "direction of the blow": Title("A falling body pushes the plate down.", ("direction of the blow",)),
     "momentum of the blow": Title(
         "Momentum over amplitude and frequency gives one modal mass for all drops.", (_MOMENTUM_OF,)
     ),
@@ -80,12 +83,10 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     names = [name for drops in settings.drops for name in drops.laser]
     found = {n: ring for n, ring in zip(names, ringing or (), strict=False) if ring is not None}
     moved = {n: each for n, each in zip(names, displacement or (), strict=False) if each is not None}
-    pairs = [(n, read) for n, read in zip(names, readings or (), strict=False) if read is not None]
-    traces = [t for name, read in pairs if (t := Trace.of(name, read, settings.sensor.output)) is not None]
-    gravity, body = settings.model.gravity.value, settings.sphere
-    checks = [record_checks.placed(c, settings.calibration) for c in judgements.failed_steps(context, _FAILED)]
-    checks += [c for trace in traces for c in record_checks.of_readings(trace, gravity, moved.get(trace.name))]
-    checks.append(record_checks.shared_rows(traces))
+    read = {n: each for n, each in zip(names, readings or (), strict=False) if each is not None}
+    body = settings.sphere
+    of_traces, checks = record_checks.of_recordings(read, moved, {}, settings, context, _FAILED)
+    checks += of_traces
     asked = [(f"drops[{i}].height", drops.height) for i, drops in enumerate(settings.drops)]
     asked += [] if body is None else [("sphere.radius", body.radius), ("sphere.mass", body.mass)]
     statements = list(judgements.uncertainties_stated(asked))
@@ -94,27 +95,25 @@ def judgement(given: Given, basis: judgements.Basis, settings: PlateVibration, c
     else:
         statements.append(fall_checks.body_stated(body.radius.value, body.mass.value))
     checks += statements
-    checks += record_checks.of_record(moved, settings.calibration)
     checks += [_downwards(name, moved[name], ring) for name, ring in found.items() if name in moved]
-    checks += _one_plate(found)
+    rings = [Fall(name, ring, 0.0) for name, ring in found.items()]
+    checks += fall_checks.repeats_agree(rings, _OF_ONE_PLATE, _ANOTHER_PLATE)
     for drops in settings.drops:
         # what repeats share is taken out: their scatter alone is asked
         falls = [Fall(name, found[name], 0.0) for name in drops.laser if name in found]
-        checks += fall_checks.repeats_agree(falls, _ALIKE, "this recording is of another height or another body")
+        checks += fall_checks.repeats_agree(falls, _AMPLITUDE, "this recording is of another height or another body")
     checks += _of_plate(plate, settings)
-    flights = list(_flights(found, model, moved, settings))
-    checks += _with_interval(flights, names, readings, settings)
+    checks += _flights(found, model, moved, settings)
     checks += _momenta(table, plate, settings)
-    checks.append(_grows_with_height(table, settings))
     inputs, shared = {}, {}
     if table is not None:
-        own = relative_uncertainty(table, settings)
-        shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own.amplitude)}
+        own, _ = relative_uncertainty(table, settings)
+        shared = {f"{SERIES} {i + 1}": Quantity(1.0, float(u), "1") for i, u in enumerate(own)}
         inputs = {height_name(settings, i): drops.height for i, drops in enumerate(settings.drops)}
         inputs |= {} if plate is None else {name: given for name, (given, _) in of_solids(plate).items()}
     # of a body that cannot be, no blow tells which height is wrong
     is_body = not any(c.setting == "sphere.mass" and c.level for c in statements)
-    causes = list(_causes(table, plate, settings)) if is_body else []
+    causes = list(_causes(table, plate, list(read.items()), settings)) if is_body else []
     if not explain(checks, causes):
         checks = [
             replace(c, cause=_STATED) if c.name.startswith(_MOMENTUM_OF) and c.level and not c.cause else c
@@ -139,31 +138,6 @@ def _downwards(name: str, moved: xr.Dataset, ring: xr.Dataset) -> Check:
     check = bounded(title, text, swing, u, at_most=0.0, setting="sensor.direction")
     cause = "the sensor counts the other way than stated: sensor.direction in session.toml has the wrong sign"
     return replace(check, cause=cause)
-
-
-def _one_plate(found: dict[str, xr.Dataset]) -> Iterator[Check]:
-    """Compare frequency and damping of every recording with those of all; of two, the less certain with the other."""
-    for variable, title, unit in (("natural_frequency", "frequency", "Hz"), ("damping_ratio", "damping", "1")):
-        name = f"{title} of the plate"
-        if len(found) < 2:
-            yield not_made(name, "two recordings")
-            continue
-        values, u = (np.array([float(ring[v]) for ring in found.values()]) for v in (variable, f"u_{variable}"))
-        centre, u_centre = float(np.median(values)), float(np.median(u)) / sqrt(len(values))
-        worst = int(np.argmax(np.abs(values - centre) / u))
-        if len(found) == 2:
-            worst = int(np.argmax(u))
-            centre, u_centre = float(values[1 - worst]), float(u[1 - worst])
-        file, others = list(found)[worst], "the other" if len(found) == 2 else "all others"
-        seen, own = float(values[worst]), float(u[worst])
-        message = f"{file}: {shown(seen, own, unit)}, {others} {matched(centre, own, unit)}"
-        # the damping of a real plate depends on its support and on the amplitude
-        allowance = (_ANOTHER_PLATE if variable == "natural_frequency" else 0.2) * centre
-        check = compared(name, message, seen, own, centre, u_centre, allowance=allowance, factor=False, file=file)
-        cause = "something else struck plate or table, the plate was changed, or the file is of another plate"
-        if variable == "natural_frequency":
-            cause = f"the sampling interval of {file} is {in_words(centre / seen)} times what it says, or {cause}"
-        yield replace(check, cause=cause) if check.level else check
 
 
 def _of_plate(plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Check]:
@@ -193,7 +167,7 @@ def _flights(
     """Hold the pause before the second blow against the flight of the stated body from the stated height."""
     for i, drops in enumerate(settings.drops):
         name = f"{_PAUSE_OF}, {drops_label(drops)}"
-        known = [_pause(found[f], moved.get(f), settings.blow.pause.value) for f in drops.laser if f in found]
+        known = [_pause(found[f], moved.get(f)) for f in drops.laser if f in found]
         pauses = [pause for pause in known if pause is not None]
         if not pauses:
             yield not_made(name, "a second blow in the record")
@@ -223,7 +197,7 @@ def _flights(
         yield check
 
 
-def _pause(ring: xr.Dataset, moved: xr.Dataset | None, shortest: float) -> tuple[float, float] | None:
+def _pause(ring: xr.Dataset, moved: xr.Dataset | None) -> tuple[float, float] | None:
     """Return the time from the blow to the second one [s], and its standard uncertainty.
 
     None where the ringing is free until the record ends, or ends by chance at a block of larger noise: behind it the
@@ -232,7 +206,7 @@ def _pause(ring: xr.Dataset, moved: xr.Dataset | None, shortest: float) -> tuple
     if moved is None:
         return None
     block, end, onset = _BLOCK * float(moved.attrs["sampling_interval"]), float(ring["free_to"]), ring["onset_time"]
-    if end + 3 * block > float(moved["time"][-1]) or end < float(onset) + shortest + block:
+    if end + 3 * block > float(moved["time"][-1]) or end < float(onset) + SHORTEST_FLIGHT + block:
         return None
     time, height = moved["time"].values, moved["displacement"].values
     damping, natural = float(ring["damping_ratio"]), 2 * pi * float(ring["natural_frequency"])
@@ -252,87 +226,47 @@ def _momenta(table: xr.Dataset | None, plate: xr.Dataset | None, settings: Plate
     """Hold the blow of every drop against the plate that the others find."""
     if table is None or plate is None:
         return
-    predicted, weights = from_others(table, plate)
-    total = relative_uncertainty(table, settings).total
-    solids = by_solids(plate, weights)
-    for i, drops in enumerate(settings.drops):
+    for i, (drops, row) in enumerate(zip(settings.drops, amplitudes(table, plate, settings), strict=True)):
         name = f"{_MOMENTUM_OF}, {drops_label(drops)}"
-        if not np.isfinite(predicted[i]):
+        if row is None:
             yield not_made(name, "another drop whose material is of a DMA experiment or of the library")
             continue
-        seen = float(table["amplitude"][i])
-        solid = [float(slope[i]) * given.u for given, slope in solids.values()]
-        u = hypot(float(total[i]), float(np.linalg.norm(weights[i] * total)), *solid, _MOMENTUM)
-        text = (
-            f"{drops_label(drops)}: an amplitude of {quantity(seen, 'm')} seen, {quantity(float(predicted[i]), 'm')} "
-            "expected for the plate that the other drops find"
-        )
-        yield compared(name, text, seen, u * seen, float(predicted[i]), 0.0, setting=f"drops[{i}].height")
+        seen, expected = row.measured or nan, row.model or nan
+        text = f"{drops_label(drops)}: an amplitude of {quantity(seen, 'm')} seen, {quantity(expected, 'm')} "
+        text += "expected for the plate that the other drops find"
+        u = hypot(row.u_difference or nan, _MOMENTUM * seen)
+        yield compared(name, text, seen, u, expected, 0.0, setting=f"drops[{i}].height")
 
 
-def _grows_with_height(table: xr.Dataset | None, settings: PlateVibration) -> Check:
-    """Compare amplitudes of one material with the order of its heights."""
-    name, drops = "amplitude over height", settings.drops
-    order = sorted(range(len(drops)), key=lambda i: (drops[i].material, drops[i].height.value))
-    rises = [
-        (float(table["amplitude"][high] - table["amplitude"][low]), hypot(*table["u_amplitude"].values[[low, high]]), i)
-        for i, (low, high) in enumerate(pairwise(order))
-        if table is not None
-        and drops[low].material == drops[high].material
-        and drops[low].height.value < drops[high].height.value
-    ]
-    if not rises:
-        return not_made(name, "one material from several heights")
-    rise, u, i = min(rises, key=lambda one: one[0] / one[1])
-    low, high = order[i : i + 2]
-    text = f"{drops_label(drops[high])} after {drops_label(drops[low])}: the amplitude changes by {shown(rise, u, 'm')}"
-    check = bounded(name, text, rise, u, at_least=0.0, setting="drops")
-    return replace(check, cause="recordings of two heights were exchanged")
+def _causes(
+    table: xr.Dataset | None,
+    plate: xr.Dataset | None,
+    readings: Sequence[tuple[str, xr.Dataset]],
+    settings: PlateVibration,
+) -> Iterator[Cause]:
+    """Yield a wrong sampling interval, and a wrong height and unit of each drop.
 
-
-def _with_interval(
-    flights: list[Check], names: Sequence[str], readings: Sequence[xr.Dataset | None] | None, settings: PlateVibration
-) -> list[Check]:
-    """Name the sampling interval where all flights last too long, or too short, by one factor."""
-    ratios = [check.log_ratio for check in flights if np.isfinite(check.log_ratio)]
-    first = next((d for d in readings or () if d is not None), None)
-    if first is None or len(ratios) < 2 or np.ptp(ratios) > 4 * _MATERIAL or abs(np.mean(ratios)) < 3 * _MATERIAL:
-        return flights
-    interval = float(first.attrs["sampling_interval"])
-    factor = min(SLIPS["interval"], key=lambda k: abs(log(k) - float(np.mean(ratios))))
-    line = line_of(str(first.attrs.get("header", "")), "cycle", "period", "周期")
-    is_given = settings.keyence.cycle is not None
-    place = "" if line is None or is_given else f"line {line} of {names[0]}"
-    cause = times_over("the sampling interval", interval, "s", place)(factor)
-    setting = "keyence.cycle" if is_given else ""
-    file, line = ("", None) if is_given else (names[0], line)
-    return [
-        replace(check, cause=cause, file=file, line=line, setting=setting) if check.level else check
-        for check in flights
-    ]
-
-
-def _causes(table: xr.Dataset | None, plate: xr.Dataset | None, settings: PlateVibration) -> Iterator[Cause]:
-    """Yield a wrong height and a wrong unit of each drop; the plate that the others find depends on this drop too."""
+    The plate that the other drops find depends on this drop, too.
+    """
     count = len(settings.drops)
     weights = np.zeros((count, count)) if table is None or plate is None else from_others(table, plate)[1]
-    momenta = [f"{_MOMENTUM_OF}, {drops_label(drops)}" for drops in settings.drops]
-
-    def wrong_height(i: int, factor: float) -> str:
-        drops = settings.drops[i]
-        right, stated = quantity(drops.height.value / factor, "m"), quantity(drops.height.value, "m")
-        place = f"height of drops no. {i + 1} in session.toml"
-        return f"the height of {drops.material} is probably {right}, not {stated} ({place})"
-
-    def wrong_unit(i: int, factor: float) -> str:
-        files = ", ".join(settings.drops[i].laser)
-        return f"lengths come out {too_large(factor)}: the unit or the display factor of {files} is not what it says"
-
+    momenta, pauses = ([f"{of}, {drops_label(drops)}" for drops in settings.drops] for of in (_MOMENTUM_OF, _PAUSE_OF))
+    for file, read in readings[: count > 1]:
+        yield judgements.wrong_interval(dict.fromkeys(pauses, 1.0), file, read, settings.keyence.cycle is not None)
     for i, drops in enumerate(settings.drops):
         by_amplitude = {momenta[j]: 1.0 if j == i else -float(weights[j, i]) for j in range(count)}
-        by_height = {name: -0.5 * slope for name, slope in by_amplitude.items()}
-        by_height |= {f"{_PAUSE_OF}, {drops_label(drops)}": -0.5}
-        yield Cause(by_height, partial(wrong_height, i), SLIPS["decimal"], setting=f"drops[{i}].height")
-        file, setting = (drops.laser[0], "") if len(drops.laser) == 1 else ("", f"drops[{i}].laser")
-        unit = partial(wrong_unit, i)
-        yield Cause(by_amplitude, unit, SLIPS["length"], only_usual=True, file=file, setting=setting)
+        by_height = {name: -0.5 * slope for name, slope in by_amplitude.items()} | {pauses[i]: -0.5}
+        name = f"the height of {drops.material}"
+        yield judgements.stated_wrongly(by_height, name, drops.height, f"drops[{i}].height", u=inf)
+        yield Cause(
+            by_amplitude,
+            partial(_of_unit, ", ".join(drops.laser)),
+            SLIPS["length"],
+            only_usual=True,
+            file=drops.laser[0] if len(drops.laser) == 1 else "",
+            setting="" if len(drops.laser) == 1 else f"drops[{i}].laser",
+        )
+
+
+def _of_unit(files: str, factor: float) -> str:
+    return f"lengths come out {too_large(factor)}: the unit or the display factor of {files} is not what it says"

@@ -1,6 +1,7 @@
 """Comparison of a plate vibration with the model: the vibration after an impact, its amplitude."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,6 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.arrays import Floats
-from labpipe.units import Quantity
 from labpipe.variables import described
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.model import of_solids, relative_uncertainty
@@ -91,48 +91,43 @@ def from_others(table: xr.Dataset, plate: xr.Dataset) -> tuple[Floats, Floats]:
     return np.where(known, amplitude * np.exp(logs - weights @ logs), np.nan), weights
 
 
-def by_solids(plate: xr.Dataset, weights: Floats) -> dict[str, tuple[Quantity, Floats]]:
-    """Return what is uncertain of the solids, and the relative change (series,) of the predictions per unit.
-
-    Weights are those of :func:`from_others`: what two drops share cancels in the prediction of one by the other.
-    """
-    return {name: (given, slope - weights @ slope) for name, (given, slope) in of_solids(plate).items()}
-
-
 def rows(comparison: xr.Dataset, table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration) -> Iterator[Row]:
     """Yield the rows of ``compare``: the curve against its fit, the amplitude against the other drops."""
-    predicted, weights = from_others(table, plate)
-    amplitude = table["amplitude"].values
-    own = relative_uncertainty(table, settings)
-    solids = by_solids(plate, weights)
-    for i in range(table.sizes["series"]):
-        where: dict[str, Any] = {
+    for i, amplitude in enumerate(amplitudes(table, plate, settings)):
+        of: dict[str, Any] = {
             "material": str(table["material"].values[i]),
             "condition": f"{float(table['height'][i]) * 1e3:g} mm",
         }
-        n = int(table["n"][i])
-        nrmse, bias = comparison["nrmse"][i], comparison["bias"][i]
-        yield row("plate's displacement", "m", n, against="plate fitted to it", nrmse=nrmse, difference=bias, **where)
-        if not np.isfinite(predicted[i]):
+        nrmse, bias, n = comparison["nrmse"][i], comparison["bias"][i], int(table["n"][i])
+        yield row("plate's displacement", "m", n, against="plate fitted to it", nrmse=nrmse, difference=bias, **of)
+        if amplitude is not None:
+            yield replace(amplitude, **of)
+
+
+def amplitudes(table: xr.Dataset, plate: xr.Dataset, settings: PlateVibration) -> Iterator[Row | None]:
+    """Yield the row of each drop's amplitude against the plate that the others find; None where there are no others."""
+    predicted, weights = from_others(table, plate)
+    amplitude, (of_amplitude, of_height) = table["amplitude"].values, relative_uncertainty(table, settings)
+    total = np.hypot(of_amplitude, of_height)
+    # what two drops share of their solids cancels in the prediction of one by the other
+    solids = {name: (given.u, slope - weights @ slope) for name, (given, slope) in of_solids(plate).items()}
+    for i, expected in enumerate(predicted):
+        if not np.isfinite(expected):
+            yield None
             continue
-        moves = -predicted[i] * (np.eye(amplitude.size)[i] - weights[i])
-        slopes = {f"{SERIES} {j + 1}": float(-move) for j, move in enumerate(moves) if move}
-        slopes |= {
-            height_name(settings, j): float(0.5 * move / settings.drops[j].height.value)
-            for j, move in enumerate(moves)
-            if move
-        }
-        slopes |= {name: float(-predicted[i] * slope[i]) for name, (_, slope) in solids.items() if slope[i]}
-        solid = [float(predicted[i] * slope[i] * given.u) for given, slope in solids.values()]
-        by_others = float(np.hypot(predicted[i] * np.linalg.norm(weights[i] * own.total), np.linalg.norm(solid)))
-        by_own = float(predicted[i] * own.total[i])
+        moves = -expected * (np.eye(amplitude.size)[i] - weights[i])
+        slopes = {name: float(-expected * slope[i]) for name, (_, slope) in solids.items() if slope[i]}
+        for j in map(int, np.flatnonzero(moves)):
+            slopes[f"{SERIES} {j + 1}"] = float(-moves[j])
+            slopes[height_name(settings, j)] = float(0.5 * moves[j] / settings.drops[j].height.value)
+        solid = np.linalg.norm([slope[i] * u for u, slope in solids.values()])
+        by_others = expected * np.hypot(np.linalg.norm(weights[i] * total), solid)
         yield row(
             "amplitude at impact",
             "m",
-            n,
+            int(table["n"][i]),
             slopes=slopes,
-            measured=(amplitude[i], amplitude[i] * own.amplitude[i]),
-            model=(predicted[i], np.hypot(by_others, predicted[i] * own.height[i])),
-            difference=(amplitude[i] - predicted[i], np.hypot(by_others, by_own)),
-            **where,
+            measured=(amplitude[i], amplitude[i] * of_amplitude[i]),
+            model=(expected, np.hypot(by_others, expected * of_height[i])),
+            difference=(amplitude[i] - expected, np.hypot(by_others, expected * total[i])),
         )

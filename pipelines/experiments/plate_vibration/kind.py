@@ -32,7 +32,7 @@ _each = partial(stage, per="recording", over="drops.laser")
 _STAGES = (
     _each("shared.laser_readings:readings", ("file:drops.laser",), ("keyence",), summary="read the laser export"),
     _each(
-        "plate_vibration.measured:displacement",
+        "shared.laser_readings:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on"),
         schema="displacement",
@@ -41,7 +41,6 @@ _STAGES = (
     _each(
         "plate_vibration.measured:ringing",
         ("displacement",),
-        ("blow",),
         schema="ringing",
         summary="fit the free vibration after the first impact",
     ),

@@ -14,7 +14,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.units import Quantity
-from labpipe.variables import described, with_u
+from labpipe.variables import described, variable, with_u
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, weighted_mean
 from pipelines.experiments.plate_vibration.settings import PlateVibration
@@ -27,6 +27,7 @@ from pipelines.experiments.shared.material_choice import (
     resolve,
     variations,
 )
+from pipelines.experiments.shared.model_inputs import inputs_of, table_of
 
 _COVERED = 6e-3  # s of simulation after first touch: any contact ends before
 _FINE = 4e-6  # s, spacing of the simulated force: 250 points in a contact
@@ -64,7 +65,7 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     frequency, zeta = float(made["frequency"]), float(made["damping_ratio"])
     places = list(known)
     scale = table["amplitude"].values[places] * 2 * np.pi * frequency * np.sqrt(1 - zeta**2)
-    relative = relative_uncertainty(table, settings).total[places]
+    relative = np.hypot(*relative_uncertainty(table, settings))[places]
     mass, substrate = np.inf, None
 
     def heard(i: int, solid: Prony) -> float:
@@ -96,16 +97,11 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     if inputs:
         whole = np.zeros((len(inputs), table.sizes["series"]))
         whole[:, places] = slopes
-        made = made.assign_coords(solid_input=np.array(list(inputs), dtype=str))
-        for name, values, text in (
-            ("solid_value", [given.value for given in inputs.values()], "value of an input of the solids, SI"),
-            ("solid_u", sizes, "standard uncertainty of an input of the solids, SI"),
-            ("solid_mass", by_solids, "change of the modal mass per SI unit of an input of the solids"),
-        ):
-            made[name] = ("solid_input", values, described("kg" if name == "solid_mass" else "1", text))
+        made = made.merge(table_of(inputs))
+        text = "change of the modal mass per SI unit of an input of the solids"
+        made["solid_mass"] = variable("uncertain", by_solids, "kg", text)
         text = "relative change of the momentum per SI unit of an input of the solids"
-        made["solid_momentum"] = (("solid_input", "series"), whole, described("1", text))
-        made.attrs["solid_units"] = json.dumps([given.si for given in inputs.values()])
+        made["solid_momentum"] = variable(("uncertain", "series"), whole, "1", text)
     full = np.full((2, table.sizes["series"]), np.nan)
     full[:, places] = each, u_each
     made = made.assign(with_u("modal_mass", "series", full[0], full[1], "kg", "modal mass by each of the drops"))
@@ -140,38 +136,22 @@ def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dic
 
 def of_solids(plate: xr.Dataset) -> dict[str, tuple[Quantity, Floats]]:
     """Return what is uncertain of the solids, with the relative change (series,) of the momenta per unit."""
-    if "solid_input" not in plate.coords:
-        return {}
-    columns = (plate["solid_input"], plate["solid_value"], plate["solid_u"], plate["solid_momentum"])
-    units = json.loads(plate.attrs["solid_units"])
     return {
-        str(name): (Quantity(float(value), float(u), unit), slope)
-        for name, value, u, slope, unit in zip(*(c.values for c in columns), units, strict=True)
+        name: (given, plate["solid_momentum"].values[i]) for i, (name, given) in enumerate(inputs_of(plate).items())
     }
 
 
-class Relative(NamedTuple):
-    """Relative standard uncertainties (series,) that are different in every drop."""
+def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> tuple[Floats, Floats]:
+    """Return what amplitude and height leave uncertain (series,) of the mass that each of the drops gives, relative.
 
-    amplitude: Floats
-    height: Floats
-
-    @property
-    def total(self) -> Floats:
-        """Of the modal mass: the momentum goes with the square root of the height."""
-        return np.hypot(self.amplitude, self.height)
-
-
-def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> Relative:
-    """Return what amplitude and height leave uncertain of the mass that each of the drops gives.
-
-    What several share, the scale of length and the solids, is left out.
+    The momentum goes with the square root of the height. What several share, the scale of length and the solids, is
+    left out.
     """
     amplitude = table["amplitude"].values
     shared = float(table.attrs["u_systematic_relative"]) * amplitude
     own = np.sqrt(np.maximum(table["u_amplitude"].values ** 2 - shared**2, 0.0))
     by_height = np.array([0.5 * drops.height.u / drops.height.value for drops in settings.drops])
-    return Relative(own / amplitude, by_height)
+    return own / amplitude, by_height
 
 
 def _heard(

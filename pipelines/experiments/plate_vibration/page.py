@@ -6,85 +6,42 @@ from itertools import groupby
 import numpy as np
 import xarray as xr
 
-from labpipe.report import (
-    Band,
-    Block,
-    Cell,
-    KeyValues,
-    LineChart,
-    Listed,
-    Notice,
-    Paragraph,
-    Section,
-    Series,
-    listed,
-    value_with_uncertainty,
-)
+from labpipe.report import Band, Block, Cell, LineChart, Listed, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.reports import Report, budgets
+from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _UM = 1e6
 
 
-def _summary(
-    settings: PlateVibration,
-    context: Context,
-    table: xr.Dataset | None = None,
-    plate: xr.Dataset | None = None,
-    comparison: xr.Dataset | None = None,
-) -> Section:
-    rows = []
-    blocks: list[Block] = []
-    if table is not None:
-        count = int(table["n"].sum())
-        remark = f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty"
-        both = ("natural_frequency", "damping_ratio")
-        rows += [(NAMES[name], pages.told(table, f"plate_{name}"), remark) for name in both]
+def _details(
+    settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None
+) -> list[tuple[str, str, str]]:
+    remark = f"weighted mean of {pages.counted(int(table['n'].sum()), 'recording')}; standard uncertainty"
+    both = ("natural_frequency", "damping_ratio")
+    rows = [(NAMES[name], pages.told(table, f"plate_{name}"), remark) for name in both]
     if plate is not None and np.isfinite(float(plate["mass"])):
         remark = "from amplitude and simulated momentum"
         for has_dma, text in ((True, "DMA of {} is included"), (False, "library's moduli of {} is not included")):
             names = sorted({d.material for d in settings.drops if (d.material_from is not None) == has_dma})
             remark += f"; the uncertainty of the {text.format(' and '.join(names))}" if names else ""
         rows.append(("modal mass", pages.told(plate, "mass"), remark))
-    if comparison is not None:
-        worst = float(comparison["nrmse"].max()) * 100
-        remark = "root mean square of measured minus fitted, over the range of the fit: frequency, damping and "
-        remark += "mass of the plate come from the same recordings"
-        rows.append(("nRMSE of displacement", f"at most {worst:.3g} %", remark))
-    elif not context.failures:
-        blocks.append(Notice("info", "There is no comparison with a model."))
-    return Section("Summary", (KeyValues(rows), *blocks, *pages.failed_notice(context)))
+    return rows
 
 
-def _measured(settings: PlateVibration, context: Context, readings: Sequence[xr.Dataset | None] = ()) -> Section:
+def _files(
+    settings: PlateVibration,
+    context: Context,
+    readings: Sequence[xr.Dataset | None] = (),
+    displacement: Sequence[xr.Dataset | None] = (),
+) -> Section:
     count = sum(len(drops.laser) for drops in settings.drops)
-    rows = [
-        ("recordings", str(count), f"{len(settings.drops)} combinations of material and height"),
-        *pages.remarks(context),
-    ]
-    if settings.sphere is not None:
-        for title, quantity in (("sphere radius", settings.sphere.radius), ("moving mass", settings.sphere.mass)):
-            rows.insert(1, (title, value_with_uncertainty(quantity.value, quantity.u, quantity.si), ""))
-    blocks: list[Block] = []
-    if read := pages.present(readings):
-        first = read[0]
-        interval = float(first.attrs["sampling_interval"])
-        rows.insert(1, ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"), f"{first.sizes['time']} points"))
-        header = pages.raw_header(first)
-        blocks += [] if header is None else [header]
-    return pages.folded("What was measured", "Files and readings", (KeyValues([r for r in rows if r[1]]), *blocks))
-
-
-def _calibration(displacement: Sequence[xr.Dataset | None]) -> Section:
-    first = pages.present(displacement)[0]
-    caption = "Budget for the largest displacement of the first recording"
-    inside = pages.laser_calibration(first, "in every recording", "from the quiet beginning", caption)
-    return pages.folded("Calibration and its uncertainty", "Record and what follows from it", inside)
+    first = ("recordings", str(count), f"{len(settings.drops)} combinations of material and height")
+    return pages.laser_recordings(first, settings.sphere, context, readings, displacement)
 
 
 def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
@@ -183,6 +140,6 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
 page = Report(
     "Vibration of the plate",
     ("readings", "displacement", "ringing", "table", "plate", "comparison"),
-    (_summary, _measured, _calibration, _motion, _table, _recordings, budgets(quantities), _methods),
+    (summary(compared_rows, _details), _files, _motion, _table, _recordings, budgets(quantities), _methods),
     compared_rows,
 )

@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from labpipe.units import Quantity
-from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Mass, Temperature, Time
+from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Mass, Temperature
 from pipelines.experiments.shared.settings import DropModel, Keyence, MaterialChoice, Sensor, Table
 
 
@@ -40,18 +39,6 @@ class Drops(Table, frozen=True, kw_only=True):
         return MaterialChoice(material=self.material, temperature=self.temperature)
 
 
-class Blow(Table, frozen=True, kw_only=True):
-    """What is known of the blows before the free ringing is looked for.
-
-    ``longest`` is longer than any contact (about 1 ms; 4 ms leaves a margin). ``pause`` is shorter
-    than any first flight: a sphere from 1.5 mm that keeps only half of its speed is back after
-    17 ms. Between the two the ringing is free, and from there the stretch is enlarged.
-    """
-
-    longest: Annotated[Time, POSITIVE] = Quantity(4e-3, 0.0, "s")
-    pause: Annotated[Time, POSITIVE] = Quantity(15e-3, 0.0, "s")
-
-
 class PlateVibration(Table, frozen=True, kw_only=True):
     """Drops of one or more materials from one or more heights, the laser on the plate.
 
@@ -64,7 +51,6 @@ class PlateVibration(Table, frozen=True, kw_only=True):
     drops: Annotated[list[Drops], msgspec.Meta(min_length=1)]
     calibration: File
     sphere: FallingBody | None = None
-    blow: Blow = Blow()
     measured_on: date | None = None
     keyence: Keyence = Keyence()
     sensor: Sensor = Sensor()

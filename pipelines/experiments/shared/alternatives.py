@@ -3,7 +3,7 @@
 Each is simulated: a temperature acts through the shift law of the material, which is far from linear.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from labpipe.errors import LabpipeError
 from labpipe.judging import IMPOSSIBLE, agreement
 from labpipe.materials import Prony
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row
+from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.material_choice import fitted_at, resolve
 from pipelines.experiments.shared.plate_under_drop import resolve_plate
 
@@ -26,8 +27,9 @@ _FINE = 0.1  # K
 _FALLS = 8.0  # times the first fall, within which three impacts follow
 _RTOL = 1e-3
 
-Column = Callable[[Row], tuple[str, int] | None]
-"""Variable of a simulation and impact (from 0) that a row holds; None for a row that no material changes."""
+
+SOURCES = ("material_file", "fitted", "plate")
+"""Results by which the material and the plate of a drop are known."""
 
 
 class Alternative(NamedTuple):
@@ -41,15 +43,7 @@ class Alternative(NamedTuple):
     is_far: bool = False
 
 
-def of_drop(
-    rows: Sequence[Row],
-    covariance: Floats,
-    settings: Any,
-    column: Column,
-    material_file: Path | None,
-    fitted: xr.Dataset | None,
-    plate: xr.Dataset | None,
-) -> list[Alternative]:
+def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any) -> list[Alternative]:
     """Simulate a drop of the other polymers of the library, and at other temperatures.
 
     Parameters
@@ -58,16 +52,16 @@ def of_drop(
         Compared values (n), measured minus model.
     covariance : array (n, n)
         Of their differences.
+    given : Given
+        Of the stated material and plate: ``material_file``, ``fitted``, ``plate``.
     settings : BallDrop or ContactArea
-    column : callable
-    material_file, fitted, plate
-        Of the stated material and plate.
 
     Returns
     -------
     list of Alternative
         One for each polymer, and one for the temperature that explains most.
     """
+    material_file, fitted, plate = map(given.get, SOURCES)
     sphere, source = settings.sphere, settings.sphere.source
     temperature = None if sphere.temperature is None else sphere.temperature.value
     library = sorted(path.stem for path in (Path(files.__file__).parent / "materials/library").glob("*.toml"))
@@ -87,8 +81,7 @@ def of_drop(
         gravity=gravity,
         plate=[resolve_plate(settings.plate, plate)] * count,
     )
-    places = [column(row) for row in rows]
-    columns = [np.zeros(count) if place is None else made[place[0]].values[:, place[1]] for place in places]
+    columns = [np.zeros(count) if r.simulated is None else made[r.simulated[0]].values[:, r.simulated[1]] for r in rows]
     expected = np.array(columns).T
     differences = np.array([row.difference or 0.0 for row in rows])
     left = differences - np.nan_to_num(expected[1:] - expected[0], nan=np.inf)

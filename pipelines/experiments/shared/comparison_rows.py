@@ -43,6 +43,8 @@ class Row:
     slopes : mapping of str to float
         Derivative of the difference to each input that several rows share, SI: what hangs together
         is counted once, and says what the comparison could notice.
+    simulated : (str, int), optional
+        Variable of a simulated drop and impact (from 0) with which the measurement is compared.
     kept : tuple of str
         Results behind it that earlier code made and that were taken as they are.
     """
@@ -66,6 +68,7 @@ class Row:
     degrees_of_freedom: float | None = None
     p_of_curve: float | None = None
     slopes: Mapping[str, float] = field(default_factory=dict)
+    simulated: tuple[str, int] | None = None
     kept: tuple[str, ...] = ()
 
     @property
@@ -83,7 +86,7 @@ class Row:
     def document(self) -> dict[str, Any]:
         """Return the row for JSON."""
         shown = asdict(self) | {"deviation": self.deviation, "p": self.p}
-        return {name: value for name, value in shown.items() if name not in ("slopes", "p_of_curve")}
+        return {name: value for name, value in shown.items() if name not in ("slopes", "p_of_curve", "simulated")}
 
     @property
     def p(self) -> float | None:
@@ -102,6 +105,7 @@ def row(
     condition: str = "",
     against: str = "model",
     slopes: Mapping[str, float] | None = None,
+    simulated: tuple[str, int] | None = None,
     **values: Any,
 ) -> Row:
     """Return a row without its experiment; values that are not finite become None.
@@ -116,10 +120,12 @@ def row(
     """
     pairs = {name: value for name, value in values.items() if isinstance(value, tuple)}
     values |= {key: v for name, pair in pairs.items() for key, v in zip((name, f"u_{name}"), pair, strict=True)}
-    plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
+    numbers = {name: float("nan") if value is None else float(value) for name, value in values.items()}
+    plain: dict[str, Any] = {name: number if np.isfinite(number) else None for name, number in numbers.items()}
     if plain.get("degrees_of_freedom") is not None:
         plain["degrees_of_freedom"] = told_freedom(plain["degrees_of_freedom"])
-    return Row("", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, **plain)
+    where = ("", "", material, condition, quantity, unit, n, against)
+    return Row(*where, slopes=slopes or {}, simulated=simulated, **plain)
 
 
 def with_its_u(result: xr.Dataset, name: str, i: int) -> tuple[Any, Any]:
@@ -153,8 +159,3 @@ def of_curve(comparison: xr.Dataset, name: str = "curve") -> dict[str, Any]:
     """Return the agreement of a curve as values of a row, from a table of :func:`curve_table`."""
     keys = ("chi2", "degrees_of_freedom", "p_of_curve")
     return {key: comparison[f"{name}_{of}"] for key, (of, _) in zip(keys, _OF_CURVE, strict=True)}
-
-
-def _plain(value: Any) -> float | None:
-    number = float("nan") if value is None else float(value)
-    return number if np.isfinite(number) else None

@@ -1,7 +1,7 @@
 """Nuisance parameters of a dropped sphere, measured by laser or in a film."""
 
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,35 +17,15 @@ from pipelines.experiments.shared.material_evidence import MaterialEvidence, nui
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
 
 
-class Drop(Protocol):
-    """Settings of a drop, whatever saw it."""
-
-    @property
-    def height(self) -> Quantity:
-        """The fall."""
-
-    @property
-    def sphere(self) -> given.Sphere:
-        """The falling body."""
-
-    @property
-    def plate(self) -> given.Plate | None:
-        """The floor."""
-
-    @property
-    def model(self) -> given.DropModel:
-        """Its simulation."""
-
-
-def body(sphere: given.Sphere) -> tuple[dict[str, str], list[Parameter]]:
-    """Return mass and radius of a sphere; equal spheres are one."""
-    names, unknowns = {}, []
+def body(sphere: given.Sphere) -> dict[str, Parameter]:
+    """Return mass and radius of a sphere by their role, where they are uncertain; equal spheres are one."""
+    found: dict[str, Parameter] = {}
     for role, stated, text in (("mass", sphere.mass, "moving mass"), ("radius", sphere.radius, "radius of the sphere")):
         if stated.u > 0.0:
             shown = display_unit([stated.value], stated.si)
-            names[role] = f"{role} {stated.value / shown.factor:g} {shown.text}"
-            unknowns.append(nuisance(names[role], stated.value, stated.u, stated.si, text))
-    return names, unknowns
+            name = f"{role} {stated.value / shown.factor:g} {shown.text}"
+            found[role] = nuisance(name, stated.value, stated.u, stated.si, text)
+    return found
 
 
 def mean_height(name: str, stated: Quantity, heights: Floats) -> Parameter:
@@ -60,47 +40,29 @@ def mean_height(name: str, stated: Quantity, heights: Floats) -> Parameter:
 
 def of_drop(
     name: str,
-    settings: Drop,
+    settings: Any,
     seen: Bounces,
-    names: dict[str, str],
-    unknowns: list[Parameter],
+    unknowns: dict[str, Parameter],
     plate: xr.Dataset | None,
     file: Path | None,
     fitted: xr.Dataset | None,
 ) -> MaterialEvidence:
-    """Return the evidence of a drop, with the plate's mass among its unknowns.
+    """Return the evidence of a ball drop or a contact area, with the plate's mass among its unknowns.
 
-    ``names`` are those of the unknowns by their role, ``plate`` is the result that the settings name. Of the material
-    that the session assumes, ``file`` or ``fitted``, only Poisson's ratio is used.
+    ``unknowns`` are known by their role, ``plate`` is the result that the settings name. Of the material that the
+    session assumes, ``file`` or ``fitted``, only Poisson's ratio is used.
     """
     nu = poissons_ratio(settings.sphere, file, fitted)
+    unknowns = dict(unknowns)
     for unknown in of_poissons_ratio(nu):
-        names["modulus"] = unknown.name
-        unknowns.append(unknown)
-    model = _model(settings, plate, names, unknowns)
+        unknowns["modulus"] = unknown
+    floor = resolve_plate(settings.plate, plate)
+    mass = plate_inputs(settings.plate, plate).get("mass")
+    if mass is not None and mass.u > 0.0:
+        unknowns["plate"] = nuisance("mass of the plate", mass.value, mass.u, "kg", "modal mass of the plate")
+    names = {role: unknown.name for role, unknown in unknowns.items()}
+    sphere, chosen, empty = settings.sphere, settings.model, np.empty(0, dtype=np.int64)
+    fixed = (sphere.radius.value, sphere.mass.value, settings.height.value, chosen.gravity.value)
+    model = DropModel(*fixed, empty, empty, empty, 0.0, 0.0, names, chosen.profile, floor, chosen.rtol)
     evidence = drop_evidence(name, seen, model)
-    return MaterialEvidence(nu.value, evidence.model.window, tuple(unknowns), lambda rho: evidence)
-
-
-def _model(settings: Drop, found: xr.Dataset | None, names: dict[str, str], unknowns: list[Parameter]) -> DropModel:
-    plate = resolve_plate(settings.plate, found)
-    mass = plate_inputs(settings.plate, found).get("mass")
-    if plate is not None and mass is not None and mass.u > 0.0:
-        names["plate"] = "mass of the plate"
-        unknowns.append(nuisance(names["plate"], plate.mass, mass.u, "kg", "modal mass of the plate"))
-    empty = np.empty(0, dtype=np.int64)
-    return DropModel(
-        settings.sphere.radius.value,
-        settings.sphere.mass.value,
-        settings.height.value,
-        settings.model.gravity.value,
-        empty,
-        empty,
-        empty,
-        0.0,
-        0.0,
-        names,
-        settings.model.profile,
-        plate,
-        settings.model.rtol,
-    )
+    return MaterialEvidence(nu.value, evidence.model.window, tuple(unknowns.values()), lambda rho: evidence)

@@ -19,6 +19,7 @@ from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
+from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE, plate_inputs, resolve_plate
 
 _UNCERTAIN = (
@@ -63,8 +64,9 @@ def simulated_drop(
     [s] from the release. ``full`` disables the simulator's shortcuts; the numbers stay the same within ``rtol``.
 
     Returned is the result of :func:`labpipe.contact.drop` with, of the first ``followed`` impacts and NaN beyond,
-    ``u_NAME`` (impact,) and ``slope_NAME`` (slope_input, impact) per SI unit; values and uncertainties of the inputs;
-    and as JSON ``input_units``, ``plate`` and the ``budget`` of the variable ``of_budget`` at the first impact.
+    ``u_NAME`` (impact,) and ``slope_NAME`` (uncertain, impact) per SI unit; the inputs
+    (:mod:`pipelines.experiments.shared.model_inputs`); and as JSON ``plate`` and the ``budget`` of the variable
+    ``of_budget`` at the first impact.
     """
     sphere, chosen = settings.sphere, settings.model
     solid, gravity = resolve(sphere, material_file, fitted), chosen.gravity.value
@@ -127,37 +129,24 @@ def _with_slopes(made: xr.Dataset, trials: Sequence[_Trial], found: Mapping[str,
     count, names = made.sizes["impact"], [trial.name for trial in trials]
     steps, u = (np.array(column)[:, None] for column in zip(*((t.step, t.given.u) for t in trials), strict=True))
     slopes = {name: (values[1:] - values[0]) / steps for name, values in found.items()}
-    made = made.assign_coords(slope_input=np.array(names, dtype=str))
-    for name, text in (("value", "value"), ("u", "standard uncertainty")):
-        values = [getattr(trial.given, name) for trial in trials]
-        made[f"input_{name}"] = variable("slope_input", values, "1", f"{text} of an input of the model, SI")
+    made = made.merge(table_of({trial.name: trial.given for trial in trials}))
     for name, slope in slopes.items():
         units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(names)}: {name}"
         whole = np.sqrt(np.sum(np.square(np.nan_to_num(slope) * u), axis=0))
         made[f"u_{name}"] = variable("impact", padded(whole, count), units, text)
         text = f"change per SI unit of input: {name}"
-        made[f"slope_{name}"] = variable(("slope_input", "impact"), padded(slope.T, count).T, units, text)
+        made[f"slope_{name}"] = variable(("uncertain", "impact"), padded(slope.T, count).T, units, text)
     sources = [
         Source.of(trial.name, trial.given, float(np.nan_to_num(slope[0])))
         for trial, slope in zip(trials, slopes[of_budget], strict=True)
         if count and trial.given.u > 0.0
     ]
-    of_inputs = json.dumps([trial.given.si for trial in trials])
-    return made.assign_attrs(input_units=of_inputs, budget=json.dumps(budget_rows(sources)))
-
-
-def inputs_of(made: xr.Dataset | None) -> dict[str, Quantity]:
-    """Return values and uncertainties of the inputs of a simulated drop; empty where nothing was simulated."""
-    if made is None or "slope_input" not in made.coords:
-        return {}
-    columns = (made[name].values.tolist() for name in ("slope_input", "input_value", "input_u"))
-    known = zip(*columns, json.loads(made.attrs["input_units"]), strict=True)
-    return {name: Quantity(value, u, unit) for name, value, u, unit in known}
+    return made.assign_attrs(budget=json.dumps(budget_rows(sources)))
 
 
 def slopes_of(made: xr.Dataset, name: str, impact: int) -> dict[str, float]:
     """Return the derivatives of measured minus simulated, of a variable of one impact, to the inputs."""
-    inputs, changes = made.variables["slope_input"].values, made.variables[f"slope_{name}"].values[:, impact]
+    inputs, changes = made.variables["uncertain"].values, made.variables[f"slope_{name}"].values[:, impact]
     return {str(of): -float(slope) for of, slope in zip(inputs, changes, strict=True) if np.isfinite(slope)}
 
 

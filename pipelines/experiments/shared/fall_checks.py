@@ -6,8 +6,8 @@ contact lasts as long as the stated sphere makes it. A factor in time or length 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import exp, floor, hypot, inf, isfinite, log, log10, nan, pi, sqrt
-from typing import Any
+from math import hypot, isfinite, log, pi
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -28,14 +28,10 @@ _CLOCK = 1e-4  # relative uncertainty of a sampling interval as manufacturers st
 _SWING = 0.07
 """Largest share of the first impact's speed that a plate, still vibrating, adds to a later bounce: it takes (1 + e) m/M
 of the speed and returns at most twice its own, 0.07 for a plate 55 times as heavy as the falling body."""
-_HERTZ = 2.868
-_TYPED, _DECIMALS_SEEN = 2.0, 0.2
-"""Standard uncertainties by which a typing error may be missed, and the uncertainty beyond which one in a decimal can
-no longer be distinguished."""
+HERTZ = 2.868
 _LIGHTEST, _RIDER = 800.0, 1e4  # kg/m³ of the lightest solid polymer; times such a sphere's weight that may rest on it
-_POLYMERS = (1e6, 1.2e10)  # Pa, contact moduli of polymers, from soft rubber to hard thermoset
-_BY_HAND, _OF_BODY = 0.2, {"restitution": 0.05}
-"""Relative difference of two repeats that were released by hand, and of properties of the body."""
+_BY_HAND = 0.2
+"""Relative difference of two repeats that were released by hand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,19 +59,6 @@ class Fall:
 def shown(value: float, u: float, unit: str) -> str:
     """Write a value with its uncertainty."""
     return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
-
-
-def matched(value: float, u: float, unit: str) -> str:
-    """Write a value with the digits of another one whose standard uncertainty is u, to compare both.
-
-    Examples
-    --------
-    >>> matched(9.81, 5e-4, "m/s2")
-    '9.8100 m/s²'
-    """
-    if not (value and isfinite(value) and isfinite(u) and u > 0.0):
-        return quantity(value, unit)
-    return quantity(value, unit, max(2, floor(log10(abs(value))) - floor(log10(u)) + 1))
 
 
 def acceleration(fall: Fall, gravity: Quantity) -> Check:
@@ -168,15 +151,28 @@ def rest_level(fall: Fall, sag: float) -> Check:
     return compared(name, text, gap, u, -sag, sag, allowance=max(deepest, 3 * sag), factor=False, file=fall.name)
 
 
-def repeats_agree(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, str]], cause: str) -> list[Check]:
-    """Compare the repeats of one drop; ``cause`` says what a repeat that differs probably is.
+class Repeated(NamedTuple):
+    """A quantity that repeats have in common.
 
-    A quantity is a variable, its title and unit; of variables over impacts the first one counts. Of several repeats
-    their scatter is known, and the one that differs most is named; of two only a difference counts that no release by
-    hand makes.
+    ``variable`` of the results (of one over impacts the first counts), ``title``, ``unit``, and the relative
+    differences of two repeats and of several that are ordinary.
+    """
+
+    variable: str
+    title: str
+    unit: str
+    of_two: float = _BY_HAND
+    of_several: float = 0.02
+
+
+def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: str) -> list[Check]:
+    """Compare repeats; ``cause`` says what a repeat that differs probably is.
+
+    Of several repeats their scatter is known, and the one that differs most is named; of two only a difference counts
+    that no release by hand makes.
     """
     found = []
-    for variable, title, unit in quantities:
+    for variable, title, unit, of_two, of_several in quantities:
         name = f"repeats: {title}"
         if len(falls) < 2:
             found.append(not_made(name, "two repeats"))
@@ -185,15 +181,15 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
         least = float(np.abs(values).min())
         if len(falls) == 2:
             worst, centre, u_centre, scale = 1, values[0], u[0], u
-            allowance = _OF_BODY.get(variable, _BY_HAND) * least
+            allowance = of_two * least
         else:
             centre, u_centre = float(np.median(values)), 0.0
             # robust: one repeat that is another drop must not hide itself in the scatter
             few = float(special.stdtrit(len(values) - 1, 0.975) / special.ndtri(0.975))
             scale = np.hypot(u, 1.4826 * float(np.median(np.abs(values - centre))) * few)
-            worst, allowance = int(np.argmax(np.abs(values - centre) / scale)), 0.02 * abs(centre)
+            worst, allowance = int(np.argmax(np.abs(values - centre) / scale)), of_several * abs(centre)
         seen, file = float(values[worst]), falls[worst].name
-        others = matched(float(np.median(np.delete(values, worst))), float(u[worst]), unit)
+        others = shown(float(np.median(np.delete(values, worst))), float(u[worst]), unit)
         text = f"{file}: {shown(seen, float(u[worst]), unit)}, the other repeats {others}"
         u_seen = float(scale[worst])
         check = compared(
@@ -201,29 +197,17 @@ def repeats_agree(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
         )
         if len(falls) == 2 and check.level:  # which of them is right nobody knows, nor how much a body scatters
             level = "doubtful" if abs(seen - centre) < _BY_HAND * least else check.level
-            check = replace(check, level=level, cause="one of the two is of another drop or another body")
+            check = replace(check, level=level, cause=f"either of the two files may be the one: {cause}")
         found.append(check if check.cause else replace(check, cause=cause))
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Stiffness:
-    """Contact modulus E* [Pa] of a body at a contact, and the standard uncertainty of the logarithm of its duration."""
-
-    modulus: float
-    u_duration: float
-
-    @classmethod
-    def of_model(cls, model: xr.Dataset, radius: float, mass: float, *, is_measured: bool) -> "Stiffness":
-        """By Hertz from the first contact of a simulation, for the sphere that was simulated."""
-        duration, v = float(model["contact_duration"][0]), float(model["impact_speed"][0])
-        modulus = sqrt((_HERTZ / duration) ** 5 * mass**2 / (radius * v))
-        return cls(modulus, MEASURED if is_measured else BY_NAME)
-
-
-def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffness | None, gravity: Quantity) -> Check:
+def contact_duration(
+    fall: Fall, radius: float, mass: float, stiffness: tuple[float, float] | None, gravity: Quantity
+) -> Check:
     """Compare the first contact's duration with that of Hertz for the stated sphere.
 
+    ``stiffness`` is the contact modulus E* [Pa], and the standard uncertainty of the logarithm of the duration.
     t = 2.868 (m^2 / (R E*^2 v))^(1/5), Johnson, Contact Mechanics (1985), eq. (11.24).
     """
     seen, own = fall.value("contact_duration")
@@ -231,62 +215,22 @@ def contact_duration(fall: Fall, radius: float, mass: float, stiffness: Stiffnes
     v = fall.value("incoming_speed")[0] * gravity.value / float(fall.values("fall_acceleration"))
     if stiffness is None or not (isfinite(seen) and v > 0 and seen > 0):
         return not_made(DURATION, "a first contact, and a material")
-    expected = float(_HERTZ * (mass**2 / (radius * stiffness.modulus**2 * v)) ** 0.2)
+    modulus, u_duration = stiffness
+    expected = float(HERTZ * (mass**2 / (radius * modulus**2 * v)) ** 0.2)
     text = f"{fall.name}: the first contact lasts {shown(seen, own, 's')}, about {quantity(expected, 's')} is expected "
     text += "for the stated sphere and material"
-    gap, u = log(seen / expected), hypot(own / seen, stiffness.u_duration)
+    gap, u = log(seen / expected), hypot(own / seen, u_duration)
     level: Level | None = None
     if abs(gap) > DOUBTFUL * u:
         level = "impossible" if abs(gap) > max(IMPOSSIBLE * u, log(3.0)) else "doubtful"
-    cause, setting = of_body(gap, u, radius, mass, stiffness.modulus) if level else ("", "")
-    if level and not cause and gap > 0:
-        cause = "the moving mass is larger, or the material softer, than stated; or the controller averages or filters "
-        cause += "the readings over such a time, which smears an impact"
-    file = "" if setting else fall.name
-    return Check(DURATION, text, level, gap / u, gap, u, cause=cause, file=file, setting=setting, recording=fall.name)
-
-
-def of_body(gap: float, u: float, radius: float, mass: float, modulus: float = nan) -> tuple[str, str]:
-    """Name which mistake about the body explains a contact that is too short or too long, and its setting.
-
-    By Hertz t goes with m^0.4 R^-0.2 E*^-0.4: a typing error of a unit or a decimal in one of the two, else another
-    material, or the mass that explains it, where the stiffness is known well enough. ``gap`` is the logarithm of the
-    observed over the expected duration. With the modulus E* [Pa] of the stated material another polymer that would
-    explain it is named before a typing error.
-    """
-    given = (("sphere.mass", "the moving mass", mass, "kg", 0.4), ("sphere.radius", "the radius", radius, "m", -0.2))
-    typed = [
-        (abs(gap - power * log(k)), abs(log(k)), f"{what} is probably {quantity(value * k, si)}", setting)
-        for setting, what, value, si, power in given
-        for k in (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3, *((25.4, 1 / 25.4) if si == "m" else ()))
-        if (_is_body(radius * k, mass) if si == "m" else _is_body(radius, mass * k))
-    ]
-    # of two that explain it equally the smaller one is likelier
-    off, _, said, setting = min(typed, key=lambda one: (round(one[0], 2), one[1]), default=(inf, inf, "", ""))
-    stiffer = f"the sphere's material is about {in_words(exp(-2.5 * gap), 2)} times as stiff as stated"
-    if off > _TYPED * min(u, _DECIMALS_SEEN):
-        if u > _DECIMALS_SEEN:
-            return "", ""
-        said = f"the moving mass is probably about {quantity(mass * exp(2.5 * gap), 'kg')}, not {quantity(mass, 'kg')}"
-        return f"{stiffer}, of another material then; or {said} (sphere.mass in session.toml)", "sphere"
-    value = quantity(mass, "kg") if setting == "sphere.mass" else quantity(radius, "m")
-    said = f"{said}, not {value} ({setting} in session.toml)"
-    if _POLYMERS[0] < modulus * exp(-2.5 * gap) < _POLYMERS[1]:
-        return f"{stiffer}, of another material then; or {said}", setting
-    return f"{said}; or {stiffer}", setting
+    return Check(DURATION, text, level, gap / u, gap, u, file=fall.name, recording=fall.name)
 
 
 def body_stated(radius: float, mass: float) -> Check:
     """Compare a stated mass with the least weight of a sphere of that radius, and the largest load that it carries."""
     name, least = "mass of the falling body", _LIGHTEST * 4 / 3 * pi * radius**3
     text = f"{quantity(mass, 'kg')} with a sphere that weighs at least {quantity(least, 'kg')}"
-    if _is_body(radius, mass):
-        return stated(name, text, None, setting="sphere.mass")
+    level: Level | None = "impossible" if mass < least else "doubtful" if mass > _RIDER * least else None
     cause = "sphere.mass or sphere.radius is in another unit than was typed"
     cause += ", or a diameter was typed" if mass < least else ", or has lost its decimal point"
-    return stated(name, text, "impossible" if mass < least else "doubtful", cause=cause, setting="sphere.mass")
-
-
-def _is_body(radius: float, mass: float) -> bool:
-    """Return whether a sphere of a solid may be part of what falls, and not a vanishing one."""
-    return 1.0 <= mass / (_LIGHTEST * 4 / 3 * pi * radius**3) <= _RIDER
+    return stated(name, text, level, cause=cause, setting="sphere.mass")

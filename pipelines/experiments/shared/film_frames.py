@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
 from datetime import UTC, datetime
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,18 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import instruments
+from labpipe.arrays import Floats
 from labpipe.errors import EXCHANGED, InputError
 from labpipe.frames import FrameSource, IncompleteFilmWarning
 from labpipe.judging import Check, Level, stated
+from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
 
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
-_WIDEST = 640  # px of a stored key frame: what a page shows
+_WIDEST = 640  # px of a stored key frame, as wide as a page shows it
+_SMALLEST = 480  # px; smaller frames are drawn enlarged
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 _ALIKE, _BESIDE = 0.5, 0.25
 """Part of the differences between stated neighbours that is left between true ones, and how far
@@ -30,6 +34,7 @@ CAUSES = {
 }
 """Fault of a film, by the reason of the error that it ends in."""
 _MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
+_LONGER = 1.5  # of the usual interval between frames, from which some are missing
 _AROUND = 8  # frames read on either side of a contact
 
 
@@ -159,7 +164,9 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
     _, rows, columns = film.shape
     factor = max(1.0, columns / _WIDEST)
     size = (round(columns / factor), max(1, round(rows / factor)))
-    images = [cv2.resize(_eight_bit(film[i], low, high), size, interpolation=cv2.INTER_AREA) for i in sound]
+    grey = ((film[i].astype(float) - low) * (255.0 / max(high - low, 1.0)) for i in sound)
+    eight_bit = (np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in grey)
+    images = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in eight_bit]
     return xr.Dataset(
         {
             "image": variable(("key", "y", "x"), np.stack(images), "1", "grey level of a key frame"),
@@ -185,11 +192,6 @@ def _header_lines(header: Any) -> list[str]:
     return lines
 
 
-def _eight_bit(image: NDArray[np.integer], low: float, high: float) -> NDArray[np.uint8]:
-    scaled = (image.astype(float) - low) * (255.0 / max(high - low, 1.0))
-    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
-
-
 def png(image: NDArray[np.uint8]) -> bytes:
     """Encode a grey or colour (BGR) image."""
     is_done, data = cv2.imencode(".png", image)
@@ -198,10 +200,17 @@ def png(image: NDArray[np.uint8]) -> bytes:
     return data.tobytes()
 
 
-def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[Any]:
-    """Return a BGR copy, ``factor`` times as large, to draw on."""
+def drawing_of(key: xr.Dataset) -> tuple[NDArray[Any], float, float]:
+    """Return a BGR copy of a key frame to draw on, and scale and shift that take px of the film to px of it.
+
+    Small frames are enlarged by a whole factor; both take the centre of a pixel to the centre of its enlargement.
+    """
+    image = key["image"].values
+    factor = max(1, ceil(_SMALLEST / max(image.shape)))
     colour = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
-    return cv2.resize(colour, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
+    scale = factor / float(key["reduction"])
+    drawn = cv2.resize(colour, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
+    return drawn, scale, scale / 2 - 0.5
 
 
 def no_copies(film: str, frame: NDArray[np.int64], alike: NDArray[np.bool_]) -> Check:
@@ -214,3 +223,25 @@ def no_copies(film: str, frame: NDArray[np.int64], alike: NDArray[np.bool_]) -> 
     frames = "frame equals" if at.size == 1 else "frames equal"
     text = f"{film}: {at.size} {frames} the one before, the first is frame {first}"
     return stated(name, text, "doubtful", cause=f"frame {first} is a repeated frame", file=film)
+
+
+def frame_times(film: str, frame: NDArray[np.integer], time: Floats, is_within: NDArray[np.bool_]) -> Check:
+    """Look for frames that are not later than the one before, or that are missing in a motion.
+
+    ``is_within`` (frame - 1,) are the intervals in which something moves; elsewhere a camera may skip frames.
+    """
+    name, steps = "times of the frames", np.diff(time)
+    wrong = np.flatnonzero(~(steps > 0))
+    if wrong.size:
+        at = int(frame[wrong[0] + 1])
+        text = f"{film}: frame {at} is not later than the one before ({wrong.size} such frames)"
+        return stated(name, text, "impossible", cause=f"frames are exchanged or repeated at frame {at}", file=film)
+    usual = float(np.median(steps[is_within])) if is_within.any() else np.inf
+    lost = np.flatnonzero(is_within & (steps > _LONGER * usual))
+    if not lost.size:
+        return stated(name, f"{film}: {time.size} frames in order", None, file=film)
+    count = int(np.sum(np.round(steps[lost] / usual) - 1))
+    frames, when = "frame is" if count == 1 else "frames are", quantity(float(time[lost[0]]), "s")
+    text = f"{film}: {count} {frames} missing in the motion, the first after frame {frame[lost[0]]} at {when}"
+    cause = "the camera dropped frames or recorded in bursts: the motion between them was not seen"
+    return stated(name, text, "doubtful", cause=cause, file=film)

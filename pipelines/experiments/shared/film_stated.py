@@ -1,19 +1,21 @@
 """Frame rate and exposure in the file of a film, compared with those that a session states."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from math import inf
 
 import numpy as np
 import xarray as xr
 
 from labpipe.frames import FrameSource
-from labpipe.judging import Check, Level, in_words, stated
+from labpipe.judging import SLIPS, Cause, Check, Level, in_words, stated
 from labpipe.report import quantity
 from labpipe.units import Quantity
 
 _ROUNDED = 0.01
 """Relative difference of one rate or exposure as a person writes it and as a camera sets it."""
 _BURST = 5.0  # percentile of the intervals that is the one within bursts
+_NEAR = 3.0  # factor of the rate, below which another explanation may be meant
 _SAID = "said_by_file"
 
 
@@ -32,12 +34,6 @@ def said_by_file(film: FrameSource) -> str:
             "exposure": float(np.median(known)) if len(known) else None,
         }
     )
-
-
-def is_rate_used(frame_rate: Quantity | None, found: xr.Dataset | None) -> bool:
-    """Return whether the times of a film come from a stated rate: it has none of its own."""
-    own = found is not None and json.loads(found.attrs.get(_SAID, "{}")).get("intervals")
-    return frame_rate is not None and not own
 
 
 def stated_twice(
@@ -84,3 +80,22 @@ def of_rate(k: float, otherwise: str = "") -> str:
     """Say that the frame rate is so many times the true one, or another explanation."""
     too = f"{in_words(k)} times too short" if k > 1.0 else f"{in_words(1 / k)} times too long"
     return f"the frame rate is {in_words(k)} times the true one{otherwise}: times come out {too}"
+
+
+def wrong_rate(
+    effects: Mapping[str, float],
+    frame_rate: Quantity | None,
+    found: xr.Dataset | None,
+    film: str,
+    u: float = inf,
+    otherwise: str = "",
+) -> Cause:
+    """Return the mistake that the times of a film are wrong, or ``otherwise`` where the factor is below three."""
+    own = found is not None and json.loads(found.attrs.get(_SAID, "{}")).get("intervals")
+    is_stated = frame_rate is not None and not own  # a film with times of its own ignores a stated rate
+
+    def say(factor: float) -> str:
+        return of_rate(factor, otherwise * (1 / _NEAR < factor < _NEAR))
+
+    setting = "frame_rate" if is_stated else ""
+    return Cause(effects, say, SLIPS["interval"], u=u, file="" if is_stated else film, setting=setting)

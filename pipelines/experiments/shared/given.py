@@ -17,7 +17,10 @@ class Given:
     """
 
     def __init__(self, **known: Any) -> None:
-        self._known = {"given": self} | {name: found for name, found in known.items() if not _is_nothing(found)}
+        self._known = {"given": self}
+        for name, found in known.items():  # a step may give nothing in any of its recordings
+            if found is not None and not (isinstance(found, Sequence) and all(one is None for one in found)):
+                self._known[name] = found
 
     def get(self, name: str) -> Any:
         """Return one result; None where there is none."""
@@ -39,8 +42,3 @@ class Given:
             elif answer is not None:
                 found.append(answer)
         return found
-
-
-def _is_nothing(found: Any) -> bool:
-    """Return whether a step gave nothing, in none of the recordings."""
-    return found is None or (isinstance(found, Sequence) and all(one is None for one in found))

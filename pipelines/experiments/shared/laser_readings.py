@@ -2,29 +2,24 @@
 
 import json
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+import calibration
 import instruments
+from calibration import laser
 from labpipe.errors import UNSAID, SourceError
 from labpipe.signals import outliers
+from labpipe.units import Quantity
 from pipelines.experiments.shared.settings import Keyence, named_columns
-
-
-class _Recorded(Protocol):
-    """Settings of an experiment that a laser records."""
-
-    @property
-    def keyence(self) -> Keyence: ...
-
 
 OUTLIER = 7
 """Status of a reading that deviates from those around it, beyond the states that a controller writes."""
 
 
-def readings(path: Path, *, settings: _Recorded) -> xr.Dataset:
+def readings(path: Path, *, settings: Any) -> xr.Dataset:
     """Read one laser export, as a stage of every kind that has one; outliers become NaN and :data:`OUTLIER`.
 
     The attribute ``outliers`` holds, as JSON and by output, first and last index and largest deviation [m or V] of
@@ -74,14 +69,29 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
             columns=named_columns(given.columns),
         )
     except SourceError as error:
-        raise _with_place(error) from None
+        if error.reason != UNSAID:
+            raise
+        example = 'keyence = { cycle = "50 us", storage_factor = 1, units = ["mm"] }'
+        place = {"line": error.line, "column": error.column, "offset": error.offset}
+        hint = f"{error.hint} In session.toml, for the experiment: {example}."
+        raise SourceError(error.path, error.message, **place, hint=hint).because(UNSAID) from None
 
 
-def _with_place(error: SourceError) -> SourceError:
-    """Add where a session states it."""
-    if error.reason != UNSAID:
-        return error
-    example = 'keyence = { cycle = "50 us", storage_factor = 1, units = ["mm"] }'
-    place = {"line": error.line, "column": error.column, "offset": error.offset}
-    hint = f"{error.hint} In session.toml, for the experiment: {example}."
-    return SourceError(error.path, error.message, **place, hint=hint).because(UNSAID)
+def displacement(
+    readings: xr.Dataset, record: Path, *, settings: Any, inclination: Quantity | None = None
+) -> xr.Dataset:
+    """Correct the inclination, as a stage: upward displacement with its uncertainty.
+
+    ``inclination`` replaces that of the calibration record.
+    """
+    sensor = settings.sensor
+    if sensor.serial is not None:
+        readings = readings.assign_attrs(serial=sensor.serial)
+    return laser.displacement(
+        readings,
+        calibration.load_record(record),
+        output=sensor.output,
+        direction=sensor.direction,
+        measured=settings.measured_on,
+        inclination=inclination,
+    )

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -201,21 +202,15 @@ def problems(context: Context) -> Section:
     alike: dict[tuple[str, str], list[Warned]] = {}
     for warned in context.warnings:
         alike.setdefault((warned.stage, warned.text), []).append(warned)
-    blocks += [_warning(group) for group in alike.values()]
+    for (stage, text), group in alike.items():
+        names, total = [w.recording for w in group if w.recording], sum(w.count for w in group)
+        where = f" [{names[0]}]" if len(names) == 1 else ""
+        times = f" ({total} times)" if total > len(group) else ""
+        shared = f"\n{len(names)} recordings: {', '.join(names)}" if len(names) > 1 else ""
+        blocks.append(Notice("warning", f"{stage}{where}: {text}{times}{shared}"))
     if not blocks:
         blocks.append(Notice("ok", "No warnings and no errors."))
     return Section("Warnings and errors", tuple(blocks))
-
-
-def _warning(alike: Sequence[Warned]) -> Notice:
-    """Write a warning that several recordings have in common once, with their names."""
-    first = alike[0]
-    names = [warned.recording for warned in alike if warned.recording]
-    where = f" [{names[0]}]" if len(names) == 1 else ""
-    total = sum(warned.count for warned in alike)
-    times = f" ({total} times)" if total > len(alike) else ""
-    listed = f"\n{len(names)} recordings: {', '.join(names)}" if len(names) > 1 else ""
-    return Notice("warning", f"{first.stage}{where}: {first.text}{times}{listed}")
 
 
 def calibration_rows(text: str) -> KeyValues:
@@ -238,21 +233,11 @@ def calibration_rows(text: str) -> KeyValues:
     return KeyValues(rows, caption="Calibration record")
 
 
-def laser_calibration(displacement: xr.Dataset, same: str, quiet: str, caption: str) -> list[Block]:
-    """Show the record of a laser and its uncertainties.
-
-    ``same`` says for what the uncertainty of the scale is the same, ``quiet`` where the noise is
-    from, and ``caption`` what the budget is for.
-    """
-    attrs = displacement.attrs
-    scale = f"{float(attrs['u_systematic_relative']) * 100:.3f} %"
-    rows = [
-        ("inclination used", told(displacement, "inclination"), "true displacement = reading / cos(inclination)"),
-        ("relative uncertainty of the scale", scale, f"inclination and gain; the same {same}"),
-        ("noise of a sample", quantity(float(attrs["noise"]), "m"), quiet),
-    ]
-    budget = budget_table(json.loads(attrs["budget"]), caption, "m")
-    return [calibration_rows(attrs["calibration"]), KeyValues(rows), *budget]
+def camera_calibration(record: str, budget: str, rows: Sequence[tuple[str, str, str]]) -> Section:
+    """Show the calibration record of a camera, what follows from it, and the budget of its scale, folded away."""
+    table = budget_table(json.loads(budget), "Budget of the image scale", "m/px")
+    blocks = (calibration_rows(record), KeyValues(rows), *table)
+    return folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
 def raw_header(dataset: xr.Dataset | None) -> Details | None:
@@ -276,6 +261,42 @@ def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
     if len(headers) < 2:
         return headers
     return (Details(f"Raw headers of {len(headers)} files", blocks=headers),)
+
+
+def laser_recordings(
+    recordings: tuple[str, str, str],
+    body: Any,
+    context: Context,
+    readings: Sequence[xr.Dataset | None],
+    displacement: Sequence[xr.Dataset | None],
+) -> Section:
+    """Show the recordings of a laser, what fell, and the sensor's calibration, folded away.
+
+    ``recordings`` is the first row, ``body`` has a ``radius`` and a ``mass``, or is None.
+    """
+    rows, blocks, read = [recordings], list[Block](), present(readings)
+    if read:
+        first = read[0].attrs
+        rate = value_with_uncertainty(1 / float(first["sampling_interval"]), 0.0, "Hz")
+        rows.append(("instrument", str(first.get("instrument", "")), str(first.get("model", ""))))
+        rows.append(("sampling", rate, f"{read[0].sizes['time']} points"))
+        if first.get("layout") == "assumed":
+            blocks.append(Notice("info", "The layout of Keyence storage files is assumed, as no such file is public."))
+    if body is not None:
+        rows.append(("sphere radius", stated(body.radius), ""))
+        rows.append(("moving mass", stated(body.mass), "sphere and holder"))
+    blocks.append(KeyValues([row for row in (*rows, *remarks(context)) if row[1]]))
+    if moved := present(displacement):
+        attrs = moved[0].attrs
+        scale, noise = f"{float(attrs['u_systematic_relative']) * 100:.3f} %", quantity(float(attrs["noise"]), "m")
+        used = ("inclination used", told(moved[0], "inclination"), "true displacement = reading / cos(inclination)")
+        common = "inclination and gain; the same for every sample and recording"
+        known = [used, ("relative uncertainty of the scale", scale, common), ("noise of a sample", noise, "at rest")]
+        caption = "Budget for the largest displacement of the first recording"
+        budget = budget_table(json.loads(attrs["budget"]), caption, "m")
+        blocks += [calibration_rows(attrs["calibration"]), KeyValues(known), *budget]
+    title = "What was measured, and its calibration"
+    return folded(title, "Files, readings and calibration record", (*blocks, *raw_headers(read)))
 
 
 def ledger(context: Context) -> Section:

@@ -20,11 +20,8 @@ def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plat
     InputError
         The plate vibration found no modal mass.
     """
-    if found is None:
-        if given is None:
-            return None
-        return contact.Plate(given.mass.value, given.frequency.value, given.damping_ratio.value)
-    return contact.Plate(modal_mass(found).value, float(found["frequency"]), float(found["damping_ratio"]))
+    inputs = plate_inputs(given, found)
+    return contact.Plate(**{name: each.value for name, each in inputs.items()}) if inputs else None
 
 
 def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Quantity]:

@@ -11,16 +11,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
 from math import erf, inf, log, sqrt
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import IN_MOTION, MARKER
-from labpipe.judging import Check, Level, in_words, not_made, stated
+from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import Hum, quantisation_step
-from pipelines.experiments.shared.judgements import Title, Titles, day_known
+from labpipe.workflow.context import Context
+from pipelines.experiments.shared.judgements import Title, Titles, day_known, failed_steps
 
 _FLAT = 6  # equal readings in a row that a moving body does not give
 _IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
@@ -129,6 +131,38 @@ class Trace:
         return stated(name, f"{self.name}: {text}", level, file=self.name, cause=cause)
 
 
+def of_recordings(
+    read: Mapping[str, xr.Dataset | None],
+    moved: Mapping[str, xr.Dataset | None],
+    bounced: Mapping[str, xr.Dataset | None],
+    settings: Any,
+    context: Context,
+    failed: Mapping[str, str],
+) -> tuple[list[Check], list[Check]]:
+    """Evaluate the recordings of a laser.
+
+    Parameters
+    ----------
+    read, moved, bounced : mapping of str to Dataset or None
+        Readings, displacement and bounces by recording.
+    settings : BallDrop or PlateVibration
+    context : Context
+    failed : mapping of str to str
+        Causes of failed steps.
+
+    Returns
+    -------
+    of_readings, others : list of Check
+        Those of the readings; those of failed steps and of the calibration record.
+    """
+    gravity, record = settings.model.gravity.value, settings.calibration
+    outputs = ((name, one) for name, one in read.items() if one is not None)
+    traces = [t for name, one in outputs if (t := Trace.of(name, one, settings.sensor.output)) is not None]
+    found = [c for t in traces for c in of_readings(t, gravity, moved.get(t.name), bounced.get(t.name))]
+    others = [placed(check, record) for check in failed_steps(context, failed)]
+    return [*found, shared_rows(traces)], [*others, *of_record(moved, record)]
+
+
 def of_readings(trace: Trace, gravity: float, *found_in: xr.Dataset | None) -> list[Check]:
     """Evaluate continuity and noise of a record; ``found_in`` are its displacement and its bounces, where known."""
     if np.isfinite(trace.reading).sum() < 10 * _FLAT:
@@ -171,7 +205,10 @@ def held_readings(trace: Trace) -> Check:
     is_moving = usual > 3 * step and away > max(0.2 * usual, 3 * step + _IN_NOISE * trace.noise)
     # noise does not stay on one reading, least of all on the last one that there is
     is_end = longest > 0 and abs(x[start] - min((np.nanmin(x), np.nanmax(x)), key=lambda v: abs(x[start] - v))) < step
-    is_cut = is_end and trace.noise > step and longest > _longest_by_chance(trace.noise, step, x.size)
+    # of white noise a reading lies on one step with erf(step/(2 sqrt(2) noise)) at most
+    stays = erf(step / (sqrt(8.0) * trace.noise)) if trace.noise > 0.0 else 1.0
+    by_chance = log(_CHANCE / x.size) / log(stays) if 0.0 < stays < 1.0 else inf
+    is_cut = is_end and trace.noise > step and longest > by_chance
     is_constant, is_tail = longest >= x.size - 2, start + longest >= x.size - 2
     if longest < _FLAT or not (is_moving or is_cut or is_constant):
         return trace.seen(name, "no clipped or held readings")
@@ -181,15 +218,6 @@ def held_readings(trace: Trace) -> Check:
         cause = "the end of the file is filled with zeros: the recording or its copy broke off there"
     text = f"{longest + 1} equal readings in a row from {trace.at(start)}, {until} (clipped or held)"
     return trace.seen(name, text, "impossible", cause)
-
-
-def _longest_by_chance(noise: float, step: float, count: int) -> float:
-    """Return how many of `count` readings stay on one step by chance; infinite where noise does not reach the step.
-
-    Of white noise a reading lies on one step with erf(step/(2 sqrt(2) noise)) at most.
-    """
-    stays = erf(step / (sqrt(8.0) * noise)) if noise > 0.0 else 1.0
-    return log(_CHANCE / count) / log(stays) if 0.0 < stays < 1.0 else inf
 
 
 def longest_run(flags: np.ndarray) -> tuple[int, int]:
@@ -425,11 +453,6 @@ def of_record(displacements: Mapping[str, xr.Dataset | None], record: str) -> li
         cause = f"u of the inclination in {record} is probably not {u:.2g}°: a lost decimal, or another unit"
     place: Level | None = "doubtful" if angle > 45.0 or u > 3.0 else None
     found.append(stated("line of sight", text, place, cause=cause, file=record, setting="values.inclination"))
-    if relative := float(first.attrs.get("u_systematic_relative", 0.0)):
-        text = f"{record}: lengths are known by {in_words(100 * relative, 2)} %"
-        cause = f"u of the scale, or of the inclination, in {record} was typed in another unit or with a lost decimal"
-        vague: Level | None = "doubtful" if relative > 0.2 else None
-        found.append(stated("uncertainty of the scale", text, vague, cause=cause, file=record, setting="values.scale"))
     return found
 
 

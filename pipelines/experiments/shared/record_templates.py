@@ -1,4 +1,4 @@
-"""Which calibration record a recording takes, and templates for recordings without one."""
+"""Calibration records that recordings take, templates for those without one, and the first lines of a film."""
 
 import tomllib
 import warnings
@@ -10,7 +10,7 @@ import instruments
 from labpipe.errors import LabpipeError
 from pipelines.experiments._kind import Found
 from pipelines.experiments.shared.film_frames import recorded_on
-from pipelines.experiments.shared.proposals import GAP, view
+from pipelines.experiments.shared.proposals import GAP, quoted, view
 
 _HEAD = """\
 # Written by `labpipe init`; complete it before the results are used.
@@ -83,6 +83,23 @@ def laser_record(found: Found, recording: str, fits: Callable[[str], bool] = lam
     names = [name for name in found.of("record:laser") if fits(name)]
     days = _about(found.folder, [recording])[1] if len(names) > 1 else []
     return _fitting(found, "laser", days, names=names) or next(iter(names), _NONE)
+
+
+def head(found: Found, film: str, kind: str, name: str, why: str = "proposed from the file name") -> str:
+    """Return the first lines of an experiment with a film; a person knows its view better."""
+    seen = view(film)
+    record = camera_record(found, film)
+    rate = f'\nframe_rate = "{GAP} Hz"  # of the camera: images hold no time' * is_exported(found, film)
+    return f"""[experiments.{name}]
+kind = "{kind}"  # {why}
+film = "{quoted(film)}"
+camera = "{record}"  # image scale of this view, with its uncertainty
+view = "{seen}"  # as the record says{rate}"""
+
+
+def is_exported(found: Found, film: str) -> bool:
+    """Return whether a film was exported as images, which may be pictures of anything."""
+    return film in found.of("image_stack")
 
 
 def _fitting(

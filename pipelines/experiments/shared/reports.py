@@ -6,7 +6,7 @@ from typing import Any
 
 import xarray as xr
 
-from labpipe.report import Section
+from labpipe.report import Block, Column, KeyValues, Notice, Section, Table, quantity, value_with_uncertainty
 from labpipe.workflow.context import Context
 from pipelines.experiments._kind import JUDGEMENT
 from pipelines.experiments.shared import budget_blocks
@@ -14,7 +14,7 @@ from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import verdict_blocks
-from pipelines.experiments.shared.pages import document
+from pipelines.experiments.shared.pages import document, failed_notice
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,50 @@ class Report:
             sections.insert(0, Section("Verdict", verdict))
         subtitle = self.subtitle if isinstance(self.subtitle, str) else self.subtitle(settings)
         return document(context, subtitle, sections).render()
+
+
+def summary(
+    rows: Callable[..., Iterable[Row]], details: Callable[..., Sequence[tuple[str, str, str]]] | None = None
+) -> Callable[..., Section]:
+    """Return the summary of a kind: its compared values, after ``details``, further values with a remark each."""
+
+    def section(given: Given, context: Context) -> Section:
+        blocks: list[Block] = []
+        if details is not None and (told := given.ask(details)):
+            blocks.append(KeyValues(told))
+        if compared := given.each([rows]):
+            blocks.append(_compared(compared))
+        elif not context.failures:
+            blocks.append(Notice("info", "There is nothing to compare with."))
+        return Section("Summary", (*blocks, *failed_notice(context)))
+
+    return section
+
+
+def _compared(rows: Sequence[Row]) -> Table:
+    def shown(value: float | None, u: float | None, unit: str) -> str | None:
+        if value is None:
+            return None
+        return value_with_uncertainty(value, u, unit) if u else quantity(value, unit)
+
+    cells = [
+        (
+            ", ".join(filter(None, (row.quantity, row.material, row.condition))),
+            shown(row.measured, row.u_measured, row.unit),
+            shown(row.model, row.u_model, row.unit),
+            shown(row.difference, row.u_difference, row.unit),
+            row.deviation,
+            None if row.nrmse is None else 100 * row.nrmse,
+            row.p,
+        )
+        for row in rows
+    ]
+    columns = (
+        *map(Column, ("quantity", "measured", "expected", "difference")),
+        *(Column("deviation", "u", digits=2), Column("nRMSE", "%", digits=3), Column("p", digits=2)),
+    )
+    caption = "Of a curve the difference is the mean one, and nRMSE is relative to the range of the model."
+    return Table(columns, cells, caption=caption)
 
 
 def budgets(quantities: Callable[..., Iterable[Quantity]]) -> Callable[..., Sequence[Section]]:

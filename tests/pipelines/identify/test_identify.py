@@ -130,7 +130,7 @@ def test_uncertain_poissons_ratio_is_an_unknown_of_the_contact(processed_session
     settings = opened(processed_session).experiments["drop"].settings
     none, touch = np.full(2, np.nan), np.array([0.0, 0.02])
     seen = Bounces(touch, np.full(2, 1e-5), np.full(2, 1e-3), np.full(2, 1e-5), none, none)
-    proof = of_drop("drop", settings, seen, {}, [], None, own, None)
+    proof = of_drop("drop", settings, seen, {}, None, own, None)
     (ratio,) = (p for p in proof.unknowns if p.name == CONTACT_MODULUS)
     contact_modulus = [1 / (1 - nu**2) for nu in (0.35, 0.36)]
     assert ratio.sd == pytest.approx(contact_modulus[1] / contact_modulus[0] - 1, rel=0.05)

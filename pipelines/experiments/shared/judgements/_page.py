@@ -172,19 +172,16 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     if exact := counted_as_exact(result):
         blocks.append(Paragraph(f"Counted as exact, since stated without ±: {', '.join(exact)}."))
     if judged.findings:
-        blocks.append(_found(judged))
+        cells = [
+            (f.level, f.check, with_minus(f.message), with_minus(f.cause), written_place(f)) for f in judged.findings
+        ]
+        titles = ("level", "check", "observation", "probable cause", "file and line")
+        blocks.append(Table(tuple(map(Column, titles)), cells))
     if result.sizes["input"]:
         blocks.append(Paragraph(noticed(result)))
-        blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
     blocks.append(_checked(judged))
     blocks.append(Details(f"Results of the {len(judged.checks)} evaluations", blocks=(_evaluated(judged),)))
     return tuple(blocks)
-
-
-def _found(judged: Judgement) -> Table:
-    rows = [(f.level, f.check, with_minus(f.message), with_minus(f.cause), written_place(f)) for f in judged.findings]
-    columns = ("level", "check", "observation", "probable cause", "file and line")
-    return Table(tuple(Column(name) for name in columns), rows)
 
 
 def written_place(finding: Finding) -> str:
@@ -205,42 +202,24 @@ def noticed(result: xr.Dataset) -> str:
     --------
     ``"Errors that would have shown: height 0.4 % · modulus 2.1 %. Insensitive to: mass."``
     """
-    errors = _errors(result)
-    parts = [f"{name}{TIED}{size.replace(' ', TIED)}" for name, size, _ in errors if size]
-    none = [name for name, size, _ in errors if not size]
+    units = json.loads(result.attrs["units"])
+    values = (result[name].values for name in ("input", "detectable", "detectable_error"))
+    errors = []
+    for name, relative, error, unit in zip(*values, units, strict=True):
+        size = f"{in_words(100 * relative, 2)} %" if np.isfinite(relative) and relative < 1.0 else ""
+        if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
+            is_seen = np.isfinite(error) and not (unit == "degC" and error > _FAR_WARMER)
+            size = quantity(float(error), of_error(unit)) if is_seen else ""
+        errors.append((not size, bool(np.isnan(relative)), float(relative), shown_source(str(name)), size))
+    errors.sort()
+    parts = [f"{name}{TIED}{size.replace(' ', TIED)}" for *_, name, size in errors if size]
+    none = [name for *_, name, size in errors if not size]
     between = f"{TIED}· "
     said = f"Errors that would have shown: {between.join(parts) or 'none below 100' + TIED + '%'}."
     return (
         f"{said} Insensitive to: {between.join(none)} (even an error of 100{TIED}% would not show)."
         if none and parts
         else said
-    )
-
-
-def _errors(result: xr.Dataset) -> list[tuple[str, str, float]]:
-    """Return name, size as text, and relative size of each error that would have shown; the smallest first."""
-    units = json.loads(result.attrs["units"])
-    values = zip(
-        result["input"].values, result["detectable"].values, result["detectable_error"].values, units, strict=True
-    )
-    found = []
-    for name, relative, error, unit in values:
-        if np.isnan(relative):  # of an input that is 0, such as a position, or a temperature
-            is_seen = np.isfinite(error) and not (unit == "degC" and error > _FAR_WARMER)
-            size = quantity(float(error), of_error(unit)) if is_seen else ""
-        else:
-            size = f"{in_words(100 * relative, 2)} %" if np.isfinite(relative) and relative < 1.0 else ""
-        found.append((shown_source(str(name)), size, float(relative)))
-    return sorted(found, key=lambda each: (not each[1], bool(np.isnan(each[2])), each[2]))
-
-
-def _noticed(result: xr.Dataset) -> Table:
-    rows = [(name, size or "insensitive (below 100 %)") for name, size, _ in _errors(result)]
-    return Table(
-        (Column("input"), Column("smallest error that would have shown")),
-        rows,
-        caption="With 95 % probability the model would no longer agree (p < 0.05), all other inputs held at their "
-        "uncertainty. Up to 1.4 times as much is needed for it to differ (p < 0.001).",
     )
 
 

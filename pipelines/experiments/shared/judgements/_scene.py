@@ -103,33 +103,20 @@ class Basis(NamedTuple):
     reason: str = ""
 
     @classmethod
-    def of(cls, settings: Any, results: Mapping[str, Any]) -> "Basis":
-        """Take the judgements (``results``, by the field of the settings that names the experiment), where they are."""
+    def of(cls, results: Iterable[Any]) -> "Basis":
+        """Take the judgements of the experiments, or lists of them, where they are."""
         checks: dict[str, Check] = {}
         reasons, is_sound = [], True
-        for field, found in results.items():
-            every = found if isinstance(found, list) else [found]
-            for reference, result in zip(_ends(settings, field), every, strict=False):
-                if reference is None or result is None:
-                    continue
-                word, name = believed(result).believable, reference.removeprefix(REFERENCE)
-                text, cause = f"{name} is believable", ""
-                if word in ("doubtful", "impossible"):
-                    text, cause = f"it rests on {name}, which is {word}", f"see {name} first"
-                    reasons.append(text)
-                is_sound &= word != "impossible"
-                check = stated(f"basis, {name}", text, "note" if cause else None, cause=cause)
-                checks[check.name] = check
+        every = (one for found in results for one in (found if isinstance(found, list) else [found]))
+        for result in (one for one in every if one is not None):
+            word, name = believed(result).believable, str(result.attrs["experiment"])
+            text, cause = f"{name} is believable", ""
+            if word in ("doubtful", "impossible"):
+                text, cause = f"it rests on {name}, which is {word}", f"see {name} first"
+                reasons.append(text)
+            is_sound &= word != "impossible"
+            checks[name] = stated(f"basis, {name}", text, "note" if cause else None, cause=cause)
         return cls(tuple(checks.values()), is_sound, "; ".join(dict.fromkeys(reasons)))
-
-
-def _ends(settings: Any, dotted: str) -> list[str | None]:
-    """Return the experiment that a field names, or one for each item of a list on the way; None for none."""
-    if isinstance(settings, list | tuple):
-        return [end for item in settings for end in _ends(item, dotted)]
-    name, _, rest = dotted.partition(".")
-    value = getattr(settings, name, None)
-    return _ends(value, rest) if rest else [value]
 
 
 class Scene(NamedTuple):

@@ -190,12 +190,11 @@ class Judging:
     def __call__(self, *results: Any, settings: Any, context: Context) -> xr.Dataset:
         """Judge an experiment."""
         known = dict(zip(self.inputs, results, strict=False))
-        named = {field: known.pop(field, None) for field in self.rests_on}
-        basis = Basis.of(settings, named)
+        basis = Basis.of([known.pop(field, None) for field in self.rests_on])
         if not basis.is_sound:
             known |= dict.fromkeys(self.expected)
         made = judgement(Given(**known, settings=settings, context=context, basis=basis).ask(self.scene), self.titles)
-        return made.assign_attrs(exact=json.dumps(exact_values(settings)))
+        return made.assign_attrs(exact=json.dumps(exact_values(settings)), experiment=context.experiment)
 
 
 def judging(

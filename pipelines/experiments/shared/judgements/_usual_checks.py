@@ -1,4 +1,4 @@
-"""Checks and causes that several kinds have in common."""
+"""Checks that several kinds have in common."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,7 +12,7 @@ import xarray as xr
 from calibration.record import UNDATED
 from labpipe import errors
 from labpipe.judging import Check, Level, not_made, stated, unfinished
-from labpipe.report import quantity, value_with_uncertainty
+from labpipe.report import value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared.judgements._page import counted_from_one
@@ -119,35 +119,3 @@ def because(checks: Sequence[Check], cause: str, *names: str, **changes: Any) ->
     ``changes`` are further fields of what is blamed: a ratio that is no longer one of what it seemed is NaN.
     """
     return [replace(c, cause=cause, **changes) if cause and c.level and c.name in names else c for c in checks]
-
-
-def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
-    """Return the sentence of a cause: what a stated value [SI] would have to be, and where it stands.
-
-    Examples
-    --------
-    >>> say = times_over("the height", 1.5e-3, "m", "")
-    >>> say(0.1)
-    'the height is probably 15.0 mm, not 1.50 mm'
-    >>> say(1.0004)
-    'the height is probably 0.04 % less than the 1.50 mm that are stated'
-    """
-
-    def say(factor: float) -> str:
-        right = quantity(stated_value / factor, unit)
-        given = quantity(stated_value, unit)
-        place = f" ({what})" if what else ""
-        if right == given:
-            off, more = abs(100.0 * (1.0 / factor - 1.0)), "more" if factor < 1.0 else "less"
-            return f"{name} is probably {off:.2g} % {more} than the {given} that are stated{place}"
-        return f"{name} is probably {right}, not {given}{place}"
-
-    return say
-
-
-def line_of(header: str, *words: str) -> int | None:
-    """Return the line of a file's header that holds one of some words; None when none does."""
-    for number, text in enumerate(header.splitlines(), 1):
-        if any(word.lower() in text.lower() for word in words):
-            return number
-    return None

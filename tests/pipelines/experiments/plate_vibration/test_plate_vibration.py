@@ -72,13 +72,13 @@ def test_frequency_is_the_plate_s_and_the_modal_mass_the_true_one(session: Path)
 
 def test_the_dma_s_uncertainty_stands_in_mass_and_curves(session: Path) -> None:
     plate, model = result(session, "plate", "plate"), result(session, "plate", "model")
-    names = [str(name) for name in plate["solid_input"].values]
+    names = [str(name) for name in plate["uncertain"].values]
     for said in ("temperature, 20 °C", "Poisson's ratio, ptfe_dma", "DMA, specimen, acrylic_dma"):
         assert said in names
     assert any("mode 1, ptfe_dma at 20 °C" in name for name in names)
-    by_solids = float(np.linalg.norm(plate["solid_mass"].values * plate["solid_u"].values))
+    by_solids = float(np.linalg.norm(plate["solid_mass"].values * plate["input_u"].values))
     assert 0.0 < by_solids < float(plate["u_mass"])
-    of_ptfe = plate["solid_momentum"].sel(solid_input="DMA, specimen, ptfe_dma").values
+    of_ptfe = plate["solid_momentum"].sel(uncertain="DMA, specimen, ptfe_dma").values
     assert of_ptfe[0] == 0.0  # acrylic knows nothing of it
     assert of_ptfe[1] != 0.0
     ringing = model.sel(time=slice(0.0, 10e-3))  # at the second blow its moment counts, too

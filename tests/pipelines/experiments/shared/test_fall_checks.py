@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from pipelines.experiments.shared import fall_checks
-from pipelines.experiments.shared.fall_checks import Fall
+from pipelines.experiments.shared.fall_checks import Fall, Repeated
 
 
 def _fall(restitution: list[float]) -> Fall:
@@ -39,8 +39,8 @@ def test_a_body_that_is_lifted_after_its_bounces_is_told_from_a_reversed_record(
 def test_two_repeats_whose_first_restitution_differs_are_of_two_bodies(second, level):
     found = fall_checks.repeats_agree(
         [_fall([0.9, 0.9]), _fall(second)],
-        [("restitution", "first restitution", "1"), ("drop_height", "height", "m")],
-        "",
+        [Repeated("restitution", "first restitution", "1", of_two=0.05), Repeated("drop_height", "height", "m")],
+        "another body",
     )
     assert [c.level for c in found] == [level, None]
     assert ("another body" in found[0].cause) == (level is not None)

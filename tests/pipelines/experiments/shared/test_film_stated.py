@@ -12,7 +12,7 @@ from instruments import phantom
 from labpipe.frames import as_frames
 from labpipe.units import Quantity
 from pipelines.experiments.shared.film_frames import open_film
-from pipelines.experiments.shared.film_stated import is_rate_used, said_by_file, stated_twice
+from pipelines.experiments.shared.film_stated import said_by_file, stated_twice, wrong_rate
 
 RATE, SHUTTER, COUNT = 4000.0, 5e-6, 60
 
@@ -46,7 +46,7 @@ def test_a_rate_that_the_film_knows_better_has_no_effect(
     assert "which are used" in check.message
     assert "4.00 kHz" in check.message
     assert "no effect" in check.cause
-    assert not is_rate_used(hertz(stated), found)
+    assert not wrong_rate({}, hertz(stated), found, "a.cine").setting
 
 
 @pytest.mark.filterwarnings("ignore:.*dropped by the camera")
@@ -73,5 +73,5 @@ def test_images_hold_neither_so_that_nothing_contradicts() -> None:
     assert json.loads(said) == {"intervals": [], "exposure": None}
     found = xr.Dataset(attrs={"said_by_file": said})
     assert list(stated_twice(found, "frames", hertz(RATE), Quantity(SHUTTER, 0.0, "s"))) == []
-    assert is_rate_used(hertz(RATE), found)
-    assert not is_rate_used(None, found)
+    assert wrong_rate({}, hertz(RATE), found, "a.cine").setting == "frame_rate"
+    assert not wrong_rate({}, None, found, "a.cine").setting

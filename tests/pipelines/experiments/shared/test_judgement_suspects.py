@@ -24,20 +24,8 @@ def _rows(**wrong: float) -> list[Row]:
         difference = sum(slope * wrong.get(name, 0.0) for name, slope in slopes.items())
         own = np.linalg.norm([slope * INPUTS[name].u for name, slope in slopes.items()])
         u = float(np.hypot(own, 1e-3))
-        made.append(
-            row(
-                "restitution",
-                "1",
-                3,
-                slopes=slopes,
-                measured=0.9 + difference,
-                model=0.9,
-                u_measured=1e-3,
-                u_model=own,
-                difference=difference,
-                u_difference=u,
-            )
-        )
+        values = {"measured": (0.9 + difference, 1e-3), "model": (0.9, own), "difference": (difference, u)}
+        made.append(row("restitution", "1", 3, slopes=slopes, **values))
     return made
 
 
@@ -67,12 +55,16 @@ def test_of_inputs_that_look_the_same_the_one_known_worst_is_named_and_no_part_o
     }
     rows = [
         row(
-            "stiffness", "N/m", 1, slopes={name: -size / q.value for name, q in known.items()}, measured=0.95 * size,
-            model=size, difference=-0.05 * size, u_measured=3e-3 * size, u_model=1e-2 * size,
-            u_difference=1.1e-2 * size,
+            "stiffness",
+            "N/m",
+            1,
+            slopes={name: -size / q.value for name, q in known.items()},
+            measured=(0.95 * size, 3e-3 * size),
+            model=(size, 1e-2 * size),
+            difference=(-0.05 * size, 1.1e-2 * size),
         )
         for size in (10.0, 20.0, 30.0)
-    ]  # fmt: skip
+    ]
     (said,) = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
     assert said.startswith("DMA, specimen (or length of a tip) stated 5 % too large")
 
@@ -99,13 +91,8 @@ def test_a_value_without_uncertainty_makes_a_model_undecided_where_half_its_last
 def test_a_suspect_beyond_ten_of_its_uncertainties_comes_last_and_says_so() -> None:
     known = {"mass": Quantity(0.5, 1e-4, "kg"), "ruler": Quantity(1.0, 2e-3, "1")}
     ways = ({"mass": -1.0, "ruler": -0.4}, {"mass": -1.0, "ruler": -0.6})
-    rows = [
-        row(
-            "length", "1", 1, slopes=s, measured=0.99, model=1.0, difference=-1e-2, u_measured=1e-3, u_model=0.0,
-            u_difference=1.5e-3,
-        )
-        for s in ways
-    ]  # fmt: skip
+    values = {"measured": (0.99, 1e-3), "model": (1.0, 0.0), "difference": (-1e-2, 1.5e-3)}
+    rows = [row("length", "1", 1, slopes=slopes, **values) for slopes in ways]
     first, second = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
     assert first.startswith("ruler")
     assert re.search(r"^mass stated 10.* too large .*, but that is 10\d times its stated uncertainty$", second), second
@@ -117,15 +104,13 @@ def test_nothing_is_suspected_where_the_model_agrees() -> None:
     assert json.loads(found.attrs["suspects"]) == []
 
 
-RESTING = SimpleNamespace(sphere=SimpleNamespace(material_from="experiment:nylon_dma"), plate_from="experiment:plate")
-
-
 def _dma(level):
-    return judgement(Scene([stated("moduli", "the moduli are those of a metal", level)]))
+    found = judgement(Scene([stated("moduli", "the moduli are those of a metal", level)]))
+    return found.assign_attrs(experiment="nylon_dma")
 
 
 def test_what_rests_on_an_impossible_experiment_is_held_against_nothing_and_sends_there() -> None:
-    basis = Basis.of(RESTING, {"sphere.material_from": _dma("impossible"), "plate_from": None})
+    basis = Basis.of([_dma("impossible"), None])
     assert not basis.is_sound
     found = judgement(Scene((), basis=basis))
     assert (believed(found).believable, found.attrs["model"]) == ("yes", "undecided")
@@ -141,13 +126,13 @@ def test_what_was_computed_from_an_impossible_experiment_is_no_expectation(word:
         seen.extend((given.get("measured"), given.get("model"), basis.is_sound))
         return Scene((), basis=basis)
 
-    judged(2, 1, _dma(word), settings=RESTING, context=None)
+    judged(2, 1, _dma(word), settings=None, context=SimpleNamespace(experiment="drop"))
     assert seen == [2, expected, expected is not None]
 
 
 @pytest.mark.parametrize(("temperature", "model"), [(5.0, "differs"), (0.2, "agrees")])
 def test_a_doubtful_basis_is_the_first_suspect_of_a_model_that_differs(temperature: float, model: str) -> None:
-    basis = Basis.of(RESTING, {"sphere.material_from": _dma("doubtful")})
+    basis = Basis.of([_dma("doubtful")])
     assert basis.is_sound
     found = judgement(Scene((), rows=_rows(temperature=temperature), inputs=INPUTS, basis=basis))
     assert found.attrs["model"] == model
@@ -203,20 +188,8 @@ def test_a_mass_is_named_whether_its_uncertainty_is_stated_or_not_and_no_size_is
         for i, model in enumerate((4e-4, 1e-3)):
             slopes = {n: -powers[n][i] * model / inputs[n].value for n in inputs}
             measured = model * factor ** -powers[name][i]
-            u_row = 1e-3 * model
-            made.append(
-                row(
-                    "size",
-                    "m",
-                    3,
-                    slopes=slopes,
-                    measured=measured,
-                    model=model,
-                    u_measured=u_row,
-                    u_model=0.0,
-                    difference=measured - model,
-                    u_difference=u_row,
-                )
-            )
+            u = 1e-3 * model
+            values = {"measured": (measured, u), "model": (model, 0.0), "difference": (measured - model, u)}
+            made.append(row("size", "m", 3, slopes=slopes, **values))
         told = json.loads(judgement(Scene((), rows=made, inputs=inputs)).attrs["suspects"])
         assert told[0].startswith(words) if words else not any("radius is probably" in text for text in told)

@@ -1,0 +1,36 @@
+"""Uncertain inputs of a simulation, stored with its result: names, values, standard uncertainties and units."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from labpipe.units import Quantity
+from labpipe.variables import variable
+
+INPUTS = ("input_value", "input_u", "input_unit")
+"""Variables over ``uncertain``, the names of the inputs."""
+
+
+def table_of(given: Mapping[str, Quantity]) -> xr.Dataset:
+    """Return inputs by their names as the variables :data:`INPUTS`, in SI."""
+    return xr.Dataset(
+        {
+            "input_value": variable(
+                "uncertain", [q.value for q in given.values()], "1", "value of an input of the model, SI"
+            ),
+            "input_u": variable(
+                "uncertain", [q.u for q in given.values()], "1", "standard uncertainty of an input of the model, SI"
+            ),
+            "input_unit": ("uncertain", np.array([q.si for q in given.values()], dtype=str)),
+        },
+        {"uncertain": np.array(list(given), dtype=str)},
+    )
+
+
+def inputs_of(made: xr.Dataset | None) -> dict[str, Quantity]:
+    """Return the inputs that were stored with a result; empty where nothing was simulated."""
+    if made is None or "uncertain" not in made.coords:
+        return {}
+    columns = (made[name].values.tolist() for name in ("uncertain", *INPUTS))
+    return {str(name): Quantity(value, u, str(unit)) for name, value, u, unit in zip(*columns, strict=True)}
