@@ -124,7 +124,7 @@ def superpose(
     options = replace(options, scatter=scatter)
     spread = _FIRST_LEVELS if options.levels is True else 0.0
     base = replace(model, vertical=options.verticals[0], has_delay=options.delay is True, level_spread=spread)
-    first, ends = _best_start(points, base, noise, starts, options.delay is None)
+    first, ends = _best_start(points, base, noise, starts)
     current = _settled_finely(points, *first, noise, options)
     refused: tuple[Vertical, ...] = ()
     for _ in range(_MAX_EXTENSIONS):
@@ -153,29 +153,16 @@ def superpose(
 
 
 def _best_start(
-    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None, may_be_late: bool
+    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None
 ) -> tuple[tuple[OuterModel, Fit], tuple[tuple[str, float, float], ...]]:
-    """Run the joint fit from every start; return the best one, and the ends of all.
-
-    Where it stays far from the noise, the phase may have a delay, without which shifts run away: a
-    glass loses less than a delay of a ten-thousandth of a second makes it seem to lose.
-    """
-    ln_bT, is_searched = model.start().ln_bT, starts is None
+    """Run the joint fit from every start; return the best one, and the ends of all."""
+    weight, is_searched = _weights(points, noise), starts is None
     if starts is None:
-        found = (
-            ("overlap", overlapped_shifts(points, model.temperature, ln_bT)),
-            ("scan", scanned_shifts(points, model.temperature, ln_bT)),
-        )
+        arguments = points, model.temperature, model.start().ln_bT
+        found = (("overlap", overlapped_shifts(*arguments)), ("scan", scanned_shifts(*arguments)))
         apart = found[0][1] - found[1][1]
         starts = found[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < _SAME_BASIN else 2]
-    weight = _weights(points, noise)
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
-    nearest = min(fit.solution.misfit for _, _, fit, _ in runs)
-    if may_be_late and model.horizontal == "free" and nearest > _FAR_FROM_NOISE * weight.size:
-        late = replace(model, has_delay=True)
-        others = [_run(points, weight, late, name, shifts) for name, shifts in starts]
-        if min(fit.solution.misfit for _, _, fit, _ in others) < 0.5 * nearest:
-            model, runs = late, others
     if is_searched and model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
         # A sweep without loss in common with its neighbours fits anywhere: start from the law of all others too.
         runs.append(_run(points, weight, model, "law", _on_a_law(points, *min(runs, key=lambda run: run[1])[2:])))
