@@ -18,24 +18,9 @@ def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: floa
     non-negative least-squares problem of relative errors; the number of terms rises until the
     error of either modulus is below the tolerance, or the given series is reached.
 
-    Parameters
-    ----------
-    material : Prony
-    lowest, highest : float [Hz]
-        The window of frequencies that matters; what lies outside is not kept.
-    tolerance : float
-        Largest root-mean-square relative error of storage or loss modulus over the window.
-
-    Returns
-    -------
-    (Prony, float)
-        The series, and its larger root-mean-square relative error; the given material and zero
-        when no shorter series serves.
-
-    Raises
-    ------
-    InputError
-        The window or the tolerance is not positive.
+    ``lowest``, ``highest`` [Hz]: the window that matters; ``tolerance``: largest root-mean-square relative error of
+    storage or loss modulus over it. Returned beside the series is the larger of the two errors; the given material
+    and zero when no shorter series serves. A window or tolerance that is not positive raises InputError.
 
     Examples
     --------
