@@ -9,11 +9,6 @@ if TYPE_CHECKING:
         AdhesionEstimate as AdhesionEstimate,
         adhesion_in_impact as adhesion_in_impact,
         adhesive_states as adhesive_states,
-        jkr as jkr,
-        jkr_at_force as jkr_at_force,
-        lost_energy as lost_energy,
-        pull_off as pull_off,
-        tabor as tabor,
     )
     from labpipe.contact._collision import collision as collision, contact_stiffness as contact_stiffness
     from labpipe.contact._heating import NOTICEABLE as NOTICEABLE, Heating as Heating, self_heating as self_heating

@@ -19,11 +19,9 @@ References
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -31,8 +29,8 @@ from labpipe.materials import Prony
 from labpipe.units import require_positive
 from labpipe.variables import variable
 
-EQUILIBRIUM_DISTANCE = 0.3e-9
-"""m; distance of two surfaces at which their attraction vanishes, of about an atom."""
+# Distance of two surfaces at which their attraction vanishes, of about an atom [m].
+_EQUILIBRIUM_DISTANCE = 0.3e-9
 
 WORK_OF_ADHESION = 0.05
 """J/m2; of a clean smooth polymer on glass or sapphire, the most to expect. Roughness and dust
@@ -43,125 +41,57 @@ take away most of it."""
 _NOTICEABLE = 1e-3
 
 
-class AdhesiveContact(NamedTuple):
-    """States of an adhesive contact; every member has the shape of the contact radius.
+@dataclass(frozen=True, slots=True)
+class Jkr:
+    """Adhesive contact [1]_ of a sphere of ``radius`` [m], with E* [Pa] and the work of adhesion [J/m2]; 0 is Hertz."""
 
-    Contact radius [m]; force [N], positive when it presses; indentation [m], negative where the surface is drawn out.
-    """
+    radius: float
+    modulus: float
+    work: float
 
-    contact_radius: Floats
-    force: Floats
-    indentation: Floats
+    def __post_init__(self) -> None:
+        require_positive("m", radius=self.radius)
+        require_positive("Pa", reduced_modulus=self.modulus)
+        if not (np.isfinite(self.work) and self.work >= 0.0):
+            raise InputError(f"work is {self.work} J/m2, expected a number from 0 up")
 
+    def state(self, a: Floats) -> tuple[Floats, Floats]:
+        """Force [N] and indentation [m] at contact radii: F = 4E*a³/3R − √(8πwE*a³), δ = a²/R − √(2πaw/E*)."""
+        force = 4.0 * self.modulus * a**3 / (3.0 * self.radius) - np.sqrt(8.0 * np.pi * self.work * self.modulus * a**3)
+        return force, a**2 / self.radius - np.sqrt(2.0 * np.pi * a * self.work / self.modulus)
 
-def jkr(contact_radius: ArrayLike, radius: float, reduced_modulus: float, work: float) -> AdhesiveContact:
-    """State at a contact radius: F = 4E*a³/3R − √(8πwE*a³), δ = a²/R − √(2πaw/E*).
+    def contact_radius(self, load: float) -> float:
+        """Of the stable state under a load: a³ = (3R/4E*)(F + 3πwR + √(6πwRF + (3πwR)²))."""
+        scale = 3.0 * np.pi * self.work * self.radius
+        root = np.sqrt(2.0 * scale * load + scale**2)
+        return float(np.cbrt(0.75 * self.radius / self.modulus * (load + scale + root)))
 
-    Parameters
-    ----------
-    contact_radius : array [m]
-        Not negative. Below that of :func:`pull_off` a state cannot be kept.
-    radius : float [m]
-        Of the sphere.
-    reduced_modulus : float [Pa]
-        E*.
-    work : float [J/m2]
-        Of adhesion, w; 0 is Hertz.
+    @property
+    def tabor(self) -> float:
+        """Tabor's parameter μ = (R w²/(E*² z₀³))^{1/3}: height of the neck over the reach of forces."""
+        return float(np.cbrt(self.radius * (self.work / self.modulus) ** 2) / _EQUILIBRIUM_DISTANCE)
 
-    Raises
-    ------
-    InputError
-        A value is out of range.
+    @property
+    def regime(self) -> str:
+        """The theory that holds after [2]_: ``"JKR"`` from μ = 5, ``"DMT"`` up to 0.1, ``"transition"`` between."""
+        return "JKR" if self.tabor >= 5.0 else "DMT" if self.tabor <= 0.1 else "transition"
 
-    Examples
-    --------
-    >>> state = jkr(1e-3, radius=0.01, reduced_modulus=1e6, work=0.05)
-    >>> round(float(state.force), 5), round(float(state.indentation) * 1e6, 3)
-    (0.09788, 82.275)
-    """
-    _require(radius, reduced_modulus, work)
-    a = np.asarray(contact_radius, dtype=float)
-    if not np.all((a >= 0.0) & np.isfinite(a)):
-        raise InputError(f"contact_radius is {a} m, expected numbers from 0 up")
-    force = 4.0 * reduced_modulus * a**3 / (3.0 * radius) - np.sqrt(8.0 * np.pi * work * reduced_modulus * a**3)
-    indentation = a**2 / radius - np.sqrt(2.0 * np.pi * a * work / reduced_modulus)
-    return AdhesiveContact(a, force, indentation)
+    @property
+    def pull_off(self) -> float:
+        """Force [N] that parts the surfaces: 3/2 πwR in the range of JKR, below it the bound 2πwR of DMT."""
+        return float((1.5 if self.regime == "JKR" else 2.0) * np.pi * self.work * self.radius)
 
+    @property
+    def lost_energy(self) -> float:
+        """Energy [J] that closing and opening the contact costs: 7.09 (w⁵R⁴/E*²)^{1/3}.
 
-def jkr_at_force(force: ArrayLike, radius: float, reduced_modulus: float, work: float) -> AdhesiveContact:
-    """Stable state under a load: a³ = (3R/4E*)(F + 3πwR + √(6πwRF + (3πwR)²)).
-
-    Raises
-    ------
-    InputError
-        A force pulls harder than the contact holds, or a value is out of range.
-
-    Examples
-    --------
-    >>> state = jkr_at_force(0.0, radius=0.01, reduced_modulus=1e6, work=0.05)
-    >>> round(float(state.contact_radius) * 1e3, 4)
-    0.4135
-    """
-    _require(radius, reduced_modulus, work)
-    load = np.asarray(force, dtype=float)
-    scale = 3.0 * np.pi * work * radius
-    least = -0.5 * scale
-    if not np.all(load >= least * (1.0 + 1e-12)):
-        raise InputError(f"force is {load} N; the contact holds {-least:.4g} N and no more")
-    root = np.sqrt(np.maximum(2.0 * scale * load + scale**2, 0.0))
-    a = np.cbrt(0.75 * radius / reduced_modulus * (load + scale + root))
-    return jkr(a, radius, reduced_modulus, work)._replace(force=load)
-
-
-def tabor(
-    radius: float, reduced_modulus: float, work: float, equilibrium_distance: float = EQUILIBRIUM_DISTANCE
-) -> float:
-    """Tabor's parameter μ = (R w²/(E*² z₀³))^{1/3}: height of the neck over the reach of forces.
-
-    Examples
-    --------
-    >>> round(tabor(9.525e-3, 3.6e9, 0.05), 1)
-    40.8
-    """
-    _require(radius, reduced_modulus, work)
-    require_positive("m", equilibrium_distance=equilibrium_distance)
-    reach = (radius * (work / reduced_modulus) ** 2) ** (1.0 / 3.0)
-    return float(reach / equilibrium_distance)
-
-
-def regime(tabor_parameter: float) -> str:
-    """Name the theory that holds after [2]_: ``"JKR"`` from 5, ``"DMT"`` up to 0.1, ``"transition"`` between them."""
-    return "JKR" if tabor_parameter >= 5.0 else "DMT" if tabor_parameter <= 0.1 else "transition"
-
-
-def pull_off(radius: float, reduced_modulus: float, work: float) -> float:
-    """Force [N] that parts the surfaces: 3/2 πwR in the range of JKR, below it the bound 2πwR of DMT.
-
-    Examples
-    --------
-    >>> round(pull_off(9.525e-3, 3.6e9, 0.05) * 1e3, 3)
-    2.244
-    """
-    factor = 1.5 if regime(tabor(radius, reduced_modulus, work)) == "JKR" else 2.0
-    return float(factor * np.pi * work * radius)
-
-
-def lost_energy(radius: float, reduced_modulus: float, work: float) -> float:
-    """Energy [J] that closing and opening a JKR contact costs: 7.09 (w⁵R⁴/E*²)^{1/3}.
-
-    The surfaces jump together at δ = 0 and part where dF/dδ is infinite; between the two the work
-    ∫F dδ is lost to waves and heat.
-
-    Examples
-    --------
-    >>> round(lost_energy(1.0, 1.0, 1.0), 3)
-    7.092
-    """
-    _require(radius, reduced_modulus, work)
-    # ∫F dδ up to the two contact radii, in units of (w⁵R⁴/E*²)^{1/3}.
-    a = np.cbrt([np.pi / 8.0, 2.0 * np.pi])
-    apart, together = 8.0 / 15.0 * a**5 - 4.0 / 3.0 * np.sqrt(2.0 * np.pi) * a**3.5 + np.pi * a**2
-    return float((work**5 * radius**4 / reduced_modulus**2) ** (1.0 / 3.0) * (apart - together))
+        The surfaces jump together at δ = 0 and part where dF/dδ is infinite; between the two the work
+        ∫F dδ is lost to waves and heat.
+        """
+        # ∫F dδ up to the two contact radii, in units of (w⁵R⁴/E*²)^{1/3}.
+        a = np.cbrt([np.pi / 8.0, 2.0 * np.pi])
+        apart, together = 8.0 / 15.0 * a**5 - 4.0 / 3.0 * np.sqrt(2.0 * np.pi) * a**3.5 + np.pi * a**2
+        return float(np.cbrt(self.work**5 * self.radius**4 / self.modulus**2) * (apart - together))
 
 
 def adhesive_states(material: Prony, radius: float, work: float, load: float, states: int = 200) -> xr.Dataset:
@@ -198,23 +128,23 @@ def adhesive_states(material: Prony, radius: float, work: float, load: float, st
     require_positive("N", load=load)
     if material.is_liquid:
         raise InputError("slow loading needs a solid (E_relaxed above 0)")
-    modulus = material.factor("contact") * material.E_relaxed
-    largest = float(jkr_at_force(load, radius, modulus, work).contact_radius)
+    contact = Jkr(radius, material.factor("contact") * material.E_relaxed, work)
+    largest = contact.contact_radius(load)
     if largest > 0.5 * radius:
         raise InputError(f"under {load:g} N the contact would be wider than {0.5 * radius:.3g} m; reduce the load")
-    found = jkr(np.geomspace(1e-3 * largest, largest, states), radius, modulus, work)
-    reach = tabor(radius, modulus, work)
+    radii = np.geomspace(1e-3 * largest, largest, states)
+    force, indentation = contact.state(radii)
     variables = {
-        "contact_radius": variable("state", found.contact_radius, "m", "Contact radius"),
-        "force": variable("state", found.force, "N", "Force, positive when it presses"),
-        "indentation": variable("state", found.indentation, "m", "Indentation"),
-        "pull_off": variable((), pull_off(radius, modulus, work), "N", "Pull-off force"),
-        "reduced_modulus": variable((), modulus, "Pa", "Reduced modulus, relaxed"),
-        "tabor": variable((), reach, "1", "Tabor's parameter"),
-        "lost_energy": variable((), lost_energy(radius, modulus, work), "J", "Energy lost, closing and opening"),
+        "contact_radius": variable("state", radii, "m", "Contact radius"),
+        "force": variable("state", force, "N", "Force, positive when it presses"),
+        "indentation": variable("state", indentation, "m", "Indentation"),
+        "pull_off": variable((), contact.pull_off, "N", "Pull-off force"),
+        "reduced_modulus": variable((), contact.modulus, "Pa", "Reduced modulus, relaxed"),
+        "tabor": variable((), contact.tabor, "1", "Tabor's parameter"),
+        "lost_energy": variable((), contact.lost_energy, "J", "Energy lost, closing and opening"),
     }
     validity = "elastic (relaxed modulus), smooth, quasi-static, contact much narrower than the body"
-    return xr.Dataset(variables, attrs={"theory": "jkr", "regime": regime(reach), "validity": validity})
+    return xr.Dataset(variables, attrs={"theory": "jkr", "regime": contact.regime, "validity": validity})
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,22 +210,15 @@ def adhesion_in_impact(
     modulus = abs(complex(material.complex_modulus(np.pi / contact_duration, "contact")))
     relaxed = material.E_relaxed if not material.is_liquid else modulus / material.factor("contact")
     enhanced = work * material.E_unrelaxed / relaxed
-    reach = tabor(radius, modulus, work)
+    contact = Jkr(radius, modulus, work)
     bound = 2.0 * np.pi * enhanced * radius
-    shares = (float(bound / peak_force), lost_energy(radius, modulus, enhanced) / (0.5 * mass * speed**2))
+    shares = (float(bound / peak_force), Jkr(radius, modulus, enhanced).lost_energy / (0.5 * mass * speed**2))
     return AdhesionEstimate(
-        tabor=reach,
-        regime=regime(reach),
-        pull_off=pull_off(radius, modulus, work),
+        tabor=contact.tabor,
+        regime=contact.regime,
+        pull_off=contact.pull_off,
         pull_off_bound=float(bound),
-        lost_energy=lost_energy(radius, modulus, work),
+        lost_energy=contact.lost_energy,
         force_share=shares[0],
         verdict="negligible" if max(shares) < _NOTICEABLE else "may matter",
     )
-
-
-def _require(radius: float, modulus: float, work: float) -> None:
-    require_positive("m", radius=radius)
-    require_positive("Pa", reduced_modulus=modulus)
-    if not (np.isfinite(work) and work >= 0.0):
-        raise InputError(f"work is {work} J/m2, expected a number from 0 up")

@@ -264,13 +264,14 @@ class _Motion:
         self.rest_speed = float(np.sqrt(2.0 * g * _REST_SHARE * static))
         while now < duration and len(self.rows) != most:
             landing = now + (v + np.sqrt(v**2 + 2.0 * g * max(x + self.permanent, 0.0))) / g
-            self.phases.append(self._flight(now, x, v, min(float(landing), duration)))
+            self._fall(now, x, v, min(float(landing), duration), g)
             now = self.phases[-1].end
             if now >= duration:
                 return
             x, v = -self.permanent, self.phases[-1].last()[1]
             if -v <= self.rest_speed and self.rows:
-                self._rest(now, x - (self.mass * g / (self.stiffness * self.multiplier)) ** (2.0 / 3.0), duration)
+                sag = (self.mass * g / (self.stiffness * self.multiplier)) ** (2.0 / 3.0)
+                self._fall(now, x - sag, 0.0, duration, 0.0)
                 return
             first = len(self.phases)
             self._contact(now, x, v, duration)
@@ -287,18 +288,15 @@ class _Motion:
         elastic = max(depth - permanent, 0.0)
         return self.stiffness * factor * elastic**1.5 - self.damping * np.sqrt(elastic) * v
 
-    def _flight(self, now: float, x: float, v: float, end: float) -> _Phase:
+    def _fall(self, now: float, x: float, v: float, end: float, gravity: float) -> None:
+        """Add a phase of constant acceleration: free fall, or with none rest under the weight."""
+        push = self.mass * (self.gravity - gravity)
+
         def motion(t: Floats) -> tuple[Floats, Floats, Floats]:
             s = t - now
-            return x + v * s - 0.5 * self.gravity * s**2, v - self.gravity * s, np.zeros_like(s)
+            return x + v * s - 0.5 * gravity * s**2, v - gravity * s, np.full_like(s, push)
 
-        return _Phase(now, end, motion, self.permanent, is_contact=False)
-
-    def _rest(self, now: float, level: float, end: float) -> None:
-        def motion(t: Floats) -> tuple[Floats, Floats, Floats]:
-            return np.full_like(t, level), np.zeros_like(t), np.full_like(t, self.mass * self.gravity)
-
-        self.phases.append(_Phase(now, end, motion, self.permanent, is_contact=True))
+        self.phases.append(_Phase(now, end, motion, self.permanent, is_contact=push > 0.0))
 
     def _contact(self, now: float, x: float, v: float, end: float) -> None:
         """Follow one contact, and the dent that it leaves."""
@@ -327,7 +325,7 @@ class _Motion:
                 forces = np.array([self.force(x, 0.0, dent, loading=way) for way in (True, False)])
                 # At a turn either law carries the weight closely enough to be at rest.
                 if np.all(np.abs(forces / (self.mass * self.gravity) - 1.0) < 1.5 * _REST_SHARE):
-                    self._rest(now, x, end)
+                    self._fall(now, x, 0.0, end, 0.0)
                     return
                 if not loading:  # it turns downwards without having left: it may come to rest here
                     v = -np.finfo(float).tiny

@@ -9,9 +9,8 @@ steps leave of second, so that the share goes with the power 3/2 of ``rtol``. St
 relaxation after a jump and grow over the decades of a hold; a process much faster than the step
 answers as plain compliance.
 
-With ``rtol=None`` every interval is one step. After a jump the first four intervals then take the
-load as constant in each step: of a term much faster than the step, a load linear in the step
-answers only with the mean of its ramp, and the next step would overshoot with the opposite sign.
+With ``rtol=None`` every interval is one step. Of a term much faster than the step, a load linear in the step
+answers only with the mean of its ramp: after a jump the next step then overshoots with the opposite sign.
 """
 
 from collections.abc import Iterator
@@ -27,8 +26,6 @@ from labpipe.errors import InputError
 
 Control = Literal["displacement", "force"]
 
-# Steps with constant load after a jump when the steps are not controlled.
-_HELD_STEPS = 4
 # Difference allowed in a step over rtol^(3/2): the returned error is 0.03 to 0.24 of the power 2/3
 # of the difference, measured on ramps, holds, oscillations and tapping of four materials.
 _STEP_SHARE = 8.0
@@ -82,12 +79,11 @@ class March:
         default_factory=lambda: dict.fromkeys(("solver_steps", "rejected_steps", "solves"), 0)
     )
     samples_done: int = 0
-    _weights: dict[tuple[float, bool], StepWeights] = field(default_factory=dict)
+    _weights: dict[float, StepWeights] = field(default_factory=dict)
     _scale: float = 0.0
     _softest: float = np.nan
     _highest: float = -np.inf
     _deepest: float = 1e-300
-    _held: int = 0
 
     def run(self, time: Floats, value: Floats) -> Iterator[State]:
         """Yield the state at every sample of the history.
@@ -134,27 +130,15 @@ class March:
         past = state.memory.sum(axis=0)
         answer = self._solve(past, self.creep.instantaneous, value, state.answer)
         self.counts["solver_steps"] += 1
-        if np.any(answer.load != state.answer.load):
-            self._held = _HELD_STEPS
         work = self._work(state, answer, state.memory) if self.has_energy else np.nan
         return State(answer, state.memory, state.work + work, state.dissipated)
 
     def _single(self, state: State, length: float, value: float) -> State:
-        """Cross one interval in one step; where a linear load rings, a constant one may not."""
-        hold = self._held > 0
-        self._held = max(self._held - 1, 0)
-        while True:
-            weights = self._weights_of(length, hold=hold)
-            past = history(weights, state.memory, state.answer.load)
-            try:
-                answer = self._solve(past, weights.compliance, value, state.answer)
-            except NotNestedError:
-                if hold:
-                    raise
-                hold = True
-                continue
-            self.counts["solver_steps"] += 1
-            return self._accept(weights, state, answer, hold=hold)
+        """Cross one interval in one step."""
+        weights = self._weights_of(length)
+        past = history(weights, state.memory, state.answer.load)
+        self.counts["solver_steps"] += 1
+        return self._accept(weights, state, self._solve(past, weights.compliance, value, state.answer))
 
     def _controlled(
         self, state: State, length: float, before: float, after: float, suggested: float
@@ -183,9 +167,8 @@ class March:
                 step = dt * min(max(factor, _SHRINK), _MARGIN)
                 continue
             self.counts["solver_steps"] += 2
-            half = self._weights_of(0.5 * dt, hold=False)
-            state = self._accept(half, state, middle, hold=False)
-            state = self._accept(half, state, end, hold=False)
+            half = self._weights_of(0.5 * dt)
+            state = self._accept(half, self._accept(half, state, middle), end)
             # A step cut short by the end of the interval says nothing against the longer one.
             step = max(dt * min(max(factor, _SHRINK), _GROW), step if is_last else 0.0)
             if is_last:
@@ -207,7 +190,7 @@ class March:
         either, but differ in how far they have crept, which counts as a load under slow loading.
         """
         start = state.answer
-        one, half = self._weights_of(dt, hold=False), self._weights_of(0.5 * dt, hold=False)
+        one, half = self._weights_of(dt), self._weights_of(0.5 * dt)
         past_whole = history(one, state.memory, start.load)
         whole = self._solve(past_whole, one.compliance, end_value, start)
         past_half = history(half, state.memory, start.load)
@@ -233,11 +216,11 @@ class March:
         solve = self.contact.press if self.control == "displacement" else self.contact.push
         return solve(past, compliance, value, before.displacement)
 
-    def _accept(self, weights: StepWeights, state: State, answer: Answer, *, hold: bool) -> State:
+    def _accept(self, weights: StepWeights, state: State, answer: Answer) -> State:
         memory = advance(weights, state.memory, state.answer.load, answer.load)
         if not self.has_energy:
             return State(answer, memory, np.nan, np.nan)
-        heat = self._heat(weights.dt, state, answer.load, hold=hold)
+        heat = self._heat(weights.dt, state, answer.load)
         return State(answer, memory, state.work + self._work(state, answer, memory), state.dissipated + heat)
 
     def _raise_scale(self, value: float) -> None:
@@ -248,13 +231,13 @@ class March:
         if self.control == "displacement":
             self._scale = self.contact.press(np.zeros(self.contact.size), self._softest, value, 0.0).force
 
-    def _weights_of(self, dt: float, *, hold: bool) -> StepWeights:
+    def _weights_of(self, dt: float) -> StepWeights:
         """Weights of a step, remembered: samples are often even."""
-        found = self._weights.get((dt, hold))
+        found = self._weights.get(dt)
         if found is None:
             if len(self._weights) >= 256:
                 self._weights.clear()
-            found = self._weights[dt, hold] = step_weights(self.creep, dt, hold=hold)
+            found = self._weights[dt] = step_weights(self.creep, dt)
         return found
 
     def _work(self, state: State, answer: Answer, memory: Floats) -> float:
@@ -264,10 +247,10 @@ class March:
         moved = moved + memory.sum(axis=0) - state.memory.sum(axis=0)
         return 0.5 * float(self.contact.inner(old + answer.load, moved))
 
-    def _heat(self, dt: float, state: State, new_load: Floats, *, hold: bool) -> float:
+    def _heat(self, dt: float, state: State, new_load: Floats) -> float:
         r"""Heat of one step, exactly: the integral of (q − w/C)² C/τ; never negative."""
         C, inner = self.creep.C, self.contact.inner
-        old_load = new_load if hold else state.answer.load
+        old_load = state.answer.load
         lag, rise = old_load - state.memory[: C.size] / C[:, None], new_load - old_load
         # ∫e^{-2s}, ∫e^{-s}(1-e^{-s})/x and ∫(1-e^{-s})²/x² over 0 < s < x = dt/τ.
         x = dt / self.creep.tau

@@ -69,32 +69,8 @@ class Creep:
                 f"the instantaneous modulus is {modulus} Pa, expected a finite positive number: "
                 "contact needs a material with an instantaneous compliance"
             )
-        return cls.from_terms(1.0 / modulus, C, tau, float(material.nu), float(material.fluidity))
-
-    @classmethod
-    def from_terms(
-        cls, instantaneous: float, C: ArrayLike, tau: ArrayLike, nu: float = 0.0, fluidity: float = 0.0
-    ) -> "Creep":
-        """Build from uniaxial terms; ``J(0)``, ``C`` in 1/Pa, ``tau`` in s, fluidity in 1/(Pa s).
-
-        A number that is not finite or positive, or Poisson's ratio outside (-1, 0.5], raises InputError.
-        """
-        if not -1.0 < nu <= 0.5:
-            raise InputError(f"Poisson's ratio is {nu}, expected above -1 and at most 0.5")
-        C = np.atleast_1d(np.asarray(C, dtype=float)).ravel()
-        tau = np.atleast_1d(np.asarray(tau, dtype=float)).ravel()
-        if C.size != tau.size:
-            raise InputError(f"{C.size} compliances but {tau.size} retardation times")
-        is_finite = np.all(np.isfinite([instantaneous, fluidity, *C, *tau]))
-        is_admissible = instantaneous > 0.0 and fluidity >= 0.0 and np.all(C >= 0.0)
-        if not (is_finite and is_admissible and np.all(tau > 0.0)):
-            raise InputError(
-                "creep terms must be finite, with compliances at least 0 and times above 0; found J(0) = "
-                f"{instantaneous}, C = {C.tolist()}, tau = {tau.tolist()}, fluidity = {fluidity}"
-            )
-        factor = 1.0 - nu**2
-        used = C > 0.0
-        return cls(instantaneous * factor, C[used] * factor, tau[used], fluidity * factor)
+        factor = 1.0 - float(material.nu) ** 2
+        return cls(1.0 / modulus * factor, C * factor, tau, float(material.fluidity) * factor)
 
     def on(self, compliance: float) -> "Creep":
         """Return the compliance of contact with an elastic counter-body: the compliances add up.
@@ -140,16 +116,14 @@ class StepWeights:
     old_total: float
 
 
-def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
+def step_weights(creep: Creep, dt: float) -> StepWeights:
     """Weights of one step.
 
-    ``dt`` [s]: length of the step; 0 is an instantaneous (elastic) jump. The load is linear inside the step; with
-    ``hold`` it jumps to its new value at the start and stays, for the first few steps after a jump of the
-    displacement, where a linear load would overshoot.
+    ``dt`` [s]: length of the step, in which the load is linear; 0 is an instantaneous (elastic) jump.
 
     Examples
     --------
-    >>> creep = Creep.from_terms(1.0, [2.0], [0.5])
+    >>> creep = Creep(1.0, np.array([2.0]), np.array([0.5]))
     >>> round(step_weights(creep, 1e6).compliance, 5), step_weights(creep, 0.0).compliance
     (3.0, 1.0)
     """
@@ -167,8 +141,6 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
     if creep.fluidity > 0.0:
         half = 0.5 * creep.fluidity * dt
         new, old = np.append(new, half), np.append(old, half)
-    if hold:
-        new, old = new + old, 0.0 * old
     compliance = creep.instantaneous + float(new.sum())
     return StepWeights(float(dt), np.exp(-dt * creep.rate), old, new, compliance, float(old.sum()))
 

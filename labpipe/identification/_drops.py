@@ -13,7 +13,7 @@ derivatives are those of a common factor of all moduli. A plate moves by the rat
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import ceil, log10, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +34,6 @@ deviations; ten times larger steps turned the phase of a ringing plate there by 
 _DENSE = (0.03, 30.0)  # durations of a contact between which the derivative bends most
 _FROZEN = 100.0  # a term this many times slower than the record does not relax in it
 _VISCOUS = 0.003  # in durations of a contact: quicker terms are dashpots, with derivatives as times
-_LATTICE = 4  # nodes per decade for times that are none of the material's
 _FAST = 3e-4  # rtol of the fast model: smooth to 1/100 of a deviation of a touch, off by some 1e-5
 _MORE_TIME = 1.3  # a run lasts longer than the record: a trial may bounce higher
 _TRIES = 3
@@ -109,7 +108,7 @@ class DropModel:
             trials += [_Trial(material, {**given, name: factor * given[name]}) for factor in _BOTH_SIDES]
         made = iter(self._runs(trials))
         at = next(made)
-        by_term = self._by_term(material, material.rho, nodes, at, made)
+        by_term = self._by_term(material, nodes, at, made)
         others = self._of_body(_central(made) if scaled else np.zeros(at.size), at, given)
         for name in moved:
             others[name] = _central(made) / given[name]
@@ -120,23 +119,13 @@ class DropModel:
         finished |= {self.names[role]: column for role, column in recording.items() if role in self.names}
         return factor[:, None] * by_term, finished
 
-    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
-        """Return the derivatives by terms of any times; see :meth:`Model.by_times`."""
-        quick = _VISCOUS * self.expected_duration
-        count = ceil(log10(_FROZEN * self.last / quick) * _LATTICE)
-        nodes = quick * 10.0 ** (np.arange(count + 1) / _LATTICE)
-        chosen = nodes[_nodes(nodes / self.expected_duration)]
-        made = iter(self._runs([_Trial(material, given), *self._term_trials(material, chosen, given)]))
-        at = next(made)
-        return np.asarray(self._film(given)[:, None] * self._by_term(material, rho, chosen, at, made))
-
-    def _by_term(self, material: Prony, rho: Floats, nodes: Floats, at: Floats, made: Iterator[Floats]) -> Floats:
+    def _by_term(self, material: Prony, nodes: Floats, at: Floats, made: Iterator[Floats]) -> Floats:
         """Return derivatives (n, 1 + term) by the long-time modulus and terms of times [1/Pa].
 
         A term that relaxes long after the record is stiffness to it, one that relaxes at once is
         viscosity: neither costs a run. Between the nodes the derivative is a smooth curve.
         """
-        step = self._term_step(material)
+        step, rho = self._term_step(material), material.rho
         found = np.empty((at.size, rho.size + 1))
         found[:, 0] = (next(made) - at) / step
         found[:, 1:] = found[:, :1]
@@ -162,11 +151,7 @@ class DropModel:
         """Return the simulations for differences by the long-time modulus and by terms of times."""
         step, terms, rho = self._term_step(material), material.E, material.rho
         changed = [Prony(material.E_relaxed + step, terms, rho, nu=material.nu)]
-        for time in nodes.tolist():
-            known = rho == time
-            E = terms + step * known if known.any() else np.append(terms, step)
-            times = rho if known.any() else np.append(rho, time)
-            changed.append(Prony(material.E_relaxed, E, times, nu=material.nu))
+        changed += [Prony(material.E_relaxed, terms + step * (rho == time), rho, nu=material.nu) for time in nodes]
         return [_Trial(other, given) for other in changed]
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
@@ -324,7 +309,10 @@ def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
     ]
     if not groups:
         raise InputError(f"{name}: no bounce with a known uncertainty was observed")
-    expected = _expected_duration(seen.duration[lasted], model)
+    # half a period of a contact of radius R/10 in a body of 1 GPa, where no contact was timed
+    expected = float(np.pi * sqrt(model.mass / (2.0 * 1e9 * 0.1 * model.radius)))
+    if lasted.size:
+        expected = float(np.median(seen.duration[lasted]))
     fall = sqrt(2.0 * model.height / model.gravity)
     last = float(seen.touch[times].max()) if times.size else fall * max(int(radii.max()), 1)
     shared = None if seen.shared_duration is None else seen.shared_duration[lasted]
@@ -336,12 +324,3 @@ def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
 
 def _seen(values: Floats, u: Floats) -> Integers:
     return np.flatnonzero(np.isfinite(values) & np.isfinite(u) & (u > 0.0))
-
-
-def _expected_duration(observed: Floats, model: DropModel) -> float:
-    """Return the usual contact [s]; where none was timed, that of a millimetre's Hertz contact."""
-    if observed.size:
-        return float(np.median(observed))
-    # half a period of a contact of radius R/10 in a body of 1 GPa
-    stiffness = 2.0 * 1e9 * 0.1 * model.radius
-    return float(np.pi * sqrt(model.mass / stiffness))

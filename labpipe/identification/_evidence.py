@@ -74,22 +74,6 @@ class Model(Protocol):
         """
         ...
 
-    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
-        """Return the derivatives by the long-time modulus and by terms of other relaxation times.
-
-        Parameters
-        ----------
-        material : Prony
-            Around which; its own times may be others.
-        given : mapping of str to float
-        rho : array (term,) [s]
-
-        Returns
-        -------
-        array (n, 1 + term) [per Pa]
-        """
-        ...
-
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the predictions (n,) of a costlier, fuller model; None where there is none."""
         ...
@@ -161,23 +145,6 @@ class LinearModel:
         others |= dict(self.offsets)
         return factor * basis, others
 
-    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
-        """Return the basis, which must have been made for these times.
-
-        Raises
-        ------
-        InputError
-            It was made for others.
-        """
-        del material
-        if self.basis.shape[1] != rho.size + 1:
-            raise InputError(
-                f"a basis of {self.basis.shape[1] - 1} relaxation times does not fit {rho.size} "
-                f"of the material; rebuild the evidence"
-            )
-        factor, basis, _ = self._parts(given)
-        return np.asarray(factor * basis)
-
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the fuller model's numbers, if there is one."""
         if self.fuller is None:
@@ -225,10 +192,6 @@ class JoinedModel:
             for name in self.unknowns
         }
         return np.vstack([by_term for by_term, _ in made]), others
-
-    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
-        """Return the derivatives of all parts; see :meth:`Model.by_times`."""
-        return np.vstack([part.by_times(material, given, rho) for part in self.parts])
 
     def refined(self, material: Prony, given: Given) -> None:
         """No part has a fuller model."""

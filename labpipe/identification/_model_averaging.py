@@ -11,8 +11,8 @@ that of Laplace's approximation to the evidence,
 
 and a modulus is averaged over both with their posterior probabilities.
 
-A candidate takes no run of a simulator: the effect of a term of any time on the numbers is known from
-the derivatives at one point (:mod:`.tangent`).
+A candidate takes the derivatives of the models at one point, about which they are linear in the terms
+(:mod:`._tangent`).
 
 References
 ----------
@@ -32,7 +32,6 @@ from labpipe.identification._fit import Fit, Objective, fit, laplace
 from labpipe.identification._posterior import Posterior, Structure, posterior
 from labpipe.identification._problem import Problem
 from labpipe.identification._spectra import SmoothSpectrum, relaxation_times
-from labpipe.identification._tangent import Surrogate
 from labpipe.materials import Prony
 
 Rebuilt = Callable[[Floats], tuple[Evidence, ...]]
@@ -71,37 +70,22 @@ def infer(problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None]
 def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, ...]:
     """Weigh the candidates for the structure of a spectrum.
 
-    ``found``: about which the models are linear in the terms; its misfits count for all candidates; ``rebuilt``: takes
-    relaxation times (term,) and returns the evidence for them; ``begin``: a smooth series, from which the candidates
-    begin. Returns the most probable one first; those that do not matter are left out.
+    ``found``: its misfits count for all candidates; ``rebuilt``: takes relaxation times (term,) and returns the
+    evidence for them; ``begin``: a smooth series, from which the candidates begin. Returns the most
+    probable one first; those that do not matter are left out.
     """
-    problem, xi, n = found.problem, found.xi, found.problem.n_material
+    problem, n = found.problem, found.problem.n_material
     windows = [each.model.window for each in problem.evidence]
     data, nu = (min(w[0] for w in windows), max(w[1] for w in windows)), problem.spectrum.nu
     candidates = {
         SMOOTH: SmoothSpectrum(relaxation_times(*data), nu),
         UNEVEN: SmoothSpectrum(relaxation_times(*data, per_decade=_UNEVEN_PER_DECADE), nu, _UNEVEN_TURN),
     }
-    # Derivatives at the fit by terms of the times of all candidates, over the deviations.
-    objective = Objective.of(found)
-    base = objective.surrogate(xi)
-    rho = np.unique(np.concatenate([problem.spectrum.rho, *(each.rho for each in candidates.values())]))
-    solid, given = problem.material(xi), problem.nuisance_values(xi)
-    scale = np.concatenate(found.corrections) / objective.deviations
-    by_terms = scale[:, None] * np.vstack([each.model.by_times(solid, given, rho) for each in rebuilt(rho)])
-
-    def columns(own: Floats) -> Floats:
-        """Return the derivatives by E_relaxed and by the terms of some of the times."""
-        return by_terms[:, np.append(0, 1 + np.searchsorted(rho, own))]
-
-    at_fit = columns(problem.spectrum.rho) @ base.terms(xi)
     made, logarithms = [], []
     for name, spectrum in candidates.items():
-        by_own = columns(spectrum.rho)
-        at = np.append(np.clip(spectrum.coordinates_of(begin), -_BOUND, _BOUND), xi[n:])
-        own = replace(problem, spectrum=spectrum)
-        rest = base.rest - (by_own @ np.exp(spectrum.log_terms(at[: own.n_material])) - at_fit)
-        surrogate = Surrogate(own, at, rest, by_own, base.by_values)
+        own = Problem(spectrum, rebuilt(spectrum.rho), problem.nuisances)
+        at = np.append(np.clip(spectrum.coordinates_of(begin), -_BOUND, _BOUND), found.xi[n:])
+        surrogate = Objective(own, found.corrections, found.misfits).surrogate(at)
         lowest, cost = surrogate.lowest(_LEAST_DAMPING, _BOUND)
         covariance, size = laplace(surrogate.jacobian(lowest))
         logarithms.append(log(STRUCTURE_PRIORS[name]) - cost - 0.5 * size)

@@ -45,15 +45,13 @@ class Posterior:
     """Laplace's approximation around a fit.
 
     ``covariance`` (parameter, parameter): Of the standard coordinates; the prior's is the unit matrix.
-    ``sensitivity`` (n, parameter): Derivative of the predictions over their deviations. ``singular_values``
-    (combination,): Of ``sensitivity``, descending: how many times better the data know a combination than the prior
-    does. ``structures``: Candidates for the structure of the spectrum, where they were weighed.
+    ``sensitivity`` (n, parameter): Derivative of the predictions over their deviations. ``structures``: Candidates for
+    the structure of the spectrum, where they were weighed.
     """
 
     fit: Fit
     covariance: Floats
     sensitivity: Floats
-    singular_values: Floats
     structures: tuple[Structure, ...] = ()
 
     @property
@@ -89,7 +87,7 @@ Stated = Callable[[SmoothSpectrum, Floats], tuple[Floats, Floats]]
 def posterior(found: Fit) -> Posterior:
     """Approximate the posterior about a fit."""
     rows = Objective.of(found).data_jacobian(found.xi)
-    return Posterior(found, laplace(rows)[0], rows, np.linalg.svd(rows, full_matrices=False)[1])
+    return Posterior(found, laplace(rows)[0], rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,7 +84,14 @@ class Problem:
     def corrections(self, xi: Floats) -> Corrections:
         """Return ratios (n,) of the fuller models to the fast ones; 1 where there is none."""
         solid, given = self.material(xi), self.nuisance_values(xi)
-        return tuple(_ratio(e, solid, given) for e in self.evidence)
+        made = []
+        for each in self.evidence:
+            fuller, ratio = each.model.refined(solid, given), np.ones(each.values.size)
+            if fuller is not None:
+                fast = each.model.predict(solid, given)
+                np.divide(fuller, fast, out=ratio, where=(fast != 0.0) & (fuller != 0.0))
+            made.append(ratio)
+        return tuple(made)
 
     def predictions(self, xi: Floats, corrections: Corrections) -> list[Floats]:
         """Return the numbers (n,) of every experiment."""
@@ -98,12 +105,3 @@ def split_by_group(evidence: Evidence, numbers: Floats) -> list[Floats]:
     """Cut the numbers of an experiment into those of its groups (along the first axis)."""
     ends = np.cumsum([g.values.size for g in evidence.groups])
     return list(np.split(numbers, ends[:-1]))
-
-
-def _ratio(evidence: Evidence, solid: Prony, given: dict[str, float]) -> Floats:
-    fuller = evidence.model.refined(solid, given)
-    if fuller is None:
-        return np.ones(evidence.values.size)
-    fast = evidence.model.predict(solid, given)
-    is_known = (fast != 0.0) & (fuller != 0.0)
-    return np.divide(fuller, fast, out=np.ones(fast.size), where=is_known)

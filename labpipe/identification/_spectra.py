@@ -123,7 +123,8 @@ class SmoothSpectrum:
             )
             for i, sd in enumerate(np.diag(self._root).tolist())
         ]
-        return (_relaxed_modulus(), level, *changes)
+        relaxed = Parameter("E_relaxed", _POLYMER, _WIDE, "Pa", "long-time modulus", is_log=True)
+        return (relaxed, level, *changes)
 
     def log_terms(self, xi: Floats) -> Floats:
         """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
@@ -133,7 +134,7 @@ class SmoothSpectrum:
 
     @cached_property
     def _prior(self) -> tuple[Floats, Floats]:
-        return _means_and_deviations(self.parameters)
+        return np.array([p.mean for p in self.parameters]), np.array([p.sd for p in self.parameters])
 
     def slopes(self, xi: Floats) -> Floats:
         """Return the derivative (1 + term, parameter); the map is linear."""
@@ -196,11 +197,3 @@ class SmoothSpectrum:
 def _variance(lasting: Floats) -> Floats:
     """Return the variance of a slope's integral over a time, both in units of its memory."""
     return np.asarray(2.0 * (lasting + np.expm1(-lasting)))
-
-
-def _means_and_deviations(parameters: tuple[Parameter, ...]) -> tuple[Floats, Floats]:
-    return np.array([p.mean for p in parameters]), np.array([p.sd for p in parameters])
-
-
-def _relaxed_modulus() -> Parameter:
-    return Parameter("E_relaxed", _POLYMER, _WIDE, "Pa", "long-time modulus", is_log=True)

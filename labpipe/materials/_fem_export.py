@@ -21,10 +21,10 @@ N. W. Tschoegl, The Phenomenological Theory of Linear Viscoelastic Behavior, Spr
 """
 
 import json
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from typing import Literal, get_args
 
 import numpy as np
@@ -198,7 +198,8 @@ def make_deck(
         name=name,
         tension=few,
         shear=shear,
-        shares=_shares(shear),
+        # Their sum stays below one: the long-time modulus is larger than what rounding to 14 digits may add.
+        shares=np.array([float(f"{share:.14g}") for share in shear.E / shear.E_unrelaxed]),
         bulk=chosen,
         K=float(K),
         nu=float(nu),
@@ -226,17 +227,6 @@ def _with_rest(few: Prony, window: tuple[float, float], tolerance: float, *, flo
         f"{modulus / storage:.1e} of the storage modulus at the lower end of the window."
     )
     return Prony(modulus, few.E, few.rho, few.nu), text
-
-
-def _shares(shear: Prony) -> Floats:
-    """Return the terms over the instantaneous modulus, rounded as printed, with a sum below one."""
-    shares = [Decimal(f"{share:.14g}") for share in shear.E / shear.E_unrelaxed]
-    if shares:
-        most = Decimal(1) - Decimal(f"{shear.E_relaxed / shear.E_unrelaxed:.6g}")
-        excess = sum(shares) - most
-        if sum(shares) >= 1 or (excess > 0 and most < 1):
-            shares[shares.index(max(shares))] -= max(excess, Decimal(0))
-    return np.array([float(share) for share in shares])
 
 
 def _law_notes(
@@ -287,69 +277,49 @@ def _extrapolated(few: Prony, window: tuple[float, float], tolerance: float) -> 
     return found
 
 
-def _abaqus(deck: Deck) -> str:
-    lines = deck.remarks("**")
+def _abaqus(deck: Deck) -> list[str]:
     label = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in deck.name).upper()
     label = label if label[:1].isalpha() else f"M{label}"
-    lines.append(f"*MATERIAL, NAME={label[:80]}")
+    lines = [*deck.remarks("**"), f"*MATERIAL, NAME={label[:80]}"]
     if deck.bulk == "incompressible":
-        lines += [
-            "** incompressible: take hybrid elements",
-            "*HYPERELASTIC, NEO HOOKE, MODULI=INSTANTANEOUS",
-            f"{0.5 * deck.shear.E_unrelaxed:.14g}, 0.",
-        ]
+        lines += ["** incompressible: take hybrid elements", "*HYPERELASTIC, NEO HOOKE, MODULI=INSTANTANEOUS"]
+        lines.append(f"{0.5 * deck.shear.E_unrelaxed:.14g}, 0.")
     else:
         lines += ["*ELASTIC, MODULI=INSTANTANEOUS", f"{deck.E_unrelaxed:.14g}, {deck.nu:.14g}"]
-    if deck.shares.size:
-        lines.append("*VISCOELASTIC, TIME=PRONY")
+    lines += ["*VISCOELASTIC, TIME=PRONY"] * bool(deck.shares.size)
     for share, time in zip(deck.shares, deck.shear.rho, strict=True):
         lines.append(f"{share:.14g}, {share if deck.bulk == 'relaxing' else 0.0:.14g}, {time:.14g}")
     if deck.wlf is not None:
-        lines += [
-            "** log10 a_T = -C1 (T - T_ref)/(C2 + T - T_ref), temperatures in degC",
-            "*TRS, DEFINITION=WLF",
-            f"{deck.T_ref:.14g}, {deck.wlf[0]:.14g}, {deck.wlf[1]:.14g}",
-        ]
-    return "\n".join(lines) + "\n"
+        lines += ["** log10 a_T = -C1 (T - T_ref)/(C2 + T - T_ref), temperatures in degC", "*TRS, DEFINITION=WLF"]
+        lines.append(f"{deck.T_ref:.14g}, {deck.wlf[0]:.14g}, {deck.wlf[1]:.14g}")
+    return lines
 
 
-def _ansys(deck: Deck) -> str:
+def _ansys(deck: Deck) -> list[str]:
     lines = deck.remarks("!")
     if deck.bulk == "incompressible":
-        lines += [
-            "! incompressible: take elements with mixed u-P formulation",
-            "TB,HYPER,1,1,2,NEO",
-            f"TBDATA,1,{deck.shear.E_unrelaxed:.14g},0  ! instantaneous shear modulus",
-        ]
+        lines += ["! incompressible: take elements with mixed u-P formulation", "TB,HYPER,1,1,2,NEO"]
+        lines.append(f"TBDATA,1,{deck.shear.E_unrelaxed:.14g},0  ! instantaneous shear modulus")
     else:
         lines += [f"MP,EX,1,{deck.E_unrelaxed:.14g}  ! instantaneous modulus", f"MP,PRXY,1,{deck.nu:.14g}"]
-    if deck.shares.size:
-        for name in ("SHEAR", "BULK") if deck.bulk == "relaxing" else ("SHEAR",):
-            lines.append(f"TB,PRONY,1,,{deck.shares.size},{name}")
-            lines += [
-                f"TBDATA,{2 * i + 1},{share:.14g},{time:.14g}"
-                for i, (share, time) in enumerate(zip(deck.shares, deck.shear.rho, strict=True))
-            ]
+    for name in ("SHEAR", "BULK")[: 1 + (deck.bulk == "relaxing")] if deck.shares.size else ():
+        lines.append(f"TB,PRONY,1,,{deck.shares.size},{name}")
+        for i, (share, time) in enumerate(zip(deck.shares, deck.shear.rho, strict=True)):
+            lines.append(f"TBDATA,{2 * i + 1},{share:.14g},{time:.14g}")
     if deck.wlf is not None:
-        lines += [
-            "TB,SHIFT,1,,3,WLF",
-            f"TBDATA,1,{deck.T_ref:.14g},{deck.wlf[0]:.14g},{deck.wlf[1]:.14g}  ! temperatures in degC",
-        ]
-    return "\n".join(lines) + "\n"
+        lines.append("TB,SHIFT,1,,3,WLF")
+        lines.append(f"TBDATA,1,{deck.T_ref:.14g},{deck.wlf[0]:.14g},{deck.wlf[1]:.14g}  ! temperatures in degC")
+    return lines
 
 
-def _comsol(deck: Deck) -> str:
+def _comsol(deck: Deck) -> list[str]:
     relaxed = deck.shear.E_relaxed
-    solid = (
-        [f"G = {relaxed:.14g} [Pa], nearly incompressible material with mixed formulation"]
-        if deck.bulk == "incompressible"
-        else [f"G = {relaxed:.14g} [Pa]", f"K = {deck.K:.14g} [Pa]"]
-        if deck.bulk == "constant"
-        else [f"E = {2.0 * (1.0 + deck.nu) * relaxed:.14g} [Pa]", f"nu = {deck.nu:.14g}"]
-    )
-    lines = deck.remarks("%")
-    lines.append("% Linear elastic material, long-term moduli:")
-    lines += [f"%   {line}" for line in solid]
+    solid = {
+        "incompressible": [f"G = {relaxed:.14g} [Pa], nearly incompressible material with mixed formulation"],
+        "constant": [f"G = {relaxed:.14g} [Pa]", f"K = {deck.K:.14g} [Pa]"],
+        "relaxing": [f"E = {2.0 * (1.0 + deck.nu) * relaxed:.14g} [Pa]", f"nu = {deck.nu:.14g}"],
+    }[deck.bulk]
+    lines = [*deck.remarks("%"), "% Linear elastic material, long-term moduli:", *(f"%   {line}" for line in solid)]
     if deck.bulk == "relaxing":
         lines.append("% Viscoelasticity: deviatoric and volumetric, with the same relative moduli in both;")
         lines.append("%   a version that has the deviatoric one only keeps the bulk modulus constant.")
@@ -358,29 +328,20 @@ def _comsol(deck: Deck) -> str:
     if deck.wlf is not None:
         lines.append("% Thermal effects, Williams-Landel-Ferry:")
         lines.append(f"%   T0 = {deck.T_ref + ZERO_CELSIUS:.14g} [K]")
-        lines.append(f"%   C1 = {deck.wlf[0]:.14g}")
-        lines.append(f"%   C2 = {deck.wlf[1]:.14g} [K]")
+        lines += [f"%   C1 = {deck.wlf[0]:.14g}", f"%   C2 = {deck.wlf[1]:.14g} [K]"]
     lines.append("% Branches, to load into the table: number, shear modulus in Pa, relaxation time in s")
-    lines += [
-        f"{i} {weight:.14g} {time:.14g}"
-        for i, (weight, time) in enumerate(zip(deck.shear.E, deck.shear.rho, strict=True), 1)
-    ]
-    return "\n".join(lines) + "\n"
+    for i, (weight, time) in enumerate(zip(deck.shear.E, deck.shear.rho, strict=True), 1):
+        lines.append(f"{i} {weight:.14g} {time:.14g}")
+    return lines
 
 
 def _field(value: float) -> str:
     """Return the most digits of a number that ten characters hold."""
-    if value == 0.0:
-        return "       0.0"
-    for digits in range(6, 1, -1):
-        mantissa, power = f"{value:.{digits}E}".split("E")
-        text = f"{mantissa}E{int(power)}"
-        if len(text) <= 10:
-            return text.rjust(10)
-    return f"{value:.1E}".rjust(10)
+    texts = ["0.0"] if value == 0.0 else [re.sub(r"E([+-])0*(?=\d)", r"E\1", f"{value:.{n}E}") for n in range(6, 0, -1)]
+    return next(text for text in (text.replace("E+", "E") for text in texts) if len(text) <= 10).rjust(10)
 
 
-def _lsdyna(deck: Deck) -> str:
+def _lsdyna(deck: Deck) -> list[str]:
     more = ["Fields of ten characters round each number to 5 digits or so."]
     K = deck.K
     if deck.bulk == "incompressible":
@@ -408,10 +369,10 @@ def _lsdyna(deck: Deck) -> str:
     for weight, time in zip(deck.shear.E, deck.shear.rho, strict=True):
         lines.append("".join(map(_field, (weight, 1.0 / time, ratio * weight, 1.0 / time if relaxes else 0.0))))
     lines.append("".join(map(_field, (deck.shear.E_relaxed, 0.0, ratio * deck.shear.E_relaxed, 0.0))))
-    return "\n".join([*lines, "*END"]) + "\n"
+    return [*lines, "*END"]
 
 
-def _json(deck: Deck) -> str:
+def _json(deck: Deck) -> list[str]:
     document = {
         "name": deck.name,
         "units": {"modulus": "Pa", "time": "s", "temperature": "degC", "frequency": "Hz"},
@@ -441,10 +402,10 @@ def _json(deck: Deck) -> str:
         "notes": list(deck.notes),
         "warnings": list(deck.warnings),
     }
-    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+    return [json.dumps(document, indent=1, allow_nan=False)]
 
 
-_WRITERS: dict[str, Callable[[Deck], str]] = {
+_WRITERS: dict[str, Callable[[Deck], list[str]]] = {
     "abaqus": _abaqus,
     "ansys": _ansys,
     "comsol": _comsol,
@@ -455,4 +416,4 @@ _WRITERS: dict[str, Callable[[Deck], str]] = {
 
 def deck_text(deck: Deck, code: Code | str) -> str:
     """Return a material in the input language of a simulation code."""
-    return _WRITERS[code](deck)
+    return "\n".join(_WRITERS[code](deck)) + "\n"

@@ -34,16 +34,7 @@ _UNITS = {"frequency": "Hz", "storage_modulus": "Pa", "loss_modulus": "Pa", "tem
 
 
 def prony_of_relaxation(time: ArrayLike, modulus: ArrayLike, nu: float = 0.5) -> Prony:
-    """Fit a relaxation modulus over time.
-
-    Parameters
-    ----------
-    time : array (reading,) [s]
-        Since the step, positive; in any order.
-    modulus : array (reading,) [Pa]
-        Relaxation modulus, positive.
-    nu : float
-        Poisson's ratio, handed on.
+    """Fit a relaxation modulus (reading,) [Pa] over the time [s] since the step, in any order; ``nu`` is handed on.
 
     Raises
     ------
@@ -65,22 +56,7 @@ def prony_of_relaxation(time: ArrayLike, modulus: ArrayLike, nu: float = 0.5) ->
 
 
 def prony_of_creep(time: ArrayLike, compliance: ArrayLike, nu: float = 0.5) -> Prony:
-    """Fit a creep compliance over time.
-
-    Parameters
-    ----------
-    time : array (reading,) [s]
-        Since the step, positive; in any order.
-    compliance : array (reading,) [1/Pa]
-        Creep compliance, positive.
-    nu : float
-        Poisson's ratio, handed on.
-
-    Raises
-    ------
-    InputError
-        There are too few readings, or times or compliances are not positive.
-    """
+    """Fit a creep compliance (reading,) [1/Pa] over time, as :func:`prony_of_relaxation` does a modulus."""
     t, J = _checked(time, compliance, "compliance")
     tau = _times(t)
     columns = np.column_stack([-np.expm1(-t[:, None] / tau), np.ones(t.size), t / t.max()])

@@ -6,6 +6,7 @@ of free flight); :mod:`._impact_fit` then fits each with its two ballistic arcs.
 
 import json
 import warnings
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -84,7 +85,14 @@ LABELS = {
     "apex_time": ("s", "time of the highest point after the bounce"),
     "apex_height": ("m", "height of the flight above lift-off"),
 }
-"""What is reported of an impact: units and what it is."""
+"""Reported quantities of an impact: units and meaning."""
+
+_DERIVED: dict[str, Callable[[Any], Any]] = {
+    "penetration": lambda fit: fit["touch_level"] - fit["deepest_level"],
+    "contact_duration": lambda fit: fit["liftoff_time"] - fit["touch_time"],
+    "apex_time": lambda fit: fit["liftoff_time"] + fit["outgoing_speed"] / fit["gravity"],
+    "apex_height": lambda fit: 0.5 * fit["outgoing_speed"] ** 2 / fit["gravity"],
+}
 
 
 def bounces(
@@ -376,25 +384,11 @@ def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
 
 
 def combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
-    """One reported quantity and its derivative by the outputs of the fit."""
-    by_name = {output: i for i, output in enumerate(OUTPUTS)}
-    gradient = np.zeros(len(OUTPUTS))
-    if name in by_name:
-        sign = direction if name.endswith("_level") else 1
-        gradient[by_name[name]] = sign
-        return sign * float(value[by_name[name]]), gradient
-    if name in ("penetration", "contact_duration"):
-        plus, minus = ("touch_level", "deepest_level") if name == "penetration" else ("liftoff_time", "touch_time")
-        gradient[by_name[plus]], gradient[by_name[minus]] = 1.0, -1.0
-        return float(gradient @ value), gradient
-    out, fall = value[by_name["outgoing_speed"]], value[by_name["gravity"]]
-    if name == "apex_time":
-        gradient[by_name["liftoff_time"]] = 1.0
-        gradient[by_name["outgoing_speed"]], gradient[by_name["gravity"]] = 1 / fall, -out / fall**2
-        return float(value[by_name["liftoff_time"]] + out / fall), gradient
-    gradient[by_name["outgoing_speed"]] = out / fall
-    gradient[by_name["gravity"]] = -0.5 * out**2 / fall**2
-    return float(0.5 * out**2 / fall), gradient
+    """One reported quantity and its derivative by the outputs of the fit (complex step)."""
+    sign = direction if name.endswith("_level") else 1
+    moved = dict(zip(OUTPUTS, (value[:, None] + 1e-30j * np.eye(len(OUTPUTS))), strict=True))
+    found = _DERIVED[name](moved) if name in _DERIVED else moved[name]
+    return sign * float(found[0].real), sign * found.imag / 1e-30
 
 
 def _release(

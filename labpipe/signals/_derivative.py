@@ -230,7 +230,10 @@ def _spline(
     level, u_level = evaluate(fit, t, 0)
     if may_refine and known.block == 1:
         freedom = float(np.sum((u_level[kept] / fit.sigma) ** 2))
-        found = _residual_sigma((y - level)[kept], freedom, known)
+        left = (y - level)[kept]
+        # The median leaves out the few samples around a jump that no spline follows.
+        found = 1.4826 * float(np.median(np.abs(left))) * float(np.sqrt(left.size / max(left.size - freedom, 1.0)))
+        found = max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)
         if not 1 / _WHITE_RESIDUAL < found / known.sigma < _WHITE_RESIDUAL:
             known = known._replace(sigma=found)
             fit = smooth(t[kept], y[kept], known.sigma, *cuts)
@@ -266,14 +269,6 @@ def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:
             "velocity and its uncertainty"
         )
         warnings.warn(text, UserWarning, stacklevel=4)
-
-
-def _residual_sigma(residual: Floats, freedom: float, known: Noise) -> float:
-    """Noise left by a fit of so many effective parameters; rounding at least."""
-    n = len(residual)
-    # The median leaves out the few samples around a jump that no spline follows.
-    found = 1.4826 * float(np.median(np.abs(residual))) * float(np.sqrt(n / max(n - freedom, 1.0)))
-    return max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)
 
 
 def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Floats, Floats]:

@@ -171,22 +171,14 @@ def fit_impact(
     value[4:7] += height
     output_covariance = propagated_covariance(gradient, covariance)
     by_shape = gradient @ (scale[:, None] * ties)
-    unread = _unread_contact(time, float(value[0]), float(value[1]))
-    if unread is not None:
-        output_covariance = output_covariance + _of_unread(value, unread[1] - unread[0])
+    # The widest gap among the readings that meets the contact, if it hides it.
+    unread, gaps = None, np.where((time[1:] > value[0]) & (time[:-1] < value[1]), np.diff(time), 0.0)
+    widest = int(np.argmax(gaps))
+    if gaps[widest] > max(_HIDING * float(value[1] - value[0]), _GAP * float(np.median(np.diff(time)))):
+        unread = float(time[widest]), float(time[widest + 1])
+        output_covariance = output_covariance + _of_unread(value, float(gaps[widest]))
     left = None if left is None else left.since(-reference)
     return ImpactFit(value, output_covariance, by_shape, chi_square, n_evaluations, unread, left)
-
-
-def _unread_contact(time: Floats, touch: float, liftoff: float) -> tuple[float, float] | None:
-    """Begin and end of the widest gap that meets the contact, if it hides it."""
-    interval = np.diff(time)
-    meets = (time[1:] > touch) & (time[:-1] < liftoff)
-    if not meets.any():
-        return None
-    i = int(np.argmax(np.where(meets, interval, 0.0)))
-    is_hidden = interval[i] > max(_HIDING * (liftoff - touch), _GAP * float(np.median(interval)))
-    return (float(time[i]), float(time[i + 1])) if is_hidden else None
 
 
 def _of_unread(value: Floats, gap: float) -> Floats:
@@ -322,22 +314,17 @@ def _position_gradient(t: Floats, p: Floats) -> Floats:
 def _outputs(p: Floats, scale: Floats) -> tuple[Floats, Floats]:
     """Return outputs and their derivative by the parameters, by central differences."""
     steps = np.diag(1e-5 * scale)
-    found = _derived(p + np.vstack([np.zeros(len(p)), steps, -steps]))
-    upper, lower = np.split(found[1:], 2)
-    return found[0], (upper - lower).T / (2.0 * np.diag(steps))
-
-
-def _derived(p: Floats) -> Floats:
-    """Return the outputs (n, output) of several sets of parameters (n, parameter)."""
-    level, speed, pulse, touch, liftoff, gravity = p[:, [0, 1, 2, _TOUCH, _LIFTOFF, _GRAVITY]].T
-    length = liftoff - touch
-    shape = _shapes(p)
+    sets = p + np.vstack([np.zeros(len(p)), steps, -steps])
+    level, speed, pulse, touch, liftoff, gravity = sets[:, [0, 1, 2, _TOUCH, _LIFTOFF, _GRAVITY]].T
+    length, shape = liftoff - touch, _shapes(sets)
     inside = touch + np.multiply.outer(_S[::_STRIDE], length)
     path = level + speed * inside - 0.5 * gravity * inside**2 + pulse * length**2 * (shape @ _SECOND[:, ::_STRIDE]).T
     acceleration = pulse * (shape @ _SHAPES).T
-    incoming, outgoing = _speeds(p)
+    incoming, outgoing = _speeds(sets)
     kinematics = (touch, liftoff, incoming, outgoing, path[0], path[-1])
-    return np.stack([*kinematics, path.min(axis=0), acceleration.max(axis=0), outgoing / incoming, gravity], axis=1)
+    found = np.stack([*kinematics, path.min(axis=0), acceleration.max(axis=0), outgoing / incoming, gravity], axis=1)
+    upper, lower = np.split(found[1:], 2)
+    return found[0], (upper - lower).T / (2.0 * np.diag(steps))
 
 
 def _shapes(p: Floats) -> Floats:

@@ -127,13 +127,6 @@ class Agreement:
     concordance: float
     n_effective: float
 
-    def interval(self, which: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval of ``"bias"``, ``"low"`` or ``"high"``."""
-        u = {"bias": self.u_bias, "low": self.u_limit, "high": self.u_limit}[which]
-        half = float(stdtrit(max(self.n_effective - 1, 1), 0.5 + 0.5 * level)) * u
-        centre = float(getattr(self, which))
-        return centre - half, centre + half
-
 
 def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = None) -> Agreement:
     """Return bias and limits of agreement of two methods on the same quantity.

@@ -6,7 +6,6 @@ leaves neighbouring samples correlated, and then differences see far too little:
 repeated on block means, and climbs until it no longer grows.
 """
 
-from collections.abc import Iterator
 from itertools import pairwise
 from math import comb, sqrt
 from typing import NamedTuple
@@ -73,23 +72,17 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
     resolution = 4.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))
     floor = max(step / sqrt(12.0), resolution, _DYNAMIC_RANGE * float(np.ptp(values)))
     levels: list[float] = []
-    for level in _levels(values, time):
-        levels.append(level)
+    block = 1
+    while block == 1 or (block <= _LARGEST_BLOCK and len(values) >= _FEWEST_DIFFERENCES):
+        levels.append(sqrt(block) * difference_sigma(values, time))
+        values, time = _means_of_two(values), None if time is None else _means_of_two(time)
+        block *= 2
         three = levels[-3:]
         if len(three) == 3 and all(abs(np.log(b / a)) < np.log(_PLATEAU) for a, b in pairwise(three) if a and b):
             # On a later plateau the lowest blocks are still a little short of the top.
             found = levels[0] if len(levels) == 3 else max(three)
             return Noise(max(found, floor), step, 2 ** (len(levels) - 3))
     return Noise(max(levels[0], floor), step, 1)
-
-
-def _levels(values: Floats, time: Floats | None) -> Iterator[float]:
-    """Noise of the samples, of means of two, four and so on, each times the root of their number."""
-    block = 1
-    while block == 1 or (block <= _LARGEST_BLOCK and len(values) >= _FEWEST_DIFFERENCES):
-        yield sqrt(block) * difference_sigma(values, time)
-        values, time = _means_of_two(values), None if time is None else _means_of_two(time)
-        block *= 2
 
 
 def difference_sigma(values: Floats, time: Floats | None = None) -> float:

@@ -9,7 +9,7 @@ noise is exactly so, and other noise counts as the flicker that is as strong.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,27 +142,21 @@ def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, col
     ``colour``; ``sigma``: standard deviation of the white part, in the unit of the hum.
     """
     read, ties = design[: len(time)], design[len(time) :]
-    middle = _normal(read, float(np.median(np.diff(time))), colour.corner) + ties.T @ ties
+    middle = read.T @ read
+    if colour.corner > 0.0:
+        # Below the inverse of twice the length the power grows no further.
+        size, interval = 2 * len(read), float(np.median(np.diff(time)))
+        waves = np.fft.rfft(read, size, axis=0)
+        frequency = np.maximum(np.fft.rfftfreq(size, interval), 1.0 / (size * interval))
+        weight = np.full(len(frequency), 2.0)
+        weight[[0, -1]] = 1.0
+        power = weight * (1.0 + colour.corner / frequency) / size
+        middle = np.real(waves.conj().T @ (power[:, None] * waves))
+    middle = middle + ties.T @ ties
     if colour.hum is not None:
         moved = read.T @ colour.hum.modes(time) / sigma
         middle = middle + moved @ moved.T
     return np.asarray(inverse @ middle @ inverse, float)
-
-
-def _normal(design: Floats, interval: float, corner: float) -> Floats:
-    """Return ``J' C J``, C the covariance of the noise: ``J' J`` where it is white.
-
-    Below the inverse of twice the length the power grows no further.
-    """
-    if corner <= 0.0:
-        return design.T @ design
-    size = 2 * len(design)
-    waves = np.fft.rfft(design, size, axis=0)
-    frequency = np.maximum(np.fft.rfftfreq(size, interval), 1.0 / (size * interval))
-    weight = np.full(len(frequency), 2.0)
-    weight[[0, -1]] = 1.0
-    power = weight * (1.0 + corner / frequency) / size
-    return cast("Floats", np.real(waves.conj().T @ (power[:, None] * waves)))
 
 
 def coloured_power(count: int, interval: float, corner: float) -> float:

@@ -69,12 +69,12 @@ _OFFSETS = 64
 
 @dataclass(frozen=True, slots=True)
 class Sinusoid:
-    """``offset + drift s + ... + sum amplitude_k sin(2 pi k frequency s + phase_k)``.
+    """``trend_0 + trend_1 s + ... + sum amplitude_k sin(2 pi k frequency s + phase_k)``.
 
     ``s`` is the time from ``reference_time`` (the middle of the record). Amplitudes and phases are
     those of the fundamental; ``harmonic_amplitudes`` and ``harmonic_phases`` start with it.
-    ``u_`` are standard uncertainties that account for correlated residuals. Phases in rad,
-    frequency in Hz, the rest in units of the signal (drift per s).
+    ``u_`` are standard uncertainties that account for autocorrelated residuals. Phases in rad,
+    frequency in Hz, the rest in units of the signal.
     """
 
     frequency: float
@@ -83,16 +83,15 @@ class Sinusoid:
     u_amplitude: float
     phase: float
     u_phase: float
-    offset: float
-    u_offset: float
-    drift: float
-    u_drift: float
     reference_time: float
     harmonic_amplitudes: tuple[float, ...]
     harmonic_phases: tuple[float, ...]
     trend: tuple[float, ...]
-    residual_rms: float
-    n_cycles: float
+
+    @property
+    def offset(self) -> float:
+        """Mean of the signal at the reference time."""
+        return self.trend[0]
 
     def __call__(self, time: ArrayLike) -> Floats:
         """Evaluate the fitted curve."""
@@ -365,31 +364,23 @@ def _described(
         scatter = float(left @ left) / max(len(left) - jacobian.shape[1], 1)
         beyond = max(1.0 - step**2 / 12 / scatter, 0.0) if scatter > 0.0 else 0.0
         covariance = beyond * covariance + _rounding_covariance(jacobian, y - left, step)
-    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     amplitude = float(np.hypot(sines[0], cosines[0]))
     pair = np.ix_([0, n_waves], [0, n_waves])
     along = np.array([sines[0], cosines[0]]) / max(amplitude, np.finfo(float).tiny)
     across = np.array([-along[1], along[0]])
     half = max(float(s[-1]), float(-s[0]))
     trend = coefficients[2 * n_waves :] / half ** np.arange(trend_order + 1)
-    u_trend = u[2 * n_waves : 2 * n_waves + trend_order + 1]
     return Sinusoid(
         frequency=frequency,
-        u_frequency=0.0 if fixed else float(u[-1]),
+        u_frequency=0.0 if fixed else float(np.sqrt(max(covariance[-1, -1], 0.0))),
         amplitude=amplitude,
         u_amplitude=float(propagated_u(along, covariance[pair])),
         phase=float(np.arctan2(cosines[0], sines[0])),
         u_phase=float(propagated_u(across, covariance[pair])) / amplitude,
-        offset=float(trend[0]),
-        u_offset=float(u_trend[0]),
-        drift=float(trend[1]) if trend_order else 0.0,
-        u_drift=float(u_trend[1]) / half if trend_order else 0.0,
         reference_time=reference,
         harmonic_amplitudes=tuple(np.hypot(sines, cosines).tolist()),
         harmonic_phases=tuple(np.arctan2(cosines, sines).tolist()),
         trend=tuple(trend.tolist()),
-        residual_rms=float(np.sqrt(np.mean(left**2))),
-        n_cycles=frequency * float(s[-1] - s[0]),
     )
 
 

@@ -27,16 +27,22 @@ def smooth_lengths(position: Floats, values: Floats) -> Floats:
     ``position`` (n,): Increasing abscissa. ``values`` (n,): Samples in units of their noise (standard deviation 1).
     Returns (ceil(n / LEAF): Number of samples of the dyadic interval that holds the leaf.
     """
-    levels = _factors(position, values)
-    cost = levels[0] + _PRICE * _ORDER
-    keeps = [np.ones(len(cost), bool)]
-    for residual in levels[1:]:
-        own = residual + _PRICE * _ORDER
+    count = 2
+    while count * LEAF < values.size:
+        count *= 2
+    residuals, side, end = np.empty(count - 1), _ORDER + 1, 0
+    _tree(position, values, np.zeros((count // 2, side, side)), np.empty((2 * LEAF, side)), residuals)
+    cost = np.full(count, _PRICE * _ORDER)  # a cubic passes through the samples of a leaf
+    keeps = [np.ones(count, bool)]
+    while count > 1:
+        count //= 2
+        own = residuals[end : end + count] + _PRICE * _ORDER
+        end += count
         parts = cost[0::2] + cost[1::2]
         keeps.append(own <= parts)
         cost = np.minimum(own, parts)
     lengths = np.zeros(1)
-    for level in range(len(levels) - 1, -1, -1):
+    for level in range(len(keeps) - 1, -1, -1):
         lengths = np.where((lengths == 0.0) & keeps[level], float(LEAF * 2**level), lengths)
         if level:
             lengths = np.repeat(lengths, 2)
@@ -53,21 +59,6 @@ def graded(lengths: Floats) -> Floats:
     rising = np.minimum.accumulate(lengths - rise) + rise
     falling = np.minimum.accumulate((lengths + rise)[::-1])[::-1] - rise
     return np.minimum(rising, falling)
-
-
-def _factors(position: Floats, values: Floats) -> list[Floats]:
-    """Residual sum of squares of the cubic fit, of all intervals, level by level."""
-    count = 2
-    while count * LEAF < values.size:
-        count *= 2
-    levels, end = [np.zeros(count)], 0  # a cubic passes through the samples of a leaf
-    residuals, side = np.empty(count - 1), _ORDER + 1
-    _tree(position, values, np.zeros((count // 2, side, side)), np.empty((2 * LEAF, side)), residuals)
-    while count > 1:
-        count //= 2
-        levels.append(residuals[end : end + count])
-        end += count
-    return levels
 
 
 @lean()

@@ -53,25 +53,17 @@ def find_turns(time: Floats, speed: Floats, u_speed: Floats) -> list[Turn]:
         end = len(speed)
         if i + 2 < len(starts):
             end = starts[i + 2] + int(np.argmin(speed[starts[i + 2] : stops[i + 2]]))
-        touch, liftoff = _rough_contact(time, speed, descent, ascent)
-        jump = float(speed[ascent] - speed[descent])
-        turns.append(Turn(descent, int(starts[i]), end, touch, liftoff, jump))
+        # Touch and lift-off from the times at which a tenth and nine tenths of the impulse are done: the extremes of
+        # the speed themselves are flat and wander with the noise.
+        part, jump = slice(descent, ascent + 1), float(speed[ascent] - speed[descent])
+        share = (speed[part] - speed[descent]) / jump
+        early, late = np.interp([0.1, 0.9], np.maximum.accumulate(share), time[part]).tolist()
+        before = _TENTH * (late - early) / (1.0 - 2.0 * _TENTH)
+        turns.append(Turn(descent, int(starts[i]), end, early - before, late + before, jump))
     # The holder may tremble before the release; the first impact is among the strongest.
     strongest = max([turn.jump for turn in turns], default=0.0)
     first = next((i for i, turn in enumerate(turns) if turn.jump > _STRONG * strongest), 0)
     return turns[first:]
-
-
-def _rough_contact(time: Floats, speed: Floats, descent: int, ascent: int) -> tuple[float, float]:
-    """Touch and lift-off from the times at which a tenth and nine tenths of the impulse are done.
-
-    The extremes of the speed themselves are flat and wander with the noise.
-    """
-    part = slice(descent, ascent + 1)
-    share = (speed[part] - speed[descent]) / (speed[ascent] - speed[descent])
-    early, late = np.interp([0.1, 0.9], np.maximum.accumulate(share), time[part])
-    duration = (late - early) / (1.0 - 2.0 * _TENTH)
-    return float(early - _TENTH * duration), float(late + _TENTH * duration)
 
 
 def flights_after(time: Floats, turns: list[Turn]) -> list[slice]:

@@ -179,7 +179,7 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """The course of a bounce as polynomials, step by step.
+    """The course of a bounce as polynomials, step by step, up to an ``end`` [s].
 
     ``time`` (step + 1,) [s]; ``coefficients`` (step, 8, power) over u from 0 to 1: position, velocity, force, edge,
     displacement and velocity of the plate, work on the springs, loss of the plate; the edge is the square of its radius
@@ -190,9 +190,10 @@ class Curves:
     coefficients: Floats
     bounce: Bounce
     fall: Fall
+    end: float
 
     @classmethod
-    def of(cls, tables: Tables, fall: Fall, one: Bounce) -> "Curves":
+    def of(cls, tables: Tables, fall: Fall, one: Bounce, until: float) -> "Curves":
         """Polynomials through the stages of the steps of the path, which the next bounce overwrites."""
         method, path, n, peak = scheme(), tables.path, one.n, one.peak
         starts, stages = path.state[:n], path.stages[:n]
@@ -210,7 +211,8 @@ class Curves:
         coefficients[:, 3, 1:] = path.edge[:n]
         coefficients[:, 0, 0] += one.origin
         coefficients[:, 6, 0], coefficients[:, 7, 0] = starts[:, 7], starts[:, 6]
-        return cls(one.touched + path.time[: n + 1], coefficients, one, fall)
+        time = one.touched + path.time[: n + 1]
+        return cls(time, coefficients, one, fall, min(float(time[-1]), until))
 
     def at(self, times: Floats) -> Trail:
         """Return records (time,) at given times [s] within the contact."""
@@ -237,9 +239,8 @@ class Curves:
         trail["stored"] = one.stored + values[:, 6] - one.work - lost
         return trail
 
-    def natural(self, until: float) -> Trail:
-        """Return records at the ends of all steps and at instants between, up to a time [s]."""
+    def natural(self) -> Trail:
+        """Return records at the ends of all steps and at instants between."""
         part = np.linspace(0.0, 1.0, _RECORDS_PER_STEP + 1)[:-1]
         times = (self.time[:-1, None] + np.diff(self.time)[:, None] * part).ravel()
-        end = min(float(self.time[-1]), until)
-        return self.at(np.append(times[times < end], end))
+        return self.at(np.append(times[times < self.end], self.end))

@@ -9,7 +9,7 @@ dents: memory is never reset between bounces.
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
-from math import ceil, nan, sqrt
+from math import ceil, inf, nan, sqrt
 from typing import cast
 
 import numpy as np
@@ -23,7 +23,7 @@ from labpipe.contact.impact._records import COUNTS, Counts, Fall, Motion, Trail,
 from labpipe.contact.impact._setting import Scales, Setting
 from labpipe.contact.impact._stepper import LONGEST_STEP, STEP_SHARE, Stepper, springs_for
 from labpipe.contact.impact._trajectory import Contact, Flight, Segment
-from labpipe.errors import InputError, LabpipeError
+from labpipe.errors import InputError
 
 #: Springs are laid out and taken into a contact this far beyond the radius expected.
 MARGIN = 1.1
@@ -110,7 +110,8 @@ class Train:
             gap = float(self._step_on(MARGIN * expected.radius).springs.gap[0])
             touch = 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap)) if gap else 0.0
         start = Motion(time=-setting.fall_time, position=-setting.height, approach=-setting.height)
-        self._keep(Flight(start, min(touch, end), np.zeros(creep.rate.size), np.zeros(creep.rate.size), creep.rate))
+        none = np.zeros(creep.rate.size)
+        self._keep(Flight(start, min(touch, end), none, none, creep.rate, setting))
         now.velocity, now.acceleration = setting.speed, setting.gravity
         if touch < end:
             self._fly(touch)
@@ -149,7 +150,7 @@ class Train:
                 return
             self._end_row()
             stop = min(now.time + flight, end)
-            self._keep(Flight(copy(now), stop, *self._free_surface(), creep.rate))
+            self._keep(Flight(copy(now), stop, *self._free_surface(), creep.rate, self.setting))
             if stop >= end or len(self.rows) == self.most:
                 return
             self._fly(flight)
@@ -171,8 +172,7 @@ class Train:
         sunk = found.deepest - (self._begun.position if self._begun else 0.0)
         self._peaks.append((found.peak_force, found.largest, found.peak_approach, sunk))
         if not one.rows_only:
-            curves = Curves.of(self.tables, fall, found)
-            self._keep(Contact(curves.natural(end), curves=curves))
+            self._keep(Curves.of(self.tables, fall, found, end))
         return True
 
     def _keep_contact(self, records: Trail, *, is_resting: bool = False) -> None:
@@ -195,7 +195,7 @@ class Train:
             assert isinstance(last, Contact)  # noqa: S101 - rest follows a contact
             records = np.concatenate([last.records[-1:], records])
         records["surface"] = records["approach"]
-        self._keep(Contact(records, is_resting=is_resting))
+        self._keep(Contact(records, one, is_resting=is_resting))
 
     def _end_row(self) -> None:
         """Write the row of a contact that ended in a flight."""
@@ -235,13 +235,14 @@ class Train:
         return self.stepper.stored(), self.stepper.memory[:, 0].copy()
 
     def _time_of_flight(self) -> float:
-        one, now = self.setting, self.now
-        fall = Fall(one.mass, one.gravity, one.radius, False, *modal(one.plate), 0.0, 0.0, 0.0)
-        dent, rate = self._free_surface()[1], self.tables.creep.rate
-        time = time_of_flight(fall, now.velocity, dent, rate, now.plate_displacement, now.plate_velocity)
-        if time < 0.0:
-            raise LabpipeError("the sphere does not come back to the plate")
-        return float(time)
+        """Time [s] to the next touch; 0 where the surface follows at once, infinity where no touch is asked for."""
+        now, one, dent, rate = self.now, self.setting, self._free_surface()[1], self.tables.creep.rate
+        if now.velocity - now.plate_velocity + float(rate @ dent) >= 0.0:
+            return 0.0
+        if len(self.rows) + 1 == self.most:
+            return inf
+        start = PlateState(now.plate_displacement, now.plate_velocity)
+        return time_of_flight(one.gravity, now.velocity, dent, rate, one.plate, start)
 
     def _fly(self, dt: float) -> None:
         """Move on without contact: ballistic, the dent and the plate relax, exactly; cut into steps on request."""

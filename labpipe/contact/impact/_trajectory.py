@@ -9,6 +9,7 @@ of its steps.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured, unstructured_to_structured
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from labpipe.arrays import Floats
@@ -23,7 +24,7 @@ _FLIGHT_SAMPLES = 24
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A flight from its start; everything in it is known in closed form.
+    """A flight of a body from its start; everything in it is known in closed form.
 
     ``start``: the instant it begins, without force; ``end`` [s]; ``stored`` (element,) [J] and ``dent`` (element,) [m]:
     energy of each element of the memory, and its displacement at the pole, at the start; ``rate`` (element,) [1/s]:
@@ -35,89 +36,83 @@ class Flight:
     stored: Floats
     dent: Floats
     rate: Floats
+    body: Setting
 
-    def natural(self, body: Setting, *, is_first: bool, is_last: bool) -> Trail:
-        """Sample it without the ends that the neighbours bring."""
-        times = np.linspace(self.start.time, self.end, _FLIGHT_SAMPLES + 2)
-        return self.at(times[(0 if is_first else 1) : (None if is_last else -1)], body)
+    def natural(self) -> Trail:
+        """Sample it, its ends included."""
+        return self.at(np.linspace(self.start.time, self.end, _FLIGHT_SAMPLES + 2))
 
-    def at(self, times: Floats, body: Setting) -> Trail:
+    def at(self, times: Floats) -> Trail:
         """Return records (time,) at times [s]."""
-        start, s, trail = self.start, times - self.start.time, np.zeros(times.size, MOTION)
-        trail["time"], trail["velocity"] = times, start.velocity + body.gravity * s
-        trail["approach"] = trail["position"] = start.position + (start.velocity + 0.5 * body.gravity * s) * s
+        start, s, trail, gravity = self.start, times - self.start.time, np.zeros(times.size, MOTION), self.body.gravity
+        trail["time"], trail["velocity"] = times, start.velocity + gravity * s
+        trail["approach"] = trail["position"] = start.position + (start.velocity + 0.5 * gravity * s) * s
         trail["surface"] = np.exp(-s[:, None] * self.rate) @ self.dent
         trail["stored"] = np.exp(-2.0 * s[:, None] * self.rate) @ self.stored
         trail["spring_work"], trail["plate_loss"] = start.spring_work, start.plate_loss
-        if body.plate is not None:
+        plate = self.body.plate
+        if plate is not None:
             first = PlateState(start.plate_displacement, start.plate_velocity, start.plate_acceleration)
-            state = body.plate.free(first, s)
+            state = plate.free(first, s)
             trail["plate_displacement"], trail["plate_velocity"], trail["plate_acceleration"] = state
             trail["approach"] -= state.displacement
-            trail["plate_loss"] += body.plate.energy(first) - body.plate.energy(state)
+            trail["plate_loss"] += plate.energy(first) - plate.energy(state)
         return trail
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """The recorded steps of a contact, from touch to lift-off, or of the creep at rest.
-
-    A contact that was collocated is known at every instant, as ``curves``.
-    """
+    """The recorded steps of a contact that was stepped, from touch to lift-off, or of the creep of a body at rest."""
 
     records: Trail
+    body: Setting
     is_resting: bool = False
-    curves: Curves | None = None
 
     @property
     def end(self) -> float:
         """Time of the last step in s."""
         return float(self.records["time"][-1])
 
-    def natural(self, body: Setting, *, is_first: bool, is_last: bool) -> Trail:
+    def natural(self) -> Trail:
         """Return every step; rest begins with the last instant of the contact before it, which is left out."""
         return self.records[1:] if self.is_resting else self.records
 
-    def at(self, times: Floats, body: Setting) -> Trail:
+    def at(self, times: Floats) -> Trail:
         """Return records (time,) at times [s]."""
-        if self.curves is not None:
-            return self.curves.at(times)
         steps = self.records
         if steps.size == 1:
             return np.repeat(steps, times.size)
-        columns = {name: steps[name] for name in Motion.__annotations__}
-        inside, trail = np.clip(times, self.records["time"][0], self.end), np.zeros(times.size, MOTION)
-        monotone = PchipInterpolator(columns["time"], np.stack(list(columns.values()), axis=1))(inside).T
-        for name, values in zip(columns, monotone, strict=True):
-            trail[name] = values
+        columns = structured_to_unstructured(steps)
+        inside = np.clip(times, steps["time"][0], self.end)
+        trail: Trail = unstructured_to_structured(PchipInterpolator(steps["time"], columns)(inside), MOTION)
         trail["time"] = times
         if not self.is_resting:
-            acceleration = body.gravity - columns["force"] / body.mass
-            motion = CubicHermiteSpline(columns["time"], columns["position"], columns["velocity"])(inside)
-            trail["velocity"] = CubicHermiteSpline(columns["time"], columns["velocity"], acceleration)(inside)
-            trail["position"] = motion
-            trail["approach"] = trail["surface"] = motion - trail["plate_displacement"]
+            acceleration = self.body.gravity - steps["force"] / self.body.mass
+            trail["velocity"] = CubicHermiteSpline(steps["time"], steps["velocity"], acceleration)(inside)
+            trail["position"] = CubicHermiteSpline(steps["time"], steps["position"], steps["velocity"])(inside)
+            trail["approach"] = trail["surface"] = trail["position"] - trail["plate_displacement"]
         return trail
 
 
-Segment = Flight | Contact
+Segment = Flight | Contact | Curves
 
 
-def course(segments: list[Segment], body: Setting, times: Floats | None) -> Trail:
+def course(segments: list[Segment], times: Floats | None) -> Trail:
     """Put the segments one behind the other; each begins where the one before it ends.
 
-    ``body``: mass, gravity and plate. ``times`` (time,): where to evaluate; None takes every step of a contact and
-    samples the flights.
+    ``times`` (time,): where to evaluate; None takes every step of a contact and samples the flights.
     """
-    parts, start = [], -np.inf
+    parts, start, last = [], -np.inf, len(segments) - 1
     for i, segment in enumerate(segments):
-        is_last = i == len(segments) - 1
         if times is None:
-            parts.append(segment.natural(body, is_first=i == 0, is_last=is_last))
-        else:
-            end = np.inf if is_last else segment.end
-            wanted = times[(times >= start) & (times < end)]
-            start = end
-            if wanted.size:
-                parts.append(segment.at(wanted, body))
+            records = segment.natural()
+            if isinstance(segment, Flight):  # without the ends that the neighbours bring
+                records = records[(0 if i == 0 else 1) : (None if i == last else -1)]
+            parts.append(records)
+            continue
+        end = np.inf if i == last else segment.end
+        wanted = times[(times >= start) & (times < end)]
+        start = end
+        if wanted.size:
+            parts.append(segment.at(wanted))
     return np.concatenate(parts)

@@ -149,27 +149,11 @@ def solid(material: Solid, temperature: Measure | None = None) -> Prony:
 
 
 def load(name: str | Path, temperature: float | None = None) -> Prony:
-    """Return a material of the library, or of a file.
+    """Return a material of the library by its name, or of a TOML file, at a temperature [degC].
 
-    Parameters
-    ----------
-    name : str or path-like
-        ``nbr``, ``acrylic``, ``peek``, ``nylon`` or ``ptfe``, or another name of theirs (PMMA, Teflon, PA); or
-        a TOML file.
-    temperature : float [degC], optional
-        Where the material is; by default its reference temperature.
-
-    Returns
-    -------
-    Prony
-        The viscoelastic solid.
-
-    Raises
-    ------
-    InputError
-        There is no such material, or its law does not reach the temperature.
-    SourceError
-        The file cannot be read or does not describe a material.
+    See Also
+    --------
+    solid : the names, the errors, and the same of other objects.
 
     Examples
     --------

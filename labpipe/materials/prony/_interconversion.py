@@ -101,17 +101,9 @@ def merged(weight: Floats, time: Floats) -> tuple[Floats, Floats]:
 
 
 def creep_from_relaxation(family: Relaxation) -> Retardation:
-    """Convert relaxation terms to retardation terms.
+    """Convert relaxation terms, positive over distinct ascending times (:func:`merged`), to retardation terms.
 
-    Parameters
-    ----------
-    family : Relaxation
-        Positive weights over distinct ascending times (see :func:`merged`).
-
-    Returns
-    -------
-    Retardation
-        One term per interlaced gap. A relaxed modulus of zero gives one term fewer and a flow.
+    There is one per interlaced gap. A relaxed modulus of zero gives one term fewer and a flow.
 
     Examples
     --------
@@ -133,18 +125,9 @@ def creep_from_relaxation(family: Relaxation) -> Retardation:
 
 
 def relaxation_from_creep(family: Retardation) -> Relaxation:
-    """Convert retardation terms to relaxation terms.
+    """Convert retardation terms, positive over distinct ascending times (:func:`merged`), to relaxation terms.
 
-    Parameters
-    ----------
-    family : Retardation
-        Positive weights over distinct ascending times (see :func:`merged`).
-
-    Returns
-    -------
-    Relaxation
-        One term per interlaced gap. An unrelaxed compliance of zero gives one term fewer and a
-        parallel dashpot.
+    There is one per interlaced gap. An unrelaxed compliance of zero gives one term fewer and a parallel dashpot.
 
     Examples
     --------

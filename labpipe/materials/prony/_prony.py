@@ -236,9 +236,10 @@ class Prony:
         frequency = _positive("omega", omega, "rad/s")
         family = self._creep
         rate = 1.0 / family.time
-        soft = _sum_over_terms(family.weight, rate, frequency, _compliance_shape)
         loss = _sum_over_terms(family.weight, rate, frequency, _loss_shape)
         with np.errstate(divide="ignore"):
+            # 1/(1 + x²) is x²/(1 + x²) of 1/x.
+            soft = _sum_over_terms(family.weight, family.time, 1.0 / frequency, _storage_shape)
             flow = family.fluidity / frequency if family.fluidity > 0 else 0.0
         factor = self.factor(mode)
         return _complex((family.unrelaxed + soft) / factor, -(loss + flow) / factor)
@@ -266,24 +267,22 @@ class Prony:
         """
         if not (np.isfinite(a_T) and a_T > 0):
             raise InputError(f"a_T = {a_T}: a shift factor is positive and finite")
-        creep = self._given_creep
-        if creep is not None:
-            creep = Retardation(creep.unrelaxed, creep.weight, _frozen(creep.time * a_T), creep.fluidity / a_T)
-        moved = Prony(self.E_relaxed, self.E, self.rho * a_T, self.nu, self.viscosity * a_T, _given_creep=creep)
-        return moved if b_T == 1.0 else moved.scaled(b_T)
+        return self._changed(b_T, a_T)
 
     def scaled(self, factor: float) -> Prony:
         """Return the material with every modulus multiplied by ``factor`` > 0."""
-        if not (np.isfinite(factor) and factor > 0):
-            raise InputError(f"factor = {factor}: a modulus can be scaled by a positive number only")
+        return self._changed(factor, 1.0)
+
+    def _changed(self, stiffer: float, slower: float) -> Prony:
+        """Return the material with all moduli and all times multiplied by a factor each."""
+        if not (np.isfinite(stiffer) and stiffer > 0):
+            raise InputError(f"factor = {stiffer}: a modulus can be scaled by a positive number only")
+        terms = (self.E_relaxed * stiffer, self.E * stiffer, self.rho * slower, self.nu)
         creep = self._given_creep
         if creep is not None:
-            creep = Retardation(
-                creep.unrelaxed / factor, _frozen(creep.weight / factor), creep.time, creep.fluidity / factor
-            )
-        return Prony(
-            self.E_relaxed * factor, self.E * factor, self.rho, self.nu, self.viscosity * factor, _given_creep=creep
-        )
+            weight, time = _frozen(creep.weight / stiffer), _frozen(creep.time * slower)
+            creep = Retardation(creep.unrelaxed / stiffer, weight, time, creep.fluidity / slower / stiffer)
+        return Prony(*terms, self.viscosity * slower * stiffer, _given_creep=creep)
 
     def __eq__(self, other: object) -> bool:
         """Compare by value, term by term."""
@@ -355,12 +354,6 @@ def _storage_shape(x: Floats) -> Floats:
         smaller = np.minimum(x, 1.0 / x)
     share = 1.0 / (1.0 + smaller * smaller)
     return np.where(x > 1.0, share, x * x * share)
-
-
-def _compliance_shape(x: Floats) -> Floats:
-    """1/(1 + x²), without overflow."""
-    with np.errstate(over="ignore"):
-        return np.asarray(1.0 / (1.0 + x * x))
 
 
 def _frozen(values: Floats) -> Floats:

@@ -11,6 +11,7 @@ from labpipe.materials.spectrum._spectrum import (
     compress as compress,
     make_grid as make_grid,
     maxwell_shapes as maxwell_shapes,
+    moduli_of_terms as moduli_of_terms,
     second_differences as second_differences,
     solve as solve,
     solve_by_cross_validation as solve_by_cross_validation,

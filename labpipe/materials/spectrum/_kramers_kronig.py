@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials.spectrum._spectrum import Grid, compress, make_grid, maxwell_shapes, solve_by_cross_validation
+from labpipe.materials.spectrum._spectrum import Grid, compress, make_grid, moduli_of_terms, solve_by_cross_validation
 from labpipe.variables import variable
 
 Verdict = Literal["pass", "warn", "fail"]
@@ -160,10 +160,7 @@ def _fit(
 
     Returns storage and loss of the fit, their relative misfits (NaN where not fitted), and the smoothing.
     """
-    storage_shape, loss_shape = maxwell_shapes(ln_omega, grid.ln_time)
-    constant = np.ones((ln_omega.size, 1))
-    upper = np.hstack([storage_shape, constant]) * grid.scale
-    lower = np.hstack([loss_shape, 0.0 * constant]) * grid.scale
+    upper, lower = np.split(moduli_of_terms(ln_omega, grid.ln_time) * grid.scale, 2)
     blocks = [
         (design / (values * level)[:, None], np.full(values.size, 1.0 / level))
         for design, values, level in ((upper, storage, noise[0]), (lower, loss, noise[1]))

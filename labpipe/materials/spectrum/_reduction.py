@@ -3,10 +3,9 @@
 import numpy as np
 from scipy.optimize import nnls
 
-from labpipe.arrays import Complexes, Floats
 from labpipe.errors import InputError
 from labpipe.materials.prony import Prony
-from labpipe.materials.spectrum._spectrum import maxwell_shapes
+from labpipe.materials.spectrum._spectrum import moduli_of_terms
 
 _POINTS_PER_DECADE = 10
 _NNLS_STEPS_PER_COLUMN = 50
@@ -19,24 +18,9 @@ def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: floa
     non-negative least-squares problem of relative errors; the number of terms rises until the
     error of either modulus is below the tolerance, or the given series is reached.
 
-    Parameters
-    ----------
-    material : Prony
-    lowest, highest : float [Hz]
-        The window of frequencies that matters; what lies outside is not kept.
-    tolerance : float
-        Largest root-mean-square relative error of storage or loss modulus over the window.
-
-    Returns
-    -------
-    (Prony, float)
-        The series, and its larger root-mean-square relative error; the given material and zero
-        when no shorter series serves.
-
-    Raises
-    ------
-    InputError
-        The window or the tolerance is not positive.
+    ``lowest``, ``highest`` [Hz]: the window that matters; ``tolerance``: largest root-mean-square relative error of
+    storage or loss modulus over it. Returned beside the series is the larger of the two errors; the given material
+    and zero when no shorter series serves. A window or tolerance that is not positive raises InputError.
 
     Examples
     --------
@@ -58,25 +42,11 @@ def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: floa
     for terms in range(1, material.E.size):
         middle = np.array([1.0 / np.sqrt(omega[0] * omega[-1])])
         rho = np.geomspace(1.0 / omega[-1], 1.0 / omega[0], terms) if terms > 1 else middle
-        relaxed, weight, error = _fitted(omega, exact, rho)
+        rows = moduli_of_terms(np.log(omega), np.log(rho)) / np.concatenate([exact.real, exact.imag])[:, None]
+        scale = 1.0 / np.linalg.norm(rows, axis=0)
+        weight = scale * nnls(rows * scale, np.ones(len(rows)), maxiter=_NNLS_STEPS_PER_COLUMN * rows.shape[1])[0]
+        error = max(float(np.sqrt(np.mean(part**2))) for part in np.split(rows @ weight - 1.0, 2))
         if error <= tolerance:
-            kept = weight > 0
-            return Prony(relaxed, weight[kept], rho[kept], material.nu), error
+            kept = weight[:-1] > 0
+            return Prony(weight[-1], weight[:-1][kept], rho[kept], material.nu), error
     return material, 0.0
-
-
-def _fitted(omega: Floats, exact: Complexes, rho: Floats) -> tuple[float, Floats, float]:
-    """Return relaxed modulus, weights, and the larger rms relative error."""
-    storage, loss = maxwell_shapes(np.log(omega), np.log(rho))
-    ones = np.ones((omega.size, 1))
-    upper = np.hstack([ones, storage]) / exact.real[:, None]
-    lower = np.hstack([0.0 * ones, loss]) / exact.imag[:, None]
-    rows = np.vstack([upper, lower])
-    scale = 1.0 / np.linalg.norm(rows, axis=0)
-    steps = _NNLS_STEPS_PER_COLUMN * rows.shape[1]
-    found, _ = nnls(rows * scale, np.ones(rows.shape[0]), maxiter=steps)
-    weight = found * scale
-    residual = rows @ weight - 1.0
-    half = omega.size
-    error = max(float(np.sqrt(np.mean(r**2))) for r in (residual[:half], residual[half:]))
-    return float(weight[0]), weight[1:], error

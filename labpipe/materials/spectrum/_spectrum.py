@@ -94,6 +94,13 @@ def maxwell_shapes(ln_omega: Floats, ln_time: Floats) -> tuple[Floats, Floats]:
     return np.where(exponent > 0, share, 1.0 - share), small * share
 
 
+def moduli_of_terms(ln_omega: Floats, ln_time: Floats) -> Floats:
+    """Return storage and, below it, loss (2 point, term + 1) of every term and of the relaxed modulus at weight one."""
+    storage, loss = maxwell_shapes(ln_omega, ln_time)
+    constant = np.ones((ln_omega.size, 1))
+    return np.vstack([np.hstack([storage, constant]), np.hstack([loss, 0.0 * constant])])
+
+
 def make_grid(
     ln_omega: Floats,
     storage: Floats,
@@ -117,16 +124,12 @@ def make_grid(
     count = int(np.ceil((high - low) / step)) + 1
     middle = 0.5 * (low + high)
     ln_time = np.asarray(middle + step * (np.arange(count) - 0.5 * (count - 1)))
-    scale = np.exp(_smoothed_log(ln_omega, np.log(loss), -ln_time, 1.5 * step))
+    # The logarithm of the loss, averaged in a Gaussian window; far outside, the nearest points count.
+    square = (ln_time[:, None] + ln_omega[None, :]) ** 2 / (2.0 * (1.5 * step) ** 2)
+    weight = np.exp(-(square - square.min(axis=1, keepdims=True)))
+    scale = np.exp((weight @ np.log(loss)) / weight.sum(axis=1))
     scale, penalty = np.append(scale, np.min(storage)), second_differences(count, count + 1, terms_per_decade)
     return Grid(ln_time=ln_time, scale=scale, penalty=penalty, terms_per_decade=terms_per_decade)
-
-
-def _smoothed_log(x: Floats, y: Floats, at: Floats, width: float) -> Floats:
-    """Average y over x with a Gaussian window; far outside, the nearest points count."""
-    square = (at[:, None] - x[None, :]) ** 2 / (2.0 * width**2)
-    weight = np.exp(-(square - square.min(axis=1, keepdims=True)))
-    return np.asarray((weight @ y) / weight.sum(axis=1))
 
 
 def second_differences(terms: int, columns: int, terms_per_decade: float) -> Floats:

@@ -1,7 +1,6 @@
 """Time-temperature superposition: shifts of all isotherms and one spectrum, fitted together."""
 
 from labpipe.materials.superposition._master_curve import master_curve as master_curve
-from labpipe.materials.superposition._pairwise_shifts import overlapped_shifts as overlapped_shifts
 from labpipe.materials.superposition._points import read_sweeps as read_sweeps
 from labpipe.materials.superposition._result import MasterCurve as MasterCurve
 from labpipe.materials.superposition._sweeps import (

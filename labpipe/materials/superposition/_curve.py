@@ -12,8 +12,8 @@ import xarray as xr
 
 from labpipe.arrays import Complexes, Floats
 from labpipe.materials.prony import Prony
-from labpipe.materials.spectrum import maxwell_shapes, solve_normal
-from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, modelled, sensitivity
+from labpipe.materials.spectrum import moduli_of_terms, solve_normal
+from labpipe.materials.superposition._joint_fit import Fit, Points, sensitivity
 from labpipe.materials.superposition._model_selection import Superposition
 from labpipe.materials.superposition._points import SweepData
 from labpipe.materials.superposition._reference import Reference
@@ -24,8 +24,6 @@ BARELY_DETERMINED = 0.15
 _LN10 = float(np.log(10.0))
 # Points per decade of the curve; of every third the modes are stored.
 _CURVE_POINTS, _STORED = 12, 3
-# Strengths of the smoothing that may be the right one, in units of the chosen one.
-_STRENGTHS = tuple(float(s) for s in np.logspace(-2.0, 2.0, 9))
 # Share of the variance in the modes that are stored, and their number at most.
 _KEPT, _MOST_MODES = 0.999999, 60
 
@@ -39,11 +37,11 @@ def predictions(
     reference temperature, the delay of the instrument taken out; ``storage_fitted`` and
     ``loss_fitted`` are the model in the frame of the measurement, delay included.
     """
-    points = data.readings
+    points = data.points
     half = points.omega.size
     undone = without_delay(points, found.fit) * np.exp(reference.ln_bT)
     measured = np.concatenate([points.storage, points.loss])
-    fitted = found.fit.predicted if points is data.points else modelled(points, found.fit)
+    fitted = found.fit.predicted
     residual = fitted / measured - 1.0
     at_reference = points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[points.isotherm]
     columns = {
@@ -111,10 +109,8 @@ def curve_and_modes(
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Return the master curve over the covered window [Hz] with its uncertainty, and the modes of that.
 
-    The uncertainty joins that of the spectrum, that of the shifts, vertical law and delay, and the error of the
-    temperature of the sweeps at the reference. The strength of the smoothing is itself known from the data only:
-    the variance is the mean over strengths, the curve's own change with them included, each weighed with
-    exp(-C_p / 2) (Mallows' C_p; Burnham & Anderson, Model Selection, 2002, ch. 4).
+    The uncertainty joins that of the spectrum, widened by the lack of fit, that of the shifts, vertical law and delay,
+    and the error of the temperature of the sweeps at the reference.
 
     Over ``mode`` are ``mode_storage`` and ``mode_loss`` (relative, over ``mode_frequency``), ``mode_shift``
     (log10 a_T) and ``mode_vertical`` (ln b_T) of every isotherm (``mode_temperature``).
@@ -164,20 +160,16 @@ def _changes(points: Points, found: Superposition, reference: Reference, ln_omeg
     model, fit = found.model, found.fit
     isotherms = model.temperature.size
     value = _curve(fit, ln_omega) @ fit.solution.coefficient
-    columns = []
-    for share, other in _possible_spectra(points, found):
-        design, active = _curve(other, ln_omega), other.solution.coefficient > 0
-        spread = _root(np.asarray(np.linalg.pinv(other.normal, hermitian=True), dtype=np.float64))
-        moved = design @ other.solution.coefficient - value
-        both = np.column_stack([design[:, active] @ spread, moved]) * np.sqrt(share) / value[:, None]
-        columns.append(np.vstack([both, np.zeros((2 * isotherms, both.shape[1]))]))
+    active = fit.solution.coefficient > 0
+    spread = _root(found.lack_of_fit * np.asarray(np.linalg.pinv(fit.normal, hermitian=True), dtype=np.float64))
+    own_of_spectrum = _curve(fit, ln_omega)[:, active] @ spread / value[:, None]
+    columns = [np.vstack([own_of_spectrum, np.zeros((2 * isotherms, spread.shape[1]))])]
     if not model.size:
         return np.column_stack(columns), value
     per_decade = np.concatenate([_LN10 * np.gradient(part, ln_omega) for part in np.split(value, 2)]) / value
     # Shifts, vertical law and delay, the spectrum following them; the reference moves along the curve with
     # the shifts that define it.
     coupling = fit.rows.T @ sensitivity(points, fit, model)
-    active = fit.solution.coefficient > 0
     curve = -_curve(fit, ln_omega)[:, active] @ solve_normal(fit.normal, coupling) / value[:, None]
     curve += np.outer(per_decade, reference.shift_by_parameter) + reference.vertical_by_parameter
     shift, vertical, _ = model.directions(fit.state)
@@ -191,22 +183,9 @@ def _changes(points: Points, found: Superposition, reference: Reference, ln_omeg
     return np.column_stack(columns), value
 
 
-def _possible_spectra(points: Points, found: Superposition) -> list[tuple[float, Fit]]:
-    """Return fits with other smoothing at the shifts of the fit, with their shares."""
-    fit = found.fit
-    weight = fit.by_vertical / fit.predicted / np.sqrt(found.lack_of_fit)
-    chosen = fit.solution.strength / found.lack_of_fit
-    fits = [evaluate(points, weight, fit.grid, fit.state, chosen * factor) for factor in _STRENGTHS]
-    price = np.array([one.solution.misfit + 2.0 * one.solution.freedom for one in fits])
-    share = np.exp(-0.5 * (price - price.min()))
-    return list(zip((share / share.sum()).tolist(), fits, strict=True))
-
-
 def _curve(fit: Fit, ln_omega: Floats) -> Floats:
     """Return storage and, below it, loss (2 frequency, column) per coefficient of the fit."""
-    storage, loss = maxwell_shapes(ln_omega, fit.grid.ln_time)
-    constant = np.ones((ln_omega.size, 1))
-    return np.vstack([np.hstack([storage, constant]), np.hstack([loss, 0.0 * constant])]) * fit.grid.scale
+    return moduli_of_terms(ln_omega, fit.grid.ln_time) * fit.grid.scale
 
 
 def _root(covariance: Floats) -> Floats:

@@ -57,8 +57,7 @@ class Points:
     """All measured points of all isotherms, one after the other.
 
     ``omega`` (point,) [rad/s]. ``isotherm`` (point,): Index of the isotherm that each point belongs to. ``storage``,
-    ``loss`` (point,) [Pa]. ``count``: Number of isotherms. ``readings`` (point,): Number of readings that every point
-    is the mean of; by default one.
+    ``loss`` (point,) [Pa]. ``count``: Number of isotherms.
     """
 
     omega: Floats
@@ -66,13 +65,6 @@ class Points:
     storage: Floats
     loss: Floats
     count: int
-    readings: Floats | None = None
-
-    @property
-    def certainty(self) -> Floats:
-        """Ratio of the certainty of every modulus to that of one reading, (2 point,)."""
-        readings = np.ones(self.omega.size) if self.readings is None else self.readings
-        return np.tile(np.sqrt(readings), 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,17 +180,6 @@ def _design(shapes: tuple[Floats, Floats], turn: Floats, lean: Floats, grid: Gri
     design[:half, -1], design[half:, -1] = weight[:half] * turn, weight[half:] * lean
     design *= grid.scale
     return design
-
-
-def modelled(points: Points, fit: Fit) -> Floats:
-    """Return the moduli that a fit has at any points of its isotherms, (2 point,) [Pa]."""
-    state, grid = fit.state, fit.grid
-    vertical = np.exp(state.ln_bT[points.isotherm])
-    phase = points.omega * state.delay
-    shapes = maxwell_shapes(reduced(points, state), grid.ln_time)
-    one = np.ones(2 * points.omega.size)
-    design = _design(shapes, np.cos(phase) * vertical, np.sin(phase) * vertical, grid, one)
-    return np.asarray(design @ fit.solution.coefficient)
 
 
 def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Floats:

@@ -105,19 +105,10 @@ class Superposition:
     noise: Noise
     covariance: Floats
     standardised: Floats
-    starts: tuple[tuple[str, float, float], ...]
+    starts: tuple[tuple[str, float, float], ...] = ()
     violation: float = 1.0
     lack_of_fit: float = 1.0
     refused: tuple[Vertical, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class _Candidate:
-    """A model with a first fit, and the ends of all starts."""
-
-    model: OuterModel
-    fit: Fit
-    starts: tuple[tuple[str, float, float], ...]
 
 
 def superpose(
@@ -133,14 +124,15 @@ def superpose(
     options = replace(options, scatter=scatter)
     spread = _FIRST_LEVELS if options.levels is True else 0.0
     base = replace(model, vertical=options.verticals[0], has_delay=options.delay is True, level_spread=spread)
-    current = _settled_finely(points, _best_start(points, base, noise, starts, options.delay is None), noise, options)
+    first, ends = _best_start(points, base, noise, starts)
+    current = _settled_finely(points, *first, noise, options)
     refused: tuple[Vertical, ...] = ()
     for _ in range(_MAX_EXTENSIONS):
-        extended = _extended(points, current, options, starts)
+        extended = _extended(points, current, options)
         if extended is None:
             break
-        law = extended.model.vertical
-        further = _settled_finely(points, extended, current.noise, options)
+        law = extended[0].vertical
+        further = _settled_finely(points, *extended, current.noise, options)
         if is_physical(further.fit.state.ln_bT, base.temperature, base.T0, float(points.storage.min())):
             current = further
         elif law == current.model.vertical:
@@ -152,43 +144,32 @@ def superpose(
     found = current
     noise, widened = found.noise, design_effect(found.noise, scatter, points)
     violation = 1.0 if scatter is None else max(noise.storage / scatter.storage, noise.loss / scatter.loss)
+    covariance = widened * found.covariance
     found = replace(
-        found, covariance=widened * found.covariance, lack_of_fit=widened, violation=violation, refused=refused
+        found, covariance=covariance, starts=ends, violation=violation, lack_of_fit=widened, refused=refused
     )
     # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
     return _with_possible_laws(points, _with_model_uncertainty(points, found, options), options)
 
 
 def _best_start(
-    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None, may_be_late: bool
-) -> _Candidate:
-    """Run the joint fit from every start and keep the best.
-
-    Where it stays far from the noise, the phase may have a delay, without which shifts run away: a
-    glass loses less than a delay of a ten-thousandth of a second makes it seem to lose.
-    """
-    ln_bT, is_searched = model.start().ln_bT, starts is None
+    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None
+) -> tuple[tuple[OuterModel, Fit], tuple[tuple[str, float, float], ...]]:
+    """Run the joint fit from every start; return the best one, and the ends of all."""
+    weight, is_searched = _weights(points, noise), starts is None
     if starts is None:
-        found = (
-            ("overlap", overlapped_shifts(points, model.temperature, ln_bT)),
-            ("scan", scanned_shifts(points, model.temperature, ln_bT)),
-        )
-        starts = found[: 1 if _are_alike(*(shifts - shifts[model.reference] for _, shifts in found)) else 2]
-    weight = _weights(points, noise)
+        arguments = points, model.temperature, model.start().ln_bT
+        found = (("overlap", overlapped_shifts(*arguments)), ("scan", scanned_shifts(*arguments)))
+        apart = found[0][1] - found[1][1]
+        starts = found[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < _SAME_BASIN else 2]
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
-    nearest = min(fit.solution.misfit for _, _, fit, _ in runs)
-    if may_be_late and model.horizontal == "free" and nearest > _FAR_FROM_NOISE * weight.size:
-        late = replace(model, has_delay=True)
-        others = [_run(points, weight, late, name, shifts) for name, shifts in starts]
-        if min(fit.solution.misfit for _, _, fit, _ in others) < 0.5 * nearest:
-            model, runs = late, others
     if is_searched and model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
         # A sweep without loss in common with its neighbours fits anywhere: start from the law of all others too.
         runs.append(_run(points, weight, model, "law", _on_a_law(points, *min(runs, key=lambda run: run[1])[2:])))
     runs.sort(key=lambda run: run[1])
     best = runs[0][2].state.log10_aT
     report = tuple((name, cost, float(np.max(np.abs(fit.state.log10_aT - best)))) for name, cost, fit, _ in runs)
-    return _Candidate(runs[0][3], runs[0][2], report)
+    return (runs[0][3], runs[0][2]), report
 
 
 def _run(
@@ -219,13 +200,13 @@ def _on_a_law(points: Points, fit: Fit, model: OuterModel) -> Floats:
     return law.log10_aT(model.temperature)
 
 
-def _settled_finely(points: Points, candidate: _Candidate, noise: Noise, options: Options) -> Superposition:
+def _settled_finely(points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options) -> Superposition:
     """Settle a fit, on a finer grid of times as long as that predicts much better.
 
     A single relaxation time between two of the grid leaves a misfit that delays and levels would
     be called for; so this comes before them. After a law has come, the grid starts coarse again.
     """
-    current = _settled(points, candidate, noise, options, TERMS_PER_DECADE)
+    current = _settled(points, model, fit, noise, options, TERMS_PER_DECADE)
     while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE:
         fit, model = current.fit, current.model
         weight = _robust_weights(points, current, options)
@@ -237,14 +218,14 @@ def _settled_finely(points: Points, candidate: _Candidate, noise: Noise, options
         gain = predictive_cost(present, model) - predictive_cost(finer, model)
         if gain < _STRONG_EVIDENCE * design_effect(current.noise, options.scatter, points):
             break
-        candidate = _Candidate(model, finer, current.starts)
-        current = _settled(points, candidate, current.noise, options, 2 * density)
+        current = _settled(points, model, finer, current.noise, options, 2 * density)
     return current
 
 
-def _settled(points: Points, candidate: _Candidate, noise: Noise, options: Options, density: float) -> Superposition:
-    """Repeat fit, noise and smoothing until the noise levels stand still."""
-    fit, model = candidate.fit, candidate.model
+def _settled(
+    points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options, density: float
+) -> Superposition:
+    """Repeat fit, noise and smoothing until the noise levels do not change any more."""
     expected = fit.predicted
     near: float | None = None
     measured = np.concatenate([points.storage, points.loss])
@@ -272,7 +253,7 @@ def _settled(points: Points, candidate: _Candidate, noise: Noise, options: Optio
         standardised = (measured - expected) * _weights(points, noise, expected)
         if max(abs(np.log(noise.storage / last.storage)), abs(np.log(noise.loss / last.loss))) < _NOISE_SETTLED:
             break
-    return Superposition(model, fit, noise, covariance, standardised, candidate.starts)
+    return Superposition(model, fit, noise, covariance, standardised)
 
 
 def _covariance(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
@@ -305,7 +286,7 @@ def _weights(points: Points, noise: Noise, expected: Floats | None = None) -> Fl
     """
     size = np.concatenate([points.storage, points.loss]) if expected is None else expected
     sigma = np.repeat([noise.storage, noise.loss], points.omega.size)
-    return np.asarray(points.certainty / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
+    return np.asarray(1.0 / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
 
 
 def _robust_weights(points: Points, current: Superposition, options: Options) -> Floats:
@@ -321,9 +302,7 @@ def _root_of_influence(standardised: Floats, options: Options) -> Floats:
     return np.asarray(np.sqrt(_HUBER / np.maximum(np.abs(standardised), _HUBER)))
 
 
-def _extended(
-    points: Points, current: Superposition, options: Options, starts: Sequence[tuple[str, Floats]] | None
-) -> _Candidate | None:
+def _extended(points: Points, current: Superposition, options: Options) -> tuple[OuterModel, Fit] | None:
     """Return the single change of laws that the criterion favours most, None if there is none."""
     moves = _moves(current.model, options)
     if not _may_gain(points, current, moves):
@@ -332,21 +311,14 @@ def _extended(
     # The present model is fitted anew as well: only costs of equal weights can be compared.
     present = _screened(points, weight, current, current.model, current.fit.state)
     best, least = None, _criterion(points, present, current.model)
-    for model in [move for move in moves if move.has_delay > current.model.has_delay]:
+    # A delay bends the loss of every sweep; the other laws are judged without it.
+    for model in sorted(moves, key=lambda move: move.has_delay <= current.model.has_delay):
+        if best is not None and best[0].has_delay > max(current.model.has_delay, model.has_delay):
+            break
         fit = _screened(points, weight, current, model, current.fit.state)
-        if _criterion(points, fit, model) < least:
-            # A delay bends the loss of every sweep; the other laws are judged without it.
-            return _Candidate(model, fit, current.starts)
-    # Without a vertical law the shifts may have gone far to make up for it: start anew as well.
-    is_plain = current.model.vertical == "none" and not current.model.level_spread
-    restarts = _restarts(points, current) if is_plain and starts is None else []
-    for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
-        is_removal = (model.vertical, model.level_spread) == (current.model.vertical, current.model.level_spread)
-        for first in [current.fit.state, *([] if is_removal else restarts)]:
-            fit = _screened(points, weight, current, model, first)
-            score = _criterion(points, fit, model)
-            if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T0, float(points.storage.min())):
-                best, least = _Candidate(model, fit, current.starts), score
+        score = _criterion(points, fit, model)
+        if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T0, float(points.storage.min())):
+            best, least = (model, fit), score
     return best
 
 
@@ -388,28 +360,6 @@ def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -
         if gain > price * max(extra, 1) + _STRONG_EVIDENCE:
             return True
     return False
-
-
-def _restarts(points: Points, current: Superposition) -> list[State]:
-    """Return first estimates under the law b ∝ T, the phase's present delay taken out of the data."""
-    model, delay = current.model, current.fit.state.delay
-    turned = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * delay)
-    if not (turned.imag > 0).all():
-        turned = points.storage + 1j * points.loss
-    clean = replace(points, storage=turned.real, loss=turned.imag)
-    ln_bT = np.log((model.temperature + ZERO_CELSIUS) / (model.T0 + ZERO_CELSIUS))
-    known = [current.fit.state.log10_aT]
-    for start in (overlapped_shifts, scanned_shifts):
-        shifts = start(clean, model.temperature, ln_bT)
-        shifts = shifts - shifts[model.reference]
-        if not any(_are_alike(shifts, other) for other in known):
-            known.append(shifts)
-    return [State(np.empty(0), shifts, ln_bT, delay) for shifts in known[1:]]
-
-
-def _are_alike(one: Floats, other: Floats) -> bool:
-    """Tell if two starts will end in the same minimum."""
-    return float(np.max(np.abs(one - other))) < _SAME_BASIN
 
 
 def _screened(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:

@@ -64,7 +64,7 @@ def scatter_of_sweeps(points: Points) -> Scatter | None:
             continue
         x = np.log(points.omega[mask])
         base = np.linalg.qr(np.vander(x - x.mean(), _DEGREE + 1))[0]
-        share = np.sqrt(np.maximum(1.0 - np.sum(base**2, axis=1), 1e-3)) / points.certainty[: mask.size][mask]
+        share = np.sqrt(np.maximum(1.0 - np.sum(base**2, axis=1), 1e-3))
         freedom += x.size - _DEGREE - 1
         for found, values in zip(residuals, (points.storage, points.loss), strict=True):
             y = np.log(values[mask])

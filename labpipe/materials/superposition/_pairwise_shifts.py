@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from labpipe.arrays import Floats
-from labpipe.materials.spectrum import maxwell_shapes
+from labpipe.materials.spectrum import maxwell_shapes, moduli_of_terms
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._parameters import (
     CHANGE,
@@ -168,8 +168,8 @@ def _best_chain(scans: Sequence[tuple[Floats, Floats]], spacing: Floats) -> list
 def _rows(sweep: _Sweep, ln_time: Floats, order: int) -> Floats:
     """Design rows of one isotherm divided by its measured moduli, or (order 1) their slopes over ln ω."""
     ln_omega, storage, loss = sweep
-    up, down = maxwell_shapes(ln_omega, ln_time)
+    rows = moduli_of_terms(ln_omega, ln_time)
     if order:
-        up, down = 2.0 * down**2, down * (1.0 - 2.0 * up)
-    constant, none = np.full((ln_omega.size, 1), 1.0 - order), np.zeros((ln_omega.size, 1))
-    return np.vstack([np.hstack([up, constant]) / storage[:, None], np.hstack([down, none]) / loss[:, None]])
+        up, down = maxwell_shapes(ln_omega, ln_time)
+        rows[:, :-1], rows[:, -1] = np.vstack([2.0 * down**2, down * (1.0 - 2.0 * up)]), 0.0
+    return rows / np.concatenate([storage, loss])[:, None]

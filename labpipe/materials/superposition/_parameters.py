@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.materials._shift_law import fit_law, law_slopes, law_values
@@ -57,26 +56,14 @@ class State:
     delay: float
 
 
-@dataclass(frozen=True, slots=True)
-class Expectation:
-    """Prior knowledge of shifts: a weak quadratic pull, rows @ log10_aT − target.
+def expected_shifts(temperature: Floats, log10_aT: Floats) -> tuple[Floats, Floats]:
+    """Return prior knowledge of shifts: a weak quadratic pull, rows @ log10_aT − target, around the present ones.
 
     Steps are those of polymers (within a factor of several), and they change gradually with
     temperature (within about half). Where the data determine a shift to 0.03 decades the pull is
     below a thousandth of that; where they say nothing, as in a stiff glass, it leaves the shift
     on the continuation of its neighbours with an uncertainty of about a decade.
     """
-
-    rows: Floats
-    target: Floats
-
-    def cost(self, log10_aT: Floats) -> float:
-        """Return the squared deviation in units of the expectation's own spread."""
-        return float(np.sum((self.rows @ log10_aT - self.target) ** 2))
-
-
-def expected_shifts(temperature: Floats, log10_aT: Floats) -> Expectation:
-    """Return the weak expectation around the present shifts."""
     order = np.argsort(temperature, kind="stable")
     count = temperature.size
     spacing = np.maximum(np.diff(temperature[order]), LEAST_SPACING)
@@ -90,10 +77,8 @@ def expected_shifts(temperature: Floats, log10_aT: Floats) -> Expectation:
     second = (slope[:-1] - slope[1:]) * mean[:, None]
     size = np.abs(slope @ log10_aT)
     change = CHANGE + CHANGE_SHARE * np.minimum(size[:-1], size[1:]) * mean
-    return Expectation(
-        rows=np.vstack([first / spread[:, None], second / change[:, None]]),
-        target=np.concatenate([STEP_PER_KELVIN * spacing / spread, np.zeros(mean.size)]),
-    )
+    rows = np.vstack([first / spread[:, None], second / change[:, None]])
+    return rows, np.concatenate([STEP_PER_KELVIN * spacing / spread, np.zeros(mean.size)])
 
 
 @dataclass(frozen=True)
@@ -116,7 +101,7 @@ class OuterModel:
     has_delay: bool = False
     level_spread: float = 0.0
     slope_spread: float = 0.0
-    expectation: Expectation | None = None
+    expectation: tuple[Floats, Floats] | None = None
 
     @property
     def T0(self) -> float:
@@ -237,40 +222,30 @@ class OuterModel:
             delay[-1] = self.delay_unit
         return shift, vertical, delay
 
+    @cached_property
+    def _expected(self) -> tuple[Floats, Floats]:
+        """Rows and targets (row,) of the expectations of shifts, slope and levels, with unit variance."""
+        n, place = self.horizontal_size, np.eye(self.size)
+        levels = place[self.level_slice]
+        rows, targets = [levels / (self.level_spread or 1.0)], [np.zeros(len(levels))]
+        if self.has_slope:
+            rows.append(place[[n]])
+            targets.append(np.array([_DENSITY_SLOPE / self.slope_spread if self.vertical == "rho_T" else 0.0]))
+        if self.expectation is not None and self.horizontal == "free":
+            known, target = self.expectation
+            rows.append(np.delete(known, self.reference, axis=1) @ place[:n])
+            targets.append(target)
+        return np.vstack(rows), np.concatenate(targets)
+
     def pull(self, state: State) -> tuple[Floats, Floats]:
         """Return the contribution of the expectations to the normal matrix and the gradient."""
-        normal, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
-        if self.expectation is not None and self.horizontal == "free":
-            known = self.expectation
-            rows = np.delete(known.rows, self.reference, axis=1)
-            n = self.horizontal_size
-            normal[:n, :n] += rows.T @ rows
-            gradient[:n] -= rows.T @ (known.rows @ state.log10_aT - known.target)
-        at, variance, mean = self._expected(state)
-        normal[at, at] += 1.0 / variance
-        gradient[at] -= (state.parameters[at] - mean) / variance
-        return normal, gradient
+        rows, target = self._expected
+        return rows.T @ rows, -rows.T @ (rows @ state.parameters - target)
 
     def pull_cost(self, state: State) -> float:
         """Return the cost of :meth:`pull` alone, which every trial step asks for."""
-        cost = 0.0
-        if self.expectation is not None and self.horizontal == "free":
-            cost += self.expectation.cost(state.log10_aT)
-        at, variance, mean = self._expected(state)
-        return cost + float(np.sum((state.parameters[at] - mean) ** 2 / variance))
-
-    def _expected(self, state: State) -> tuple[NDArray[np.intp], Floats, Floats]:
-        """Return the places of slope and levels among the parameters, with their expected variances and means."""
-        at = np.arange(state.parameters.size)[self.level_slice]
-        variance, mean = np.full(at.size, self.level_spread**2), np.zeros(at.size)
-        if self.has_slope:
-            expected = _DENSITY_SLOPE / self.slope_spread if self.vertical == "rho_T" else 0.0
-            at, variance, mean = (
-                np.append(at, self.horizontal_size),
-                np.append(variance, 1.0),
-                np.append(mean, expected),
-            )
-        return at, variance, mean
+        rows, target = self._expected
+        return float(np.sum((rows @ state.parameters - target) ** 2))
 
 
 def _powers(step: Floats, count: int) -> Floats:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
-from labpipe.materials.spectrum import compress, make_grid, maxwell_shapes, solve
+from labpipe.materials.spectrum import compress, make_grid, moduli_of_terms, solve
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.units import ZERO_CELSIUS
 
@@ -55,9 +55,7 @@ def outliers(points: Points) -> Flags:
         x, both = np.log(points.omega[row]), kept.all(axis=0)
         measured = np.concatenate([points.storage[row], points.loss[row]])
         grid = make_grid(x[both], points.storage[row][both], points.loss[row][both])
-        up, down = maxwell_shapes(x, grid.ln_time)
-        constant = np.ones((row.size, 1))
-        design = np.vstack([np.hstack([up, constant]), np.hstack([down, 0.0 * constant])]) * grid.scale
+        design = moduli_of_terms(x, grid.ln_time) * grid.scale
         used = kept.ravel()
         weight = 1.0 / (_NOISE * measured[used])
         solution = solve(*compress(design[used] * weight[:, None], measured[used] * weight), grid.penalty, _STRENGTH)
@@ -96,22 +94,19 @@ _FALL_SCATTERS, _LEAST_FALL = 5.0, 0.02
 _MOST = 1e30
 # Isotherms closer than this (K) are the same temperature measured twice.
 _REPEAT = 0.5
-# Readings from which means of neighbours save work, and means that a decade keeps.
-_MANY, _PER_DECADE = 1500, 20
 
 
 @dataclass(frozen=True, slots=True)
 class SweepData:
     """Valid points of all sweeps and their places in the Dataset.
 
-    ``points``: of the isotherms that hold any, numbered in the order of ``kept``; means of neighbouring readings where
-    there are very many; ``readings``: all readings; ``temperature`` (isotherm,) [degC]: of the isotherms in use;
-    ``kept`` (isotherm,): index of every isotherm in use along the Dataset's ``temperature``; ``row``, ``column``
-    (reading,): index of every reading along ``temperature`` and ``frequency``; ``warnings``: sentences for the report.
+    ``points``: of the isotherms that hold any, numbered in the order of ``kept``; ``temperature`` (isotherm,) [degC]:
+    of the isotherms in use; ``kept`` (isotherm,): index of every isotherm in use along the Dataset's ``temperature``;
+    ``row``, ``column`` (point,): index of every point along ``temperature`` and ``frequency``; ``warnings``:
+    sentences for the report.
     """
 
     points: Points
-    readings: Points
     temperature: Floats
     kept: NDArray[np.intp]
     row: NDArray[np.intp]
@@ -187,12 +182,12 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
         "its own, their difference shows the repeatability"
         for k in np.flatnonzero(np.diff(ordered) < _REPEAT)
     ]
-    readings = _flat(present, storage, loss, frequency)
-    notes += _falling(readings, temperature[kept])
+    points = _flat(present, storage, loss, frequency)
+    notes += _falling(points, temperature[kept])
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=3)
     row, column = np.nonzero(present)
-    return SweepData(_means(readings), readings, temperature[kept], kept, row, column, tuple(notes))
+    return SweepData(points, temperature[kept], kept, row, column, tuple(notes))
 
 
 def _flat(present: Flags, storage: Floats, loss: Floats, frequency: Floats) -> Points:
@@ -201,31 +196,6 @@ def _flat(present: Flags, storage: Floats, loss: Floats, frequency: Floats) -> P
     row, column = np.nonzero(present)
     omega, isotherm = 2.0 * np.pi * frequency[column], np.searchsorted(kept, row)
     return Points(omega, isotherm, storage[row, column], loss[row, column], kept.size)
-
-
-def _means(points: Points) -> Points:
-    """Return means of neighbouring readings where there are very many, else the readings themselves.
-
-    Every term of a relaxation is wider than a decade. The geometric mean over a twentieth of it is the modulus
-    in its middle to 0.0005 of it (a power law keeps it exactly).
-    """
-    if points.omega.size <= _MANY:
-        return points
-    groups = np.empty(points.omega.size, dtype=int)
-    count = 0
-    for k in range(points.count):
-        mask = np.flatnonzero(points.isotherm == k)
-        mask = mask[np.argsort(points.omega[mask], kind="stable")]
-        decades = float(np.log10(points.omega[mask[-1]] / points.omega[mask[0]]))
-        parts = min(max(int(np.ceil(decades * _PER_DECADE)), 1), mask.size)
-        groups[mask] = count + np.arange(mask.size) * parts // mask.size
-        count += parts
-    readings = np.bincount(groups).astype(float)
-    columns = (points.omega, points.storage, points.loss)
-    omega, storage, loss = (np.exp(np.bincount(groups, np.log(values)) / readings) for values in columns)
-    isotherm = np.empty(count, dtype=np.intp)
-    isotherm[groups] = points.isotherm
-    return Points(omega, isotherm, storage, loss, points.count, readings)
 
 
 def _arrays(sweeps: xr.Dataset) -> tuple[Floats, Floats, Floats, Floats]:

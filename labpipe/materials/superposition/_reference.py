@@ -68,7 +68,10 @@ def reference_at(points: Points, found: Superposition, T_ref: float) -> Referenc
         offset = float(law.log10_aT(T_ref))
         at_reference[: model.horizontal_size] = law_slopes(law.name, parameters, np.array(T_ref), model.T0)
     else:
-        share = _shares(model.temperature, T_ref)
+        # Linear interpolation between the two neighbours; the nearest one beyond the ends.
+        order = np.argsort(model.temperature, kind="stable")
+        share = np.array([np.interp(T_ref, model.temperature[order], row[order]) for row in np.eye(count)])
+        share /= share.sum()
         law_through = _law(model.temperature, state.log10_aT, model.T0, T_ref)
         trend = (
             np.zeros(count + 1) if law_through is None else law_through.log10_aT(np.append(model.temperature, T_ref))
@@ -146,13 +149,6 @@ def _gaps(points: Points, temperature: Floats, log10_aT: Floats) -> tuple[Floats
     for k in range(gaps.size):
         groups[k, order[: k + 1]] = 1.0
     return groups[gaps > 0], gaps[gaps > 0]
-
-
-def _shares(temperature: Floats, T_ref: float) -> Floats:
-    """Linear interpolation between the two neighbours; the nearest one beyond the ends."""
-    order = np.argsort(temperature, kind="stable")
-    shares = np.array([np.interp(T_ref, temperature[order], row[order]) for row in np.eye(temperature.size)])
-    return shares / shares.sum()
 
 
 def _interpolation_error(temperature: Floats, deviation: Floats, T_ref: float) -> float:

@@ -78,8 +78,6 @@ class MasterCurve(ShownAsTable):
         ``determined``, True where the data determine the step.
     noise : dict
         Relative noise of ``storage`` and ``loss`` as found from the residuals.
-    starts : tuple of (str, float, float)
-        Name of every start, final cost, largest distance of its shifts from the best ones.
     verdict : Verdict
         On time-temperature superposition: pass, doubtful, or fail, with the reasons.
     warnings : tuple of str
@@ -107,7 +105,6 @@ class MasterCurve(ShownAsTable):
     modes: xr.Dataset
     overlap: xr.Dataset
     noise: dict[str, float]
-    starts: tuple[tuple[str, float, float], ...]
     verdict: Verdict
     warnings: tuple[str, ...]
     work: dict[str, int]
@@ -260,11 +257,18 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, T_ref: 
         return xr.DataArray(full, dims="temperature", coords=coords, attrs=attrs)
 
     u_log10_aT = np.sqrt(np.maximum(np.diag(reference.covariance), 0.0))
+    full = np.full((temperature.size,) * 2, np.nan)
+    full[np.ix_(data.kept, data.kept)] = reference.covariance
+    twice = {
+        "temperature": temperature,
+        "temperature_2": variable("temperature_2", temperature.values, "degC", "temperature"),
+    }
+    covariance = xr.DataArray(full, twice, tuple(twice), attrs=described("1", "covariance of log10_aT"))
     return MasterCurve(
         T_ref=T_ref,
         log10_aT=over(log10_aT, "log10 of the horizontal shift factor"),
         u_log10_aT=over(u_log10_aT, "standard uncertainty of log10_aT"),
-        covariance=_matrix_over(temperature, data, reference.covariance),
+        covariance=covariance,
         b_T=over(law_b_T, "vertical shift factor"),
         u_b_T=over(law_b_T * u_ln_bT, "standard uncertainty of b_T"),
         level=over(np.exp(levels), "level of the sweep about the vertical law"),
@@ -282,10 +286,9 @@ def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, T_ref: 
         modes=modes,
         overlap=overlap,
         noise={"storage": float(found.noise.storage), "loss": float(found.noise.loss)},
-        starts=found.starts,
         verdict=verdict,
         warnings=(*data.warnings, *notes),
-        work={"isotherms": data.points.count, "points": int(data.readings.omega.size), "terms": int(prony.E.size)},
+        work={"isotherms": data.points.count, "points": int(data.points.omega.size), "terms": int(prony.E.size)},
     )
 
 
@@ -319,11 +322,3 @@ def _chosen_law(found: Superposition, laws: dict[str, ShiftLaw], T_ref: float) -
     # One more constant has to pay for itself (Schwarz).
     price = float(np.log(model.temperature.size))
     return min(laws.values(), key=lambda one: one.chi_square + price * len(one.parameters))
-
-
-def _matrix_over(temperature: xr.DataArray, data: SweepData, values: Floats) -> xr.DataArray:
-    full = np.full((temperature.size,) * 2, np.nan)
-    full[np.ix_(data.kept, data.kept)] = values
-    other = variable("temperature_2", temperature.values, "degC", "temperature")
-    coords, attrs = {"temperature": temperature, "temperature_2": other}, described("1", "covariance of log10_aT")
-    return xr.DataArray(full, dims=tuple(coords), coords=coords, attrs=attrs)

@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from scipy import optimize
+from scipy.linalg import block_diag
 
 from labpipe.arrays import Floats
 from labpipe.materials.prony import Prony
-from labpipe.materials.spectrum import maxwell_shapes
+from labpipe.materials.spectrum import moduli_of_terms
 
 _LN10 = float(np.log(10.0))
 _EVERYWHERE = 0.95  # of the variance of the curve at every frequency that counts, in the spectra handed out
@@ -77,8 +78,12 @@ def uncertain_spectra(
     if temperature != float(master["T_ref"]):
         changes = changes + np.outer(at("mode_shift"), along)
         changes += at("mode_vertical")[:, None]
-    hats = _hats(solid)
-    design = _by_hats(solid, frequency, hats) / value[:, None]
+    # Hat functions (term + 1, hat) over the logarithm of time change the weights; the last is the relaxed modulus.
+    place = np.log10(solid.rho)
+    nodes = np.linspace(place.min(), place.max(), max(int(np.ceil(np.ptp(place) / _NODE_DECADES)), 1) + 1)
+    hats = block_diag(np.array([np.interp(place, nodes, row) for row in np.eye(nodes.size)]).T, 1.0)
+    by_terms = moduli_of_terms(np.log(2.0 * np.pi * frequency), np.log(solid.rho))
+    design = (by_terms * np.append(solid.E, solid.E_relaxed)) @ hats / value[:, None]
     ridge = _RIDGE * np.sqrt(np.mean(np.sum(changes**2, axis=0))) * np.eye(design.shape[1])
     steps = _STEPS_PER_HAT * hats.shape[1]
     shown, wanted = np.vstack([design, ridge]), np.vstack([changes.T, np.zeros((len(ridge), len(changes)))])
@@ -99,24 +104,6 @@ def uncertain_spectra(
         changed = Prony(solid.E_relaxed * factor[-1], solid.E * factor[:-1], solid.rho, nu=solid.nu)
         found.append(UncertainSpectrum(f"DMA, mode {number + 1}", changed))
     return found + _beyond(solid, frequency, times[0] / a_T, times[1] / a_T)
-
-
-def _hats(solid: Prony) -> Floats:
-    """Return hat functions (term + 1, hat) over the logarithm of time; the last is the relaxed modulus."""
-    place = np.log10(solid.rho)
-    nodes = np.linspace(place.min(), place.max(), max(int(np.ceil(np.ptp(place) / _NODE_DECADES)), 1) + 1)
-    hats = np.array([np.interp(place, nodes, row) for row in np.eye(nodes.size)]).T
-    whole = np.zeros((place.size + 1, nodes.size + 1))
-    whole[:-1, :-1], whole[-1, -1] = hats, 1.0
-    return whole
-
-
-def _by_hats(solid: Prony, frequency: Floats, hats: Floats) -> Floats:
-    """Return the change of storage and loss with every hat function of relative weights."""
-    storage, loss = maxwell_shapes(np.log(2.0 * np.pi * frequency), np.log(solid.rho))
-    constant = np.full((frequency.size, 1), solid.E_relaxed)
-    columns = np.vstack([np.hstack([storage * solid.E, constant]), np.hstack([loss * solid.E, 0.0 * constant])])
-    return np.asarray(columns @ hats)
 
 
 def _beyond(solid: Prony, frequency: Floats, shortest: float, longest: float) -> list[UncertainSpectrum]:

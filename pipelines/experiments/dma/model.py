@@ -90,7 +90,6 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
         "laws": json.dumps({name: _law(law) for name, law in made.laws.items()}),
         "law": json.dumps(_law(made.law)),
         "noise": json.dumps(made.noise),
-        "starts": json.dumps(made.starts),
         "notes": json.dumps(made.warnings, ensure_ascii=False),
         "u_modulus_factor": sweeps.attrs.get("u_modulus_factor", 0.0),
         "modulus_factor": sweeps.attrs["modulus_factor"],

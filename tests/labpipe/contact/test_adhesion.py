@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.contact import adhesion_in_impact, jkr, jkr_at_force, pull_off, tabor
-from labpipe.contact._adhesion import adhesive_states, lost_energy, regime
+from labpipe.contact import adhesion_in_impact, adhesive_states
+from labpipe.contact._adhesion import Jkr
 from labpipe.contact.sphere.hertz import static_load
 from labpipe.errors import InputError
 from labpipe.materials import Prony, load
@@ -13,28 +13,29 @@ R, E, W = 0.01, 1e6, 0.05
 
 
 def test_jkr_parts_at_three_halves_pi_w_r() -> None:
-    radii = np.geomspace(1e-6, 1e-3, 200_001)
-    force = jkr(radii, R, E, W).force
+    radii, contact = np.geomspace(1e-6, 1e-3, 200_001), Jkr(R, E, W)
+    force, _ = contact.state(radii)
     assert force.min() == pytest.approx(-1.5 * np.pi * W * R, rel=1e-8)
-    assert pull_off(R, E, W) == pytest.approx(1.5 * np.pi * W * R)
+    assert contact.pull_off == pytest.approx(1.5 * np.pi * W * R)
     parted = np.cbrt(9 * np.pi * W * R**2 / (8 * E))  # a³ = 9πwR²/8E*
     assert radii[force.argmin()] == pytest.approx(parted, rel=1e-4)
 
 
 def test_a_load_gives_the_stable_contact_that_carries_it() -> None:
     loads = np.array([-1.4, -0.5, 0.0, 2.0, 1e3]) * np.pi * W * R
-    state = jkr_at_force(loads, R, E, W)
-    assert jkr(state.contact_radius, R, E, W).force == pytest.approx(loads, rel=1e-9, abs=1e-12)
+    contact = Jkr(R, E, W)
+    radii = np.array([contact.contact_radius(load) for load in loads])
+    assert contact.state(radii)[0] == pytest.approx(loads, rel=1e-9, abs=1e-12)
     hertz = static_load(1.0, R, E)
-    assert float(jkr_at_force(1.0, R, E, 0.0).contact_radius) == pytest.approx(float(hertz.contact_radius))
+    assert Jkr(R, E, 0.0).contact_radius(1.0) == pytest.approx(float(hertz.contact_radius))
 
 
 def test_the_energy_lost_and_the_regimes_are_the_published_ones() -> None:
-    assert lost_energy(R, E, W) == pytest.approx(7.092 * (W**5 * R**4 / E**2) ** (1 / 3), rel=1e-4)
-    assert [regime(mu) for mu in (0.05, 1.0, 6.0)] == ["DMT", "transition", "JKR"]
-    assert tabor(R, E, W) == pytest.approx((R * W**2 / (E**2 * 0.3e-9**3)) ** (1 / 3))
-    stiff = 1e-9, 1e11, 1e-3
-    assert pull_off(*stiff) == pytest.approx(2.0 * np.pi * stiff[2] * stiff[0])
+    assert Jkr(R, E, W).lost_energy == pytest.approx(7.092 * (W**5 * R**4 / E**2) ** (1 / 3), rel=1e-4)
+    assert Jkr(R, E, W).tabor == pytest.approx((R * W**2 / (E**2 * 0.3e-9**3)) ** (1 / 3))
+    stiff, middle = Jkr(1e-9, 1e11, 1e-3), Jkr(1e-6, 1e10, 0.05)
+    assert [stiff.regime, middle.regime, Jkr(R, E, W).regime] == ["DMT", "transition", "JKR"]
+    assert stiff.pull_off == pytest.approx(2.0 * np.pi * 1e-3 * 1e-9)
 
 
 def test_adhesion_is_negligible_for_the_sphere_of_the_drops_and_not_for_soft_dust() -> None:
@@ -48,9 +49,8 @@ def test_adhesion_is_negligible_for_the_sphere_of_the_drops_and_not_for_soft_dus
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: jkr(1e-3, R, E, -1.0), "work"),
-        (lambda: jkr_at_force(-1.0, R, E, W), "holds"),
-        (lambda: tabor(0.0, E, W), "radius"),
+        (lambda: Jkr(R, E, -1.0), "work"),
+        (lambda: Jkr(0.0, E, W), "radius"),
         (lambda: adhesive_states(Prony(1e6, [], [], nu=0.5), R, W, 1e9), "reduce the load"),
         (lambda: adhesive_states(Prony(0.0, [1e6], [1.0], nu=0.5), R, W, 1.0), "solid"),
     ],

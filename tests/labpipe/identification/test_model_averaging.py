@@ -3,9 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labpipe.errors import InputError
 from labpipe.identification import (
-    DropModel,
     Evidence,
     Parameter,
     Problem,
@@ -105,24 +103,3 @@ def test_moduli_are_mean_and_spread_over_the_structures() -> None:
         assert np.allclose(np.log(getattr(mixed, name)), 0.25 * a + 0.75 * b)
         u, v, w = (getattr(m, f"u_ln_{name}") for m in (one, other, mixed))
         assert np.allclose(w**2, 0.25 * u**2 + 0.75 * v**2 + 0.1875 * (a - b) ** 2)
-
-
-def test_basis_of_other_times_is_refused() -> None:
-    problem, _ = held(RUBBER, 8)
-    with pytest.raises(InputError, match="rebuild the evidence"):
-        problem.evidence[0].model.by_times(RUBBER, {"gain": 1.0}, np.array([1.0]))
-
-
-def test_drop_knows_terms_of_times_that_are_not_the_materials() -> None:
-    solid = Prony(2e9, [2e8, 2e8, 2e8], [1e-4, 1e-3, 1e-1], nu=0.35)
-    touches = np.array([1, 2])
-    model = DropModel(9.525e-3, 0.505, 1.5e-3, 9.81, touches, touches, np.empty(0, int), 0.08, 1e-3, {}, rtol=1e-4)
-    rho = np.array([1e-8, 1e-7, 3e-5, 4e-4, 2e-3, 1e5])
-    made = model.by_times(solid, {}, rho)
-    size = np.abs(made[:, 3:6]).max(axis=1, keepdims=True)
-    for k, time in enumerate(rho[2:].tolist(), 2):
-        longer = Prony(2e9, np.append(solid.E, 1e6), np.append(solid.rho, time), nu=0.35)
-        direct = (model.predict(longer, {}) - model.predict(solid, {})) / 1e6
-        assert np.abs(made[:, 1 + k] - direct).max() < 0.03 * size.max()
-    assert np.allclose(made[:, 1], 0.1 * made[:, 2])  # dashpots
-    assert np.allclose(made[:, -1], made[:, 0])  # frozen

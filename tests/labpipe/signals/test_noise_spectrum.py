@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from labpipe.signals._hum import Stretch
-from labpipe.signals._noise_spectrum import _normal, corner_in_flight, estimate_corner, velocity_factor
+from labpipe.signals._noise_spectrum import (
+    Colour,
+    coloured_covariance,
+    corner_in_flight,
+    estimate_corner,
+    velocity_factor,
+)
 from tests.rounding import rounding
 
 _INTERVAL = 5e-5
@@ -37,10 +43,12 @@ def test_white_noise_has_no_colour():
 def test_the_normal_matrix_is_that_of_the_noise():
     rng, corner, count = np.random.default_rng(0), 300.0, 512
     design = np.stack([np.ones(count), np.linspace(-1, 1, count), np.linspace(-1, 1, count) ** 2], axis=1)
-    np.testing.assert_allclose(_normal(design, _INTERVAL, 0.0), design.T @ design, rtol=rounding(count))
+    time = np.arange(count) * _INTERVAL
+    white, coloured = (coloured_covariance(design, np.eye(3), time, Colour(c), 1.0) for c in (0.0, corner))
+    np.testing.assert_allclose(white, design.T @ design, rtol=rounding(count))
     # Drawn over four times the length, so that the noise does not repeat.
     drawn = np.array([design[:, 1:].T @ flicker(rng, 4 * count, 1.0, corner)[:count] for _ in range(1500)])
-    expected = np.diag(_normal(design, _INTERVAL, corner))[1:]
+    expected = np.diag(coloured)[1:]
     # A slope is insensitive to what is slower than the record, the mean of a square is not.
     assert drawn[:, 0].var() == pytest.approx(expected[0], rel=0.25)
     assert drawn[:, 1].var() > 1.5 * np.sum(design[:, 2] ** 2)

@@ -31,7 +31,7 @@ def test_noise_free_sinusoid_is_recovered(frequency, amplitude, phase, offset, d
     assert fit.amplitude == pytest.approx(amplitude, rel=1e-5)
     expected = phase + 2 * np.pi * frequency * fit.reference_time
     assert np.angle(np.exp(1j * (fit.phase - expected))) == pytest.approx(0.0, abs=1e-4)
-    assert fit.drift == pytest.approx(amplitude * drift, abs=1e-5 * amplitude)
+    assert fit.trend[1] == pytest.approx(amplitude * drift, abs=1e-5 * amplitude)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
@@ -49,8 +49,6 @@ def test_uncertainties_hold_for_residuals_with_memory(memory):
                 (fit.frequency - 0.73) / fit.u_frequency,
                 (fit.amplitude - 1) / fit.u_amplitude,
                 np.angle(np.exp(1j * (fit.phase - phase))) / fit.u_phase,
-                (fit.offset - 3 - 0.1 * fit.reference_time) / fit.u_offset,
-                (fit.drift - 0.1) / fit.u_drift,
             ]
         )
     spread = np.sqrt(np.mean(np.square(z), axis=0))
@@ -175,9 +173,8 @@ def test_loop_area_is_that_of_the_ellipse_at_any_phase_and_sampling():
         found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2), 1.0)
         expected = np.pi * 2e-4 * np.sin(0.2)
         tolerance = 5e-3 if n_per_cycle == 9 else 1e-4
-        assert float(found.mean_work) == pytest.approx(expected, rel=tolerance)
+        assert float(found.work.mean()) == pytest.approx(expected, rel=tolerance)
         assert found.sizes["cycle"] == 12
-        np.testing.assert_allclose(found.loss_stiffness, 2e4 * np.sin(0.2), rtol=1e-2)
 
 
 def test_drift_does_not_open_the_loop():
@@ -186,28 +183,6 @@ def test_drift_does_not_open_the_loop():
     force = 2 * np.sin(angle + 0.1) - 0.05 * time + 20
     found = hysteresis_loops(time, 1e-4 * np.sin(angle), force, 1.0)
     np.testing.assert_allclose(found.work, np.pi * 2e-4 * np.sin(0.1), rtol=1e-3)
-    np.testing.assert_allclose(np.diff(found.mean_force), -0.05, rtol=1e-3)
-
-
-def test_scatter_of_the_work_over_cycles():
-    random = np.random.default_rng(0)
-    time = np.arange(0.0, 40.0, 0.01)
-    angle = 2 * np.pi * time
-    force = 2 * np.sin(angle + 0.1) + 0.02 * random.standard_normal(4000)
-    found = hysteresis_loops(time, 1e-4 * np.sin(angle), force, 1.0)
-    expected = np.pi * 2e-4 * np.sin(0.1)
-    assert abs(float(found.mean_work) - expected) < 3 * float(found.u_mean_work)
-    assert float(found.sd_work) == pytest.approx(np.pi * 1e-4 * 0.02 * np.sqrt(2 / 100), rel=0.3)
-
-
-def test_growing_first_cycles_are_transient():
-    time = np.arange(0.0, 20.0, 0.01)
-    envelope = 1 - 0.3 * np.exp(-time)
-    wave = envelope * np.sin(2 * np.pi * time)
-    found = hysteresis_loops(time, 1e-4 * wave, 2 * wave, 1.0)
-    assert found.is_transient.values[:3].all()
-    assert not found.is_transient.values[4:].any()
-    assert float(found.n_cycles) == (~found.is_transient).sum()
 
 
 def test_rest_before_and_after_the_motion():
@@ -218,16 +193,14 @@ def test_rest_before_and_after_the_motion():
     assert found.start == pytest.approx(1.0, abs=0.03)
     assert found.end == pytest.approx(11.0, abs=0.03)
     assert found.frequency == pytest.approx(1.0, rel=1e-4)
-    assert found.steady_end - found.steady_start == pytest.approx(8.0, abs=0.01)
-    assert found.slice(time).stop - found.slice(time).start == pytest.approx(800, abs=2)
 
 
 def test_no_motion_and_too_few_cycles_are_refused():
     time = np.arange(0.0, 10.0, 0.01)
     with pytest.raises(InputError, match="no motion"):
         active_window(time, np.zeros(1000))
-    with pytest.raises(InputError, match="leave none"):
-        active_window(time, np.sin(2 * np.pi * 0.2 * time))
+    with pytest.raises(InputError, match="cycles of motion"):
+        active_window(time, np.sin(2 * np.pi * 0.12 * time))
     with pytest.raises(InputError, match="whole cycle"):
         hysteresis_loops(time, np.sin(time), np.sin(time), 0.05)
     with pytest.raises(InputError, match="unread samples"):
@@ -256,21 +229,17 @@ def test_real_frequencies_and_amplitudes_differ_from_the_header():
     below, above = [], []
     for nominal, time, position, force in real_blocks():
         window = active_window(time, position)
-        part = window.slice(time)
+        begin, end = window.start + 1 / window.frequency, window.end - 1 / window.frequency
+        part = (time >= begin) & (time <= end)
         fit = common_fit(time[part], 1e-3 * position[part], 9.80665e-3 * force[part])
         below.append(100 * (1 - fit.position.frequency / nominal))
         above.append(100 * (1e3 * fit.position.amplitude / 0.0469 - 1))
         found = hysteresis_loops(
-            time,
-            1e-3 * position,
-            9.80665e-3 * force,
-            fit.position.frequency,
-            start=window.steady_start,
-            end=window.steady_end,
+            time, 1e-3 * position, 9.80665e-3 * force, fit.position.frequency, start=begin, end=end
         )
         assert found.sizes["cycle"] in (17, 18)
         ellipse = np.pi * fit.position.amplitude * fit.force.amplitude * np.sin(fit.phase_lag)
-        assert float(found.mean_work) == pytest.approx(ellipse, rel=0.01)
+        assert float(found.work.median()) == pytest.approx(ellipse, rel=0.01)
         assert fit.u_phase_lag < np.radians(0.02)
     np.testing.assert_allclose(below, [0.16, 0.11, 0.28, 0.48, 0.84], atol=0.06)
     assert above[0] == pytest.approx(0.6, abs=0.05)
