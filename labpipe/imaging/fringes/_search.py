@@ -36,15 +36,10 @@ def search_contact(features: FrameFeatures, view: View, centre: tuple[float, flo
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    sights = [(match, spot) for spot in features.spots[:4] for match in _matches_at(frame, view, spot.x, spot.y)]
+    sights = [(match, spot) for spot in features.centres for match in _matches_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
     fits = (_fit_match(frame, view, match, spot.x, spot.y) for match, spot in sights[:3])
-    found = next((fit for fit in fits if fit is not None), None)
-    if found is not None:
-        return found
-    # Perhaps there is a spot that no threshold separates from uneven light.
-    others = (fit_at(frame, view, spot.x, spot.y) for spot in features.centres)
-    return next((fit for fit in others if fit is not None), None)
+    return next((fit for fit in fits if fit is not None), None)
 
 
 def _matches_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> list[Match]:
@@ -136,7 +131,7 @@ def search_optics(
     frame, quick = features.frame, replace(view, settings=view.settings.quick)
     open_ = [parameter for group in properties for parameter in group if group not in _SMALL_EFFECTS]
     tries: dict[float, tuple[RingFit, Calibration]] = {}  # the best start of each kind
-    for spot in (*features.spots[:2], *features.centres[:1]):
+    for spot in features.centres:
         templates = templates_of_any_optics(view.templates, view.optics, spot.radius)
         profile, counts = radial_profile(frame, spot.x, spot.y, templates.width, templates.bins)
         if not len(templates.radii) or shows_only_sphere(profile, counts, templates.width, view.optics):
