@@ -2,6 +2,6 @@
 
 from labpipe.imaging.dic import track
 from labpipe.imaging.films import frames_in_windows
-from labpipe.imaging.fringes import USUAL_WORK, adhesive_edge, contact_radius, hertz_gap
+from labpipe.imaging.fringes import USUAL_WORK, adhesive_edge, contact_radius
 
-__all__ = ["USUAL_WORK", "adhesive_edge", "contact_radius", "frames_in_windows", "hertz_gap", "track"]
+__all__ = ["USUAL_WORK", "adhesive_edge", "contact_radius", "frames_in_windows", "track"]

@@ -138,9 +138,9 @@ def contact_radius(
 
     Examples
     --------
-    >>> from labpipe.imaging.fringes._ring_model import hertz_gap
     >>> y, x = np.mgrid[:128, :160]
-    >>> gap = hertz_gap(4e-6 * np.hypot(x - 80.2, y - 63.7), 150e-6, 9.525e-3)
+    >>> r = np.maximum(4e-6 * np.hypot(x - 80.2, y - 63.7) / 150e-6, 1.0)
+    >>> gap = 150e-6**2 / (np.pi * 9.525e-3) * (np.sqrt(r**2 - 1.0) + (r**2 - 2.0) * np.arccos(1.0 / r))
     >>> image = 120.0 * (1.0 - 0.8 * np.cos(4.0 * np.pi * gap / 633e-9))
     >>> found = contact_radius(np.stack([image]).astype(np.uint8), 4e-6, 9.525e-3, 633e-9)
     >>> bool(abs(found.radius[0] - 150e-6) < 0.1e-6), int(found.method[0])

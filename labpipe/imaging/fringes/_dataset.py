@@ -143,13 +143,10 @@ def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.in
 def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
     """Sentences that a reader of the results must know."""
     texts, view, found = [], result.view, result.calibration
-    fine = (
-        not has_resolved_fringes(e.half_radius, view.optics, view.settings.least_spacing) for e in result.edges.values()
-    )
-    spots, scale = (
-        sum(bool(blank.edges) for blank in result.blanks.values()),
-        math.expm1(found.changes.get(Parameter.SCALE, 0.0)),
-    )
+    spots = sum(bool(blank.edges) for blank in result.blanks.values())
+    scale = math.expm1(found.changes.get(Parameter.SCALE, 0.0))
+    least = view.settings.least_spacing
+    fine = any(not has_resolved_fringes(edge.half_radius, view.optics, least) for edge in result.edges.values())
     if result.damaged:
         texts.append(f"{len(result.damaged)} damaged frames were left out")
     if options.wavelength is None:
@@ -157,7 +154,7 @@ def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
             "no wavelength is given: the contact radius is measured from the edge of the spot, to some µm; give "
             "the wavelength of a monochromatic light to use the fringes"
         )
-    elif not result.has_fringes or any(fine):
+    elif fine or not result.has_fringes:
         texts.append(
             "fringes next to the contact are finer than two pixels: the contact radius is then measured by the edge of "
             "the spot; a higher magnification would resolve them"

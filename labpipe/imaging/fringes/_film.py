@@ -12,7 +12,7 @@ from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_rea
 from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._calibration import PROPERTIES, Calibration, calibrate
-from labpipe.imaging.fringes._dark_disc import choose_edges, find_filled, look_without_fringes
+from labpipe.imaging.fringes._dark_disc import choose_edges, find_filled, look_without_fringes, runs_of
 from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
 from labpipe.imaging.fringes._model_selection import begin_from
@@ -117,16 +117,13 @@ def _doubtful_rest(result: FilmResult) -> Flags:
     Bands of rows show no change of up to a hundred uncertainties of the radius: where it turns it was not at rest.
     """
     doubtful = np.zeros(len(result.resting), bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], result.resting.astype(np.int8), [0]])))
-    for first, end in edges.reshape(-1, 2).tolist():
-        before, after = result.fits.get(first - 1), result.fits.get(end)
-        is_rest = before is not None and after is not None
-        if before is not None and after is not None:
-            around = [result.fits[k] for k in (*range(first - 6, first), *range(end, end + 6)) if k in result.fits]
-            u = [math.hypot(fit.deviation(Parameter.RADIUS), before.deviation(Parameter.RADIUS)) for fit in around]
-            moves = any(abs(fit.radius - before.radius) > 5.0 * u[k] for k, fit in enumerate(around))
-            is_rest = abs(before.radius - after.radius) < 0.01 * before.radius and not moves
-        doubtful[first:end] = not is_rest
+    for run in runs_of(np.flatnonzero(result.resting).tolist()):
+        first, end = run[0], run[-1] + 1
+        around = [result.fits[k] for k in (*range(first - 6, first), *range(end, end + 6)) if k in result.fits]
+        radii = np.array([fit.radius for fit in around])
+        noise = max((fit.deviation(Parameter.RADIUS) for fit in around), default=0.0)
+        is_bounded = first - 1 in result.fits and end in result.fits
+        doubtful[run] = not is_bounded or np.ptp(radii) > min(7.0 * noise, 0.01 * radii.max())
     return doubtful
 
 

@@ -17,7 +17,7 @@ from labpipe.arrays import Floats, Floats32
 _VOTERS, _MOST_CENTRES = 1500, 3
 #: Width (reduced px) of the cells in which votes are counted, and the share of the longer side of the frame up to
 #: which centres are looked for outside it.
-_CELL, _MARGIN = 2.0, 0.5
+_CELL, _MARGIN = 4.0, 0.5
 #: Distance (reduced px) from a centre up to which the lines through it may pass, and the fewest that must do so.
 _NEAR, _LEAST_VOTERS = 24.0, 12
 

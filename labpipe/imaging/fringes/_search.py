@@ -96,26 +96,22 @@ def _start_of(match: Match, view: View, x: float, y: float) -> Floats:
 
 
 def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
-    """Fit part of the pixels, and again with the factor of the gap free where Hertz's leaves too much.
+    """Fit part of the pixels, the first fringe before the finer ones farther out: it needs less of a start.
 
-    A body that recedes from a dent opens its gap less.
+    Where Hertz's gap leaves too much its factor is free too: beside a body that recedes from a dent it opens less.
     """
-    found = _fit_outwards(frame, view, start, view.settings.free)
-    if found is None or found.misfit < GOOD_MISFIT or Parameter.SCALE in view.settings.free:
-        return found
-    still = start.copy()
-    still[Parameter.SMEAR] = 0.0
-    opened = _fit_outwards(frame, view, still, (*view.settings.free, Parameter.SCALE))
-    return opened if opened is not None and opened.misfit < GOOD_MISFIT else found
-
-
-def _fit_outwards(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
-    """Fit in two steps, from the first fringe outwards: it needs less of a start than the finer ones farther out."""
-    quick = replace(view.settings.quick, free=free)
-    first = fit_contact(frame, start, view.optics, replace(quick, fringes=1.0), view.white)
-    if first is None or first.pixels < 200:
-        return None
-    return fit_contact(frame, first.parameters, view.optics, quick, view.white)
+    best: RingFit | None = None
+    for free in (view.settings.free, (*view.settings.free, Parameter.SCALE)):
+        quick = replace(view.settings.quick, free=free)
+        first = fit_contact(frame, start, view.optics, replace(quick, fringes=1.0), view.white)
+        if first is None or first.pixels < 200:
+            return best
+        fit = fit_contact(frame, first.parameters, view.optics, quick, view.white)
+        if fit is None or fit.misfit < GOOD_MISFIT:
+            return fit or best
+        best, start = best or fit, start.copy()
+        start[Parameter.SMEAR] = 0.0
+    return best
 
 
 def search_optics(
