@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -26,7 +25,6 @@ def contact_radius(
     shape: Literal["auto", "circle", "ellipse"] = "auto",
     fringes: float = 3.0,
     full: bool = False,
-    windows: Sequence[tuple[float, float]] | None = None,
     any_disc: bool = False,
     reduced_modulus: Measure | None = None,
     work_of_adhesion: Measure | None = None,
@@ -64,9 +62,6 @@ def contact_radius(
         more multiply the effect of an error in R or the wavelength.
     full : bool
         Read and fit every frame: no shortcuts.
-    windows : sequence of (start, end), optional [s]
-        Times in which a contact may be (from a laser record, say). Frames outside are not read and count as out of
-        contact.
     any_disc : bool
         Whether every sharp disc without fringes is a contact. By default one is only when it lies where fringes show
         contacts in the frames around it, or, where none are resolved, when it grows or shrinks as a contact does.
@@ -165,7 +160,6 @@ def contact_radius(
         shape,
         fringes,
         full,
-        None if windows is None else tuple((float(a), float(b)) for a, b in windows),
         None if reduced_modulus is None else si(reduced_modulus, "Pa", "reduced_modulus"),
         None if work_of_adhesion is None else si(work_of_adhesion, "J/m2", "work_of_adhesion"),
         any_disc,

@@ -65,18 +65,16 @@ def find_centres(frame: NDArray[np.generic]) -> list[Spot]:
     weight = np.minimum(weight, largest)
     margin = _MARGIN * max(steep.shape)
     votes = _votes(x, y, along, weight, steep.shape, margin)
-    shift, spots = 0.5 * (factor - 1), list[Spot]()
+    spots: list[Spot] = []
     for _ in range(_MOST_CENTRES):
         row, column = map(int, np.unravel_index(int(votes.argmax()), votes.shape))
         start = ((column + 0.5) * _CELL - margin, (row + 0.5) * _CELL - margin)
         votes[max(row - 5, 0) : row + 6, max(column - 5, 0) : column + 6] = 0.0
         found = _placed(x, y, along, weight, start)
-        if found is None:
-            continue
-        spot = Spot(found.x * factor + shift, found.y * factor + shift, found.radius * factor)
-        if all(math.hypot(spot.x - old.x, spot.y - old.y) > factor for old in spots):
-            spots.append(spot)
-    return spots
+        if found is not None and all(math.hypot(found.x - old.x, found.y - old.y) > 1.0 for old in spots):
+            spots.append(found)
+    shift = 0.5 * (factor - 1)  # the centre of the first square of pixels lies so far inside the frame
+    return [Spot(factor * spot.x + shift, factor * spot.y + shift, factor * spot.radius) for spot in spots]
 
 
 def _votes(x: Floats, y: Floats, along: Floats, weight: Floats, shape: tuple[int, ...], margin: float) -> Floats:

@@ -114,21 +114,15 @@ def _find_pixels(
 
 @njit(cache=True, fastmath=FAST)
 def _differentiate(
-    line: Floats32,
-    columns: Integers,
-    centre: float,
-    dy: float,
-    down: float,
-    offset: float,
-    p: Floats,
-    origin: Floats,
-    table: Floats,
-    start: float,
-    residual: Floats,
-    slopes: Floats,
-) -> None:
-    """Residual and slopes by every parameter at the listed pixels of a row; the table is interpolated linearly."""
-    last, stretch, shear = table.shape[1] - 2, p[9], p[10]
+    line: Floats32, columns: Integers, place: tuple[float, float, float], p: Floats, origin: Floats, table: Floats,
+    start: float, residual: Floats, slopes: Floats,
+) -> None:  # fmt: skip
+    """Residual and slopes by every parameter at the listed pixels of a row; the table is interpolated linearly.
+
+    ``place`` of the row: column and row from the centre of the ring, and row in units of the light.
+    """
+    centre, dy, down = place
+    last, stretch, shear, offset = table.shape[1] - 2, p[9], p[10], p[1] - origin[0]
     for i in range(len(columns)):
         dx = columns[i] - centre
         u, v = dx * (1.0 + stretch) + dy * shear, dy * (1.0 - stretch) + dx * shear
@@ -245,8 +239,8 @@ def accumulate(
         down = (row + first_row - origin[1]) / origin[2]
         count = _find_pixels(image[row], centre, dy, inner, outer, parameters, ceiling, found)
         seen, residual = found[:count], residuals[:count]
-        place = centre, dy, down, parameters[1] - origin[0]
-        _differentiate(image[row], seen, *place, parameters, origin, table, table_start, residual, slopes)
+        place = centre, dy, down
+        _differentiate(image[row], seen, place, parameters, origin, table, table_start, residual, slopes)
         _add(count, active, residual, slopes, normal, right)
         totals[0] += (residual * residual).sum()
         totals[1] += count
@@ -293,17 +287,16 @@ def radial_sums(
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def fill_templates(
-    radii: Floats,
-    first_bins: Integers,
-    lengths: Integers,
-    width: float,
+    windows: tuple[Floats, Integers, Integers, float],
+    motion: tuple[float, Floats, Floats],
     blur: float,
-    travel: float,
-    nodes: Floats,
-    weights: Floats,
     phase_scale: float,
 ) -> Floats32:
-    """Cosine and sine (2, radius, ring) of the phase of the gap in rings of equal width around many contacts."""
+    """Cosine and sine (2, radius, ring) of the phase of the gap in rings of equal width around many contacts.
+
+    ``windows``: radii, first rings, numbers of rings, and their width; ``motion``: travel, nodes and weights.
+    """
+    (radii, first_bins, lengths, width), (travel, nodes, weights) = windows, motion
     result = np.zeros((2, len(radii), lengths.max()), np.float32)
     for row in range(len(radii)):
         for k in range(len(nodes)):

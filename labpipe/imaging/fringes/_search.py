@@ -12,7 +12,7 @@ from labpipe.imaging.fringes._frame_features import FrameFeatures, radial_profil
 from labpipe.imaging.fringes._model_selection import begin_from, fit_frames
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._point_contact_test import Window, is_edge, is_sphere, shows_only_sphere
-from labpipe.imaging.fringes._ring_fit import AXES, Parameter, RingFit, fit_contact, tabulate
+from labpipe.imaging.fringes._ring_fit import AXES, OPTICAL, Parameter, RingFit, fit_contact, tabulate
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, edge_width, ring_limits
 from labpipe.imaging.fringes._templates import Match, best_matches, templates_of_any_optics
 
@@ -20,8 +20,6 @@ from labpipe.imaging.fringes._templates import Match, best_matches, templates_of
 GOOD_MISFIT, MOST_MISFIT = 0.04, 0.1
 #: Radius, in Newton spots, up to which a contact is compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
-#: Properties that no frame needs to be recognised.
-_SMALL_EFFECTS = ((Parameter.SPREAD,), (Parameter.FLAT,))
 
 
 def search_contact(features: FrameFeatures, view: View, centre: tuple[float, float] | None = None) -> RingFit | None:
@@ -125,7 +123,8 @@ def search_optics(
     if view.templates is None or not features.has_structure:
         return None
     frame, quick = features.frame, replace(view, settings=view.settings.quick)
-    open_ = [parameter for group in properties for parameter in group if group not in _SMALL_EFFECTS]
+    # spread and flat are not needed to recognise a contact
+    open_ = [parameter for group in properties for parameter in group if parameter not in OPTICAL[2:]]
     tries: dict[float, tuple[RingFit, Calibration]] = {}  # the best start of each kind
     for spot in features.centres:
         templates = templates_of_any_optics(view.templates, view.optics, spot.radius)
