@@ -1,7 +1,6 @@
 """Films: digital image correlation and the contact radius from interference fringes."""
 
 from labpipe.imaging.dic import track
-from labpipe.imaging.films import frames_in_windows
-from labpipe.imaging.fringes import USUAL_WORK, adhesive_edge, contact_radius, hertz_gap
+from labpipe.imaging.fringes import USUAL_WORK, adhesive_edge, contact_radius
 
-__all__ = ["USUAL_WORK", "adhesive_edge", "contact_radius", "frames_in_windows", "hertz_gap", "track"]
+__all__ = ["USUAL_WORK", "adhesive_edge", "contact_radius", "track"]

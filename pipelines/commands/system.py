@@ -117,8 +117,9 @@ def open_(folder: Path, port: int, browser: bool, guide: bool, as_json: bool) ->
 @click.argument("name", required=False)
 @click.argument("dest", required=False, type=_NEW_FOLDER)
 @click.option("--full-size", is_flag=True, help="Films at the camera's full size.")
+@click.option("--seed", type=click.IntRange(min=0), help="Draw the rig of thesis and thesis-small anew.")
 @json_option
-def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) -> None:
+def sample(name: str | None, dest: Path | None, full_size: bool, seed: int | None, as_json: bool) -> None:
     r"""Write the synthetic session NAME, with its true values, into the new folder DEST.
 
     Without NAME the samples are listed. The virtual rig generates all data; none is measured.
@@ -137,7 +138,7 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
     if dest is None:
         raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")
     with waiting(f"recording {name}", enabled=not as_json):
-        experiments = [*verb(name, dest, full_size=full_size).experiments]
+        experiments = [*verb(name, dest, full_size=full_size, seed=seed).experiments]
     n = len(experiments)
     line = f"wrote {n} synthetic experiment{'s' * (n != 1)} into {dest}"
     emit(as_json, {"folder": str(dest), "experiments": experiments}, [line])

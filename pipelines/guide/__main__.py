@@ -23,8 +23,9 @@ from PIL import Image
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
-from labpipe.imaging import contact_radius, hertz_gap
+from labpipe.imaging import contact_radius
 from labpipe.workflow.plan import page_name
+from pipelines.bench.contact_radius import surface_gap
 from pipelines.guide import reference
 from pipelines.guide.pages import FIRST, GUIDES, PARTS, PICTURES, linked, texts
 from pipelines.session import reopen_session
@@ -224,7 +225,7 @@ def of_films(target: Path) -> None:
     contacts = [(radius, 0.0) for radius in (180e-6, 220e-6, 250e-6)]
     hovering = [(0.0, 0.16e-6), (0.0, 1.3e-6)]
     for name, cases in (("contact-measured", contacts), ("contact-refused", hovering)):
-        gaps = [hertz_gap(distance, radius, sphere) + gap for radius, gap in cases]
+        gaps = [surface_gap(distance.ravel(), radius, sphere).reshape(x.shape) + gap for radius, gap in cases]
         scenes = [120.0 * (1.0 - 0.8 * np.cos(4.0 * np.pi * gap / wavelength)) for gap in gaps]
         if name == "contact-refused":
             scenes.append(120.0 - 90.0 * (distance < 200e-6))  # a dark disc without fringes

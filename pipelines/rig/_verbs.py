@@ -11,7 +11,7 @@ from pipelines.rig._ahead import holds_demo, record_elsewhere
 from pipelines.session import open_session, process
 
 
-def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session:
+def sample(name: str, folder: str | Path, *, full_size: bool = False, seed: int | None = None) -> Session:
     """Write a synthetic session, with its true values, into a new folder.
 
     The virtual rig generates all data; none is measured.
@@ -25,6 +25,9 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session
         Where to.
     full_size : bool
         Films at the camera's full size instead of a reduced one.
+    seed : int, optional
+        Of ``thesis`` and ``thesis-small``: radius, mass, scales, inclinations, load cell and punch of the rig differ
+        from what the session states, by chance within the stated uncertainties. By default the bundled draw.
 
     Returns
     -------
@@ -33,7 +36,7 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session
     Raises
     ------
     UsageError
-        There is no such sample, or the folder holds something already.
+        There is no such sample, a sample that no seed draws, or a folder that holds something already.
 
     Examples
     --------
@@ -41,7 +44,7 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session
     """
     from pipelines.rig.samples import write_sample
 
-    write_sample(name, Path(folder), full_size=full_size)
+    write_sample(name, Path(folder), full_size=full_size, seed=seed)
     return open_session(folder)
 
 

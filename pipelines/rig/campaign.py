@@ -35,12 +35,13 @@ from pipelines.rig.film_session import (
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
 from pipelines.rig.indentations import Harmonic
+from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_section, write_ringing_of
 from pipelines.rig.reference_drop import GRAVITY
-from pipelines.rig.relaxations import Relaxation
+from pipelines.rig.relaxations import TESTER, Relaxation
 from pipelines.rig.solids import SOLIDS, Viscoelastic, specimen_of
-from pipelines.rig.static_loading import record_static
+from pipelines.rig.static_loading import StaticRig, record_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
 HEATED = 39.0
@@ -64,7 +65,8 @@ class Extent:
     ``heights`` are those of the drops that the laser and the camera under the disc see, on
     the plate too, ``front_height`` that of PTFE before the front camera. ``bursts`` says when the
     camera under the disc records; without it, it records evenly. ``to_rest``: laser and camera
-    record a sphere until it rests, whatever the height, instead of as long as they say.
+    record a sphere until it rests, whatever the height, instead of as long as they say. ``seed`` is
+    added to those of all recordings.
     """
 
     heights: tuple[float, ...]
@@ -81,6 +83,10 @@ class Extent:
     harmonic: Harmonic
     dma: Protocol
     to_rest: bool
+    static: StaticRig
+    tester: Tester
+    tip_radius: float
+    seed: int = 0
 
 
 THESIS = Extent(
@@ -98,6 +104,9 @@ THESIS = Extent(
     harmonic=Harmonic(frequencies=FREQUENCIES),
     dma=CAMPAIGN,
     to_rest=True,
+    static=StaticRig(),
+    tester=TESTER,
+    tip_radius=2e-3,
 )
 """Four materials, four heights, five repeats; films of about ten megabytes."""
 
@@ -126,6 +135,36 @@ SMALL = replace(
     to_rest=False,
 )
 """Every kind once or twice, coarse and short: two megabytes, every figure can be drawn."""
+
+
+def drawn(extent: Extent, seed: int) -> Extent:
+    """Return a campaign whose rig differs from the stated one, each value by chance within its stated uncertainty."""
+    generator = np.random.default_rng(seed)
+
+    def off(u: float) -> float:
+        return float(u * generator.standard_normal())
+
+    radius, mass = extent.rig.radius + off(5e-6), extent.rig.mass + off(0.5e-3)
+
+    def rig(one: DropRig, stated: float) -> DropRig:
+        sensor = replace(one.sensor, inclination=float(np.deg2rad(stated + off(0.1))))
+        return replace(one, radius=radius, mass=mass, sensor=sensor)
+
+    laser = rig(extent.rig, 12.0)
+    by_ruler, by_holder = off(np.hypot(1 / 461, 0.0005 / 2)), off(np.hypot(1.5 / 386, 0.02 / 30))
+    return replace(
+        extent,
+        rig=laser,
+        plate_rig=rig(extent.plate_rig, 5.0),
+        under=replace(extent.under, pixel_size=extent.under.pixel_size * (1.0 + by_ruler)),
+        front=replace(extent.front, pixel_size=extent.front.pixel_size * (1.0 + by_holder)),
+        static=replace(
+            extent.static, radius=radius, sensor=replace(extent.static.sensor, inclination=laser.sensor.inclination)
+        ),
+        tester=replace(extent.tester, force_gain=1.0 + off(1e-3)),
+        tip_radius=extent.tip_radius + off(2e-6),
+        seed=1_000_000 * seed,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,23 +223,25 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
     for day, material in enumerate(POLYMERS):
         for number, height in enumerate(extent.heights):
             begun = start + timedelta(days=day, minutes=20 * number)
-            seed = 1000 * sum(map(ord, material)) + 100 * number
+            seed = extent.seed + 1000 * sum(map(ord, material)) + 100 * number
             drops.append((material, height, None, seed, begun))
             if material in extent.ringing:
                 of = (extent.plate_rig, material, height, extent.plate_repeats, seed + 50, begun + timedelta(days=5))
                 rings.append(Part((), partial(write_ringing_of, folder, *of)))
-    drops.append(("acrylic", highest, HEATED, 9900, start + timedelta(days=10)))
+    drops.append(("acrylic", highest, HEATED, extent.seed + 9900, start + timedelta(days=10)))
+    static = partial(record_static, folder, "ptfe_static", start + timedelta(days=12), extent.static, extent.seed)
+    rheometer = partial(sweeps, folder, protocol=extent.dma, seed=extent.seed)
     return [
         Part(("nbr_relaxation", "nbr_harmonic"), partial(_indentations, folder, start + timedelta(days=20), extent)),
         *(
             Part((f"{_name('acrylic', height, warm)}_film",), partial(_contact_film, folder, height, warm, extent))
             for height, warm in filmed
         ),
-        Part(("ptfe_static",), partial(record_static, folder, "ptfe_static", start + timedelta(days=12))),
+        Part(("ptfe_static",), static),
         Part(("ptfe_film",), partial(_front_film, folder, extent)),
         *(Part((_name(*one[:3]),), partial(_drops, folder, extent, *one)) for one in drops),
         *rings,
-        *(Part((session_text.dma_name(name),), partial(sweeps, folder, name, protocol=extent.dma)) for name in SOLIDS),
+        *(Part((session_text.dma_name(name),), partial(rheometer, name)) for name in SOLIDS),
     ]
 
 
@@ -221,18 +262,18 @@ def _until_rest(material: str, height: float) -> float:
 def _contact_film(folder: Path, height: float, temperature: float | None, extent: Extent) -> str:
     """Film the contact of acrylic through the disc."""
     name = f"{_name('acrylic', height, temperature)}_film"
-    body = Body(_specimen("acrylic", temperature), height, floor=PLATE)
+    body = Body(_specimen("acrylic", temperature), height, extent.rig.radius, extent.rig.mass, PLATE)
     times = FULL_TIMES
     if extent.bursts is not None:
         bursts = replace(extent.bursts, rest=_until_rest("acrylic", height)) if extent.to_rest else extent.bursts
         times = burst_times(body, extent.under.release, bursts)
-    seed = 3700 + round(1e4 * height) + (0 if temperature is None else 1)
+    seed = extent.seed + 3700 + round(1e4 * height) + (0 if temperature is None else 1)
     film = write_under(folder, f"{name}_under", body, extent.under, times, seed)
     return under_section(film, name, height, extra=_ON_PLATE, source=session_text.from_dma("acrylic", temperature))
 
 
 def _front_film(folder: Path, extent: Extent) -> str:
-    film = write_front(folder, "ptfe", extent.front_height, extent.front, 31, PLATE)
+    film = write_front(folder, "ptfe", extent.front_height, extent.front, extent.seed + 31, extent.rig)
     return front_section(film, extent.front, extent.front_height)
 
 
@@ -251,4 +292,6 @@ def _drops(
 
 
 def _indentations(folder: Path, start: datetime, extent: Extent) -> str:
-    return write_indentations(folder, start, extent.relaxation, extent.harmonic)[1]
+    return write_indentations(
+        folder, start, extent.relaxation, extent.harmonic, extent.tester, extent.tip_radius, extent.seed
+    )[1]

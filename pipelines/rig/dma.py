@@ -94,12 +94,12 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
     return f"dma/{name}.csv"
 
 
-def sweeps(folder: Path, *of: str, protocol: Protocol = CAMPAIGN) -> str:
+def sweeps(folder: Path, *of: str, protocol: Protocol = CAMPAIGN, seed: int = 0) -> str:
     """Write the rheometer's exports of materials; returns their sections."""
     sections = ""
     for material in of:
         name, solid = dma_name(material), SOLIDS[material]
-        export = write_dma(folder, name, solid, protocol, 500 + list(SOLIDS).index(material))
+        export = write_dma(folder, name, solid, protocol, seed + 500 + list(SOLIDS).index(material))
         sections += dma_section(name, export, solid)
     return sections
 

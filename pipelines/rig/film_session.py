@@ -44,11 +44,11 @@ class Bursts:
 
 
 def write_front(
-    folder: Path, material: str, height: float, camera: FrontCamera, seed: int, floor: Floor | None = None
+    folder: Path, material: str, height: float, camera: FrontCamera, seed: int, rig: DropRig | None = None
 ) -> str:
     """Film a drop from the front; returns the film's name in the session."""
-    floor = DropRig().floor if floor is None else floor
-    body = Body(specimen_of(material), height, floor=floor)
+    rig = rig or DropRig()
+    body = Body(specimen_of(material), height, rig.radius, rig.mass, rig.floor)
     motion = fall(body, camera.duration - camera.release + 1e-3)
     name = f"film/{material}_front.cine"
     truth = write_front_film(folder / name, motion, height, camera, seed)

@@ -1,10 +1,12 @@
 """The synthetic session of rubber under a periodic punch: relaxation, then ten frequencies."""
 
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
 from labpipe import files
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, from_dma, from_library
 from pipelines.rig.solids import specimen_of
@@ -59,13 +61,22 @@ mach1 = "mach1/{name}.txt"
     return head + punch_section(name, specimen, source, is_calibrated=is_calibrated)
 
 
-def write_indentations(folder: Path, start: datetime, held: Relaxation, oscillating: Harmonic) -> tuple[list[str], str]:
-    """Write recordings, truth and the cell's record; returns experiments and their sections."""
-    specimen = Specimen(specimen_of(_MATERIAL))
+def write_indentations(
+    folder: Path,
+    start: datetime,
+    held: Relaxation,
+    oscillating: Harmonic,
+    tester: Tester = TESTER,
+    tip_radius: float = 2e-3,
+    seed: int = 0,
+) -> tuple[list[str], str]:
+    """Write recordings, truth and the cell's record; returns experiments and their sections, of the stated punch."""
+    stated = Specimen(specimen_of(_MATERIAL))
+    specimen = replace(stated, tip_radius=tip_radius)
     relaxation, harmonic = f"{_MATERIAL}_relaxation", f"{_MATERIAL}_harmonic"
-    recordings = write_relaxation(folder, relaxation, specimen, held, TESTER, 70, start)
-    write_harmonic(folder, harmonic, specimen, oscillating, TESTER, 80, start + timedelta(hours=3))
+    recordings = write_relaxation(folder, relaxation, specimen, held, tester, seed + 70, start)
+    write_harmonic(folder, harmonic, specimen, oscillating, tester, seed + 80, start + timedelta(hours=3))
     files.write_text(folder / "calibration/load_cell.toml", cell_record())
     source = from_dma(_MATERIAL)
-    text = relaxation_section(relaxation, recordings, specimen, source)
-    return [relaxation, harmonic], text + oscillation_section(harmonic, specimen, source)
+    text = relaxation_section(relaxation, recordings, stated, source)
+    return [relaxation, harmonic], text + oscillation_section(harmonic, stated, source)

@@ -49,7 +49,7 @@ class Sample:
     in_full_size: Callable[[Path], list[str]] | None = None
 
 
-def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[str]:
+def write_sample(name: str, folder: Path, *, full_size: bool = False, seed: int | None = None) -> list[str]:
     """Write a synthetic session as :func:`pipelines.rig.sample` does; return the names of its experiments."""
     if name not in SAMPLES:
         known = ", ".join(SAMPLES)
@@ -57,6 +57,13 @@ def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[st
     if folder.exists() and any(folder.iterdir()):
         raise UsageError(f"{folder} is not empty; name a new folder")
     chosen = SAMPLES[name]
+    if seed is not None:
+        if not name.startswith("thesis"):
+            raise UsageError(f'only "thesis" and "thesis-small" are drawn by a seed, not "{name}"')
+        from pipelines.rig import campaign
+
+        extent = campaign.SMALL if name == "thesis-small" else campaign.FULL_SIZE if full_size else campaign.THESIS
+        return campaign.write_campaign(folder, _START, campaign.drawn(extent, seed))
     return (chosen.in_full_size if full_size and chosen.in_full_size else chosen.write)(folder)
 
 

@@ -69,11 +69,10 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
     return file
 
 
-def record_static(folder: Path, name: str, start: datetime) -> str:
-    """Record PTFE under the loads of the rig; returns its section."""
-    rig = StaticRig()
-    file = write_static(folder, name, rig, specimen_of("ptfe"), 90, start)
-    return static_section(name, file, rig, "ptfe", from_dma("ptfe"))
+def record_static(folder: Path, name: str, start: datetime, rig: StaticRig | None = None, seed: int = 0) -> str:
+    """Record PTFE under the loads of a rig, by default the stated one; returns its section."""
+    file = write_static(folder, name, rig or StaticRig(), specimen_of("ptfe"), seed + 90, start)
+    return static_section(name, file, StaticRig(), "ptfe", from_dma("ptfe"))
 
 
 def static_section(name: str, file: str, rig: StaticRig, material: str, source: str = "") -> str:

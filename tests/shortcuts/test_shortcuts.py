@@ -14,6 +14,7 @@ from labpipe.materials import Prony
 from pipelines.bench.dic import make_film
 from pipelines.experiments.dic_validation import measured as dic_validation
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
+from tests.labpipe.imaging.fringe_film import gap_of_hertz
 
 SPHERE, MASS, HEIGHT = 9.525e-3, 0.505, 1.5e-3
 ACRYLIC = materials.load("acrylic")
@@ -98,7 +99,7 @@ def test_frames_without_contact_are_hardly_read() -> None:
     for k in range(112):
         phase = 16.0 * (k / 112 - 0.5)  # one contact in the middle eighth
         if abs(phase) < 1.0:
-            gap = imaging.hertz_gap(r, 150e-6 * np.cos(0.5 * np.pi * phase) + 30e-6, SPHERE)
+            gap = gap_of_hertz(r, 150e-6 * np.cos(0.5 * np.pi * phase) + 30e-6, SPHERE)
         else:
             gap = r**2 / (2 * SPHERE) + 1e-4 * (abs(phase) - 1.0) + 1e-6
         # rings of a wide gap run through the exposure and are smeared out

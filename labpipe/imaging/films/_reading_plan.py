@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
-from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 
 #: Rows of a band.
@@ -106,26 +105,6 @@ class FilmReader:
     def _bytes_per_pixel(self) -> int:
         """Return the size of a decoded pixel, from what was read."""
         return round(self.bytes_read / self.pixels_read) if self.pixels_read else 1
-
-
-def frames_in_windows(time: Floats, windows: Sequence[tuple[float, float]]) -> Flags:
-    """Tell which frames lie in one of several windows of time.
-
-    ``time`` (frame,) [s]: Time of every frame. ``windows`` [s]: Both ends belong to a window. Raises InputError: A
-    window ends before it starts, or is not a pair of numbers.
-
-    Examples
-    --------
-    >>> frames_in_windows(np.array([0.0, 1.0, 2.0, 3.0]), [(0.5, 2.0)])
-    array([False,  True,  True, False])
-    """
-    found = np.zeros(len(time), bool)
-    for start, end in windows:
-        if not (math.isfinite(start) and math.isfinite(end) and start <= end):
-            message = f"windows must be (start, end) in s with start <= end, found ({start}, {end})"
-            raise InputError(message)
-        found |= (time >= start) & (time <= end)
-    return found
 
 
 def _band_about(row: float, rows: int) -> tuple[int, int]:

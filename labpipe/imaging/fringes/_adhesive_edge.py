@@ -88,14 +88,11 @@ def adhesive_edge(
     for _ in range(_ROUNDS):
         edge = found + scale / np.sqrt(edge)
     if wavelength is not None:
-        edge = edge + (edge - found) ** 2 / (4.0 * _first_ring(found, sphere_radius, wavelength))
+        # where Hertz's gap, 8 √2/(3π) a²/R (r/a - 1)^(3/2), is a quarter of a wavelength
+        ratio = 3.0 * np.pi * sphere_radius * wavelength / (32.0 * np.sqrt(2.0) * found**2)
+        first_ring = found * ratio ** (2.0 / 3.0)
+        edge = edge + (edge - found) ** 2 / (4.0 * first_ring)
     return np.asarray(edge)
-
-
-def _first_ring(hertz_radius: Floats, sphere_radius: float, wavelength: float) -> Floats:
-    """Return how far (m) from the edge Hertz's gap, 8 √2/(3π) a²/R (r/a - 1)^(3/2), is a quarter of a wavelength."""
-    a = hertz_radius
-    return np.asarray(a * (3.0 * np.pi * sphere_radius * wavelength / (32.0 * np.sqrt(2.0) * a**2)) ** (2.0 / 3.0))
 
 
 def edge_shift(

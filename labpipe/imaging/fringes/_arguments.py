@@ -24,7 +24,6 @@ class FilmOptions:
     shape: str = "auto"
     fringes: float = 3.0
     full: bool = False
-    windows: tuple[tuple[float, float], ...] | None = None
     reduced_modulus: float | None = None
     work_of_adhesion: float | None = None
     any_disc: bool = False

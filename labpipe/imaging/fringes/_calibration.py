@@ -44,10 +44,6 @@ class Calibration:
         """Whether all is as it was stated."""
         return not (self.changes or self.has_uneven_light)
 
-    def significance(self, parameters: tuple[Parameter, ...]) -> float:
-        """Return the largest change of some parameters in units of its uncertainty."""
-        return max(abs(self.changes[p]) / max(self.u.get(p, 0.0), 1e-12) for p in parameters)
-
     def applied(self, view: View) -> View:
         """Return the view of the stated optics with these."""
         parameters = np.zeros(len(Parameter))
@@ -129,8 +125,9 @@ def calibrate(
             # the other properties would make up for a phase that is not the stated one
             return replace(known, doubted_phase=stated.optics.phase + found.changes[Parameter.PHASE]), best
         known = found
-    known_groups = [group for group in PROPERTIES if set(group) <= known.changes.keys()]
-    for group in sorted(known_groups, key=known.significance):  # those that are least significant are dropped first
+    groups = [group for group in PROPERTIES if set(group) <= known.changes.keys()]
+    groups.sort(key=lambda group: max(abs(known.changes[p]) / max(known.u.get(p, 0.0), 1e-12) for p in group))
+    for group in groups:  # those that are least significant are dropped first
         trial, others = refined(known.without(group))
         if trial is not None and best.gain_over(trial, len(group)) <= 0.0:
             best, known = trial, others

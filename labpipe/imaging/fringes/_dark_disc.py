@@ -7,10 +7,10 @@ import numpy as np
 from labpipe.imaging.fringes._edge import Edge, find_edge
 from labpipe.imaging.fringes._film_result import Blank, FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
+from labpipe.imaging.fringes._hough_centre import reduce_frame
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._ring_fit import Parameter
 from labpipe.imaging.fringes._ring_model import edge_width
-from labpipe.imaging.fringes._spots import reduce_frame
 
 #: Share of its largest radius by which a disc must grow or shrink to be a contact: blur and noise change the edge of
 #: one that stays as it is by a hundredth.
@@ -27,12 +27,8 @@ def look_without_fringes(features: FrameFeatures, view: View) -> Blank:
 
     # a sphere that touches without load shows a spot of its own
     least = view.optics.newton_spot
-    for spots in (features.spots, features.centres):
-        found = (find_edge(frame, s.x, s.y, s.radius, view.black) for s in spots if s.radius >= least)
-        edges = tuple(edge for edge in found if edge is not None and edge.half_radius >= 1.5 * least)
-        if edges:
-            break
-    return Blank(edges)
+    found = (find_edge(frame, s.x, s.y, s.radius, view.black) for s in features.centres if s.radius >= least)
+    return Blank(tuple(edge for edge in found if edge is not None and edge.half_radius >= 1.5 * least))
 
 
 def choose_edges(result: FilmResult, *, any_disc: bool) -> None:

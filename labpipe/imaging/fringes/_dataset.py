@@ -143,13 +143,10 @@ def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.in
 def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
     """Sentences that a reader of the results must know."""
     texts, view, found = [], result.view, result.calibration
-    fine = (
-        not has_resolved_fringes(e.half_radius, view.optics, view.settings.least_spacing) for e in result.edges.values()
-    )
-    spots, scale = (
-        sum(bool(blank.edges) for blank in result.blanks.values()),
-        math.expm1(found.changes.get(Parameter.SCALE, 0.0)),
-    )
+    spots = sum(bool(blank.edges) for blank in result.blanks.values())
+    scale = math.expm1(found.changes.get(Parameter.SCALE, 0.0))
+    least = view.settings.least_spacing
+    fine = any(not has_resolved_fringes(edge.half_radius, view.optics, least) for edge in result.edges.values())
     if result.damaged:
         texts.append(f"{len(result.damaged)} damaged frames were left out")
     if options.wavelength is None:
@@ -157,15 +154,18 @@ def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
             "no wavelength is given: the contact radius is measured from the edge of the spot, to some µm; give "
             "the wavelength of a monochromatic light to use the fringes"
         )
-    elif not result.has_fringes or any(fine):
+    elif fine or not result.has_fringes:
         texts.append(
             "fringes next to the contact are finer than two pixels: the contact radius is then measured by the edge of "
             "the spot; a higher magnification would resolve them"
         )
     elif result.edges:
+        frames, seen = sorted(result.edges), len(result.edges) + len(result.fits)
+        named = ", ".join(str(index) for index in frames[:5]) + (", …" if len(frames) > 5 else "")
         texts.append(
-            f"{_frames_by_edge(result)} measured by the edge of the spot, to some micrometres: no fringes of a contact "
-            "explain them; check wavelength, sphere_radius, pixel_size, phase, focus and what hides rings"
+            f"of {seen} frames in contact {len(frames)} ({named}) measured by the edge of the spot, to some "
+            "micrometres: no fringes of a contact explain them; check wavelength, sphere_radius, pixel_size, phase, "
+            "focus and what hides rings"
         )
     if spots and not (result.fits or result.edges or result.undecided):
         texts.append(
@@ -192,16 +192,6 @@ def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
     return texts
 
 
-def _frames_by_edge(result: FilmResult) -> str:
-    """Name up to five of the frames that fell back to the edge, with their verb."""
-    frames = sorted(result.edges)
-    named = ", ".join(str(index) for index in frames[:5]) + (", …" if len(frames) > 5 else "")
-    seen = len(frames) + len(result.fits)
-    if len(frames) == 1:
-        return f"1 of {seen} frames in contact (frame {named}) was"
-    return f"{len(frames)} of {seen} frames in contact (frames {named}) were"
-
-
 def _note(options: FilmOptions, result: FilmResult) -> str:
     """Sentence on how the film was measured."""
     least = result.view.least_radius * options.pixel_size
@@ -213,16 +203,10 @@ def _note(options: FilmOptions, result: FilmResult) -> str:
         note = f"no contact found; one of less than {1e6 * least:.2g} µm in radius is not told from a touch"
     else:
         note = f"fringes fitted in {len(result.fits)} of the frames looked at"
-        note += f"; {_frames_by_edge(result)} measured by the edge of the spot" if result.edges else ""
     if result.undecided:
-        count = len(result.undecided)
-        note += (
-            f"; in {count} frame{'' if count == 1 else 's'} the sphere touches or hovers, which counts as no contact"
-        )
-    if result.hot_pixels:
-        some = "1 pixel that does" if result.hot_pixels == 1 else f"{result.hot_pixels} pixels that do"
-        note += f"; {some} not follow the scene (stuck, or dust on the sensor) interpolated from the neighbours"
-    return note
+        frames = "frame" if len(result.undecided) == 1 else "frames"
+        note += f"; in {len(result.undecided)} {frames} the sphere touches or hovers, which counts as no contact"
+    return f"{note}; {result.note}" if result.note else note
 
 
 def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]) -> dict[str, object]:

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.frames import FrameSource
-from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading, without_stuck_pixels
+from labpipe.imaging.films import FilmReader, Place, plan_reading, without_stuck_pixels
 from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
 from labpipe.imaging.fringes._calibration import PROPERTIES, Calibration, calibrate
-from labpipe.imaging.fringes._dark_disc import choose_edges, find_filled, look_without_fringes
+from labpipe.imaging.fringes._dark_disc import choose_edges, find_filled, look_without_fringes, runs_of
 from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
 from labpipe.imaging.fringes._model_selection import begin_from
@@ -32,14 +32,12 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     """Find the contact in every frame of a film, with checked arguments."""
     reader = FilmReader(film)
     wanted = np.asarray(film.valid, bool).copy()
-    if options.windows is not None:
-        wanted &= frames_in_windows(film.time, options.windows)
     repaired, hot = without_stuck_pixels(film, wanted, reader.whole)
     if hot.count:
         reader = FilmReader(repaired)
     view = _make_view(reader, options, wanted)
-    result = FilmResult(view, np.zeros(len(film), bool), hot_pixels=hot.count)
-    result.has_fringes = options.wavelength is not None and view.templates is not None
+    has_fringes = options.wavelength is not None and view.templates is not None
+    result = FilmResult(view, np.zeros(len(film), bool), note=hot.note, has_fringes=has_fringes)
     if result.has_fringes:
         read = _follow_film(reader, result, options, wanted)
         exposure = exposure_times(film, options)
@@ -49,15 +47,14 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     else:
         for index in map(int, np.flatnonzero(wanted)):
             result.blanks[index] = look_without_fringes(FrameFeatures(reader.whole(index)), view)
-    broken = np.flatnonzero(~np.asarray(film.valid, bool))
-    result.damaged = reader.damaged | set(map(int, broken))
+    result.damaged = reader.damaged | set(map(int, np.flatnonzero(~np.asarray(film.valid, bool))))
     for index in reader.damaged:
         result.blanks.pop(index, None)
         result.fits.pop(index, None)
     choose_edges(result, any_disc=options.any_disc)
     find_filled(result)
-    evaluations = sum(fit.evaluations for fit in result.fits.values())
-    result.work = reader.work() | {"fits": len(result.fits), "evaluations": evaluations}
+    fits = result.fits.values()
+    result.work = reader.work() | {"fits": len(fits), "evaluations": sum(fit.evaluations for fit in fits)}
     return result
 
 
@@ -117,16 +114,13 @@ def _doubtful_rest(result: FilmResult) -> Flags:
     Bands of rows show no change of up to a hundred uncertainties of the radius: where it turns it was not at rest.
     """
     doubtful = np.zeros(len(result.resting), bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], result.resting.astype(np.int8), [0]])))
-    for first, end in edges.reshape(-1, 2).tolist():
-        before, after = result.fits.get(first - 1), result.fits.get(end)
-        is_rest = before is not None and after is not None
-        if before is not None and after is not None:
-            around = [result.fits[k] for k in (*range(first - 6, first), *range(end, end + 6)) if k in result.fits]
-            u = [math.hypot(fit.deviation(Parameter.RADIUS), before.deviation(Parameter.RADIUS)) for fit in around]
-            moves = any(abs(fit.radius - before.radius) > 5.0 * u[k] for k, fit in enumerate(around))
-            is_rest = abs(before.radius - after.radius) < 0.01 * before.radius and not moves
-        doubtful[first:end] = not is_rest
+    for run in runs_of(np.flatnonzero(result.resting).tolist()):
+        first, end = run[0], run[-1] + 1
+        around = [result.fits[k] for k in (*range(first - 6, first), *range(end, end + 6)) if k in result.fits]
+        radii = np.array([fit.radius for fit in around])
+        noise = max((fit.deviation(Parameter.RADIUS) for fit in around), default=0.0)
+        is_bounded = first - 1 in result.fits and end in result.fits
+        doubtful[run] = not is_bounded or np.ptp(radii) > min(7.0 * noise, 0.01 * radii.max())
     return doubtful
 
 
@@ -144,20 +138,16 @@ def _gate(reader: FilmReader, result: FilmResult, wanted: Flags) -> tuple[Flags,
     contact = {index: fit is not None for index, fit in known.items()}
     places: list[Place] = []
     for index, fit in fits.items():
-        place = _place_of(reader.whole(index), fit)
+        frame, (x, y), light = reader.whole(index), fit.centre, fit.value(Parameter.GAIN)
+        rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
+        # its optics may differ from the stated ones: its frame shows how bright it is
+        inside = frame[(columns - x) ** 2 + (rows - y) ** 2 < max(0.7 * fit.radius, 1.0) ** 2]
+        place = Place(x, y, fit.radius, float(np.median(inside.astype(float))) if inside.size else light, light)
         if all(abs(place.x - old.x) + abs(place.y - old.y) > 8.0 for old in places):  # a few bands see all contacts
             places.append(place)
     plan = plan_reading(reader, wanted, contact, places)
     result.resting = plan.is_resting
     return plan.read, fits
-
-
-def _place_of(frame: NDArray[np.generic], fit: RingFit) -> Place:
-    """Position and brightness of a contact: its optics may differ from the stated ones, its frame shows it."""
-    (x, y), light = fit.centre, fit.value(Parameter.GAIN)
-    rows, columns = np.ogrid[: frame.shape[0], : frame.shape[1]]
-    inside = frame[(columns - x) ** 2 + (rows - y) ** 2 < max(0.7 * fit.radius, 1.0) ** 2]
-    return Place(x, y, fit.radius, float(np.median(inside.astype(float))) if inside.size else light, light)
 
 
 def _follow(reader: FilmReader, result: FilmResult, read: Flags, starts: dict[int, RingFit]) -> dict[int, RingFit]:
@@ -170,13 +160,12 @@ def _follow(reader: FilmReader, result: FilmResult, read: Flags, starts: dict[in
     for index in map(int, np.flatnonzero(read)):
         features = FrameFeatures(reader.whole(index))
         likely, before = starts.get(index), fits.get(index - 1)
-        fit = (
-            None if likely is None else _fit_again(features.frame, result.view, likely, result.view.settings, math.inf)
-        )
+        usual = result.view.settings
+        fit = None if likely is None else _fit_again(features.frame, result.view, likely, usual, math.inf)
         earlier = fits.get(index - 2, before)
         # unless it changes by more than two pixels from frame to frame
         if fit is None and before is not None and earlier is not None and abs(before.radius - earlier.radius) < 2.0:
-            quick = replace(result.view.settings, free=before.free, max_iterations=8)
+            quick = replace(usual, free=before.free, max_iterations=8)
             fit = _fit_again(features.frame, result.view, before, quick, 2.0)
         if fit is None:
             fit = search_contact(features, result.view, None if last is None else last.centre)

@@ -25,7 +25,7 @@ class FilmResult:
     and ``edges`` where there are none. ``filled``: the contact reaches beyond the frame on all sides. ``undecided``:
     bound of the radius (px) where the sphere touches or hovers, which counts as no contact. ``blanks``: spots in frames
     without fringes. ``motion``: u of the radius (px) from its acceleration within the exposure. ``has_fringes``: False
-    when the wavelength is unknown or pixels are too coarse. ``hot_pixels``: number of pixels that were interpolated.
+    when the wavelength is unknown or pixels are too coarse. ``note`` on pixels that were interpolated.
     """
 
     view: View
@@ -39,7 +39,7 @@ class FilmResult:
     calibration: Calibration = field(default_factory=Calibration)
     has_fringes: bool = True
     damaged: set[int] = field(default_factory=set)
-    hot_pixels: int = 0
+    note: str = ""
     work: dict[str, int] = field(default_factory=dict)
 
     def circle(self, index: int) -> tuple[float, float, float] | None:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._hough_centre import find_centres
-from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
+from labpipe.imaging.fringes._hough_centre import Spot, find_centres, reduce_frame
 
 
 @dataclass(frozen=True)
@@ -27,11 +26,6 @@ class FrameFeatures:
         smooth = cv2.GaussianBlur(small, (3, 3), 0.8)
         low, high = np.percentile(smooth, (0.1, 99.9))
         return float(high - low) > 8.0 * max(_quiet_noise(self.frame), 0.3) / (2.0 * factor)
-
-    @cached_property
-    def spots(self) -> Sequence[Spot]:
-        """Circles through the outlines of dark and bright spots, likely ones first."""
-        return find_spots(self.frame)
 
     @cached_property
     def centres(self) -> Sequence[Spot]:

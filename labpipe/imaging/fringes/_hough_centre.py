@@ -5,21 +5,40 @@ frame cuts them, or fringes too fine for the pixels make patterns of their own.
 """
 
 import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
-from labpipe.imaging.fringes._spots import Spot, reduce_frame
+from labpipe.arrays import Floats, Floats32
 
 #: Steepest places of the reduced frame that vote, and the centres that are returned at most.
-_VOTERS, _MOST_CENTRES = 1500, 2
+_VOTERS, _MOST_CENTRES = 1500, 3
 #: Width (reduced px) of the cells in which votes are counted, and the share of the longer side of the frame up to
 #: which centres are looked for outside it.
-_CELL, _MARGIN = 2.0, 0.5
-#: Voters whose line passes within these distances (reduced px) place the centre, in turn; the fewest that must do so.
-_NEAR, _LEAST_VOTERS = (6.0, 3.0, 1.5), 12
+_CELL, _MARGIN = 4.0, 0.5
+#: Distance (reduced px) from a centre up to which the lines through it may pass, and the fewest that must do so.
+_NEAR, _LEAST_VOTERS = 24.0, 12
+
+
+@dataclass(frozen=True)
+class Spot:
+    """The steepest ring around a centre, in px of the full frame."""
+
+    x: float
+    y: float
+    radius: float
+
+
+def reduce_frame(frame: NDArray[np.generic]) -> tuple[Floats32, int]:
+    """Average a frame over squares of pixels to 120 px on its shorter side; return it with the width of the squares."""
+    factor = max(1, min(8, min(frame.shape) // 120))
+    rows, columns = (size // factor for size in frame.shape)
+    cut = frame[: rows * factor, : columns * factor]
+    known = cut if cut.dtype in (np.uint8, np.uint16) else cut.astype(np.float32)
+    small = cv2.resize(np.asarray(known), (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32), factor
 
 
 def find_centres(frame: NDArray[np.generic]) -> list[Spot]:
@@ -46,15 +65,16 @@ def find_centres(frame: NDArray[np.generic]) -> list[Spot]:
     weight = np.minimum(weight, largest)
     margin = _MARGIN * max(steep.shape)
     votes = _votes(x, y, along, weight, steep.shape, margin)
-    shift, spots = 0.5 * (factor - 1), []
+    spots: list[Spot] = []
     for _ in range(_MOST_CENTRES):
         row, column = map(int, np.unravel_index(int(votes.argmax()), votes.shape))
         start = ((column + 0.5) * _CELL - margin, (row + 0.5) * _CELL - margin)
         votes[max(row - 5, 0) : row + 6, max(column - 5, 0) : column + 6] = 0.0
         found = _placed(x, y, along, weight, start)
-        if found is not None:
-            spots.append(Spot(found.x * factor + shift, found.y * factor + shift, found.radius * factor))
-    return spots
+        if found is not None and all(math.hypot(found.x - old.x, found.y - old.y) > 1.0 for old in spots):
+            spots.append(found)
+    shift = 0.5 * (factor - 1)  # the centre of the first square of pixels lies so far inside the frame
+    return [Spot(factor * spot.x + shift, factor * spot.y + shift, factor * spot.radius) for spot in spots]
 
 
 def _votes(x: Floats, y: Floats, along: Floats, weight: Floats, shape: tuple[int, ...], margin: float) -> Floats:
@@ -71,12 +91,14 @@ def _votes(x: Floats, y: Floats, along: Floats, weight: Floats, shape: tuple[int
 
 def _placed(x: Floats, y: Floats, along: Floats, weight: Floats, start: tuple[float, float]) -> Spot | None:
     """Centre by least squares of the distances to the lines; radius of the steepest ring."""
-    at_x, at_y = start
-    for near in _NEAR:
+    (at_x, at_y), near = start, _NEAR
+    for _ in range(8):
         across = (x - at_x) * along[1] - (y - at_y) * along[0]
         used = np.abs(across) < near
         if used.sum() < _LEAST_VOTERS:
             return None
+        # 2.5 standard deviations, of which the median deviation is 0.67
+        near = min(max(2.5 / 0.67 * float(np.median(np.abs(across[used]))), 1.5), _NEAR)
         root = np.sqrt(weight[used])
         matrix = np.stack([along[1][used] * root, -along[0][used] * root], axis=1)
         (at_x, at_y), *_ = np.linalg.lstsq(matrix, matrix[:, 0] * x[used] + matrix[:, 1] * y[used])

@@ -81,21 +81,17 @@ def fill_table(
     return result
 
 
-# Lines of the work array of a row: geometry, light, and the table at every pixel.
-_DX, _U, _V, _R, _ACROSS, _CURVE, _LIGHT, _TERM, _CORE = 0, 1, 2, 3, 4, 5, 6, 7, 8
-_BY_R, _BY_RADIUS, _BY_PHASE, _BY_SMEAR, _RESIDUAL, _COLUMN = 9, 10, 11, 12, 13, 14
-_SLOPES = 19
+# Parameters whose slopes are formed in closed form; those of the optics follow, from the table.
+_SLOPES, _BY_TABLE = 19, 15
 # Side (px) of the blocks of pixels that may share their noise.
 _BLOCK = 16
 
 
 @njit(cache=True, fastmath=FAST)
 def _find_pixels(
-    line: Floats32, first_column: int, dy: float, inner: float, outer: float, p: Floats, ceiling: float, work: Floats
+    line: Floats32, centre: float, dy: float, inner: float, outer: float, p: Floats, ceiling: float, found: Integers
 ) -> int:
-    """List the pixels of a row that lie in the ring, with their places and grey levels."""
-    columns = len(line)
-    centre = p[1] - first_column
+    """List the columns of a row that lie in the ring; ``centre`` is that of the ring in the row."""
     stretch, shear = p[9], p[10]
     size = 1.0 + abs(stretch) + abs(shear)
     reach = (outer * size) ** 2 - dy * dy
@@ -103,168 +99,109 @@ def _find_pixels(
         return 0
     reach = math.sqrt(reach)
     hole = math.sqrt(max((inner / size) ** 2 - dy * dy, 0.0))
-    column = max(0, math.ceil(centre - reach))
-    end = min(columns - 1, math.floor(centre + reach))
     count = 0
-    while column <= end:
+    for column in range(max(0, math.ceil(centre - reach)), min(len(line) - 1, math.floor(centre + reach)) + 1):
         dx = column - centre
-        if abs(dx) < hole and dx <= 0.0:
-            # Over the hole to its far side.
-            column = max(column + 1, math.ceil(centre + hole))
+        if abs(dx) < hole:
             continue
-        u = dx * (1.0 + stretch) + dy * shear
-        v = dy * (1.0 - stretch) + dx * shear
-        r = math.sqrt(u * u + v * v)
-        if r >= inner and r <= outer and line[column] < ceiling:
-            work[_DX, count] = dx
-            work[_U, count] = u
-            work[_V, count] = v
-            work[_R, count] = r
-            work[_RESIDUAL, count] = line[column]
-            work[_COLUMN, count] = column
+        u, v = dx * (1.0 + stretch) + dy * shear, dy * (1.0 - stretch) + dx * shear
+        square = u * u + v * v
+        if square >= inner * inner and square <= outer * outer and line[column] < ceiling:
+            found[count] = column
             count += 1
-        column += 1
     return count
 
 
 @njit(cache=True, fastmath=FAST)
-def _evaluate(
-    count: int,
-    offset: float,
-    down: float,
-    p: Floats,
-    origin: Floats,
-    table: Floats,
-    start: float,
-    work: Floats,
-    slopes: Floats,
-) -> None:
-    """Model and residual of the listed pixels; the table is interpolated linearly."""
-    last = table.shape[1] - 2
-    for i in range(count):
-        at = (work[_R, i] - start) * SAMPLES_PER_PIXEL
+def _differentiate(
+    line: Floats32, columns: Integers, place: tuple[float, float, float], p: Floats, origin: Floats, table: Floats,
+    start: float, residual: Floats, slopes: Floats,
+) -> None:  # fmt: skip
+    """Residual and slopes by every parameter at the listed pixels of a row; the table is interpolated linearly.
+
+    ``place`` of the row: column and row from the centre of the ring, and row in units of the light.
+    """
+    centre, dy, down = place
+    last, stretch, shear, offset = table.shape[1] - 2, p[9], p[10], p[1] - origin[0]
+    for i in range(len(columns)):
+        dx = columns[i] - centre
+        u, v = dx * (1.0 + stretch) + dy * shear, dy * (1.0 - stretch) + dx * shear
+        r = math.sqrt(u * u + v * v)
+        at = (r - start) * SAMPLES_PER_PIXEL
         cell = min(max(int(at), 0), last)
         t = at - cell
-        work[_TERM, i] = table[0, cell] + t * (table[0, cell + 1] - table[0, cell])
-        work[_BY_R, i] = table[1, cell] + t * (table[1, cell + 1] - table[1, cell])
-        work[_BY_RADIUS, i] = table[2, cell] + t * (table[2, cell + 1] - table[2, cell])
-        work[_BY_PHASE, i] = table[3, cell] + t * (table[3, cell + 1] - table[3, cell])
-        work[_BY_SMEAR, i] = table[4, cell] + t * (table[4, cell + 1] - table[4, cell])
-    for i in range(count):
-        x = (work[_DX, i] + offset) / origin[2]
+        term = table[0, cell] + t * (table[0, cell + 1] - table[0, cell])
+        by_r = table[1, cell] + t * (table[1, cell + 1] - table[1, cell])
+        by_radius = table[2, cell] + t * (table[2, cell + 1] - table[2, cell])
+        by_phase = table[3, cell] + t * (table[3, cell + 1] - table[3, cell])
+        by_smear = table[4, cell] + t * (table[4, cell + 1] - table[4, cell])
+        x = (dx + offset) / origin[2]
         curve = (x * x + down * down - origin[3]) * origin[4]
-        light = 1.0 + p[5] * x + p[6] * down + p[7] * curve
-        light += p[13] * (x * x - down * down) + p[14] * x * down
-        core = p[3] + p[4] * work[_TERM, i]
-        work[_ACROSS, i] = x
-        work[_CURVE, i] = curve
-        work[_LIGHT, i] = light
-        work[_CORE, i] = core
-        work[_RESIDUAL, i] -= light * core
-    for line in range(5, table.shape[0]):
-        for i in range(count):
-            at = (work[_R, i] - start) * SAMPLES_PER_PIXEL
-            cell = min(max(int(at), 0), last)
-            value = table[line, cell] + (at - cell) * (table[line, cell + 1] - table[line, cell])
-            slopes[10 + line, i] = p[4] * work[_LIGHT, i] * value
-
-
-@njit(cache=True, fastmath=FAST)
-def _differentiate(count: int, dy: float, down: float, p: Floats, work: Floats, slopes: Floats) -> None:
-    """Differentiate the model by every parameter at the listed pixels."""
-    radius, modulation = p[0], p[4]
-    stretch, shear = p[9], p[10]
-    for i in range(count):
-        dx, u, v, r = work[_DX, i], work[_U, i], work[_V, i], work[_R, i]
-        light, core, x = work[_LIGHT, i], work[_CORE, i], work[_ACROSS, i]
-        bright = modulation * light
-        steep = bright * work[_BY_R, i] / max(r, 1e-9)
-        slopes[0, i] = bright * work[_BY_RADIUS, i]
+        saddle, cross = x * x - down * down, x * down
+        light = 1.0 + p[5] * x + p[6] * down + p[7] * curve + p[13] * saddle + p[14] * cross
+        core, bright = p[3] + p[4] * term, p[4] * light
+        residual[i] = line[columns[i]] - light * core
+        steep = bright * by_r / max(r, 1e-9)
+        slopes[0, i] = bright * by_radius
         slopes[1, i] = -steep * (u * (1.0 + stretch) + v * shear)
         slopes[2, i] = -steep * (v * (1.0 - stretch) + u * shear)
         slopes[3, i] = light
-        slopes[4, i] = light * work[_TERM, i]
+        slopes[4, i] = light * term
         slopes[5, i] = x * core
         slopes[6, i] = down * core
-        slopes[7, i] = work[_CURVE, i] * core
-        slopes[8, i] = bright * work[_BY_PHASE, i]
+        slopes[7, i] = curve * core
+        slopes[8, i] = bright * by_phase
         slopes[9, i] = steep * (u * dx - v * dy)
         slopes[10, i] = steep * (u * dy + v * dx)
-        slopes[11, i] = bright * work[_BY_SMEAR, i]
+        slopes[11, i] = bright * by_smear
         # The gap is homogeneous of degree 2 in distance and contact radius.
-        slopes[12, i] = 0.5 * bright * (r * work[_BY_R, i] + radius * work[_BY_RADIUS, i])
-        slopes[13, i] = (x * x - down * down) * core
-        slopes[14, i] = x * down * core
+        slopes[12, i] = 0.5 * bright * (r * by_r + p[0] * by_radius)
+        slopes[13, i] = saddle * core
+        slopes[14, i] = cross * core
+        for k in range(5, table.shape[0]):
+            value = table[k, cell] + t * (table[k, cell + 1] - table[k, cell])
+            slopes[_BY_TABLE - 5 + k, i] = bright * value
 
 
 @njit(cache=True, fastmath=FAST)
 def _add(count: int, active: Integers, residual: Floats, slopes: Floats, normal: Floats, right: Floats) -> None:
-    """Add a row to the normal equations, three columns at a time."""
+    """Add a row to the normal equations."""
     for p in range(len(active)):
         one = slopes[active[p]]
-        total = 0.0
         for i in range(count):
-            total += one[i] * residual[i]
-        right[p] += total
-        q = 0
-        while q < p - 1:
-            first, second, third = slopes[active[q]], slopes[active[q + 1]], slopes[active[q + 2]]
-            with_first, with_second, with_third = 0.0, 0.0, 0.0
-            for i in range(count):
-                with_first += one[i] * first[i]
-                with_second += one[i] * second[i]
-                with_third += one[i] * third[i]
-            normal[p, q] += with_first
-            normal[p, q + 1] += with_second
-            normal[p, q + 2] += with_third
-            q += 3
-        while q <= p:
-            other = slopes[active[q]]
-            total = 0.0
+            right[p] += one[i] * residual[i]
+        for q in range(p + 1):
+            other, total = slopes[active[q]], 0.0
             for i in range(count):
                 total += one[i] * other[i]
             normal[p, q] += total
-            q += 1
-
-
-@njit(cache=True)
-def _add_scores(count: int, active: Integers, work: Floats, slopes: Floats, scores: Floats) -> None:
-    """Add residuals times slopes of a row to the sums of its blocks (block, parameter)."""
-    for i in range(count):
-        block, residual = int(work[_COLUMN, i]) // _BLOCK, work[_RESIDUAL, i]
-        for p in range(scores.shape[1]):
-            scores[block, p] += residual * slopes[active[p], i]
 
 
 @njit(cache=True)
 def _add_differences(
-    count: int, dy: float, stride: int, work: Floats, above: Floats, here: Floats, totals: Floats
+    columns: Integers, centre: float, dy: float, stride: int, residual: Floats, above: Floats, totals: Floats
 ) -> None:
     """Add squared differences of residuals between neighbours along the rings.
 
     Errors of the model change across the rings, hardly along them; noise changes everywhere. Above and below the
-    centre the neighbour stands in the row, to its left and right in the row above, and on the diagonals in the row
-    above as many columns outwards as that row is away.
+    centre the neighbour lies in the row, to its left and right in the row above, and on the diagonals in the row
+    above as many columns outwards as that row is away. ``above`` becomes the residuals of this row.
     """
-    here[:] = np.nan
-    for i in range(count):
-        column = int(work[_COLUMN, i])
-        dx, residual = work[_DX, i], work[_RESIDUAL, i]
-        here[column] = residual
-        difference = math.nan
+    here = np.full(len(above), np.nan)
+    for i in range(len(columns)):
+        column = columns[i]
+        dx = column - centre
+        here[column] = residual[i]
         if abs(dy) > 2.0 * abs(dx):
-            if i > 0 and work[_COLUMN, i - 1] == column - 1:
-                difference = residual - work[_RESIDUAL, i - 1]
+            difference = residual[i] - here[column - 1] if column > 0 else math.nan
         else:
             if abs(dx) <= 2.0 * abs(dy):
                 column += stride if dx * dy > 0.0 else -stride
-            if 0 <= column < len(above):
-                difference = residual - above[column]
+            difference = residual[i] - above[column] if 0 <= column < len(above) else math.nan
         if not math.isnan(difference):
             totals[2] += difference * difference
             totals[3] += 1.0
-    for column in range(len(here)):
-        above[column] = here[column]
+    above[:] = here
 
 
 @njit(cache=True, nogil=True)
@@ -293,29 +230,27 @@ def accumulate(
     size = len(active)
     normal, middle = np.zeros((size, size)), np.zeros((scored, scored))
     right, totals = np.zeros(size), np.zeros(4)
-    work, slopes = np.empty((_COLUMN + 1, columns)), np.empty((_SLOPES, columns))
-    above, here = np.full(columns, np.nan), np.full(columns, np.nan)
+    slopes, residuals, found = np.empty((_SLOPES, columns)), np.empty(columns), np.empty(columns, np.int64)
+    above, centre = np.full(columns, np.nan), parameters[1] - first_column
     scores = np.zeros((columns // _BLOCK + 1, scored))
     for number in range((rows + stride - 1) // stride):
         row = number * stride
         dy = row + first_row - parameters[2]
         down = (row + first_row - origin[1]) / origin[2]
-        count = _find_pixels(image[row], first_column, dy, inner, outer, parameters, ceiling, work)
-        _evaluate(count, parameters[1] - origin[0], down, parameters, origin, table, table_start, work, slopes)
-        _differentiate(count, dy, down, parameters, work, slopes)
-        residual = work[_RESIDUAL]
+        count = _find_pixels(image[row], centre, dy, inner, outer, parameters, ceiling, found)
+        seen, residual = found[:count], residuals[:count]
+        place = centre, dy, down
+        _differentiate(image[row], seen, place, parameters, origin, table, table_start, residual, slopes)
         _add(count, active, residual, slopes, normal, right)
-        for i in range(count):
-            totals[0] += residual[i] * residual[i]
+        totals[0] += (residual * residual).sum()
         totals[1] += count
         if scored:
-            _add_differences(count, dy, stride, work, above, here, totals)
-            _add_scores(count, active, work, slopes, scores)
+            _add_differences(seen, centre, dy, stride, residual, above, totals)
+            for i in range(count):
+                for p in range(scored):
+                    scores[seen[i] // _BLOCK, p] += residual[i] * slopes[active[p], i]
             if row // _BLOCK != (row + stride) // _BLOCK or row + stride >= rows:
-                for block in range(len(scores)):
-                    for p in range(scored):
-                        for q in range(scored):
-                            middle[p, q] += scores[block, p] * scores[block, q]
+                middle += scores.T @ scores
                 scores[:] = 0.0
     for p in range(size):
         for q in range(p):
@@ -352,17 +287,16 @@ def radial_sums(
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def fill_templates(
-    radii: Floats,
-    first_bins: Integers,
-    lengths: Integers,
-    width: float,
+    windows: tuple[Floats, Integers, Integers, float],
+    motion: tuple[float, Floats, Floats],
     blur: float,
-    travel: float,
-    nodes: Floats,
-    weights: Floats,
     phase_scale: float,
 ) -> Floats32:
-    """Cosine and sine (2, radius, ring) of the phase of the gap in rings of equal width around many contacts."""
+    """Cosine and sine (2, radius, ring) of the phase of the gap in rings of equal width around many contacts.
+
+    ``windows``: radii, first rings, numbers of rings, and their width; ``motion``: travel, nodes and weights.
+    """
+    (radii, first_bins, lengths, width), (travel, nodes, weights) = windows, motion
     result = np.zeros((2, len(radii), lengths.max()), np.float32)
     for row in range(len(radii)):
         for k in range(len(nodes)):

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from labpipe.arrays import Floats
-from labpipe.errors import InputError
 
 #: Samples of the radial tables per pixel: fringes are at least two pixels wide, so that linear interpolation
 #: between samples is right to 0.3 % of the modulation.
@@ -48,51 +46,12 @@ def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phas
     return Optics(4.0 * math.pi * pixel_size**2 / (wavelength * sphere_radius), phase)
 
 
-def hertz_gap(distance: ArrayLike, contact_radius: float, sphere_radius: float) -> Floats:
-    """Gap between a sphere and a flat around their Hertz contact.
-
-    Parameters
-    ----------
-    distance : array [m]
-        Distance from the centre of the contact.
-    contact_radius : float [m]
-        Radius of the contact; 0 for a sphere that touches without load.
-    sphere_radius : float [m]
-        Effective radius of the sphere.
-
-    Returns
-    -------
-    array [m]
-        The gap; 0 inside the contact.
-
-    Raises
-    ------
-    InputError
-        A negative contact radius, or a sphere radius that is not positive.
-
-    Notes
-    -----
-    g = [a √(r² - a²) - (2a² - r²) arccos(a/r)] / (π R) for r > a, the parabola r²/2R for a = 0 (K. L. Johnson, Contact
-    Mechanics (1985), section 4.2, https://doi.org/10.1017/CBO9781139171731).
-
-    Examples
-    --------
-    >>> gap = hertz_gap([0.0, 800e-6, 807.9e-6], 800e-6, 9.525e-3)
-    >>> [float(value) for value in (gap * 1e9).round(1)]
-    [0.0, 0.0, 79.2]
-    """
-    if contact_radius < 0.0 or sphere_radius <= 0.0:
-        found = f"{contact_radius} m and {sphere_radius} m"
-        raise InputError(f"contact_radius must be 0 or more and sphere_radius positive, found {found}")
-    r = np.maximum(np.asarray(distance, float), contact_radius)
-    root = np.sqrt(np.maximum(r * r - contact_radius**2, 0.0))
-    angle = np.arctan2(root, contact_radius)
-    beyond = contact_radius * root - (2.0 * contact_radius**2 - r * r) * angle
-    return np.asarray(np.where(r > contact_radius, beyond / (np.pi * sphere_radius), 0.0))
-
-
 def phase_of_gap(distance: float, contact_radius: float, optics: Optics) -> tuple[float, float]:
-    """Phase (rad) that the gap adds at a distance (px), and its slope (rad/px)."""
+    """Phase (rad) that the gap adds at a distance (px), and its slope (rad/px).
+
+    Hertz's gap is [a √(r² - a²) - (2a² - r²) arccos(a/r)] / (π R) for r > a, r²/2R for a = 0 (K. L. Johnson, Contact
+    Mechanics (1985), section 4.2, https://doi.org/10.1017/CBO9781139171731).
+    """
     r, a = distance, contact_radius
     if r <= a:
         return 0.0, 0.0

@@ -12,7 +12,7 @@ from labpipe.imaging.fringes._frame_features import FrameFeatures, radial_profil
 from labpipe.imaging.fringes._model_selection import begin_from, fit_frames
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._point_contact_test import Window, is_edge, is_sphere, shows_only_sphere
-from labpipe.imaging.fringes._ring_fit import AXES, Parameter, RingFit, fit_contact, tabulate
+from labpipe.imaging.fringes._ring_fit import AXES, OPTICAL, Parameter, RingFit, fit_contact, tabulate
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, edge_width, ring_limits
 from labpipe.imaging.fringes._templates import Match, best_matches, templates_of_any_optics
 
@@ -20,8 +20,6 @@ from labpipe.imaging.fringes._templates import Match, best_matches, templates_of
 GOOD_MISFIT, MOST_MISFIT = 0.04, 0.1
 #: Radius, in Newton spots, up to which a contact is compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
-#: Properties that no frame needs to be recognised.
-_SMALL_EFFECTS = ((Parameter.SPREAD,), (Parameter.FLAT,))
 
 
 def search_contact(features: FrameFeatures, view: View, centre: tuple[float, float] | None = None) -> RingFit | None:
@@ -36,15 +34,10 @@ def search_contact(features: FrameFeatures, view: View, centre: tuple[float, flo
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    sights = [(match, spot) for spot in features.spots[:4] for match in _matches_at(frame, view, spot.x, spot.y)]
+    sights = [(match, spot) for spot in features.centres for match in _matches_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
     fits = (_fit_match(frame, view, match, spot.x, spot.y) for match, spot in sights[:3])
-    found = next((fit for fit in fits if fit is not None), None)
-    if found is not None:
-        return found
-    # Perhaps there is a spot that no threshold separates from uneven light.
-    others = (fit_at(frame, view, spot.x, spot.y) for spot in features.centres)
-    return next((fit for fit in others if fit is not None), None)
+    return next((fit for fit in fits if fit is not None), None)
 
 
 def _matches_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> list[Match]:
@@ -101,26 +94,22 @@ def _start_of(match: Match, view: View, x: float, y: float) -> Floats:
 
 
 def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
-    """Fit part of the pixels, and again with the factor of the gap free where Hertz's leaves too much.
+    """Fit part of the pixels, the first fringe before the finer ones farther out: it needs less of a start.
 
-    A body that recedes from a dent opens its gap less.
+    Where Hertz's gap leaves too much its factor is free too: beside a body that recedes from a dent it opens less.
     """
-    found = _fit_outwards(frame, view, start, view.settings.free)
-    if found is None or found.misfit < GOOD_MISFIT or Parameter.SCALE in view.settings.free:
-        return found
-    still = start.copy()
-    still[Parameter.SMEAR] = 0.0
-    opened = _fit_outwards(frame, view, still, (*view.settings.free, Parameter.SCALE))
-    return opened if opened is not None and opened.misfit < GOOD_MISFIT else found
-
-
-def _fit_outwards(frame: NDArray[np.generic], view: View, start: Floats, free: tuple[Parameter, ...]) -> RingFit | None:
-    """Fit in two steps, from the first fringe outwards: it needs less of a start than the finer ones farther out."""
-    quick = replace(view.settings.quick, free=free)
-    first = fit_contact(frame, start, view.optics, replace(quick, fringes=1.0), view.white)
-    if first is None or first.pixels < 200:
-        return None
-    return fit_contact(frame, first.parameters, view.optics, quick, view.white)
+    best: RingFit | None = None
+    for free in (view.settings.free, (*view.settings.free, Parameter.SCALE)):
+        quick = replace(view.settings.quick, free=free)
+        first = fit_contact(frame, start, view.optics, replace(quick, fringes=1.0), view.white)
+        if first is None or first.pixels < 200:
+            return best
+        fit = fit_contact(frame, first.parameters, view.optics, quick, view.white)
+        if fit is None or fit.misfit < GOOD_MISFIT:
+            return fit or best
+        best, start = best or fit, start.copy()
+        start[Parameter.SMEAR] = 0.0
+    return best
 
 
 def search_optics(
@@ -134,9 +123,10 @@ def search_optics(
     if view.templates is None or not features.has_structure:
         return None
     frame, quick = features.frame, replace(view, settings=view.settings.quick)
-    open_ = [parameter for group in properties for parameter in group if group not in _SMALL_EFFECTS]
+    # spread and flat are not needed to recognise a contact
+    open_ = [parameter for group in properties for parameter in group if parameter not in OPTICAL[2:]]
     tries: dict[float, tuple[RingFit, Calibration]] = {}  # the best start of each kind
-    for spot in (*features.spots[:2], *features.centres[:1]):
+    for spot in features.centres:
         templates = templates_of_any_optics(view.templates, view.optics, spot.radius)
         profile, counts = radial_profile(frame, spot.x, spot.y, templates.width, templates.bins)
         if not len(templates.radii) or shows_only_sphere(profile, counts, templates.width, view.optics):

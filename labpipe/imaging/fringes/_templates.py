@@ -114,7 +114,7 @@ def _filled(bare: Templates, variants: tuple[Variant, ...], optics: Optics) -> T
     for one in variants:
         motion = one.travel, *exposure_nodes(one.travel, spacing)
         blur = math.hypot(one.blur, optics.blur)
-        values.append(fill_templates(*windows, blur, *motion, optics.phase_scale * math.exp(one.log_scale)))
+        values.append(fill_templates(windows, motion, blur, optics.phase_scale * math.exp(one.log_scale)))
     return replace(bare, variants=variants, values=np.stack(values))
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from labpipe.errors import InputError
-from labpipe.imaging.fringes._circle import fit_circle
+from labpipe.imaging.fringes import fit_circle
 
 
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(1.0, 1e3), st.floats(0.3, 2.0 * math.pi))

@@ -461,7 +461,6 @@ BAD: dict[str, dict[str, object]] = {
     "exposure must": {"exposure": np.ones(3)},
     "shape": {"shape": "square"},
     "fringes": {"fringes": 0.0},
-    "windows": {"windows": [(1.0, 0.0)]},
     "phase": {"phase": np.nan},
     "grey images": {"frames": np.zeros((2, 8, 8), np.uint8)},
 }

@@ -9,7 +9,7 @@ import xarray as xr
 
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import contact_radius
-from labpipe.imaging.films._reading_plan import FilmReader, _read_around, frames_in_windows
+from labpipe.imaging.films._reading_plan import FilmReader, _read_around
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
 
 SCENE = Scene(rows=96, columns=128, pixel_size=5e-6)
@@ -151,19 +151,6 @@ def test_full_reads_everything_and_agrees() -> None:
     tolerance = 5.0 * full.u_radius.values[seen]
     assert (np.abs(difference) <= tolerance).all()
     assert float(quick.radius[-1]) == pytest.approx(float(full.radius[-1]), abs=0.01 * UM)
-
-
-def test_windows_limit_what_is_read() -> None:
-    film, radii = long_film()
-    found = measure(film, windows=[(0.0200, 0.0215)])
-    assert set(np.flatnonzero(found.in_contact.values)) == set(range(203, 211))
-    assert set(film.reads) <= set(range(200, 216))
-    assert radii[203] > 0.0
-
-
-def test_windows_include_both_ends() -> None:
-    time = np.array([0.0, 1.0, 2.0, 3.0])
-    assert frames_in_windows(time, [(1.0, 2.0)]).tolist() == [False, True, True, False]
 
 
 def test_frames_beyond_what_is_kept_are_counted_as_read_again(monkeypatch: pytest.MonkeyPatch) -> None:

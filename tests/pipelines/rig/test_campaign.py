@@ -4,14 +4,17 @@ import tomllib
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from labpipe import files
+from labpipe.errors import UsageError
 from pipelines.figures import FIGURES, make
 from pipelines.process import open_session
 from pipelines.rig import campaign, dma, plate_session, static_loading
 from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Specimen
+from pipelines.rig.samples import write_sample
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -92,3 +95,19 @@ def test_every_regenerable_figure_can_be_drawn_from_it(session: Path, tmp_path: 
     assert heated not in states["3.10"].experiments
     assert f"{heated}_film" not in states["3.15"].experiments
     assert {f"{heated}_film", "acrylic_10mm_film"} <= set(states["3.16"].experiments)
+
+
+def test_a_seed_draws_the_rig_within_what_the_session_states() -> None:
+    one, again, other = (campaign.drawn(campaign.SMALL, seed) for seed in (1, 1, 2))
+    assert one == again != other
+    drawn = [campaign.drawn(campaign.SMALL, seed) for seed in range(400)]
+    masses = np.array([extent.rig.mass for extent in drawn]) - 0.505
+    sizes = np.array([extent.under.pixel_size for extent in drawn]) / campaign.SMALL.under.pixel_size - 1.0
+    for errors, u in ((masses, 0.5e-3), (sizes, np.hypot(1 / 461, 0.0005 / 2))):
+        assert np.std(errors) == pytest.approx(u, rel=0.15)  # its own scatter is u/√800, 3.5 %
+        assert abs(np.mean(errors)) < 4.0 * u / 20.0
+
+
+def test_a_sample_that_no_seed_draws_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="thesis-small"):
+        write_sample("core", tmp_path, seed=1)
