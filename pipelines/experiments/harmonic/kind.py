@@ -77,5 +77,5 @@ KIND = Kind(
     budget=derived("harmonic.budget:quantities", "oscillations", "loads"),
     body="substrate",
     evidence=derived("harmonic.evidence:evidence", "loads", "oscillations", *solid_of("substrate")),
-    proposal=proposal("force", "harmonic.proposal:proposed"),
+    proposal=proposal("force", "shared.punch_proposal:oscillations"),
 )
