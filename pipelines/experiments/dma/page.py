@@ -321,7 +321,7 @@ def _transition(temperature_sweep: xr.Dataset) -> Section:
 
 
 def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section:
-    """Show the spectrum, all terms, and the input of a simulation code."""
+    """Show the spectrum, and the input of a simulation code."""
     name, made = context.experiment, deck(master_curve, settings=settings, name=context.experiment)
     outside = master_curve["extrapolated"].values.astype(bool)
     text = (
@@ -335,24 +335,16 @@ def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section
     if outside.any():
         series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
     chart = pages.log_log("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, group="spectrum")
-    table = listed(
-        (
-            Listed("term", list(range(1, outside.size + 1))),
-            Listed("ρ / s", rho.tolist()),
-            Listed("E / MPa", E.tolist()),
-            Listed("remark", ["extrapolated" if is_outside else "" for is_outside in outside]),
-        ),
-        f"E_relaxed = {_modulus(float(master_curve['E_relaxed']))}. Terms outside the covered window are extrapolated.",
-    )
     warnings = [Notice("warning", _sentence(warning)) for warning in made.warnings]
     warned = f" ({pages.counted(len(warnings), 'warning')})" if warnings else ""
     blocks: tuple[Block, ...] = (
         Details("Relaxation spectrum", (chart,)),
-        Details(f"All {outside.size} terms", (table,)),
         *warnings,
         Details(f"For Abaqus, {made.tension.E.size} terms", text=deck_text(made, "abaqus")),
     )
-    return Section("Spectrum and terms", (Paragraph(text), Details(f"Spectrum, terms, files{warned}", blocks)))
+    return Section(
+        "Spectrum and terms", (Paragraph(text), Details(f"Spectrum, input of a simulation code{warned}", blocks))
+    )
 
 
 def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:

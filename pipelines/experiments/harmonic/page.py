@@ -80,10 +80,8 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
     )
     notes: list[Block] = [listed(columns, caption)]
     declared = json.loads(oscillations.attrs["filter"])
-    if oscillations.attrs["is_filter_corrected"]:
-        lag = oscillations["filter_phase"].values
-        low_pass = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz)"
-        delay = f"{np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°"
+    if declared is not None:
+        lag = np.degrees(oscillations["filter_phase"].values)
         known = json.loads(oscillations.attrs.get("filter_delay", "null"))
         source = (
             "assuming a causal Butterworth filter; the uncertainty covers the other usual types, "
@@ -91,12 +89,9 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
             if known is None
             else f"by the delay in the load cell's record, {value_with_uncertainty(known[0], known[1], 's')}"
         )
-        text = f"{low_pass} delays the force by {delay}. This was removed, {source}. "
-        notes.append(Notice("info", text + "Switch it off with load_cell.correct_filter_lag = false."))
-    elif declared is not None:
-        notes.append(
-            Notice("warning", "The load cell's low-pass was not corrected: phase lags and work are too small.")
-        )
+        low_pass = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz)"
+        text = f"{low_pass} delays the force by {lag.min():.1f} to {lag.max():.1f}°. This was removed, {source}."
+        notes.append(Notice("info", text))
     return Section("Frequencies", tuple(notes))
 
 

@@ -25,7 +25,7 @@ from pipelines.experiments.shared.mach1_checks import (
     SWAPPED,
     TRAVEL,
 )
-from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
+from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch
 
 OF_LOADS = "the file, or the record of its load cell, does not belong to this test"
 NO_TOUCH = "the position of first touch, or the punch in session.toml, is wrong"
@@ -61,7 +61,9 @@ class Tested:
     own: tuple[Check, ...] = ()
 
 
-def of_tests(tests: Sequence[Tested], settings: Any, context: Context, reasons: Mapping[str, str]) -> list[Check]:
+def of_tests(
+    tests: Sequence[Tested], settings: Indentation, context: Context, reasons: Mapping[str, str]
+) -> list[Check]:
     """Check the recordings of an experiment, its cell and its punch; `reasons` are as for :func:`.failed_steps`.
 
     A mistake in one file does not show in the others, so that each has causes of its own.
@@ -131,7 +133,7 @@ def _of_punch(punch: Punch | None, model: IndentationModel, deepest: float) -> l
     return [*found, judged(period, "punch.period", text, float(share), 0.5, 1.0, cause)]
 
 
-def _causes(name: str, readings: xr.Dataset, settings: Any, checks: Sequence[Check]) -> list[Cause]:
+def _causes(name: str, readings: xr.Dataset, settings: Indentation, checks: Sequence[Check]) -> list[Cause]:
     """Return the mistakes with a file, a column or a setting that multiply a measured quantity."""
     blocks = parts(readings)
     if not blocks:
@@ -174,9 +176,9 @@ def _causes(name: str, readings: xr.Dataset, settings: Any, checks: Sequence[Che
     ]
     # a record that hardly changes what the tester shows is not where a factor of ten comes from
     if record and not any(check.name == SCALE and check.is_made and check.level is None for check in checks):
-        place = {"file": record, "setting": "values.scale"}
-        said = f"the scale of the load cell in {record} is "
-        found.append(Cause({RATIO: 1.0}, lambda k: said + too_large(k), (10.0, 100.0), only_usual=True, **place))
+        said, of_scale = f"the scale of the load cell in {record} is ", "values.scale"
+        cause = Cause({RATIO: 1.0}, lambda k: said + too_large(k), (10.0, 100.0), True, file=record, setting=of_scale)
+        found.append(cause)
     other = "no slip of a unit explains it: another material, {} times as stiff, was pressed or is named"
     found.append(Cause({RATIO: 1.0}, lambda k: other.format(in_words(k)), setting="substrate.material"))
     if punch is not None:

@@ -3,18 +3,18 @@
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import xarray as xr
 
 from labpipe.report import Block, Details, KeyValues, Listed, Section, budget_table, listed, value_with_uncertainty
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import pages
+from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.reports import is_there
 
 
 def measured(
-    settings: Any,
+    settings: Indentation,
     context: Context,
     files: Sequence[str],
     readings: Sequence[xr.Dataset | None] | None,
@@ -30,7 +30,7 @@ def measured(
             ("tips", f"{punch.tips}, each {punch.depth.value * 1e3:g} mm long", ""),
         ]
     rows += pages.remarks(context)
-    if model is not None and is_there(model):
+    if model is not None and is_there(model) and settings.substrate is not None:
         touch = "contact_position"
         rows += [
             ("material", settings.substrate.source, ""),

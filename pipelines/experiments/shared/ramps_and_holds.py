@@ -168,9 +168,9 @@ def binned(time: Floats, values: Floats, edges: Floats) -> tuple[Floats, Floats,
     place = np.searchsorted(edges, time, side="right") - 1
     inside = (place >= 0) & (place < edges.size - 1)
     groups = pd.DataFrame({"time": time[inside], "value": values[inside]}).groupby(place[inside])
-    means, spread = groups.mean(), groups["value"].std(ddof=0).to_numpy(float)
-    count = groups.size().to_numpy(np.int64)
-    return means["time"].to_numpy(float), means["value"].to_numpy(float), spread, count
+    means, spread, count = groups.mean(), groups["value"].std(ddof=0), groups.size()
+    t, mean, sd = (np.asarray(each, float) for each in (means["time"], means["value"], spread))
+    return t, mean, sd, np.asarray(count, np.int64)
 
 
 def u_of_means(loads: xr.Dataset, hold: Hold, count: Integers) -> Floats:

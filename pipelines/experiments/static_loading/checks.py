@@ -307,32 +307,20 @@ def _another_material(check: Check) -> Check:
 
 def _causes(settings: StaticLoading) -> Sequence[Cause]:
     radius = settings.sphere.radius.value
+
+    def of_mass(k: float) -> str:
+        said = f"the masses come out {too_large(k)}: they are probably in another unit, or forces were typed as masses"
+        return f"{said} (loads in session.toml)"
+
+    def of_radius(k: float) -> str:
+        return f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}"
+
+    def of_length(k: float) -> str:
+        said = f"lengths come out {too_large(k)}: the unit, the display factor or the gain of "
+        return f"{said}{settings.laser} is not what it says"
+
     return (
-        Cause(
-            {MATERIAL: -2 / 3},
-            lambda k: (
-                f"the masses come out {too_large(k)}: they are probably in another unit, or forces were typed "
-                "as masses (loads in session.toml)"
-            ),
-            SLIPS["mass"],
-            only_usual=True,
-            setting="loads",
-        ),
-        Cause(
-            {MATERIAL: 1 / 3},
-            lambda k: f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}",
-            SLIPS["gain"] + _LENGTHS,
-            only_usual=True,
-            setting="sphere.radius",
-        ),
-        Cause(
-            {MATERIAL: 1.0},
-            lambda k: (
-                f"lengths come out {too_large(k)}: the unit, the display factor or the gain of "
-                f"{settings.laser} is not what it says"
-            ),
-            _LENGTHS,
-            only_usual=True,
-            file=settings.laser,
-        ),
+        Cause({MATERIAL: -2 / 3}, of_mass, SLIPS["mass"], only_usual=True, setting="loads"),
+        Cause({MATERIAL: 1 / 3}, of_radius, SLIPS["gain"] + _LENGTHS, only_usual=True, setting="sphere.radius"),
+        Cause({MATERIAL: 1.0}, of_length, _LENGTHS, only_usual=True, file=settings.laser),
     )
