@@ -1,5 +1,6 @@
 """Mistakes with a Mach-1 tester, in an oscillation and in relaxation tests: edits and what must be said."""
 
+import re
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -11,13 +12,16 @@ from pipelines.rig.indentation_session import oscillation_section, relaxation_se
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, session_head
-from tests.mistakes.mach1_files import Row, columns, rewritten, rows
 from tests.mistakes.recordings import Edit, setting
 from tests.mistakes.rows import Mistake
 
 START = datetime(2024, 5, 14, 9, 30)
 RECORD, TOML = "calibration/load_cell.toml", "session.toml"
 WAVES, HOLD = "mach1/nbr.txt", "mach1/nbr_100um.txt"
+
+Row = tuple[float, float, float]
+"""Time [s], position [mm] and force [N] as a file has them."""
+_ROW = re.compile(r"^-?[0-9.]+\t-?[0-9.]+\t-?[0-9.]+$", re.MULTILINE)
 
 
 def write_waves(folder: Path) -> Path:
@@ -39,6 +43,38 @@ def _session(folder: Path, section: str) -> Path:
     files.write_text(folder / RECORD, cell_record())
     files.write_text(folder / TOML, session_head("Mistakes (synthetic)") + section)
     return folder
+
+
+def columns(change: Callable[[float, float, float], Row], name: str) -> Edit:
+    """Change every row of a file."""
+
+    def changed(found: re.Match[str]) -> str:
+        return "\t".join(f"{v:.6f}" for v in change(*map(float, found[0].split("\t"))))
+
+    return rewritten(lambda text: _ROW.sub(changed, text), name)
+
+
+def rewritten(change: Callable[[str], str], name: str) -> Edit:
+    """Change the whole text of a file."""
+
+    def edit(folder: Path) -> None:
+        text = (folder / name).read_text("utf-8")
+        other = change(text)
+        assert other != text
+        (folder / name).write_text(other, "utf-8")
+
+    return edit
+
+
+def rows(change: Callable[[list[str]], list[str]], name: str, block: int = -1) -> Edit:
+    """Change the list of rows of one block, by its number among those with data."""
+
+    def changed(text: str) -> str:
+        begin = [m.end() for m in re.finditer(r"<DATA>\n.*\n", text)][block]
+        end = text.index("<END DATA>", begin)
+        return text[:begin] + "\n".join(change(text[begin:end].splitlines())) + "\n" + text[end:]
+
+    return rewritten(changed, name)
 
 
 def _replaced(old: str, new: str, name: str, after: str = "") -> Edit:
@@ -73,8 +109,7 @@ _COLUMNS: tuple[tuple[str, Callable[[float, float, float], Row], str], ...] = (
     ("force in gf", lambda t, x, f: (t, x, 101.97 * f), "force is in gf or mN"),
     ("force in mN", lambda t, x, f: (t, x, 1000 * f), "force is in gf or mN"),
     ("cell saturated", lambda t, x, f: (t, x, max(f, -14.0)), "saturated"),
-    ("cell dead", lambda t, x, f: (t, x, -0.35), "dead"),
-    ("cell open", lambda t, x, f: (t, x, -0.35 + 0.01 * _NOISE.standard_normal()), "dead"),
+    ("cell dead", lambda t, x, f: (t, x, -0.35 + 0.01 * _NOISE.standard_normal()), "dead"),
 )
 
 
@@ -109,7 +144,9 @@ WAVE_ROWS = (
     _record("record expired", "2025-04-30", "2024-05-10", "expired"),
     _record("record of another cell", '"250N"', '"17N"', "17N", "17N"),
     # punch
-    Mistake("thirty tips", setting("tips = 3", "tips = 30"), "doubtful", ("punch.tips",), TOML, "tips"),
+    Mistake(
+        "thirty tips", setting("tips = 3", "tips = 30"), "doubtful", ("number of tips is probably 3",), TOML, "tips"
+    ),
     Mistake("tips of 6 m", setting(_DEPTH, "6 ± 0.006 m"), "impossible", ("punch.depth",), TOML, "depth"),
     Mistake("pitch 0.8 mm", setting(_PERIOD, "0.8 ± 0.002 mm"), "impossible", ("punch.period",), TOML, "period"),
     Mistake("uncertainty of 6 mm", setting(_DEPTH, "6 ± 6 mm"), "doubtful", ("uncertainty",), TOML, "6 ± 6 mm"),

@@ -30,6 +30,8 @@ class Mistake:
         File that a finding must name; empty for any.
     line : int, str or None
         Line of that file that it must name, by number or by a part of it.
+    check : str
+        Check of the session's audit that must tell it; empty for any.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Mistake:
     words: tuple[str, ...] = ()
     file: str = ""
     line: int | str | None = None
+    check: str = ""
 
 
 def judged(folder: Path, *targets: str, experiment: str = "") -> Verdict:

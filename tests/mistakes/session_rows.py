@@ -1,6 +1,5 @@
 """Mistakes that only a session as a whole can tell, each as an edit of its folder."""
 
-from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
@@ -10,39 +9,11 @@ from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
 from tests.mistakes.drop_rows import RECORD, START
 from tests.mistakes.recordings import Edit, setting
+from tests.mistakes.rows import Mistake
 
 TOML, STEPS = "session.toml", "references and processing steps"
 _FIRST, _SECOND = "laser/acrylic_low_1.csv", "laser/acrylic_high_1.csv"
 _PAIR = f'laser = [\n  "{_FIRST}",\n'
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One edit, and the row of the audit that must tell it.
-
-    Attributes
-    ----------
-    name : str
-    edit : callable
-        Takes the session's folder.
-    level : str
-        "refused" where session.toml is not even read to its end.
-    check : str
-        Of which a row must be.
-    words : tuple of str
-        In its message and cause, case aside.
-    file : str
-    line : str
-        Part of the line of that file that the row must name; empty for none.
-    """
-
-    name: str
-    edit: Edit
-    level: str
-    check: str
-    words: tuple[str, ...]
-    file: str
-    line: str = ""
 
 
 def write(folder: Path) -> Path:
@@ -109,16 +80,16 @@ _INSTRUMENT = setting("LK-G5001", "LK-G3001", RECORD)
 _SAME_ID = _second_record('"12.00 ±', '"11.00 ±')
 
 ROWS = (
-    Row("copy under another name", _copied, "doubtful", _TWICE, ("same bytes", "copy"), _SECOND),
-    Row("recording of another experiment", _named(_FIRST), "doubtful", _TWICE, ("acrylic_low",), _FIRST),
-    Row("listed twice", setting(_PAIR, f'{_PAIR}  "{_FIRST}",\n'), "refused", "", ("twice",), TOML),
-    Row("recording forgotten", _another, "note", _UNUSED, ("forgotten_1.csv",), "laser/forgotten_1.csv"),
-    Row("one mass 5.05 kg", _HEAVY, "doubtful", _BODY, ("505.0 g", "a factor 10"), TOML, "5.05"),
-    Row("one radius is the diameter", _DIAMETER, "doubtful", _BODY, ("9.525", "diameter"), TOML, "19.05"),
-    Row("kelvin for degrees", _KELVIN, "doubtful", "unit of the temperature", ("293.2 K = 20", "unit"), TOML, "293.2"),
-    Row("material copied", _COPIED, "doubtful", "name of the material", ("ptfe",), TOML, 'material = "acrylic"'),
-    Row("name of a material misspelt", _MISSPELT, "impossible", STEPS, _KNOWN, TOML, '"pfte"'),
-    Row("record expired", _EXPIRED, "impossible", STEPS, ("expired",), RECORD, "valid_until"),
-    Row("record of another instrument", _INSTRUMENT, "impossible", STEPS, ("LK-G3001",), RECORD, "instrument"),
-    Row("two records of one id", _SAME_ID, "doubtful", _RECORD, ("same id",), _OTHER, "id ="),
+    Mistake("copy under another name", _copied, "doubtful", ("same bytes", "copy"), _SECOND, None, _TWICE),
+    Mistake("recording of another experiment", _named(_FIRST), "doubtful", ("acrylic_low",), _FIRST, None, _TWICE),
+    Mistake("listed twice", setting(_PAIR, f'{_PAIR}  "{_FIRST}",\n'), "refused", ("twice",), TOML),
+    Mistake("recording forgotten", _another, "note", ("forgotten_1.csv",), "laser/forgotten_1.csv", None, _UNUSED),
+    Mistake("one mass 5.05 kg", _HEAVY, "doubtful", ("505.0 g", "a factor 10"), TOML, "5.05", _BODY),
+    Mistake("one radius is the diameter", _DIAMETER, "doubtful", ("9.525", "diameter"), TOML, "19.05", _BODY),
+    Mistake("kelvin for degrees", _KELVIN, "doubtful", ("293.2 K = 20",), TOML, "293.2", "unit of the temperature"),
+    Mistake("material copied", _COPIED, "doubtful", ("ptfe",), TOML, 'material = "acrylic"', "name of the material"),
+    Mistake("name of a material misspelt", _MISSPELT, "impossible", _KNOWN, TOML, '"pfte"', STEPS),
+    Mistake("record expired", _EXPIRED, "impossible", ("expired",), RECORD, "valid_until", STEPS),
+    Mistake("record of another instrument", _INSTRUMENT, "impossible", ("LK-G3001",), RECORD, "instrument", STEPS),
+    Mistake("two records of one id", _SAME_ID, "doubtful", ("same id",), _OTHER, "id =", _RECORD),
 )

@@ -66,7 +66,7 @@ def test_clean_session_is_believed(clean: Callable[[str], Path], name: str) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["drop", "plate", "static"])
+@pytest.mark.parametrize("name", ["drop", "plate", "static", "relaxation"])
 def test_clean_session_agrees_with_its_model(clean: Callable[[str], Path], name: str) -> None:
     assert judged(clean(name), "judgement", experiment=CORPORA[name].experiment).model == "agrees"
 

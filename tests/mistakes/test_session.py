@@ -12,8 +12,8 @@ import labpipe as lp
 from pipelines.commands.system import doctor
 from pipelines.session import process
 from tests.mistakes.recordings import setting
-from tests.mistakes.rows import by_day
-from tests.mistakes.session_rows import ROWS, TOML, Row, write
+from tests.mistakes.rows import Mistake, by_day
+from tests.mistakes.session_rows import ROWS, TOML, write
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def test_clean_session_has_no_row(clean: Path) -> None:
 
 
 @pytest.mark.parametrize("mistake", by_day(ROWS, 4))
-def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: Row) -> None:
+def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: Mistake) -> None:
     folder = tmp_path / "session"
     shutil.copytree(clean, folder)
     mistake.edit(folder)
@@ -51,9 +51,8 @@ def test_mistake_is_in_the_audit(clean: Path, tmp_path: Path, mistake: Row) -> N
     found = [t for t in audit.troubles if mistake.check in t.checks and t.level == mistake.level]
     said = [t for t in found if all(w.lower() in f"{t.message} {t.cause}".lower() for w in mistake.words)]
     assert said, audit.troubles
-    if mistake.file:
-        assert said[0].file == mistake.file
-    if mistake.line:
+    assert said[0].file == mistake.file
+    if isinstance(mistake.line, str):
         lines = (folder / mistake.file).read_text("utf-8").splitlines()
         assert said[0].line is not None
         assert mistake.line in lines[said[0].line - 1]

@@ -4,29 +4,29 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
-from math import hypot, log, log10, pi
+from math import log, log10, pi
 
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.judging import DOUBTFUL, Check, Level, bounded, compared, in_words, not_made, stated
+from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.materials import loading_of, modulus_factor
-from labpipe.report import quantity, value_with_uncertainty
+from labpipe.report import quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.dma.export import Export, Sweep, isotherms, median_levels, moduli_apart
+from pipelines.experiments.dma.export import Export, Sweep, common_levels
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene, Title
 
 _POLYMERS = (3e4, 5e10)  # Pa in tension: the stiffest reading of a polymer, from a gel to a fibre composite
-_TRANSITION = 0.1  # decades of modulus per kelvin of the steepest glass transition
 _SPECIMENS = 3.0  # factor between moduli of two specimens of one polymer, by clamping and dimensions at the worst
 _DRIFT = 0.005  # decades of modulus that drift, drying and clamping add to noise
-_SAME = 2.0  # K within which two sweeps have one temperature
+_SAME = 4.0  # K within which two sweeps have one temperature
 _FEW, _MOST = 4, 0.6  # readings, and share of them with one temperature, that make an isothermal interval
 _DECIMAL = 0.5  # decades beyond its neighbours at which a reading is an outlier
-
+_UNITS = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", -3: "kPa stand as Pa, or GPa as MPa", 3: "Pa stand as kPa"}
+"""Moduli under the unit of another, by the power of ten of moduli over stress and strain."""
 _FAILED = {
     "sweeps": "the exports hold no sweeps at several temperatures, or a column has the wrong unit",
     "master_curve": "the exports hold too few readings, or T_ref, their temperatures or their moduli are wrong",
@@ -51,10 +51,7 @@ TITLES = {
         "Temperature is constant within a sweep, and moduli fall as it rises.",
         ("temperature within an interval", "temperatures", "temperature is measured", "order with temperature"),
     ),
-    "one specimen": Title(
-        "All sweeps are of one specimen: repeated temperatures agree.",
-        ("repeated temperatures", "files of one specimen"),
-    ),
+    "one specimen": Title("All files are of one specimen.", ("files of one specimen",)),
     "superposition": Title(
         "One master curve describes all temperatures, with shifts in order.", ("superposition", "order of the shifts")
     ),
@@ -69,41 +66,22 @@ def judgement(
     """Judge the exports of one specimen; a step without a result is judged by its error."""
     needed = {"storage_modulus", "loss_modulus", "temperature", "frequency"}
     named = zip(settings.rheometer, readings, strict=False)
-    exports = [Export.of(name, data) for name, data in named if data is not None and needed <= set(data)]
-    exports = [e for e in exports if e.good.any()]
-    found = [list(isotherms(e, settings)) for e in exports]
-    checks = judgements.failed_steps(context, _FAILED)
-    checks += _of_statements(settings)
-    for export, own in zip(exports, found, strict=True):
-        checks += [
-            _whole_file(export),
-            _loss_factor(export),
-            _frequencies(export),
-            _stress_over_strain(export),
-            _size_of_modulus(export, settings),
-            _signs_of_moduli(export),
-            _mode_of_loading(export, settings),
-            _single_values(export, own),
-            _strayed_readings(export, settings),
-            _causality(export, own),
-            _temperatures(export, [s.temperature for s in own], settings),
-            _measured_temperature(export),
-        ]
-    every = sorted((s for own in found for s in own), key=lambda s: s.temperature)
-    checks += [_softening(every), _same_values(every), *_one_specimen(exports, every)]
-    checks += [_order_of_shifts(master_curve), _superposition(master_curve)]
-    return Scene(checks)
+    exports = [Export(name, data, settings) for name, data in named if data is not None and needed <= set(data)]
+    exports = [export for export in exports if export.good.any()]
+    checks = [*judgements.failed_steps(context, _FAILED), *_of_statements(settings)]
+    checks += [evaluate(export) for export in exports for evaluate in _OF_EXPORT]
+    every = sorted((sweep for export in exports for sweep in export.sweeps), key=lambda sweep: sweep.temperature)
+    checks += [_softening(every), _same_values(every), *_one_specimen(every)]
+    return Scene([*checks, _order_of_shifts(master_curve), _superposition(master_curve)])
 
 
 def _of_statements(settings: Dma) -> Iterator[Check]:
     """Check Poisson's ratio and the scale of the moduli."""
-    nu = settings.nu
-    message = f"nu = {nu.value:g}, polymers have 0.2 to 0.5"
-    found = bounded("Poisson's ratio", message, nu.value, max(nu.u, 1e-3), at_least=0.2, is_law=False, setting="nu")
-    if found.level and 0.25 <= 10 * nu.value <= 0.5:
+    nu, cause = settings.nu, ""
+    if 0.25 <= 10 * nu.value <= 0.5:
         cause = f"nu is probably {10 * nu.value:g}, not {nu.value:g}: its decimal point slipped"
-        found = replace(found, cause=cause)
-    yield found
+    message, u = f"nu = {nu.value:g}, polymers have 0.2 to 0.5", max(nu.u, 1e-3)
+    yield bounded("Poisson's ratio", message, nu.value, u, at_least=0.2, is_law=False, setting="nu", cause=cause)
     scale = settings.scale.value
     # no specimen's dimensions are in doubt by a factor of 2
     level: Level | None = "doubtful" if abs(log(scale)) > log(2.0) else None
@@ -114,10 +92,9 @@ def _of_statements(settings: Dma) -> Iterator[Check]:
     yield stated("scale of the moduli", text, level, cause=cause, setting="scale")
 
 
-def _mode_of_loading(export: Export, settings: Dma) -> Check:
+def _mode_of_loading(export: Export) -> Check:
     """Compare the mode with the headings of strain and moduli."""
-    name = "mode of loading"
-    seen, heading = loading_of(export.data)
+    name, settings, (seen, heading) = "mode of loading", export.settings, loading_of(export.data)
     if not seen:
         return not_made(name, "a heading that says shear or extensional strain, or whether a modulus is G or E")
     should = "torsion or shear" if seen == "shear" else "tension or bending"
@@ -132,12 +109,11 @@ def _whole_file(export: Export) -> Check:
     """Repeat the reader's remark on rows and cells that are missing."""
     missing = json.loads(str(export.data.attrs.get("cut", "[]")))
     if not missing:
-        return stated("whole file", f"{export.name}: nothing is missing", None, file=export.name)
-    more = f"; {len(missing)} such intervals" if len(missing) > 1 else ""
+        return export.seen("whole file", f"{export.name}: nothing is missing")
     line, text = missing[0]
+    more = f"; {len(missing)} such intervals" if len(missing) > 1 else ""
     cause = "the test was stopped, or the file was cut: copy it again from the rheometer"
-    message = f"{export.name}: {text}{more}"
-    return stated("whole file", message, "doubtful", cause=cause, file=export.name, line=line)
+    return replace(export.seen("whole file", f"{export.name}: {text}{more}", "doubtful", cause), line=line)
 
 
 def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
@@ -149,8 +125,8 @@ def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
 
 def _loss_factor(export: Export) -> Check:
     """Compare the column of the loss factor with the ratio of moduli, as a whole and row by row."""
-    name, file = "loss factor", export.name
-    if "loss_factor" not in export.data:
+    name = "loss factor"
+    if name.replace(" ", "_") not in export.data:
         return not_made(name, "a column of the loss factor")
     storage, loss, given = (export.values(n) for n in ("storage_modulus", "loss_modulus", "loss_factor"))
     known = (storage > 0) & (loss > 0) & (given > 0)
@@ -159,55 +135,45 @@ def _loss_factor(export: Export) -> Check:
     ratio, given = loss[known] / storage[known], given[known]
     apart = np.log(given / ratio)
     middle, worst = float(np.median(apart)), int(np.argmax(np.abs(apart)))
-    medians = f"{file}: the column says {np.median(given):.3g}, the moduli give {np.median(ratio):.3g} (medians)"
+    medians = f"{export.name}: the column says {np.median(given):.3g}, the moduli give {np.median(ratio):.3g} (medians)"
     if abs(middle) > 0.05:
-        factor = _power_of_ten(np.exp(middle).item())
-        cause = f"one modulus, or the loss factor, has the wrong unit: a factor {factor}"
+        cause = f"one modulus, or the loss factor, has the wrong unit: a factor {_power_of_ten(float(np.exp(middle)))}"
         if float(np.median(np.abs(np.log(given * ratio)))) < 0.02:
             cause = "the columns of storage and loss modulus are exchanged"
-        return stated(name, medians, "impossible", cause=cause, file=file)
+        return export.seen(name, medians, "impossible", cause)
     if abs(apart[worst]) < 0.1:
-        return stated(name, medians, None, file=file)
+        return export.seen(name, medians)
     times, count = float(np.exp(abs(apart[worst]))), int((np.abs(apart) > 0.1).sum())
-    place = export.place(int(np.flatnonzero(export.good)[known][worst]))
-    text = f"{place}: the loss factor and the moduli differ by a factor {_power_of_ten(times)}"
-    cause = f"a value of this row is wrong by a factor {_power_of_ten(times)}"
-    more = f"; {count} rows in all" if count > 1 else ""
-    return stated(name, text + more, "impossible" if times > 2.0 else "doubtful", cause=cause, file=file)
+    place, factor = export.place(int(np.flatnonzero(export.good)[known][worst])), _power_of_ten(times)
+    text = f"{place}: the loss factor and the moduli differ by a factor {factor}"
+    text += f"; {count} rows in all" if count > 1 else ""
+    return export.seen(
+        name, text, "impossible" if times > 2.0 else "doubtful", f"a value of this row is wrong by a factor {factor}"
+    )
 
 
 def _frequencies(export: Export) -> Check:
     """Compare frequencies with the other column, with round ones, and with the duration of a reading."""
-    name, file, data = "frequency", export.name, export.data
-    hertz = export.values("frequency")
+    name, file, data, hertz = "frequency", export.name, export.data, export.values("frequency")
     levels = np.unique(np.round(hertz, 6))
     if hertz.min() <= 0.0:
         cause = "another column has the name of the frequency, such as the temperature"
-        return stated(name, f"{file}: a frequency of {hertz.min():.4g} Hz", "impossible", cause=cause, file=file)
+        return export.seen(name, f"{file}: a frequency of {hertz.min():.4g} Hz", "impossible", cause)
     if data.attrs.get("derived", "-") == "" and "angular_frequency" in data:
         ratio = float(np.median(export.values("angular_frequency") / hertz))
         message = f"{file}: angular frequency over frequency is {ratio:.4g}, expected 2π"
-        found = compared(name, message, ratio, 0.01, 2 * pi, 0.0, file=file)
-        return replace(found, cause="one column of frequency has the unit of the other (Hz, rad/s)")
-    if data.attrs.get("derived") != "frequency" and levels.size > 1:
-        text = f"{file}: frequencies of {levels[-1]:.5g} to {levels[0]:.5g} Hz are"
-        if _are_round(levels / (2 * pi)) and not _are_round(levels):
-            cause = "the column of frequency holds rad/s under Hz: a factor 6.28"
-            return stated(name, f"{text} 2π times round ones", "doubtful", cause=cause, file=file)
-        # 60 times round ones may be meant; few instruments reach 200 Hz
-        if levels[-1] > 200.0 and _are_round(levels / 60.0) and not _are_round(levels):
-            cause = "the column of frequency holds turns per minute under Hz: a factor 60"
-            return stated(name, f"{text} 60 times round ones", "doubtful", cause=cause, file=file)
-    if levels[-1] > 1e3:
-        message = f"{file}: frequencies go up to {levels[-1]:.5g} Hz, which no rheometer or DMA reaches"
-        cause = "the column of frequency is in another unit than its heading says, such as turns per minute or mHz"
-        return stated(name, message, "doubtful", cause=cause, file=file)
+        cause = "one column of frequency has the unit of the other (Hz, rad/s)"
+        return compared(name, message, ratio, 0.01, 2 * pi, 0.0, file=file, cause=cause)
+    is_given = data.attrs.get("derived") != "frequency" and levels.size > 1
+    if is_given and _are_round(levels / (2 * pi)) and not _are_round(levels):
+        text = f"{file}: frequencies of {levels[-1]:.5g} to {levels[0]:.5g} Hz are 2π times round ones"
+        return export.seen(name, text, "doubtful", "the column of frequency holds rad/s under Hz: a factor 6.28")
     shortest = _periods(data) if "time" in data else None
     if shortest is None:
         return not_made(name, "times of five readings of an interval, or both frequencies")
     message = f"{export.place(shortest[1], 'interval')}: readings take {shortest[0]:.2g} periods at most"
     cause = "frequencies are too low for their times: Hz under rad/s (a factor 6.28), or times in another unit"
-    return stated(name, message, "doubtful" if shortest[0] < 0.7 else None, cause=cause, file=file)
+    return export.seen(name, message, "doubtful" if shortest[0] < 0.7 else None, cause)
 
 
 def _are_round(levels: Floats) -> bool:
@@ -223,58 +189,51 @@ def _periods(data: xr.Dataset) -> tuple[float, int] | None:
     Each interval by itself: the readings of a temperature sweep wait many periods for the heat.
     """
     hertz = data["frequency"].values
-    label = np.zeros(hertz.size, np.int64)
-    for key in ("interval", "test", "result"):
-        if key in data.variables:
-            label[1:] += np.cumsum(data[key].values[1:] != data[key].values[:-1])
-    if not label.any():  # without intervals a sweep ends where the frequency turns back
+    begins = np.zeros(hertz.size, bool)
+    for key in {"interval", "test", "result"} & set(map(str, data.variables)):
+        begins[1:] |= data[key].values[1:] != data[key].values[:-1]
+    if not begins.any():  # without intervals a sweep ends where the frequency turns back
         way = np.sign(np.diff(hertz))
-        label[1:] += np.cumsum(way * np.median(way) < 0.0)
-    lasts = np.diff(data["time"].values) * hertz[1:]
-    known = (np.diff(label) == 0) & np.isfinite(lasts) & (lasts > 0)
-    found = []
-    for interval in np.unique(label):
-        own = lasts[known & (label[1:] == interval)]
-        if own.size >= 5:
-            found.append((float(np.quantile(own, 0.9)), int(np.argmax(label == interval))))
-    return min(found, default=None)
+        begins[1:] = way * np.median(way) < 0.0
+    label, lasts = np.cumsum(begins), np.diff(data["time"].values) * hertz[1:]
+    known = ~begins[1:] & np.isfinite(lasts) & (lasts > 0)
+    own = ((int(np.argmax(label == i)), lasts[known & (label[1:] == i)]) for i in np.unique(label))
+    return min(((float(np.quantile(one, 0.9)), row) for row, one in own if one.size >= 5), default=None)
 
 
 def _stress_over_strain(export: Export) -> Check:
     """Compare the moduli with stress over strain; instruments correct for clamps and inertia by up to a quarter."""
-    name, file = "stress over strain", export.name
+    name = "stress over strain"
     if "strain" not in export.data or "stress" not in export.data:
         return not_made(name, "columns of stress and strain")
-    size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
-    strain, stress = export.values("strain"), export.values("stress")
+    storage, loss, strain, stress = (export.values(n) for n in ("storage_modulus", "loss_modulus", "strain", "stress"))
+    size = np.hypot(storage, loss)
     known = (strain > 0) & (stress > 0) & (size > 0)
     if not known.any():
         return not_made(name, "stresses and strains")
     ratio = float(np.exp(np.median(np.log(size[known] * strain[known] / stress[known]))))
     expected = quantity(float(np.median(stress[known] / strain[known])), "Pa")
     differ = "equal" if abs(ratio - 1.0) < 0.02 else f"are {_power_of_ten(ratio)} times"
-    message = f"{file}: moduli {differ} stress over strain ({expected})"
-    found = compared(name, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=0.25, file=file)
+    message, power = f"{export.name}: moduli {differ} stress over strain ({expected})", round(log10(ratio))
     cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_power_of_ten(ratio)}"
-    power = round(log10(ratio))
-    if power in (-6, -3, 3, 6) and abs(log10(ratio) - power) < 0.1:
-        words = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", -3: "kPa stand as Pa, or GPa as MPa"}
-        unit = words.get(power, "Pa stand as kPa, or MPa as GPa")
-        cause = f"the unit of the moduli is wrong by a factor {in_words(10.0**power)}: {unit}"
-    return replace(found, cause=cause) if found.level else found
+    if power in _UNITS and abs(log10(ratio) - power) < 0.1:
+        cause = f"the unit of the moduli is wrong by a factor {in_words(10.0**power)}: {_UNITS[power]}"
+    return compared(name, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=0.25, file=export.name, cause=cause)
 
 
-def _size_of_modulus(export: Export, settings: Dma) -> Check:
-    name = "modulus of a polymer"
+def _size_of_modulus(export: Export) -> Check:
+    name, settings = "modulus of a polymer", export.settings
     size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
     if not (size > 0).any():
         return not_made(name, "moduli")
     stiffest = float(np.quantile(size[size > 0], 0.95)) * modulus_factor(settings.mode, settings.nu.value)
     message = f"{export.name}: the stiffest readings are {quantity(stiffest, 'Pa')} in tension"
     low, high = map(log10, _POLYMERS)
-    found = bounded(name, message, log10(stiffest), 0.02, at_least=low, at_most=high, is_law=False, file=export.name)
     cause = "moduli in MPa stand as Pa" if stiffest < _POLYMERS[0] else "moduli in Pa stand as kPa, MPa or GPa"
-    return replace(found, cause=f"the unit of the moduli is wrong: {cause}")
+    cause = f"the unit of the moduli is wrong: {cause}"
+    return bounded(
+        name, message, log10(stiffest), 0.02, at_least=low, at_most=high, is_law=False, file=export.name, cause=cause
+    )
 
 
 def _signs_of_moduli(export: Export) -> Check:
@@ -282,14 +241,13 @@ def _signs_of_moduli(export: Export) -> Check:
     message = f"{export.name}: {in_words(100 * share, 2)} % of the readings are not positive"
     level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
     cause = "the instrument's phase is wrong, or another column has the name of the modulus"
-    return stated("signs of the moduli", message, level, cause=cause, file=export.name)
+    return export.seen("signs of the moduli", message, level, cause)
 
 
-def _single_values(export: Export, sweeps: Sequence[Sweep]) -> Check:
+def _single_values(export: Export) -> Check:
     """Look for a value that lies decades beyond its four neighbours in frequency."""
-    name = "single values"
-    worst, where = 0.0, ""
-    for sweep in sweeps:
+    name, worst, where = "single values", 0.0, ""
+    for sweep in export.sweeps:
         for column in ("storage_modulus", "loss_modulus"):
             values = sweep.values(column)
             if values.size < 4 or not (values > 0).all():
@@ -306,38 +264,40 @@ def _single_values(export: Export, sweeps: Sequence[Sweep]) -> Check:
                 where = f"{export.place(int(sweep.rows[at]))}: the {column.replace('_', ' ')}"
     if not where:
         text = f"{export.name}: no value beyond its neighbours"
-        return stated(name, text, None, file=export.name) if sweeps else not_made(name, "isothermal sweeps")
+        return export.seen(name, text) if export.sweeps else not_made(name, "isothermal sweeps")
     text = f"{where} is a factor {_power_of_ten(10.0**worst)} from its neighbours in frequency"
     cause = f"{where} is wrong by a factor {_power_of_ten(10.0**worst, 0.2)}"
     # noise does not reach a factor of 40
-    return stated(name, text, "impossible" if abs(worst) > 1.6 else "doubtful", cause=cause, file=export.name)
+    return export.seen(name, text, "impossible" if abs(worst) > 1.6 else "doubtful", cause)
 
 
-def _strayed_readings(export: Export, settings: Dma) -> Check:
+def _strayed_readings(export: Export) -> Check:
     """Look for single readings at another temperature than their interval."""
-    name, tolerance = "temperature within an interval", settings.sweeps.tolerance
-    T = np.asarray(export.data["temperature"].values, float)
+    name, tolerance = "temperature within an interval", export.settings.sweeps.tolerance
+    keys = [key for key in ("test", "result", "interval") if key in export.data.variables]
+    T, rows = np.asarray(export.data["temperature"].values, float), np.flatnonzero(export.good)
     worst, at = 0.0, -1
-    for own in export.intervals():
-        apart = np.abs(T[own] - np.median(T[own]))
-        if own.size >= _FEW and (apart <= tolerance).mean() >= _MOST and apart.max() > worst:
-            worst, at = float(apart.max()), int(own[np.argmax(apart)])
+    if keys:
+        labels = np.stack([np.asarray(export.data[key].values)[rows] for key in keys], axis=1)
+        for own in (rows[(labels == label).all(axis=1)] for label in np.unique(labels, axis=0)):
+            apart = np.abs(T[own] - np.median(T[own]))
+            if own.size >= _FEW and (apart <= tolerance).mean() >= _MOST and apart.max() > worst:
+                worst, at = float(apart.max()), int(own[np.argmax(apart)])
     if at < 0:
         return not_made(name, "a column of intervals, one of them at one temperature")
     text = f"{export.place(at)}: {T[at]:.1f} °C, {worst:.1f} K beside the others of its interval"
-    level: Level | None = "doubtful" if worst > 3 * tolerance else None
     cause = "the temperature of this reading is mistyped, or the sensor had a fault: the reading is left out"
-    return stated(name, text, level, cause=cause, file=export.name)
+    return export.seen(name, text, "doubtful" if worst > 3 * tolerance else None, cause)
 
 
-def _causality(export: Export, sweeps: Sequence[Sweep]) -> Check:
+def _causality(export: Export) -> Check:
     """Compare the loss factor with the rise of the storage modulus with frequency.
 
     E* ~ (i omega)^b has tan delta = tan(pi b / 2), the local form of Kramers and Kronig's relation
     (Booij & Thoone, Rheol. Acta 21 (1982) 15, doi:10.1007/BF01520701).
     """
     name, pairs = "storage and loss belong together", []
-    for sweep in sweeps:
+    for sweep in export.sweeps:
         x = np.log(sweep.values("frequency"))
         storage, loss = sweep.values("storage_modulus"), sweep.values("loss_modulus")
         if x.size >= 4 and np.ptp(x) >= log(10.0) and ((storage > 0) & (loss > 0)).all():
@@ -352,37 +312,32 @@ def _causality(export: Export, sweeps: Sequence[Sweep]) -> Check:
     middle, expected = np.exp(np.median(loss)), np.exp(np.median(rise))
     message = f"{export.name}: tan δ is {middle:.3g}, the rise with frequency says {expected:.3g} (medians)"
     if ours > log(3.0) and theirs < 0.5 * ours and middle > 1.0:
-        cause = "the columns of storage and loss modulus are exchanged"
-        return stated(name, message, "impossible", cause=cause, file=export.name)
+        return export.seen(name, message, "impossible", "the columns of storage and loss modulus are exchanged")
     level: Level | None = "doubtful" if ours > log(10.0) else "note" if ours > log(5.0) else None
-    cause = "one of the moduli has another unit than the other, or the phase is wrong"
-    return stated(name, message, level, cause=cause, file=export.name)
+    return export.seen(name, message, level, "one of the moduli has another unit than the other, or the phase is wrong")
 
 
-def _temperatures(export: Export, sweeps: Sequence[float], settings: Dma) -> Check:
+def _temperatures(export: Export) -> Check:
     """Check the unit of temperature by its range, by T_ref, and by set temperatures that are multiples of 5 K."""
-    name, file, T = "temperatures", export.name, export.values("temperature")
-    low, high = float(T.min()), float(T.max())
-    wanted = None if settings.T_ref is None else settings.T_ref.value
-    message = f"{file}: temperatures from {low:.1f} to {high:.1f} °C"
+    name, file, T, reference = "temperatures", export.name, export.values("temperature"), export.settings.T_ref
+    low, high, sweeps = float(T.min()), float(T.max()), np.array([sweep.temperature for sweep in export.sweeps])
+    message, cause = f"{file}: temperatures from {low:.1f} to {high:.1f} °C", "temperatures have another unit than °C"
+    wanted = None if reference is None else reference.value
     message += "" if wanted is None else f", T_ref is {wanted:g} °C"
     is_far = wanted is not None and not low - 30 <= wanted <= high + 30
     kelvin = low > 180.0 and (wanted is None or is_far or high > 350.0)
     if low < -273.15:
-        return stated(name, message, "impossible", cause="the unit of temperature is wrong", file=file)
+        return export.seen(name, message, "impossible", cause)
     if kelvin and (wanted is None or low - 303.15 <= wanted <= high - 243.15):
         cause = f"temperatures are in K under °C: {low - 273.15:.1f} to {high - 273.15:.1f} °C are meant"
-        return stated(name, message, "impossible" if is_far else "doubtful", cause=cause, file=file)
-    as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (np.array(sweeps), (np.array(sweeps) - 32) / 1.8))
-    if len(sweeps) >= 4 and np.mean(as_stated > 0.6) > 0.4 and (as_celsius < 0.6).all():
+        return export.seen(name, message, "impossible" if is_far else "doubtful", cause)
+    as_stated, as_celsius = (np.abs((x + 2.5) % 5.0 - 2.5) for x in (sweeps, (sweeps - 32) / 1.8))
+    if sweeps.size >= 4 and np.mean(as_stated > 0.6) > 0.4 and (as_celsius < 0.6).all():
         cause = f"temperatures are in °F under °C: {(low - 32) / 1.8:.1f} to {(high - 32) / 1.8:.1f} °C are meant"
-        message += "; in °F the isotherms are multiples of 5 °C"
-        return stated(name, message, "doubtful", cause=cause, file=file)
-    cause = "T_ref is wrong, or temperatures have another unit (K, °F) than °C"
+        return export.seen(name, f"{message}; in °F the isotherms are multiples of 5 °C", "doubtful", cause)
     if is_far:
-        return stated(name, message, "doubtful", cause=cause, setting="T_ref")
-    level: Level | None = "doubtful" if low < -200.0 or high > 400.0 else None
-    return stated(name, message, level, cause="temperatures have another unit (K, °F) than °C", file=file)
+        return stated(name, message, "doubtful", cause=f"T_ref is wrong, or {cause} (K, °F)", setting="T_ref")
+    return export.seen(name, message, "doubtful" if low < -200.0 or high > 400.0 else None, f"{cause} (K, °F)")
 
 
 def _measured_temperature(export: Export) -> Check:
@@ -401,54 +356,59 @@ def _measured_temperature(export: Export) -> Check:
     # twenty readings of a sensor are never all the same
     is_read = np.ptp(T) > 0.0 or T.size < 20
     level: Level | None = "impossible" if times > (2.0 if is_read else 1.2) else "doubtful" if times > 1.2 else None
-    cause = "the column of temperature is constant: it holds the setting, or the sensor was not read"
-    return stated(name, text, level, cause=cause, file=export.name)
+    return export.seen(
+        name, text, level, "the column of temperature is constant: it holds the setting, or the sensor was not read"
+    )
+
+
+_OF_EXPORT = (
+    _whole_file, _loss_factor, _frequencies, _stress_over_strain, _size_of_modulus, _signs_of_moduli, _mode_of_loading,
+    _single_values, _strayed_readings, _causality, _temperatures, _measured_temperature,
+)  # fmt: skip
 
 
 def _softening(sweeps: Sequence[Sweep]) -> Check:
     """Look for the isotherm that breaks the fall of the modulus with temperature."""
-    name, levels = "order with temperature", median_levels(sweeps)
-    if levels is None:
+    name = "order with temperature"
+    moduli = common_levels(sweeps) if len(sweeps) > 2 else None
+    if moduli is None:
         return not_made(name, "three isotherms over common frequencies")
-    T = np.array([s.temperature for s in sweeps])
-    rise = _rise(T, levels)
+    T, levels = np.array([s.temperature for s in sweeps]), np.median(moduli, axis=1)
+
+    def rising(T: Floats, levels: Floats) -> float:
+        """Return the decades by which moduli rise from isotherm to isotherm beyond entropic elasticity."""
+        entropic = np.log10((T[1:] + 273.15) / (T[:-1] + 273.15))
+        rise = np.diff(levels) - np.where(levels[1:] < 8.0, 1.5 * entropic, 0.0) - _DRIFT
+        return float(np.sum(np.maximum(rise, 0.0)))
+
+    def rough(T: Floats, levels: Floats) -> float:
+        degree = max(min(2, np.unique(T).size - 2), 0)
+        return float(np.sum((levels - np.polynomial.Polynomial.fit(T, levels, degree)(T)) ** 2))
+
+    rise = rising(T, levels)
     if rise == 0.0:
         return stated(name, f"{T.size} isotherms in order", None)
     without = [(np.delete(T, i), np.delete(levels, i)) for i in range(T.size)]
     # of two neighbours in wrong order the wrong one is that without which the rest is smooth
-    rough = [_roughness(*rest) for rest in without]
-    able = [int(i) for i in np.argsort(rough) if _rise(*without[i]) <= 0.2 * rise]
+    order = np.argsort([rough(*rest) for rest in without])
+    able = [int(i) for i in order if rising(*without[i]) <= 0.2 * rise] if T.size > 3 else []
     level: Level | None
-    if able and T.size > 3:
+    if able:
         texts, causes = [], []
         for i in able[:2]:
-            order = np.argsort(without[i][1])
-            belongs = float(np.interp(levels[i], without[i][1][order], without[i][0][order]))
+            ascending = np.argsort(without[i][1])
+            belongs = float(np.interp(levels[i], without[i][1][ascending], without[i][0][ascending]))
             word = "high" if T[i] > belongs else "low"
             texts.append(f"{sweeps[i].place}: at {T[i]:.1f} °C the modulus is that of {belongs:.0f} °C")
             causes.append(f"{sweeps[i].place} is probably {abs(T[i] - belongs):.0f} K too {word}")
         level = "impossible" if rise > 10 * _DRIFT else "doubtful" if rise > 4 * _DRIFT else None
-        cause = "the temperature of " + ", or that of ".join(causes)
-        return stated(name, texts[0], level, cause=cause, file=sweeps[able[0]].export.name)
+        return sweeps[able[0]].export.seen(name, texts[0], level, "the temperature of " + ", or that of ".join(causes))
     at = int(np.argmax(np.diff(levels)))
     times = in_words(10.0 ** float(np.diff(levels)[at]))
     text = f"the modulus rises by a factor {times} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
     cause = "a specimen that crystallised or dried, one of another material, or temperatures in wrong order"
     level = "doubtful" if rise > 0.15 else "note" if rise > 4 * _DRIFT else None
-    return stated(name, text, level, cause=cause, file=sweeps[at + 1].export.name)
-
-
-def _rise(T: Floats, levels: Floats) -> float:
-    """Return the decades by which moduli rise from isotherm to isotherm beyond entropic elasticity."""
-    entropic = np.log10((T[1:] + 273.15) / (T[:-1] + 273.15))
-    rise = np.diff(levels) - np.where(levels[1:] < 8.0, 1.5 * entropic, 0.0) - _DRIFT
-    return float(np.sum(np.maximum(rise, 0.0)))
-
-
-def _roughness(T: Floats, levels: Floats) -> float:
-    """Return the residual of a parabola through levels over temperature."""
-    degree = max(min(2, np.unique(T).size - 2), 0)
-    return float(np.sum((levels - np.polynomial.Polynomial.fit(T, levels, degree)(T)) ** 2))
+    return sweeps[at + 1].export.seen(name, text, level, cause)
 
 
 def _same_values(sweeps: Sequence[Sweep]) -> Check:
@@ -456,67 +416,47 @@ def _same_values(sweeps: Sequence[Sweep]) -> Check:
     name = "same values twice"
     if len(sweeps) < 2:
         return not_made(name, "two sweeps")
-    pairs = [np.column_stack([s.values("storage_modulus"), s.values("loss_modulus")]) for s in sweeps]
-    in_order = sorted(range(len(sweeps)), key=lambda i: (sweeps[i].export.name, sweeps[i].rows[0]))
-    for a, b in combinations(in_order, 2):
-        same = int((pairs[a] == pairs[b]).all(axis=1).sum()) if pairs[a].shape == pairs[b].shape else 0
-        if same >= max(_FEW, _MOST * len(pairs[a])):
-            text = f"{same} of {len(pairs[a])} readings are those of {sweeps[a].place}, digit by digit"
+    in_order = sorted(sweeps, key=lambda s: (s.export.name, s.rows[0]))
+    pairs = ((s, np.column_stack([s.values("storage_modulus"), s.values("loss_modulus")])) for s in in_order)
+    for (a, first), (b, later) in combinations(pairs, 2):
+        same = int((first == later).all(axis=1).sum()) if first.shape == later.shape else 0
+        if same >= max(_FEW, _MOST * len(first)):
+            text = f"{b.place}: {same} of {len(first)} readings are those of {a.place}, digit by digit"
             cause = "an interval or a whole file was copied, or exported twice: the same values are no repeat"
-            file = sweeps[b].export.name
-            return stated(name, f"{sweeps[b].place}: {text}", "doubtful", cause=cause, file=file)
+            return b.export.seen(name, text, "doubtful", cause)
     return stated(name, "no sweep equals another", None)
 
 
-def _one_specimen(exports: Sequence[Export], sweeps: Sequence[Sweep]) -> Iterator[Check]:
-    """Compare sweeps that repeat a temperature, within one export and between two."""
-    levels, slope = median_levels(sweeps), _TRANSITION
-    if levels is not None:
-        apart = np.diff([s.temperature for s in sweeps])
-        steps = np.abs(np.diff(levels)[apart > _SAME] / apart[apart > _SAME])
-        slope = min(float(steps.max()), _TRANSITION) if steps.size else _TRANSITION
-    repeated: list[tuple[float, float, Sweep, Sweep]] = []
+def _one_specimen(sweeps: Sequence[Sweep]) -> Iterator[Check]:
+    """Compare sweeps of two exports at one temperature."""
+    name = "files of one specimen"
     between: dict[tuple[str, str], list[float]] = {}
-    for a, b in combinations(sorted(sweeps, key=lambda s: s.export.name), 2):
-        away, is_one = abs(a.temperature - b.temperature), a.export is b.export
-        found = moduli_apart(a, b) if away <= (1 if is_one else 2) * _SAME else None
-        if found is not None and is_one:
-            repeated.append((abs(found[0]) - slope * away, hypot(found[1], 2**0.5 * _DRIFT), a, b))
-        elif found is not None:
-            between.setdefault((a.export.name, b.export.name), []).append(found[0])
-    if repeated:
-        beyond, u, a, b = max(repeated, key=lambda one: one[0] / one[1])
-        factor = 10.0 ** max(beyond, 0.0)
-        shown = value_with_uncertainty(factor, factor * (10.0**u - 1), "1")
-        text = f"{a.place} and {b.place} at {a.temperature:.1f} °C differ by a factor {shown}"
-        # a specimen that was heated or dried between two sweeps differs by 0.02 decades
-        level: Level | None = None if beyond <= DOUBTFUL * u else "doubtful" if beyond > 0.02 else "note"
-        cause = f"the temperature of {a.place} or {b.place} is wrong, or the specimen changed between them"
-        yield stated("repeated temperatures", text, level, cause=cause, file=a.export.name)
-    else:
-        yield not_made("repeated temperatures", "a temperature that is repeated")
+    for a, b in combinations(sorted(sweeps, key=lambda sweep: sweep.export.name), 2):
+        if a.export is not b.export and abs(a.temperature - b.temperature) <= _SAME:
+            pair = common_levels((a, b))
+            if pair is not None:
+                between.setdefault((a.export.name, b.export.name), []).append(float(np.median(pair[0] - pair[1])))
     for (first, second), gaps in between.items():
         middle, size = float(np.median(gaps)), float(np.max(np.abs(gaps)))
-        factors = f"a factor {in_words(10.0**middle)}, up to {in_words(10.0**size)}"
-        level = "impossible" if size > 1.0 else "doubtful" if abs(middle) > log10(_SPECIMENS) else None
-        cause = f"{second} is of another material, or has another unit"
-        text = f"{first} over {second}: moduli differ by {factors}"
-        yield stated("files of one specimen", text, level, cause=cause, file=second)
-    if len(exports) > 1 and not between:
-        yield not_made("files of one specimen", "isotherms that two files share")
+        text = (
+            f"{first} over {second}: moduli differ by a factor {in_words(10.0**middle)}, up to {in_words(10.0**size)}"
+        )
+        level: Level | None = "impossible" if size > 1.0 else "doubtful" if abs(middle) > log10(_SPECIMENS) else None
+        yield stated(name, text, level, cause=f"{second} is of another material, or has another unit", file=second)
+    if not between:
+        yield not_made(name, "isotherms that two files share")
 
 
 def _superposition(curve: xr.Dataset | None) -> Check:
     """Hand on the verdict of the master curve: where superposition fails the predictions do as well."""
-    name = "superposition"
     if curve is None:
-        return not_made(name, "a master curve of several temperatures")
+        return not_made("superposition", "a master curve of several temperatures")
     verdict, noise = json.loads(curve.attrs["superposition"]), json.loads(curve.attrs["noise"])
     level: Level | None = {"pass": None, "doubtful": "note", "fail": "doubtful"}[verdict["level"]]
     storage, loss = (in_words(100 * noise[part], 2) for part in ("storage", "loss"))
     text = next(iter(verdict["reasons"]), f"the master curve misses E′ by {storage} % and E″ by {loss} %")
     cause = "the material has two processes, or the specimen, its clamping or its temperature changed between sweeps"
-    return stated(name, text, level, cause=cause)
+    return stated("superposition", text, level, cause=cause)
 
 
 def _order_of_shifts(curve: xr.Dataset | None) -> Check:
@@ -526,14 +466,13 @@ def _order_of_shifts(curve: xr.Dataset | None) -> Check:
         return not_made(name, "a master curve of two temperatures")
     T, shift, u = (curve[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
     rise, own = np.diff(shift), np.hypot(u[1:], u[:-1])
-    known = np.isfinite(rise) & (own > 0)
-    if not known.any():
+    margin = np.where(np.isfinite(rise) & (own > 0), rise / np.where(own > 0, own, 1.0), -np.inf)
+    if not np.isfinite(margin).any():
         return not_made(name, "shifts with uncertainties")
-    margin = np.where(known, rise / np.where(known, own, 1.0), -np.inf)
     at = int(np.argmax(np.where(rise > most, margin, -np.inf) if (rise > most).any() else margin))
     text = f"log10 a_T changes by {rise[at]:+.2f} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
-    found = bounded(name, text, float(rise[at]), float(own[at]), at_most=0.0)
     cause = f"the isotherm at {T[at]:.1f} or {T[at + 1]:.1f} °C has a wrong temperature or is of another specimen"
+    found = bounded(name, text, float(rise[at]), float(own[at]), at_most=0.0, cause=cause)
     if rise[at] < most and found.level:
         return replace(found, level="doubtful" if rise[at] > 0.5 * most else None)
-    return replace(found, cause=cause)
+    return found

@@ -37,44 +37,37 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
     ``frequency``, ``T_peak`` (maximum of tan δ), ``T_loss`` (maximum of E″), ``T_drop`` (steepest fall of ln E′), each
     with its uncertainty, NaN where there is none.
     """
-    ordered = []
-    for ramp in ramps:
-        order = np.argsort(ramp.temperature, kind="stable")
-        ordered.append(Ramp(ramp.frequency, ramp.temperature[order], ramp.storage[order], ramp.loss[order]))
-    T, storage, loss = (np.concatenate([getattr(r, n) for r in ordered]) for n in ("temperature", "storage", "loss"))
-    counts = [r.temperature.size for r in ordered]
+    orders = [np.argsort(ramp.temperature, kind="stable") for ramp in ramps]
+    columns = [np.stack([r.temperature, r.storage, r.loss])[:, order] for r, order in zip(ramps, orders, strict=True)]
+    T, storage, loss = np.concatenate(columns, axis=1)
+    numbers = np.repeat(np.arange(len(ramps)), [one.shape[1] for one in columns])
+    drop = [float(storage[0] / storage[-1]) for _, storage, _ in columns]
     variables = {
-        "ramp_of": variable("point", np.repeat(np.arange(len(ordered)), counts), "1", "number of the ramp"),
+        "ramp_of": variable("point", numbers, "1", "number of the ramp"),
         "temperature": variable("point", T, "degC", "measured temperature"),
         "storage": variable("point", storage, "Pa", "storage modulus, tension"),
         "loss": variable("point", loss, "Pa", "loss modulus, tension"),
         "loss_factor": variable("point", loss / storage, "1", "loss factor"),
+        "drop": variable("ramp", drop, "1", "storage modulus, cold end over warm end"),
+        "frequency": variable("ramp", [ramp.frequency for ramp in ramps], "Hz", "frequency of the sweep"),
     }
-    found = np.array([_transition(r) for r in ordered])
-    texts = {
-        "T_peak": "glass transition: maximum of the loss factor",
-        "T_loss": "glass transition: maximum of the loss modulus",
-        "T_drop": "glass transition: steepest fall of the storage modulus",
-    }
-    for i, (name, text) in enumerate(texts.items()):
-        variables[name] = variable("ramp", found[:, i, 0], "degC", text)
-        variables[f"u_{name}"] = variable("ramp", found[:, i, 1], "K", f"standard uncertainty: {text}")
-    drop = np.array([float(r.storage[0] / r.storage[-1]) for r in ordered])
-    variables["drop"] = variable("ramp", drop, "1", "storage modulus, cold end over warm end")
-    variables["frequency"] = variable("ramp", np.array([r.frequency for r in ordered]), "Hz", "frequency of the sweep")
-    work = {"temperature_sweeps": len(ordered), "points": int(sum(counts))}
+    found = np.array([_transition(*one) for one in columns])
+    texts = ("maximum of the loss factor", "maximum of the loss modulus", "steepest fall of the storage modulus")
+    for (T_of, u), name, text in zip(np.moveaxis(found, 0, 2), ("T_peak", "T_loss", "T_drop"), texts, strict=True):
+        variables[name] = variable("ramp", T_of, "degC", f"glass transition: {text}")
+        variables[f"u_{name}"] = variable("ramp", u, "K", f"standard uncertainty of the glass transition: {text}")
+    work = {"temperature_sweeps": len(ramps), "points": int(T.size)}
     return xr.Dataset(variables, attrs={"work": json.dumps(work)})
 
 
-def _transition(ramp: Ramp) -> list[tuple[float, float]]:
+def _transition(T: Floats, storage: Floats, loss: Floats) -> list[tuple[float, float]]:
     """Return maximum of tan δ, maximum of E″ and steepest fall of ln E′, each with its u."""
-    T = ramp.temperature
-    if ramp.storage[0] / ramp.storage[-1] < _LEAST_DROP or np.any(ramp.storage <= 0):
+    if storage[0] / storage[-1] < _LEAST_DROP or np.any(storage <= 0):
         return [(np.nan, np.nan)] * 3
-    where, u = peak(T, -_smooth_slope(T, np.log(ramp.storage)))
+    where, u = peak(T, -_smooth_slope(T, np.log(storage)))
     # neighbouring slopes share readings, so their noise is common
     shared = max(2 * _HALF_WINDOW / max(float(np.median(np.diff(T))), 1e-3), 1.0)
-    return [peak(T, ramp.loss / ramp.storage), peak(T, ramp.loss), (where, u * float(np.sqrt(shared)))]
+    return [peak(T, loss / storage), peak(T, loss), (where, u * float(np.sqrt(shared)))]
 
 
 def _smooth_slope(T: Floats, y: Floats) -> Floats:
@@ -126,22 +119,16 @@ def peak(T: Floats, y: Floats) -> tuple[float, float]:
 
 def _summit(x: Floats, y: Floats, degree: int) -> tuple[float, float] | None:
     """Return where a fitted polynomial has its maximum, with its uncertainty from the noise."""
-    design = np.vander(x, degree + 1)
-    coefficient, *_ = np.linalg.lstsq(design, y, rcond=None)
-    slope = np.polyder(coefficient)
-    bend = np.polyder(slope)
+    coefficient, covariance = np.polyfit(x, y, degree, cov=True)
+    slope, powers = np.polyder(coefficient), np.eye(degree + 1)
     roots = [float(r.real) for r in np.roots(slope) if abs(r.imag) < 1e-9]
-    tops = [r for r in roots if np.polyval(bend, r) < 0 and x.min() <= r <= x.max()]
+    tops = [r for r in roots if np.polyval(np.polyder(slope), r) < 0 and x.min() <= r <= x.max()]
     if not tops:
         return None
     top = min(tops, key=abs)
-    residual = y - design @ coefficient
-    freedom = max(x.size - degree - 1, 1)
-    covariance = np.linalg.inv(design.T @ design) * float(residual @ residual) / freedom
     # The slope at the top is zero, so its uncertainty over the bend is that of the place.
-    gradient = np.array([k * top ** (k - 1) if k else 0.0 for k in range(degree, -1, -1)])
-    curvature = float(np.polyval(bend, top))
-    rows = np.array([k * (k - 1) * top ** max(k - 2, 0) for k in range(degree, -1, -1)])
-    if abs(curvature) < _SIGNIFICANT * propagated_u(rows, covariance):
+    first, second = (np.array([np.polyval(np.polyder(one, m), top) for one in powers]) for m in (1, 2))
+    curvature = float(second @ coefficient)
+    if abs(curvature) < _SIGNIFICANT * propagated_u(second, covariance):
         return None
-    return top, float(propagated_u(gradient, covariance)) / abs(curvature)
+    return top, float(propagated_u(first, covariance)) / abs(curvature)

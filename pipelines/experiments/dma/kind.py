@@ -48,8 +48,8 @@ _STAGES = (
     ),
     stage(
         "dma.model:master_curve",
-        ("sweeps", "file:fit.shifts"),
-        ("T_ref", "nu", "fit", "melt", "export"),
+        ("sweeps",),
+        ("T_ref", "nu", "fit"),
         schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),

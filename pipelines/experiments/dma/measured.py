@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 
 import instruments
-from labpipe.arrays import Floats
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import InputError
 from labpipe.materials import gather_sweeps, modulus_factor, trusted_tables, with_responses
 from labpipe.variables import variable
 from pipelines.experiments.dma import glass_transition
@@ -49,17 +48,14 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
 
 def _stated(path: Path, settings: Dma) -> float | None:
     """Return the temperature that the session states for a file."""
-    if not settings.temperatures:
-        return None if settings.temperature is None else settings.temperature.value
-    if settings.temperature is not None or len(settings.temperatures) != len(settings.rheometer):
-        message = (
-            f"temperatures holds {len(settings.temperatures)} values for {len(settings.rheometer)} files"
-            if settings.temperature is None
-            else "temperature and temperatures are both given; keep one of them"
-        )
-        raise InputError(message)
-    at = next(k for k, name in enumerate(settings.rheometer) if path.as_posix().endswith(Path(name).as_posix()))
-    return settings.temperatures[at].value
+    one, each, files = settings.temperature, settings.temperatures, settings.rheometer
+    if not each:
+        return None if one is None else one.value
+    if one is not None:
+        raise InputError("temperature and temperatures are both given; keep one of them")
+    if len(each) != len(files):
+        raise InputError(f"temperatures holds {len(each)} values for {len(files)} files")
+    return each[next(k for k, name in enumerate(files) if path.as_posix().endswith(Path(name).as_posix()))].value
 
 
 def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
@@ -69,13 +65,9 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
         readings, settings.mode, settings.nu.value, tolerance=options.tolerance,
         fewest=options.fewest, skip_first=options.skip_first,
     )  # fmt: skip
-    u_factor = 2.0 * settings.nu.u if settings.is_shear else 0.0
-    made.attrs["u_modulus_factor"] = u_factor
-    scale = settings.scale
-    for name in ("storage", "loss"):
-        made[name] = made[name].copy(data=made[name].values * scale.value)
-    made.attrs["u_scale"] = scale.u / scale.value
-    return made
+    scale, moduli = settings.scale, ["storage", "loss"]
+    u = {"u_modulus_factor": 2.0 * settings.nu.u if settings.is_shear else 0.0, "u_scale": scale.u / scale.value}
+    return made.assign({name: made[name].copy(data=made[name].values * scale.value) for name in moduli}).assign_attrs(u)
 
 
 def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
@@ -91,28 +83,3 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
     if not ramps:
         return xr.Dataset(attrs={"absent": "the exports hold no temperature sweep at one frequency"})
     return glass_transition.transitions(ramps)
-
-
-def shift_table(path: Path, settings: Dma) -> tuple[Floats, Floats]:
-    """Read a table of temperatures [degC] and log10 a_T, ascending in temperature."""
-    options = settings.export
-    read = instruments.read_table(path, "sweep", "plain_table", encoding=options.encoding, decimal=options.decimal)
-    if "log10_aT" not in read:
-        text = "found no column log_aT; this is not a table of shift factors"
-        raise SourceError(path, text, line=1, hint="Begin the file with T,log_aT and a row of units such as C,-.")
-    T, shift = read["temperature"].values, read["log10_aT"].values
-    good = np.isfinite(T) & np.isfinite(shift)
-    ascending, first = np.unique(T[good], return_index=True)
-    return ascending, shift[good][first]
-
-
-def shifts_at(table: tuple[Floats, Floats], T: Floats) -> Floats:
-    """Interpolate a table of shifts; set temperatures are rounded, so half their spacing beyond the ends counts."""
-    x, y = table
-    if x.size < 2:
-        return np.full(T.size, np.nan)
-    reach = 0.5 * float(np.median(np.diff(x)))
-    low = y[0] - reach * (y[1] - y[0]) / (x[1] - x[0])
-    high = y[-1] + reach * (y[-1] - y[-2]) / (x[-1] - x[-2])
-    knots, values = np.concatenate([[x[0] - reach], x, [x[-1] + reach]]), np.concatenate([[low], y, [high]])
-    return np.asarray(np.interp(T, knots, values, left=np.nan, right=np.nan))

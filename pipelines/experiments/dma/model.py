@@ -3,7 +3,6 @@
 import json
 from dataclasses import asdict
 from math import hypot, inf, nan, pi, sqrt, tan
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -11,91 +10,55 @@ import xarray as xr
 
 from labpipe import materials
 from labpipe.arrays import Floats
-from labpipe.errors import InputError, SourceError
-from labpipe.materials import Bulk, Deck, MasterCurve, Prony, ShiftLaw, make_deck
+from labpipe.materials import Bulk, Deck, Prony, ShiftLaw, make_deck
 from labpipe.variables import variable, with_u
-from pipelines.experiments.dma.measured import shift_table, shifts_at
 from pipelines.experiments.dma.settings import Dma
 
 _SWITCH: dict[str, bool | Literal["auto"]] = {"auto": "auto", "on": True, "off": False}
 _SLOW_DECADES = 2.0  # at the slow end, over which the loss tells how it goes on
 
 
-def master_curve(sweeps: xr.Dataset, shifts: Path | None = None, *, settings: Dma) -> xr.Dataset:
+def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
     """Shift the sweeps onto one curve and fit its spectrum.
 
     The result is the material that other experiments refer to: ``E_relaxed`` and ``nu``, and
-    ``E`` and ``rho`` over ``term``, at the reference temperature; of a short melt that is the temperature of equal
-    friction. Shifts set by hand are where the fit begins, or what it takes.
+    ``E`` and ``rho`` over ``term``, at the reference temperature.
     """
-    fit, melt = settings.fit, settings.melt
-    reference = None if settings.T_ref is None else settings.T_ref.value
-    if melt is not None:
-        if reference is None:
-            raise InputError("melt corrects T_ref for the molar mass; give T_ref, that of long chains")
-        reference = materials.isofrictional_temperature(reference, melt.molar_mass, melt.fox_flory)
-    T, by_hand = sweeps["temperature"].values, None
-    if shifts is not None:
-        by_hand = shifts_at(shift_table(shifts, settings), T)
-        if not np.isfinite(by_hand).all():
-            missing = ", ".join(f"{t:.4g}" for t in T[~np.isfinite(by_hand)])
-            hint = "Give one for each isotherm, or leave fit.shifts out."
-            raise SourceError(shifts, f"the table holds no shift for {missing} °C", hint=hint)
+    fit, nu = settings.fit, settings.nu
     made = materials.master_curve(
         sweeps,
-        reference,
+        None if settings.T_ref is None else settings.T_ref.value,
         None if fit.law == "free" else fit.law,
         vertical=fit.vertical,
         delay=_SWITCH[fit.delay],
         levels=_SWITCH[fit.levels],
-        robust=fit.robust,
-        noise_ratio=fit.noise_ratio,
-        shifts=by_hand,
-        refine=fit.refine,
-        nu=settings.nu.value,
+        nu=nu.value,
     )
-    return _stored(made, sweeps, settings.nu.u)
-
-
-def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
-    """Return everything the page and other experiments need as one Dataset."""
+    known = {
+        "E_relaxed": variable((), float(made.prony.E_relaxed), "Pa", "modulus after an infinite time"),
+        "E_unrelaxed": variable((), float(made.prony.E_unrelaxed), "Pa", "instantaneous modulus"),
+        "T_ref": variable((), float(made.T_ref), "degC", "reference temperature"),
+        **with_u("nu", (), float(made.prony.nu), float(nu.u), "1", "Poisson's ratio"),
+        **with_u("delay", (), float(made.delay), float(made.u_delay), "s", "delay of the instrument's phase"),
+    }
     result = made.to_dataset()
-    scalars = {
-        "E_relaxed": (made.prony.E_relaxed, "Pa", "modulus after an infinite time"),
-        "E_unrelaxed": (made.prony.E_unrelaxed, "Pa", "instantaneous modulus"),
-        "T_ref": (made.T_ref, "degC", "reference temperature"),
-    }
-    known = {name: variable((), float(value), units, text) for name, (value, units, text) in scalars.items()}
-    known |= with_u("nu", (), float(made.prony.nu), float(u_nu), "1", "Poisson's ratio")
-    known |= with_u("delay", (), float(made.delay), float(made.u_delay), "s", "delay of the instrument's phase")
     result.attrs = {name: value for name, value in result.attrs.items() if name not in known}
+    factor, u_scale = sweeps.attrs["u_modulus_factor"] / sweeps.attrs["modulus_factor"], sweeps.attrs["u_scale"]
     result = result.assign(known)
-    factor = sweeps.attrs.get("u_modulus_factor", 0.0) / sweeps.attrs["modulus_factor"]
-    result = result.assign(ends(result, float(np.hypot(factor, sweeps.attrs.get("u_scale", 0.0)))))
-    curves = made.kramers_kronig.curves
-    for name in map(str, curves.data_vars):
-        result[f"kk_{name}"] = ("kk_frequency", curves[name].values, dict(curves[name].attrs))
-    result = result.assign_coords(
-        kk_frequency=variable(
-            "kk_frequency", curves["frequency"].values, "Hz", "frequency at the reference temperature"
-        )
-    )
-    for name in ("extrapolated", "determined"):
-        result[name] = result[name].astype(np.int8)
-    kk = asdict(made.kramers_kronig)
-    kk.pop("curves")
-    result.attrs |= {
-        "kramers_kronig": json.dumps(kk),
-        "superposition": json.dumps(asdict(made.verdict), ensure_ascii=False),
-        "laws": json.dumps({name: _law(law) for name, law in made.laws.items()}),
-        "law": json.dumps(_law(made.law)),
-        "noise": json.dumps(made.noise),
-        "notes": json.dumps(made.warnings, ensure_ascii=False),
-        "u_modulus_factor": sweeps.attrs.get("u_modulus_factor", 0.0),
-        "modulus_factor": sweeps.attrs["modulus_factor"],
-        "u_scale": sweeps.attrs.get("u_scale", 0.0),
+    result = result.assign(ends(result, float(np.hypot(factor, u_scale))))
+    consistency = asdict(made.kramers_kronig)
+    consistency.pop("curves")
+    result = result.assign({name: result[name].astype(np.int8) for name in ("extrapolated", "determined")})
+    said = {
+        "kramers_kronig": consistency,
+        "superposition": asdict(made.verdict),
+        "laws": {name: _law(law) for name, law in made.laws.items()},
+        "law": _law(made.law),
+        "noise": made.noise,
+        "notes": made.warnings,
     }
-    return result
+    kept = {name: sweeps.attrs[name] for name in ("u_modulus_factor", "modulus_factor", "u_scale")}
+    return result.assign_attrs({n: json.dumps(v, ensure_ascii=False) for n, v in said.items()} | kept)
 
 
 def _law(law: Any) -> dict[str, Any]:

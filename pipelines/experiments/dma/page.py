@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -40,6 +40,10 @@ _BAND = (
     "superposition holds."
 )
 _COVERAGE = 1.96  # of the bands, 95 %
+_DRAWN_MODULI: tuple[tuple[str, str, Literal["measured", "model"]], ...] = (
+    ("E′", "storage", "measured"),
+    ("E″", "loss", "model"),
+)
 # What a verdict on the model is called; the verdict on the record, above, has words of its own.
 _SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
 _CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violated"}
@@ -58,49 +62,46 @@ def _summary(
     temperature_sweep: xr.Dataset | None = None,
 ) -> Section:
     rows: list[tuple[str, str, str]] = []
-    blocks: list[Block] = [*pages.failed_notice(context)]
+    notes: list[Block] = []
     if sweeps is not None:
         T = sweeps["temperature"].values
         rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
     if master_curve is not None:
-        rows += _curve_rows(master_curve)
-        verdict = json.loads(master_curve.attrs["kramers_kronig"])["verdict"]
-        superposition = json.loads(master_curve.attrs["superposition"])
+        curve, frequency = master_curve, master_curve["reduced_frequency"].values
+        verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
+        superposition = json.loads(curve.attrs["superposition"])
         remark = "see the verdict" if superposition["reasons"] else "one spectrum fits all sweeps"
-        rows.append(("superposition", _SUPERPOSITION[superposition["level"]], remark))
-        rows.append(("Kramers–Kronig", _CONSISTENT[verdict], "consistency of storage and loss modulus"))
-    rows += _transition_rows(temperature_sweep)
-    blocks.append(KeyValues(rows))
-    if master_curve is not None:
+        decades = f"{np.log10(frequency[-1] / frequency[0]):.1f} decades at the reference temperature"
+        rows += [
+            ("reference temperature", f"{float(curve['T_ref']):.1f} °C".replace("-", "\N{MINUS SIGN}"), ""),
+            (
+                "covered frequencies",
+                f"{number(float(frequency[0]), 2)} to {number(float(frequency[-1]), 2)} Hz",
+                decades,
+            ),
+            _end(curve, "relaxed"),
+            _end(curve, "unrelaxed"),
+            (
+                "relaxation terms",
+                str(curve.sizes["term"]),
+                f"{int(curve['extrapolated'].sum())} outside the covered window",
+            ),
+            _law_row(json.loads(curve.attrs["law"])),
+            ("vertical shift", _VERTICAL[str(curve.attrs["vertical_law"])], ""),
+            ("superposition", _SUPERPOSITION[superposition["level"]], remark),
+            ("Kramers–Kronig", _CONSISTENT[verdict], "consistency of storage and loss modulus"),
+        ]
         # The first reason stands in the verdict above.
-        notes = [note for note in json.loads(master_curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
-        if notes:
-            title = f"What limits this curve ({pages.counted(len(notes), 'remark')})"
-            blocks.append(Details(title, [Paragraph(_sentence(note)) for note in notes]))
-    return Section("Summary", tuple(blocks))
+        said = [note for note in json.loads(curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
+        if said:
+            title = f"What limits this curve ({pages.counted(len(said), 'remark')})"
+            notes.append(Details(title, [Paragraph(_sentence(note)) for note in said]))
+    rows += _transition_rows(temperature_sweep)
+    return Section("Summary", (*pages.failed_notice(context), KeyValues(rows), *notes))
 
 
 def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + "."
-
-
-def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
-    covered = curve["reduced_frequency"].values
-    outside = int(curve["extrapolated"].sum())
-    reference = f"{float(curve['T_ref']):.1f} °C".replace("-", "\N{MINUS SIGN}")
-    return [
-        ("reference temperature", reference, ""),
-        (
-            "covered frequencies",
-            f"{number(float(covered[0]), 2)} to {number(float(covered[-1]), 2)} Hz",
-            f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature",
-        ),
-        _end(curve, "relaxed"),
-        _end(curve, "unrelaxed"),
-        ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
-        _law_row(json.loads(curve.attrs["law"])),
-        ("vertical shift", _VERTICAL[str(curve.attrs["vertical_law"])], ""),
-    ]
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
@@ -113,13 +114,9 @@ def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str,
         return f"{name} modulus", value_with_uncertainty(modulus, u, "Pa"), origin
     frequency = curve["reduced_frequency"].values
     last = _modulus(float(curve["master_storage"][int(np.argmin(frequency) if is_slow else np.argmax(frequency))]))
-    may = "may still fall to zero" if is_slow else "may still rise"
-    return (
-        f"{name} modulus",
-        f"0 to {last}" if is_slow else f"{last} at least",
-        f"{when}; with this loss the storage modulus {may}: the series' {_modulus(float(curve[f'E_{name}']))} "
-        "is extrapolated",
-    )
+    bound, may = (f"0 to {last}", "may still fall to zero") if is_slow else (f"{last} at least", "may still rise")
+    series = f"the series' {_modulus(float(curve[f'E_{name}']))} is extrapolated"
+    return f"{name} modulus", bound, f"{when}; with this loss the storage modulus {may}: {series}"
 
 
 def _celsius(T: Floats) -> str:
@@ -134,19 +131,13 @@ def _modulus(value: float) -> str:
 def _transition_rows(ramp: xr.Dataset | None) -> list[tuple[str, str, str]]:
     if ramp is None or "absent" in ramp.attrs:
         return []
-    rows = []
-    for i in range(ramp.sizes["ramp"]):
-        at = f"at {float(ramp['frequency'][i]):.3g} Hz"
-        for name, text in (
-            ("T_peak", "maximum of tan δ"),
-            ("T_loss", "maximum of E″"),
-            ("T_drop", "steepest fall of E′"),
-        ):
-            value = float(ramp[name][i])
-            if np.isfinite(value):
-                shown = value_with_uncertainty(value, float(ramp[f"u_{name}"][i]), "degC")
-                rows.append((f"glass transition, {text}", shown, at))
-    return rows
+    texts = {"T_peak": "maximum of tan δ", "T_loss": "maximum of E″", "T_drop": "steepest fall of E′"}
+    return [
+        (f"glass transition, {text}", pages.told(ramp, name, i), f"at {float(ramp['frequency'][i]):.3g} Hz")
+        for i in range(ramp.sizes["ramp"])
+        for name, text in texts.items()
+        if np.isfinite(float(ramp[name][i]))
+    ]
 
 
 def _isotherms(
@@ -270,7 +261,7 @@ def _readings(
     readings: Sequence[xr.Dataset | None] = (),
     sweeps: xr.Dataset | None = None,
 ) -> Section | None:
-    """Show how well the curve fits the readings and the two moduli each other, and the readings as measured."""
+    """Show how well the curve fits the readings, and the readings as measured."""
     blocks: list[Block] = []
     if master_curve is not None:
         kk = json.loads(master_curve.attrs["kramers_kronig"])
@@ -279,7 +270,13 @@ def _readings(
         blocks.append(Paragraph(said) if kk["verdict"] == "pass" else Notice(is_violated[kk["verdict"]], said))
         missed = [100 * _rms(master_curve[name]) for name in ("storage_residual", "loss_residual")]
         text = f"The spectrum misses the storage modulus by {missed[0]:.2g} %, the loss by {missed[1]:.2g} % (rms)."
-        blocks += [Paragraph(text), *_residuals(master_curve)]
+        label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
+        charts = []
+        for name, sign in (("storage", "E′"), ("loss", "E″")):
+            drawn = _isotherms(master_curve, f"{name}_residual", "point_reduced_frequency", 100.0, "points")
+            shape = (f"Residuals of {sign}", label, "model / measured − 1 / %", drawn)
+            charts.append(LineChart(*shape, x_scale="log", group="residuals", height_px=240))
+        blocks += [Paragraph(text), Details("Residuals by temperature", charts)]
     if sweeps is not None:
         factor = float(sweeps.attrs["modulus_factor"])
         if factor != 1.0:
@@ -291,33 +288,13 @@ def _readings(
                 relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
                 text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
             blocks.append(Paragraph(text))
-        charts = [
+        measured = [
             pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
             for name, title in _MODULI.items()
         ]
-        blocks.append(Details("Moduli in tension over frequency, as measured", charts))
+        blocks.append(Details("Moduli in tension over frequency, as measured", measured))
         blocks += pages.raw_headers(pages.present(readings))
-    return (
-        pages.folded("Readings and fit", "Readings, residuals, each modulus from the other", blocks) if blocks else None
-    )
-
-
-def _residuals(curve: xr.Dataset) -> list[Block]:
-    """Show the residuals of the fit, and each modulus predicted from the other by Kramers and Kronig."""
-    label, x = f"frequency at {float(curve['T_ref']):.4g} °C / Hz", curve["kk_frequency"].values
-    left: list[Block] = []
-    predicted: list[Block] = []
-    for (name, title), other, sign in zip(_MODULI.items(), ("loss", "storage"), ("E′", "E″"), strict=True):
-        drawn = _isotherms(curve, f"{name}_residual", "point_reduced_frequency", 100.0, "points")
-        chart = LineChart(f"Residuals of {sign}", label, "model / measured − 1 / %", drawn, x_scale="log")
-        left.append(replace(chart, group="residuals", height_px=240))
-        drawn = [
-            Series("measured", x, curve[f"kk_{name}"].values * _MPA, role="measured", style="points"),
-            Series(f"from the {other}", x, curve[f"kk_{name}_from_{other}"].values * _MPA, role="model"),
-        ]
-        text = f"{title} predicted from the {other}"
-        predicted.append(pages.log_log(text, label, f"{title.lower()} / MPa", drawn, group="kk", height_px=240))
-    return [Details("Residuals by temperature", left), Details("Each modulus predicted from the other", predicted)]
+    return pages.folded("Readings and fit", "Readings and residuals", blocks) if blocks else None
 
 
 def _rms(residual: xr.DataArray) -> float:
@@ -325,38 +302,26 @@ def _rms(residual: xr.DataArray) -> float:
 
 
 def _transition(temperature_sweep: xr.Dataset) -> Section:
-    moduli, factors = [], []
-    for i in range(temperature_sweep.sizes["ramp"]):
-        where = temperature_sweep["ramp_of"].values == i
-        T = temperature_sweep["temperature"].values[where]
-        name = f"{float(temperature_sweep['frequency'][i]):.3g} Hz"
-        moduli += [
-            Series(f"E′, {name}", T, temperature_sweep["storage"].values[where] * _MPA, role="measured"),
-            Series(f"E″, {name}", T, temperature_sweep["loss"].values[where] * _MPA, role="model"),
-        ]
-        factors.append(Series(f"tan δ, {name}", T, temperature_sweep["loss_factor"].values[where], role="measured"))
-    lines = [
-        (title, float(temperature_sweep[name][0]))
-        for name, title in (("T_peak", "tan δ"), ("T_drop", "fall of E′"))
-        if np.isfinite(float(temperature_sweep[name][0]))
-    ]
+    ramps, moduli, factors = temperature_sweep, [], []
+    for i, frequency in enumerate(ramps["frequency"].values):
+        name, one = f"{frequency:.3g} Hz", ramps.isel(point=ramps["ramp_of"].values == i)
+        T = one["temperature"].values
+        moduli += [Series(f"{sign}, {name}", T, one[of].values * _MPA, role=role) for sign, of, role in _DRAWN_MODULI]
+        factors.append(Series(f"tan δ, {name}", T, one["loss_factor"].values, role="measured"))
+    places = (("tan δ", float(ramps["T_peak"][0])), ("fall of E′", float(ramps["T_drop"][0])))
+    lines = [(title, place) for title, place in places if np.isfinite(place)]
     none = "It shows no glass transition: the storage modulus falls too little, or the maxima lie at its ends."
+    drawn = partial(LineChart, x_label="temperature / °C", vlines=lines, group="ramp")
     charts = (
-        LineChart(
-            "Moduli over temperature", "temperature / °C", "modulus / MPa", moduli, y_scale="log", vlines=lines,
-            group="ramp",
-        ),
-        LineChart(
-            "Loss factor over temperature", "temperature / °C", "tan δ", factors, vlines=lines, group="ramp",
-            height_px=220,
-        ),
-    )  # fmt: skip
-    said = () if _transition_rows(temperature_sweep) else (Paragraph(none),)
+        drawn("Moduli over temperature", y_label="modulus / MPa", series=moduli, y_scale="log"),
+        drawn("Loss factor over temperature", y_label="tan δ", series=factors, height_px=220),
+    )
+    said = () if _transition_rows(ramps) else (Paragraph(none),)
     return Section("Temperature sweep", (*said, Details("Moduli and loss factor over temperature", charts)))
 
 
 def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section:
-    """Show the spectrum, all terms, and the input of a simulation code."""
+    """Show the spectrum, and the input of a simulation code."""
     name, made = context.experiment, deck(master_curve, settings=settings, name=context.experiment)
     outside = master_curve["extrapolated"].values.astype(bool)
     text = (
@@ -370,24 +335,16 @@ def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section
     if outside.any():
         series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
     chart = pages.log_log("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, group="spectrum")
-    table = listed(
-        (
-            Listed("term", list(range(1, outside.size + 1))),
-            Listed("ρ / s", rho.tolist()),
-            Listed("E / MPa", E.tolist()),
-            Listed("remark", ["extrapolated" if is_outside else "" for is_outside in outside]),
-        ),
-        f"E_relaxed = {_modulus(float(master_curve['E_relaxed']))}. Terms outside the covered window are extrapolated.",
-    )
     warnings = [Notice("warning", _sentence(warning)) for warning in made.warnings]
     warned = f" ({pages.counted(len(warnings), 'warning')})" if warnings else ""
     blocks: tuple[Block, ...] = (
         Details("Relaxation spectrum", (chart,)),
-        Details(f"All {outside.size} terms", (table,)),
         *warnings,
         Details(f"For Abaqus, {made.tension.E.size} terms", text=deck_text(made, "abaqus")),
     )
-    return Section("Spectrum and terms", (Paragraph(text), Details(f"Spectrum, terms, files{warned}", blocks)))
+    return Section(
+        "Spectrum and terms", (Paragraph(text), Details(f"Spectrum, input of a simulation code{warned}", blocks))
+    )
 
 
 def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:

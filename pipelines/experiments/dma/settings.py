@@ -43,31 +43,13 @@ class Fit(Table, frozen=True, kw_only=True):
     """How the sweeps are shifted.
 
     ``law`` "free" gives every temperature a shift of its own. ``vertical``, ``delay`` and
-    ``levels`` "auto" are taken when Schwarz's criterion asks for them. ``noise_ratio`` is the
-    relative noise of the loss over that of the storage modulus; by default it is found from the
-    residuals. ``shifts`` is a table of temperature and log_aT, set by hand: the fit begins there
-    and refines them, or takes them as they are with ``refine = false``.
+    ``levels`` "auto" are taken when Schwarz's criterion asks for them.
     """
 
     law: Literal["free", "wlf", "arrhenius"] = "free"
     vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto"
     delay: Literal["auto", "on", "off"] = "auto"
     levels: Literal["auto", "on", "off"] = "auto"
-    robust: bool = True
-    noise_ratio: Annotated[float, POSITIVE] | None = None
-    shifts: File | None = None
-    refine: bool = True
-
-
-class Melt(Table, frozen=True, kw_only=True):
-    """The molar mass of a melt, whose glass transition falls as the chains get short.
-
-    ``fox_flory`` is K of T_g(M) = T_g(∞) − K/M. ``T_ref`` then is that of long chains, and the
-    master curve is drawn at T_ref − K/M, where this melt has their friction.
-    """
-
-    molar_mass: Annotated[float, POSITIVE]  # kg/mol
-    fox_flory: Annotated[float, POSITIVE]  # K kg/mol
 
 
 class Dma(Table, frozen=True, kw_only=True):
@@ -79,8 +61,7 @@ class Dma(Table, frozen=True, kw_only=True):
     to be multiplied by; its uncertainty is that of the specimen's dimensions (in torsion a bar's
     stiffness goes with the fourth power of its thickness) and of the force. ``temperature`` is that
     of files without such a column, ``temperatures`` those of files at one temperature each, in
-    their order. Relaxation and creep tests count as sweeps. ``melt`` corrects T_ref for the molar
-    mass.
+    their order. Relaxation and creep tests count as sweeps.
     """
 
     kind: Literal["dma"]
@@ -94,7 +75,6 @@ class Dma(Table, frozen=True, kw_only=True):
     export: Export = Export()
     sweeps: Sweeps = Sweeps()
     fit: Fit = Fit()
-    melt: Melt | None = None
 
     @property
     def is_shear(self) -> bool:

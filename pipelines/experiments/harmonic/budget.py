@@ -29,7 +29,7 @@ def quantities(oscillations: xr.Dataset, loads: xr.Dataset) -> Iterator[Quantity
         frequency, amplitude, n = (float(at[name]) for name in ("frequency", "amplitude", "n_cycles"))
         storage, loss = float(at["storage_stiffness"]), float(at["loss_stiffness"])
         force, cell = float(np.hypot(storage, loss)) * amplitude, relative_gain(loads)
-        lag = mach1_readings.force_lag(loads, frequency) if oscillations.attrs["is_filter_corrected"] else None
+        lag = mach1_readings.force_lag(loads, frequency)
         u_gain, u_phase = (0.0, 0.0) if lag is None else (lag.u_gain / lag.gain, lag.u_phase)
         noise = excess_uncertainty(float(at["u_force_amplitude"]), cell * force, u_gain * force)
         of_phase = excess_uncertainty(float(at["u_phase_lag"]), u_phase)

@@ -5,12 +5,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
-from labpipe.judging import Agreement, along_curve, stretches
 from labpipe.signals import nrmse
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
@@ -23,8 +20,7 @@ from pipelines.experiments.shared.comparison_rows import (
     row,
     with_its_u,
 )
-from pipelines.experiments.shared.punch_model import inputs_of
-from pipelines.experiments.shared.ramps_and_holds import relative_gain
+from pipelines.experiments.shared.punch_model import inputs_of, laid_along
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -36,16 +32,16 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
     kind = mach1_readings.filter_kinds(loads)[0]
     interval = float(loads["sampling_interval"][0])
     error, bias, agreed = [], [], []
-    stretched = phases(loads, oscillations)
     simulated = np.full(loads.sizes["sample"], np.nan)
-    for i in range(oscillations.sizes["oscillation"]):
+    for i, stretched in enumerate(phases(loads, oscillations)):
         where, used = evaluated(loads, oscillations.isel(oscillation=i))
         passed = mach1_readings.filtered(model["force"].values[where], interval, declared, kind)
         simulated[where] = passed
-        measured = loads["force"].values[where][used]
-        error.append(nrmse(measured, passed[used]))
-        bias.append(float(np.mean(measured - passed[used])))
-        agreed.append(_along(loads, where, passed, stretched[i], model["effect"].values[i].T))
+        force = loads["force"].values[where]
+        error.append(nrmse(force[used], passed[used]))
+        bias.append(float(np.mean(force[used] - passed[used])))
+        inside = [place - where.start for place in stretched]
+        agreed.append(laid_along(loads, force, passed, inside, model["effect"].values[i].T))
     table: dict[str, Any] = {
         "simulated_force": variable("sample", simulated, "N", "simulated force, filtered"),
         "nrmse": variable("oscillation", error, "1", "rms error over range of simulated force"),
@@ -54,30 +50,11 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
     table |= curve_table("oscillation", agreed)
     for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
         units, text = COLUMNS[name]
-        difference = oscillations[name].values - model[name].values
+        gap = oscillations[name].values - model[name].values
         u = np.hypot(oscillations[f"u_{name}"].values, model[f"u_{name}"].values)
-        table[f"{name}_difference"] = variable("oscillation", difference, units, f"{text}, measured − model")
-        table[f"u_{name}_difference"] = variable("oscillation", u, units, f"standard uncertainty: {text}")
+        text = f"{text}, measured − model"
+        table |= with_u(f"{name}_difference", "oscillation", gap, u, units, text)
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
-
-
-def _along(
-    loads: xr.Dataset, where: slice, passed: Floats, places: list[NDArray[np.int64]], effects: Floats
-) -> Agreement | None:
-    """Lay the mean cycle against the model's, in parts of it.
-
-    They share tare and gain, what the model takes of touch, punch and solid, and the delay of the cell.
-    """
-    force = loads["force"].values
-    inside = [place - where.start for place in places]
-    means, own = stretches(force[where] - passed, inside)
-    slope = np.gradient(passed, loads["time"].values[where])
-    of_cell = [
-        np.full(len(places), float(loads["u_tare"])),
-        relative_gain(loads) * np.array([force[place].mean() for place in places]),
-        mach1_readings.filter_delay(loads).u * np.array([slope[place].mean() for place in inside]),
-    ]
-    return along_curve(means, own, np.array([*of_cell, *effects]))
 
 
 DELAY = "delay of the force"

@@ -1,7 +1,6 @@
 """Dynamic stiffness of oscillations, as data for identification."""
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +10,7 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.identification import Evidence, stiffness_evidence
 from labpipe.materials import Prony
-from labpipe.signals import common_fit
-from pipelines.experiments.harmonic.measured import evaluated
-from pipelines.experiments.harmonic.model import along_chords
+from pipelines.experiments.harmonic.model import fitted_waves
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
@@ -75,8 +72,7 @@ def _stiffness(loads: xr.Dataset, waves: xr.Dataset) -> tuple[tuple[Floats, Floa
     """
     storage, loss = waves["storage_stiffness"].values, waves["loss_stiffness"].values
     lags = [mach1_readings.force_lag(loads, f) for f in waves["frequency"].values.tolist()]
-    is_late = bool(waves.attrs["is_filter_corrected"])
-    u_phase = np.array([lag.u_phase if lag and is_late else 0.0 for lag in lags])
+    u_phase = np.array([lag.u_phase if lag else 0.0 for lag in lags])
     by_phase = np.concatenate([loss * u_phase, -storage * u_phase])
     u = np.concatenate([waves[f"u_{n}_stiffness"].values for n in ("storage", "loss")])
     of_gain = ramps_and_holds.relative_gain(loads) * np.concatenate([storage, loss])
@@ -90,7 +86,7 @@ class _Oscillation:
     """Stiffness of the whole simulated file: finite amplitude, edges that come and go.
 
     The simulation moves along chords between the readings. What these do to a sinusoid is known
-    in closed form for every term (:func:`.along_chords`), and is taken out.
+    in closed form for every term (:func:`.fitted_waves`), and is taken out.
     """
 
     loads: xr.Dataset
@@ -105,13 +101,5 @@ class _Oscillation:
         kept = mach1_readings.history(time, depth)
         made = self.geometry.pressed(material, time[kept], depth[kept])
         force = np.interp(time, time[kept], made["force"].values)
-        found = []
-        for i in range(self.waves.sizes["oscillation"]):
-            at = self.waves.isel(oscillation=i)
-            rows, used = evaluated(self.loads, at)
-            clock, position = (self.loads[name].values[rows] for name in ("time", "position_z"))
-            chords = partial(along_chords, material, float(np.median(np.diff(clock))))
-            wave = common_fit(clock[used], position[used], force[rows][used], float(at["frequency"]), response=chords)
-            found.append(complex(wave.storage_stiffness, wave.loss_stiffness))
-        stiffness = np.array(found)
-        return np.concatenate([stiffness.real, stiffness.imag])
+        fits = fitted_waves(self.loads, self.waves, material, force)
+        return np.concatenate([[getattr(f, f"{part}_stiffness") for f in fits] for part in ("storage", "loss")])

@@ -19,7 +19,7 @@ _STAGES = (
     stage(
         "harmonic.measured:loads",
         ("readings", "file:load_cell.record"),
-        ("load_cell",),
+        ("load_cell.tare",),
         summary="compression-positive force, tared, with uncertainty",
     ),
     stage(
@@ -31,7 +31,7 @@ _STAGES = (
     stage(
         "harmonic.measured:oscillations",
         ("loads",),
-        ("cycles", "load_cell.correct_filter_lag"),
+        ("cycles",),
         schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
@@ -77,5 +77,5 @@ KIND = Kind(
     budget=derived("harmonic.budget:quantities", "oscillations", "loads"),
     body="substrate",
     evidence=derived("harmonic.evidence:evidence", "loads", "oscillations", *solid_of("substrate")),
-    proposal=proposal("force", "harmonic.proposal:proposed"),
+    proposal=proposal("force", "shared.punch_proposal:oscillations"),
 )

@@ -100,9 +100,8 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     if _SINUSOID not in functions:
         raise InputError(f"the file holds no Sinusoid block; its blocks are: {', '.join(sorted(set(functions)))}")
     declared = mach1_readings.declared_filter(loads)
-    correct = settings.load_cell.correct_filter_lag and declared is not None
     blocks = [i for i, name in enumerate(functions) if name == _SINUSOID]
-    rows = [_oscillation(loads, block, settings.cycles.skip, is_late=correct) for block in blocks]
+    rows = [_oscillation(loads, block, settings.cycles.skip) for block in blocks]
     others = {
         "declared_frequency": ("Hz", "frequency in the header"),
         "declared_amplitude": ("m", "amplitude in the header"),
@@ -125,14 +124,14 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
         attrs={
             "filter": json.dumps(declared),
             "filter_delay": loads.attrs["filter_delay"],
-            "is_filter_corrected": int(correct),
+            "is_filter_corrected": int(declared is not None),
             "work": json.dumps(work),
         },
     )
 
 
-def _oscillation(loads: xr.Dataset, block: int, skip: int, *, is_late: bool) -> dict[str, float]:
-    """Return stiffness and work of one block; ``is_late``: the cell's filter is taken out, and counts in u."""
+def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
+    """Return stiffness and work of one block; the cell's filter is taken out, and counts in u."""
     part = loads.isel(sample=mach1_readings.rows(loads, block))
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
     stated = float(loads["declared_frequency"][block])
@@ -147,14 +146,13 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int, *, is_late: bool) -> 
 
     # A fast stage skips so many steps that they do not show; the file's decimals remain.
     steps = max(quantisation_step(position[used]), mach1_readings.LAST_DECIMAL), float(loads.attrs["resolution"])
-    passed = response if is_late else None
+    lag = mach1_readings.force_lag(loads, frequency)
+    passed = response if lag else None
     fit = common_fit(time[used], position[used], force[used], frequency, response=passed, resolutions=steps)
     x, f = fit.position, fit.force
     areas = signals.hysteresis_loops(time, position, force, x.frequency, start=begin, end=end)["work"].values
-    lag = mach1_readings.force_lag(loads, frequency) if is_late else None
     u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
-    cell = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
-    u_gain = float(np.hypot(lag.u_gain / lag.gain if lag else 0.0, cell))
+    u_gain = float(np.hypot(lag.u_gain / lag.gain if lag else 0.0, ramps_and_holds.relative_gain(loads)))
     storage, loss = fit.storage_stiffness, fit.loss_stiffness
     u_relative = float(np.linalg.norm([f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude, u_gain]))
     u_storage, u_loss = np.hypot(u_relative * storage, u_phase * loss), np.hypot(u_relative * loss, u_phase * storage)

@@ -9,7 +9,7 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.materials import Prony
-from labpipe.signals import common_fit
+from labpipe.signals import CommonFit, common_fit
 from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
 from pipelines.experiments.harmonic.settings import Harmonic
@@ -52,25 +52,17 @@ def model(
 def _model_rows(
     loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, force: Floats, effects: list[Effect]
 ) -> xr.Dataset:
-    """Fit the simulated force as the measured one was, and keep its curve beside the readings.
-
-    The simulation moved along chords between the readings, along which a solid is stiffer: that is taken out.
-    """
+    """Fit the simulated force as the measured one was, and keep its curve without the effect of its chords."""
     steps, u_inputs = np.array([(e.step, e.given.u) for e in effects]).T
-    rows, lost, force = [], [], force.copy()
-    for i in range(oscillations.sizes["oscillation"]):
-        at = oscillations.isel(oscillation=i)
-        where, used = evaluated(loads, at)
-        time, x = (loads[name].values[where] for name in ("time", "position_z"))
-        chords = partial(along_chords, solid, float(np.median(np.diff(time))))
-        fit, *shifted = (
-            common_fit(time[used], x[used], (force - c)[where][used], float(at["frequency"]), response=chords)
-            for c in (np.zeros_like(force), *(e.change for e in effects))
-        )
-        rows.append((fit, shifted))
+    changed = [force - change for change in (np.zeros_like(force), *(e.change for e in effects))]
+    rows = list(zip(*(fitted_waves(loads, oscillations, solid, each) for each in changed), strict=True))
+    lost, force = [], force.copy()
+    for i, (fit, *_) in enumerate(rows):
+        where, used = evaluated(loads, oscillations.isel(oscillation=i))
+        time = loads["time"].values[where]
         lost.append(float(np.mean(force[where][used] <= 0.0)))
         angle = 2 * np.pi * fit.force.frequency * (time - fit.force.reference_time) + fit.force.phase
-        stiffer = chords(fit.force.frequency) - 1.0
+        stiffer = along_chords(solid, float(np.median(np.diff(time))), fit.force.frequency) - 1.0
         force[where] -= fit.force.amplitude * (stiffer * np.exp(1j * angle)).imag
     table: dict[str, Any] = {
         "force": variable("sample", force, "N", "simulated force"),
@@ -84,13 +76,12 @@ def _model_rows(
     }
     slopes = {}
     for name in ("storage_stiffness", "loss_stiffness"):
-        values = np.array([getattr(fit, name) for fit, _ in rows])
-        moved = np.array([[getattr(one, name) for one in shifted] for _, shifted in rows])
+        values, *moved = np.array([[getattr(fit, name) for fit in row] for row in rows]).T
         units, text = COLUMNS[name]
-        slopes[name] = (values[:, None] - moved) / steps
+        slopes[name] = (values[:, None] - np.array(moved).T) / steps
         u = np.sqrt(np.sum((slopes[name] * u_inputs) ** 2, axis=1))
         table |= with_u(name, "oscillation", values, u, units, f"{text}, simulated", "by touch, punch and solid")
-    amplitude = np.array([fit.position.amplitude for fit, _ in rows])
+    amplitude = np.array([fit.position.amplitude for fit, *_ in rows])
     work, u_work = (np.pi * amplitude**2 * table[f"{part}loss_stiffness"][1] for part in ("", "u_"))
     table |= with_u("work_per_cycle", "oscillation", work, u_work, "J", "simulated work")
     slopes["work_per_cycle"] = np.pi * amplitude[:, None] ** 2 * slopes["loss_stiffness"]
@@ -98,6 +89,21 @@ def _model_rows(
         text = f"change with an input, SI: {COLUMNS[name][1]}, simulated"
         table[f"slope_{name}"] = variable(("oscillation", "uncertain"), moved, "1", text)
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+
+
+def fitted_waves(loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, force: Floats) -> list[CommonFit]:
+    """Fit a simulated force (sample,) [N] as the measured one was.
+
+    The simulation moved along chords between the readings, along which a solid is stiffer: that is taken out.
+    """
+    found = []
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        where, used = evaluated(loads, at)
+        time, x = (loads[name].values[where] for name in ("time", "position_z"))
+        chords = partial(along_chords, solid, float(np.median(np.diff(time))))
+        found.append(common_fit(time[used], x[used], force[where][used], float(at["frequency"]), response=chords))
+    return found
 
 
 def along_chords(material: Prony, interval: float, frequency: float) -> complex:

@@ -1,7 +1,6 @@
 """The report of a harmonic indentation."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -26,7 +25,7 @@ from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.judgements import capitalised
-from pipelines.experiments.shared.punch_sections import blocks_table, cell, punch_rows, substrate_name
+from pipelines.experiments.shared.punch_sections import measured
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _UM = 1e6
@@ -58,23 +57,7 @@ def _measured(
     loads: xr.Dataset | None = None,
     model: xr.Dataset | None = None,
 ) -> Section:
-    rows = [("file", settings.mach1, ""), *punch_rows(settings.punch), *pages.remarks(context)]
-    if model is not None:
-        rows += [
-            ("material", substrate_name(settings.substrate), ""),
-            ("first touch", pages.told(model, "contact_position"), model.attrs["contact"]),
-            ("solver", model.attrs["solver"], model.attrs["solver_reason"]),
-            ("datum of displacement", model.attrs["datum"], ""),
-        ]
-    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
-    if readings is not None:
-        blocks.append(blocks_table(readings))
-    if loads is not None:
-        blocks += cell(loads)
-    header = pages.raw_header(readings)
-    if header is not None:
-        blocks.append(header)
-    return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
+    return measured(settings, context, [settings.mach1], [readings], [loads], model)
 
 
 def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
@@ -97,10 +80,8 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
     )
     notes: list[Block] = [listed(columns, caption)]
     declared = json.loads(oscillations.attrs["filter"])
-    if oscillations.attrs["is_filter_corrected"]:
-        lag = oscillations["filter_phase"].values
-        low_pass = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz)"
-        delay = f"{np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°"
+    if declared is not None:
+        lag = np.degrees(oscillations["filter_phase"].values)
         known = json.loads(oscillations.attrs.get("filter_delay", "null"))
         source = (
             "assuming a causal Butterworth filter; the uncertainty covers the other usual types, "
@@ -108,16 +89,13 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
             if known is None
             else f"by the delay in the load cell's record, {value_with_uncertainty(known[0], known[1], 's')}"
         )
-        text = f"{low_pass} delays the force by {delay}. This was removed, {source}. "
-        notes.append(Notice("info", text + "Switch it off with load_cell.correct_filter_lag = false."))
-    elif declared is not None:
-        notes.append(
-            Notice("warning", "The load cell's low-pass was not corrected: phase lags and work are too small.")
-        )
+        low_pass = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz)"
+        text = f"{low_pass} delays the force by {lag.min():.1f} to {lag.max():.1f}°. This was removed, {source}."
+        notes.append(Notice("info", text))
     return Section("Frequencies", tuple(notes))
 
 
-def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None) -> Section:
+def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None, theory: xr.Dataset | None = None) -> Section:
     frequency = oscillations["frequency"].values
     order = np.argsort(frequency)
     charts: list[Block] = []
@@ -131,8 +109,12 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None) -> Sec
         if model is not None:
             simulated, u = (model[each].values[order] * factor for each in (name, f"u_{name}"))
             series += pages.model_curves(frequency[order], simulated, u)
-        caption, label = "Bars are standard uncertainties." if name.startswith("s") else "", f"{title.lower()} / {unit}"
-        shape = (title, "frequency / Hz", label, tuple(series))
+        caption = "Bars are standard uncertainties."
+        if name == "work_per_cycle" and theory is not None and is_there(theory):
+            limit = theory["dissipated_work"].values[order] * factor
+            series.append(Series("eq. (2.31)", frequency[order], limit, role="reference"))
+            caption += " Eq. (2.31) is the limit of small amplitudes."
+        shape = (title, "frequency / Hz", f"{title.lower()} / {unit}", tuple(series))
         charts.append(LineChart(*shape, x_scale="log", height_px=260, caption=caption))
     return Section("Stiffness and work", tuple(charts))
 
@@ -142,57 +124,34 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
     del model  # without one nothing is said here: the summary says why
     if not is_there(theory):
         return Section("Dissipation and detachment", (Notice("info", f"{capitalised(theory.attrs['absent'])}."),))
-    x = theory["dimensionless_frequency"].values
-    order = np.argsort(x)
-    shown = x[order] * 1e10
-    work = {
-        f"{head}{name}": theory[f"{head}dimensionless_work_{name}"].values[order] * 1e6
-        for name in ("measured", "model", "theory")
-        for head in ("", "u_")
-    }
-    series = (
-        Series("measured", shown, work["measured"], style="points", role="measured", u=work["u_measured"]),
-        *pages.model_curves(shown, work["model"], work["u_model"]),
-        Series("eq. (2.31)", shown, work["theory"], role="reference"),
+    columns = (
+        pages.plain(theory, "dimensionless_frequency", "f τ₀"),
+        pages.plain(theory, "dimensionless_amplitude", "α/R"),
+        pages.column(theory, "dimensionless_work_measured", "W/(E λ R d), measured"),
+        pages.column(theory, "dimensionless_work_theory", "by eq. (2.31)"),
+        pages.column(theory, "tapping_amplitude", "tapping front"),
+        *([pages.column(loops, "least_force", "least force")] if loops is not None else []),
+        *([pages.plain(loops, "contact_loss", "contact lost / %", 100)] if loops is not None else []),
     )
-    tau, over = float(theory["characteristic_time"]), f"(E λ R d = {float(theory['work_scale']):.4g} J)"
-    caption = f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {over}. Bars: one standard uncertainty. "
-    caption += "Eq. (2.31) is the limit of small amplitudes."
-    labels = ("Dissipated work, dimensionless", "frequency f τ₀ / 10⁻¹⁰", "work W/(E λ R d) / 10⁻⁶")
-    chart = LineChart(*labels, series, x_scale="log", height_px=280, caption=caption)
-    scale = float(theory["work_scale"])
-    table = listed(
-        (
-            Listed("f τ₀", x.tolist()),
-            pages.plain(theory, "dimensionless_amplitude", "α/R"),
-            replace(pages.column(theory, "dimensionless_work_measured", "work, measured", scale), unit="J"),
-            pages.column(theory, "dissipated_work", "work, eq. (2.31)"),
-            pages.column(theory, "tapping_amplitude", "tapping front"),
-            *([pages.column(loops, "least_force", "least force")] if loops is not None else []),
-            *([pages.plain(loops, "contact_loss", "contact lost / %", 100)] if loops is not None else []),
-        ),
-        "Contact is lost where the mean loop's force does not exceed twice its uncertainty; theory predicts loss of "
-        "contact at amplitudes beyond the tapping front (2.34).",
+    caption = (
+        f"τ₀ = {number(float(theory['characteristic_time']), 3)} s, E the relaxed modulus (E λ R d = "
+        f"{float(theory['work_scale']):.4g} J). Contact is lost where the mean loop's force does not exceed twice its "
+        "uncertainty; theory predicts loss of contact at amplitudes beyond the tapping front (2.34)."
     )
-    return Section("Dissipation and detachment", (chart, table))
+    return Section("Dissipation and detachment", (listed(columns, caption),))
 
 
-def _hold(hold: xr.Dataset, oscillations: xr.Dataset | None = None) -> Section:
-    """Show the relaxation before the oscillations, and whether it was long enough."""
+def _hold(hold: xr.Dataset) -> Section:
+    """Show the relaxation before the oscillations."""
+    title = "Relaxation before the oscillations"
     if not is_there(hold):
-        return Section("Relaxation before", (Notice("info", f"{hold.attrs['absent']}."),))
+        return Section(title, (Notice("info", f"{hold.attrs['absent']}."),))
     rows = [
-        (text, pages.told(hold, name, -1), note)
-        for name, text, note in (
-            ("depth", "indentation", "from first touch"),
-            ("peak_force", "peak", "as recorded"),
-            ("plateau_force", "plateau", f"after {float(hold['duration'][-1]):.0f} s"),
-        )
+        ("indentation", pages.told(hold, "depth", -1), "from first touch"),
+        ("peak", pages.told(hold, "peak_force", -1), "as recorded"),
+        ("plateau", pages.told(hold, "plateau_force", -1), f"after {float(hold['duration'][-1]):.0f} s"),
     ]
-    if oscillations is not None:
-        last = float(oscillations["mean_force"][-1])
-        rows.append(("mean force of the last oscillation", f"{last:.3f} N", ""))
-    return Section("Relaxation before the oscillations", (KeyValues(rows),))
+    return Section(title, (KeyValues(rows),))
 
 
 def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:

@@ -2,6 +2,7 @@
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -58,42 +59,32 @@ def theory(
         (work, front), (moved_work, moved_front) = at(mean), at(mean + step)
     except InputError as error:  # a layer may be pressed further than the half-plane of the theory
         return xr.Dataset(attrs={"absent": f"equations (2.31) and (2.34) do not apply: {error}"})
-    tau = settings.characteristic_time
     shortest = float(solid.creep_terms()[1].min()) if len(solid.rho) else np.nan
-    scale = (solid, radius, period, depth)
-    sources = {
-        "measured": (oscillations["work_per_cycle"].values, oscillations["u_work_per_cycle"].values),
-        "model": (model["work_per_cycle"].values, model["u_work_per_cycle"].values),
-        "theory": (work, np.abs(moved_work - work) * u_touch / step),
-    }
-    seen, u_seen = sources["measured"]
-    u_work, u_front = sources["theory"][1], np.abs(moved_front - front) * u_touch / step
-    time = shortest if tau is None else tau.value
-    text = "dissipated work per cycle, eq. (2.31)"
-    table = with_u("dissipated_work", "oscillation", work, u_work, "J", text, "from first touch")
+    tau = shortest if settings.characteristic_time is None else settings.characteristic_time.value
+    seen, u_seen = (oscillations[f"{u}work_per_cycle"].values for u in ("", "u_"))
+    u_work, u_front = (np.abs(moved - at) * u_touch / step for moved, at in ((moved_work, work), (moved_front, front)))
+    table: dict[str, Any] = {}
     for name, values, u, units, text in (
+        ("dissipated_work", work, u_work, "J", "dissipated work per cycle, eq. (2.31)"),
         ("tapping_amplitude", front, u_front, "m", "amplitude at which contact is lost, eq. (2.34)"),
         ("mean_indentation", mean, np.full(mean.size, u_touch), "m", "mean indentation"),
         ("work_difference", seen - work, np.hypot(u_seen, u_work), "J", "work, measured minus eq. (2.31)"),
     ):
         table |= with_u(name, "oscillation", values, u, units, text)
+    for name, found in (("measured", (seen, u_seen)), ("theory", (work, u_work))):
+        values, u = (dissipation.dimensionless_work(numbers, solid, radius, period, depth) for numbers in found)
+        text = f"work, dimensionless (2.40), {name}"
+        table |= with_u(f"dimensionless_work_{name}", "oscillation", values, u, "1", text)
     for name, values, text in (
         ("mean", mean / radius, "mean indentation over R, eq. (2.36)"),
         ("amplitude", amplitude / radius, "amplitude over R, eq. (2.37)"),
-        ("frequency", dissipation.dimensionless_frequency(frequency, time), "f tau_0, eq. (2.38)"),
+        ("frequency", dissipation.dimensionless_frequency(frequency, tau), "f tau_0, eq. (2.38)"),
     ):
         table[f"dimensionless_{name}"] = variable("oscillation", values, "1", text)
-    for name, found in sources.items():
-        values, u = (dissipation.dimensionless_work(numbers, *scale) for numbers in found)
-        text = f"work, dimensionless (2.40), {name}"
-        table |= with_u(f"dimensionless_work_{name}", "oscillation", values, u, "1", text)
+    scale = float(solid.E_relaxed) * period * depth * radius
+    table["characteristic_time"] = variable((), float(tau), "s", "characteristic time tau_0")
+    table["work_scale"] = variable((), scale, "J", "scale of the work (2.40)")
     made = xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
-    for name, value, units, text in (
-        ("characteristic_time", time, "s", "characteristic time tau_0"),
-        ("force_scale", solid.E_relaxed * period * depth, "N", "E_relaxed times period and depth"),
-        ("work_scale", solid.E_relaxed * period * depth * radius, "J", "scale of the work (2.40)"),
-    ):
-        made[name] = variable((), float(value), units, text)
     for label, where in (
         ("contact is lost in part of the cycle", loops["contact_loss"].values > 0),
         ("the amplitude lies beyond the tapping front (2.34)", amplitude > front),

@@ -17,7 +17,6 @@ _RAMPS = Schema(
             ("u_peak_force", "N"),
             ("plateau_force", "N"),
             ("u_plateau_force", "N"),
-            ("ratio", "1"),
         )
     },
 )
@@ -91,5 +90,5 @@ KIND = Kind(
     budget=derived("relaxation.budget:quantities", "loads", "curves"),
     body="substrate",
     evidence=derived("relaxation.evidence:evidence", "loads", "ramps", "curves", *solid_of("substrate")),
-    proposal=proposal("force", "relaxation.proposal:proposed"),
+    proposal=proposal("force", "shared.punch_proposal:relaxations"),
 )

@@ -3,7 +3,6 @@
 import json
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -48,35 +47,21 @@ def tests(
         for i in range(found.sizes["ramp"])
     ]
     parts = [
-        xr.merge(
-            [
-                found,
-                curve.drop_dims(["lag", "elapsed"], errors="ignore"),
-                compared.drop_dims("sample", errors="ignore"),
-            ],
-            combine_attrs="drop_conflicts",
-        )
+        xr.merge([found, curve, compared], combine_attrs="drop_conflicts")
         for found, curve, compared in zip(ramps, curves, comparison, strict=True)
     ]
     # a hold that ended sooner depends on fewer modes of a spectrum: on the others not at all
     known = [part for part in parts if "uncertain" in part.coords]
-    simulated = max(known, key=lambda part: part.sizes["uncertain"], default=None)
-    if simulated is not None:
-        effects = simulated["uncertain"].values
-        parts = [
-            part.drop_vars([*INPUTS]).reindex(uncertain=effects, fill_value=0.0) if "uncertain" in part.coords else part
-            for part in parts
-        ]
-    wanted = sorted({str(n) for part in parts for n in part.data_vars if "ramp" in part[n].dims})
-    table: dict[str, Any] = {}
-    for name in wanted:
-        first = next(part[name] for part in parts if name in part)
-        empty = (np.full((part.sizes["ramp"], *first.shape[1:]), np.nan) for part in parts)
-        values = [part[name].values if name in part else none for part, none in zip(parts, empty, strict=True)]
-        table[name] = (("test", *first.dims[1:]), np.concatenate(values), first.attrs)
-    made = xr.Dataset(table, coords={"test": np.arange(1, len(names) + 1)})
-    if simulated is not None:
-        made = made.merge(simulated[[*INPUTS]])
+    simulated = max(known, key=lambda part: part.sizes["uncertain"], default=xr.Dataset())
+    tables = []
+    for part in parts:
+        table = part[[n for n in part.data_vars if {"ramp"} <= set(part[n].dims) <= {"ramp", "uncertain"}]]
+        if "uncertain" in table.coords:
+            table = table.reindex(uncertain=simulated["uncertain"].values, fill_value=0.0)
+        tables.append(table.drop_vars("ramp", errors="ignore"))
+    made = xr.concat(tables, "ramp", data_vars="minimal", coords="minimal", compat="override", join="outer")
+    made = made.rename(ramp="test").assign_coords(test=np.arange(1, len(names) + 1))
+    made = made.merge(simulated[[name for name in INPUTS if name in simulated]])
     made.attrs = {"names": json.dumps(names)}
     if "reduced_modulus" in made:
         nus = [float(c["nu"]) for c in curves if "nu" in c]

@@ -60,7 +60,6 @@ def curves(
     columns = {
         "reduced_modulus": ("Pa", "relaxed reduced modulus E/(1 - nu^2), from the plateau"),
         "reduced_modulus_own_part": ("Pa", "part of its uncertainty that other depths do not share"),
-        "reduced_modulus_cosine": ("Pa", "the same by eq. (2.17), for a cosine on a half-plane"),
     }
     result = result.merge(xr.Dataset(from_rows("ramp", [m for m, _ in moduli], columns)))
     result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
@@ -80,34 +79,28 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
     longest = max(hold.last - hold.end for hold in found)
     decades = np.log10(longest / interval)
     edges = np.geomspace(0.5 * interval, 1.001 * longest, int(decades * BINS_PER_DECADE) + 2)
-    lag = np.sqrt(edges[1:] * edges[:-1])
-    step = float(loads.attrs.get("resolution", 0.0))
-    force, spread, middle, width = (np.full((len(found), lag.size), np.nan) for _ in range(4))
+    text = "force in the hold, as recorded behind the cell's filter"
+    columns = {
+        "force": ("N", text),
+        "u_force": ("N", f"standard uncertainty from noise: {text}"),
+        "mean_time": ("s", "mean time of a bin's readings since the stage arrived"),
+        "time_spread": ("s", "standard deviation of the times of a bin's readings"),
+    }
+    table = np.full((len(columns), len(found), edges.size - 1), np.nan)
     for i, hold in enumerate(found):
         since = loads["time"].values[hold.rows] - hold.end
-        values = loads["force"].values[hold.rows]
-        t, mean, _, _ = ramps_and_holds.binned(since, values, edges)
-        place = np.searchsorted(edges, t, side="right") - 1
-        force[i, place], middle[i, place] = mean, t
-        width[i, place] = ramps_and_holds.binned(since, since, edges)[2]
-        spread[i, place] = ramps_and_holds.u_of_means(since, values, edges, ramps_and_holds.noise(loads, hold), step)
-    kept = np.isfinite(force).any(axis=0)
-    text = "force in the hold, as recorded behind the cell's filter"
-    table = {
-        "force": (force, "N", text),
-        "u_force": (spread, "N", f"standard uncertainty from noise: {text}"),
-        "mean_time": (middle, "s", "mean time of a bin's readings since the stage arrived"),
-        "time_spread": (width, "s", "standard deviation of the times of a bin's readings"),
-    }
+        t, mean, _, count = ramps_and_holds.binned(since, loads["force"].values[hold.rows], edges)
+        width = ramps_and_holds.binned(since, since, edges)[2]
+        u = ramps_and_holds.u_of_means(loads, hold, count)
+        table[:, i, np.searchsorted(edges, t, side="right") - 1] = mean, u, t, width
+    kept = np.isfinite(table[0]).any(axis=0)
+    lag = np.sqrt(edges[1:] * edges[:-1])[kept]
     return xr.Dataset(
         {
-            name: variable(("ramp", "lag"), values[:, kept], units, text)
-            for name, (values, units, text) in table.items()
+            name: variable(("ramp", "lag"), values[:, kept], *words)
+            for (name, words), values in zip(columns.items(), table, strict=True)
         },
-        coords={
-            "ramp": np.arange(1, len(found) + 1),
-            "lag": variable("lag", lag[kept], "s", "time since the stage arrived"),
-        },
+        coords={"ramp": np.arange(1, len(found) + 1), "lag": variable("lag", lag, "s", "time since the stage arrived")},
     )
 
 
@@ -118,8 +111,6 @@ def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dic
         message = f"the hold lies {-depth * 1e6:.3g} µm above first touch; the position of first touch cannot be right"
         raise InputError(message)
     value = force / float(elastic_force(np.array([depth]), geometry)[0])
-    punch = (geometry.radius, geometry.period, geometry.depth, geometry.tips)
-    cosine = Geometry(*punch, np.inf, geometry.nu, type(geometry.model)(profile="cosine"))
     lag, u = float(at["u_plateau_lag"]), float(at["u_plateau_force"])
     noise = excess_uncertainty(u, ramps_and_holds.systematic(loads, force), lag)
     of_force = value / force
@@ -140,7 +131,6 @@ def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dic
         "reduced_modulus": value,
         "u_reduced_modulus": combined_uncertainty(sources),
         "reduced_modulus_own_part": combined_uncertainty(own),
-        "reduced_modulus_cosine": force / float(elastic_force(np.array([depth]), cosine)[0]),
     }
     return row, budget_rows(sources)
 

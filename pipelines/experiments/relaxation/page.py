@@ -6,26 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from labpipe.report import (
-    Band,
-    Block,
-    KeyValues,
-    LineChart,
-    Listed,
-    Notice,
-    Paragraph,
-    Section,
-    Series,
-    listed,
-    value_with_uncertainty,
-)
+from labpipe.report import Band, Block, KeyValues, LineChart, Listed, Notice, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, pages, ramps_and_holds
-from pipelines.experiments.shared.punch_sections import header_blocks, punch_rows, substrate_name
+from pipelines.experiments.shared.punch_sections import measured
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
@@ -64,15 +52,12 @@ def _summary(
 def _measured(
     settings: Relaxation,
     context: Context,
-    readings: list[xr.Dataset] | None = None,
+    readings: list[xr.Dataset | None] | None = None,
     loads: list[xr.Dataset] | None = None,
+    model: list[xr.Dataset] | None = None,
 ) -> Section:
-    rows = [("files", ", ".join(settings.mach1), ""), *punch_rows(settings.punch), *pages.remarks(context)]
-    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
-    for number, name in enumerate(settings.mach1):
-        raw, ours = (None if found is None else found[number] for found in (readings, loads))
-        blocks += header_blocks(raw, ours, name)
-    return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
+    found = next(filter(is_there, model or ()), None)
+    return measured(settings, context, settings.mach1, readings, loads, found)
 
 
 def _tests(tests: xr.Dataset) -> Section:
@@ -208,31 +193,10 @@ def _moduli(curves: Sequence[xr.Dataset], tests: xr.Dataset, model: Sequence[xr.
         caption += "resolved."
         labels = ("Relaxation modulus from the force", "time / s", "reduced modulus / MPa")
         blocks.append(LineChart(*labels, tuple(series), x_scale="log", height_px=280, caption=caption))
-    columns = (
-        Listed("depth", [_label(tests, i) for i in range(tests.sizes["test"])]),
-        pages.column(tests, "reduced_modulus", "reduced modulus"),
-        pages.plain(tests, "reduced_modulus_cosine", "by eq. (2.17) as printed"),
-    )
-    blocks.append(listed(columns, "Eq. (2.17) holds for a cosine on a half-plane.", sortable=False))
+    depths = [_label(tests, i) for i in range(tests.sizes["test"])]
+    columns = (Listed("depth", depths), pages.column(tests, "reduced_modulus", "reduced modulus"))
+    blocks.append(listed(columns, "Reduced modulus by the plateau of each test.", sortable=False))
     return Section("Modulus", tuple(blocks))
-
-
-def _model(settings: Relaxation, model: Sequence[xr.Dataset]) -> Section | None:
-    found = next(filter(is_there, model), None)
-    if found is None:
-        return None
-    rows = [
-        ("material", substrate_name(settings.substrate), ""),
-        ("its relaxed reduced modulus", value_with_uncertainty(float(found["reduced_modulus"]), 0.0, "Pa"), ""),
-        ("profile of the tips", settings.model.profile, ""),
-        ("solver", found.attrs["solver"], found.attrs["solver_reason"]),
-        ("datum of displacement", found.attrs["datum"], ""),
-    ]
-    text = (
-        "Boundary elements of a periodic line contact with exact exponential memory, driven by the "
-        "measured displacement of the whole file, approach included."
-    )
-    return Section("Model", (Paragraph(text), KeyValues([r for r in rows if r[1]])))
 
 
 def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None = None) -> Section:
@@ -266,7 +230,7 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
 page = Report(
     "Stress relaxation",
     ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-    (_summary, _measured, _tests, _ramps, _holds, _moduli, _model, budgets(quantities), _methods),
+    (_summary, _measured, _tests, _ramps, _holds, _moduli, budgets(quantities), _methods),
     compared_rows,
     counts=dict.fromkeys(
         ("loads", "ramps", "curves", "model", "comparison"), lambda each: all(one is not None for one in each)

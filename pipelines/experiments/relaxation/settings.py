@@ -5,9 +5,9 @@ from typing import Annotated, ClassVar, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.fields import POSITIVE, File, Length, Time
-from pipelines.experiments.shared.punch_settings import IndentationModel, LoadCell, Punch, Substrate
-from pipelines.experiments.shared.settings import Columns, Table
+from labpipe.workflow.fields import POSITIVE, File, Time
+from pipelines.experiments.shared.punch_settings import Indentation
+from pipelines.experiments.shared.settings import Table
 
 
 class Hold(Table, frozen=True, kw_only=True):
@@ -23,21 +23,10 @@ class Hold(Table, frozen=True, kw_only=True):
     plateau: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
 
 
-class Relaxation(Table, frozen=True, kw_only=True):
-    """One or more Mach-1 files with a Stress Relaxation block each; one test per ramp.
-
-    Without ``punch`` no modulus is found, without ``substrate`` nothing is simulated; the report
-    says so. ``contact`` is the stage position of first touch; without it the approach in each file
-    is searched for it. ``columns`` names time, position and force of another tester's tables.
-    """
+class Relaxation(Indentation, frozen=True, kw_only=True):
+    """One or more Mach-1 files with a Stress Relaxation block each; one test per ramp."""
 
     function: ClassVar[str] = "Stress Relaxation"  # of the tester, that is evaluated
     kind: Literal["relaxation"]
     mach1: Annotated[list[File], msgspec.Meta(min_length=1)]
-    punch: Punch | None = None
-    substrate: Substrate | None = None
-    contact: Length | None = None
-    load_cell: LoadCell = LoadCell()
-    columns: Columns | None = None
     hold: Hold = Hold()
-    model: IndentationModel = IndentationModel()

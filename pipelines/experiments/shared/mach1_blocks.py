@@ -15,7 +15,8 @@ from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 
 OSCILLATION, FIND_CONTACT = "Sinusoid", "Find Contact"
-_CLEAR = 5.0  # rise of a force over its noise, if the cell lives
+_CLEAR, _SHARE = 10.0, 0.2
+"""Standard uncertainties, and share of the spread of the readings, by which a force must rise with the position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +63,63 @@ class Part:
         """Return a parameter as written; empty where there is none."""
         return next((str(p["text"]) for p in self.header["parameters"] if p["key"] == key), "")
 
+    def moved(self, values: Floats) -> float:
+        """Return the amplitude of a column, or its change by the first ramp or approach."""
+        if self.function == OSCILLATION:
+            low, high = np.nanquantile(values, [0.005, 0.995])
+            return 0.5 * float(high - low)
+        inside = values[self.segment == self.segment[0]]
+        if self.function == FIND_CONTACT:
+            return float(inside[np.nanargmax(np.abs(inside - inside[0]))] - inside[0])
+        return float(np.nanmedian(inside[inside.size // 2 :]) - inside[0])
+
+    @property
+    def speed(self) -> float:
+        """Speed of the middle of the first ramp [m/s]; NaN where fewer than three readings show it."""
+        first = self.segment == self.segment[0]
+        time, x, travel = self.time[first], self.position[first], self.moved(self.position)
+        if travel == 0.0:
+            return nan
+        share = (x - x[0]) / travel
+        inside = (share > 0.1) & (share < 0.9) & (np.arange(x.size) <= np.argmax(share > 0.99))
+        return abs(float(np.polyfit(time[inside], x[inside], 1)[0])) if inside.sum() >= 3 else nan
+
+    @property
+    def frequency(self) -> tuple[float, float]:
+        """Frequency by counting passages through the middle in one direction, and its uncertainty [Hz]."""
+        x = self.position
+        low, high = np.nanquantile(x, [0.01, 0.99])
+        middle, band = 0.5 * (low + high), 0.15 * (high - low)
+        side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
+        known = np.flatnonzero(side)
+        rising = known[1:][np.diff(side[known]) > 0]
+        if band <= 0.0 or rising.size < 2:
+            return nan, nan
+        lasted = float(self.time[rising[-1]] - self.time[rising[0]])
+        value = (rising.size - 1) / lasted
+        return value, value * float(np.median(np.diff(self.time))) / lasted
+
+    @property
+    def stiffness(self) -> tuple[float, float, bool]:
+        """Stiffness between the lowest and the highest tenth of the travel, its u [N/m], and whether force follows."""
+        used = np.isfinite(self.position) & np.isfinite(self.force)
+        if self.function == RELAXATION:
+            used &= self.segment == self.segment[0]
+        x, f = self.position[used], self.force[used]
+        if x.size < 10 or np.ptp(x) == 0.0:
+            return nan, nan, False
+        low, high = (np.abs(x - end) < 0.1 * np.ptp(x) for end in (x.min(), x.max()))
+        rise, travel = float(f[high].mean() - f[low].mean()), float(x[high].mean() - x[low].mean())
+        noise = float(np.diff(f, 2).std()) / np.sqrt(6.0)
+        u = noise * float(np.sqrt(1.0 / low.sum() + 1.0 / high.sum()))
+        spread = float(np.ptp(np.quantile(f, [0.05, 0.95])))
+        return rise / travel, u / travel, spread > 0.0 and abs(rise) > max(_CLEAR * u, _SHARE * spread)
+
 
 def parts(readings: xr.Dataset) -> list[Part]:
     """Return the blocks of a file with their place in it."""
     found, line = [], 2  # after the title
-    force = readings.get("force_z")
-    position = readings.get("position_z")
+    force, position = readings.get("force_z"), readings.get("position_z")
     block = readings["block"].values
     left_out = json.loads(readings.attrs.get("outliers", "[]"))
     for number, header in enumerate(json.loads(readings.attrs["blocks"])):
@@ -89,83 +141,3 @@ def between(part: Part, after: Part) -> float:
     if not (began and next_began):
         return nan
     return (datetime.fromisoformat(next_began) - datetime.fromisoformat(began)).total_seconds()
-
-
-def moved_by(part: Part, values: Floats) -> float:
-    """Return by how much a column moves as the command of a block means it; NaN without one."""
-    if part.function == OSCILLATION:
-        low, high = np.nanquantile(values, [0.005, 0.995])
-        return 0.5 * float(high - low)
-    first = part.segment == part.segment[0]
-    inside = values[first]
-    return float(np.nanmedian(inside[inside.size // 2 :]) - inside[0])
-
-
-def counted_frequency(part: Part) -> tuple[float, float]:
-    """Return the frequency of a motion by counting its turns, and its uncertainty [Hz]."""
-    x = part.position
-    low, high = np.nanquantile(x, [0.01, 0.99])
-    middle, band = 0.5 * (low + high), 0.15 * (high - low)
-    side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
-    known = np.flatnonzero(side)
-    turns = known[1:][np.diff(side[known]) != 0]
-    if band <= 0.0 or turns.size < 3:
-        return nan, nan
-    # one way through the middle only, so that an offset of the level does not count
-    rising = turns[side[turns] == side[turns[0]]]
-    if rising.size < 2:
-        return nan, nan
-    lasted = float(part.time[rising[-1]] - part.time[rising[0]])
-    interval = float(np.median(np.diff(part.time)))
-    value = (rising.size - 1) / lasted
-    return value, value * interval / lasted
-
-
-def travel_and_speed(part: Part) -> tuple[float, float, float]:
-    """Return travel, speed and duration of the rest of a ramp or an approach [m, m/s, s]."""
-    first = part.segment == part.segment[0]
-    time, x = part.time[first], part.position[first]
-    travel = float(np.nanmedian(x[x.size // 2 :]) - x[0]) if part.function == RELAXATION else float(x[-1] - x[0])
-    if part.function == FIND_CONTACT and x.size:
-        far = int(np.nanargmax(np.abs(x - x[0])))
-        travel = float(x[far] - x[0])
-    if travel == 0.0 or x.size < 4:
-        return travel, nan, nan
-    share = (x - x[0]) / travel
-    arrived = int(np.argmax(share > 0.99))
-    inside = (share > 0.1) & (share < 0.9) & (np.arange(x.size) <= arrived)
-    # the readings on either side of the middle make a rate of two of them too
-    speed = float(np.polyfit(time[inside], x[inside], 1)[0]) if inside.sum() >= 3 else nan
-    return travel, speed, float(time[-1] - time[arrived])
-
-
-def response_of(part: Part) -> tuple[float, float, float]:
-    """Return stiffness [N/m] of a block, its uncertainty, and the share of force explained."""
-    used = np.isfinite(part.position) & np.isfinite(part.force)
-    if part.function != OSCILLATION:
-        used &= part.segment == part.segment[0]
-    x, f, t = part.position[used], part.force[used], part.time[used]
-    if x.size < 10 or np.ptp(x) == 0.0:
-        return nan, nan, nan
-    if part.function == RELAXATION:
-        step = x - x[0]
-        held = np.abs(step) > 0.9 * np.abs(step).max()
-        arrived = int(np.argmax(held))
-        soon = f[arrived : arrived + max(10, min(50, f.size // 10))]
-        late = f[-max(f.size // 10, 10) :]
-        noise = float((late - np.polyval(np.polyfit(np.arange(late.size), late, 1), np.arange(late.size))).std())
-        before = f[:1]
-        rise = float(soon[np.argmax(np.abs(soon - before[0]))] - before[0])
-        travel = float(step[arrived])
-        share = 1.0 if abs(rise) > 2 * _CLEAR * noise and rise != 0.0 else 0.0
-        return rise / travel, 1.5 * noise / abs(travel), share
-    rate = np.gradient(x, t)
-    base = np.column_stack([np.ones_like(t), t - t.mean(), x - x.mean(), rate])
-    scale = np.maximum(np.abs(base).max(axis=0), 1e-300)
-    answer, *_ = np.linalg.lstsq(base / scale, f, rcond=None)
-    drift = f - (base[:, :2] / scale[:2]) @ answer[:2]
-    rest = drift - (base[:, 2:] / scale[2:]) @ answer[2:]
-    variance = float(np.var(drift))
-    share = 1.0 - float(np.var(rest)) / variance if variance > 0.0 else 0.0
-    u = float(rest.std()) / (float(x.std()) * np.sqrt(x.size / 10))
-    return float(answer[2] / scale[2]), u, share

@@ -1,14 +1,13 @@
-"""Checks of a Mach-1 file: its declared commands compared with its columns.
+"""Checks of a Mach-1 file: its declared commands compared with its columns, and of the record of its load cell.
 
 Commands, clock and columns are redundant: the amplitude of a command is that of the position,
 its frequency and speed against position and time, the start of the next block against the length
-of this one, and the force against the cell's capacity, its sign against the motion. A factor in a
-column moves them by different powers, which identifies the mistake.
+of this one, and the force against the cell's capacity, its sign against the motion.
 """
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import hypot, isfinite, log, nan, pi
@@ -17,42 +16,29 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from labpipe.contact.line import westergaard
-from labpipe.judging import Cause, Check, Level, bounded, compared, in_words, not_made, stated, too_large
+from labpipe.judging import Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.report import quantity
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.judgements import Title, because, day_known
-from pipelines.experiments.shared.mach1_blocks import (
-    FIND_CONTACT,
-    OSCILLATION,
-    Part,
-    between,
-    counted_frequency,
-    moved_by,
-    parts,
-    response_of,
-    travel_and_speed,
-)
-from pipelines.experiments.shared.punch_settings import IndentationModel, LoadCell, Punch
+from pipelines.experiments.shared.mach1_blocks import FIND_CONTACT, OSCILLATION, Part, between, parts
+from pipelines.experiments.shared.punch_settings import LoadCell
 from pipelines.experiments.shared.ramps_and_holds import RELAXATION
 from pipelines.experiments.shared.record_checks import Trace, longest_run, shared_rows
 
 AMPLITUDE, FREQUENCY = "amplitude of the oscillation", "frequency of the oscillation"
-TRAVEL, SPEED = "travel of the ramp", "speed of the ramp"
-APPROACH = "speed of the approach"
-CLOCK, CAPACITY = "clock of the blocks", "capacity of the cell"
-RATIO, SCALE = "force for the named material", "scale of the cell"
-SIGN, PHASE, OUTLIERS = "sign of the stiffness", "phase lag", "outliers"
-DIRECTION, DELAY, SWAPPED = "direction of the motion", "delay of the filter", "order of the columns"
+TRAVEL, SPEED, CLOCK = "travel of the ramp", "speed of the ramp", "clock of the blocks"
+CAPACITY, SCALE, DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
+RATIO, SIGN, PHASE, OUTLIERS = "force for the named material", "sign of the stiffness", "phase lag", "outliers"
+DIRECTION, SWAPPED = "direction of the motion", "order of the columns"
 
 TITLES = {
     "columns": Title(
         "Position and force stand in their columns, with the stage's direction and the cell's sign.",
-        (SWAPPED, "columns of the file", DIRECTION, SIGN),
+        (SWAPPED, DIRECTION, SIGN),
     ),
     "commands": Title(
         "The motion has the amplitude, frequency, travel and speed of its command.",
-        (AMPLITUDE, FREQUENCY, TRAVEL, SPEED, APPROACH),
+        (AMPLITUDE, FREQUENCY, TRAVEL, SPEED),
     ),
     "clock": Title("Times of the readings and of the blocks are consistent.", (CLOCK,)),
     "load cell": Title(
@@ -62,31 +48,33 @@ TITLES = {
     "order of motion and force": Title("Force follows motion: 0 < phase lag < 90°.", (PHASE,)),
     "punch": Title("The stated punch can be pressed in so far.", ("size of the punch", "period of the punch")),
     "contact modulus": Title(
-        "Forces give one modulus, that of the material, at all depths.",
-        (RATIO, "force at other depths", "relaxation at other depths"),
+        "Forces give one modulus, that of the material, at all depths.", (RATIO, "force at other depths")
     ),
     "continuity of the readings": Title(
         "A recording holds every reading once, without outliers.", (OUTLIERS, "readings of another record")
     ),
 }
 
-_STAGE = {AMPLITUDE: 0.3, FREQUENCY: 0.05, TRAVEL: 0.05, SPEED: 0.25, APPROACH: 0.25}
-"""By how much, relative, a stage may miss its command: eases, lags, brakes."""
+COMMANDS = {
+    AMPLITUDE: (OSCILLATION, "Amplitude", "m", 0.3),
+    FREQUENCY: (OSCILLATION, "Frequency", "Hz", 0.05),
+    TRAVEL: (RELAXATION, "Amplitude", "m", 0.05),
+    SPEED: (RELAXATION, "Velocity", "m/s", 0.25),
+}
+"""Block and name of what is declared, its unit, and by how much, relative, a stage may miss it: eases, lags, brakes."""
+FORCES = {"N": 1.0, "gf": 9.80665e-3, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665}
+"""Units in which a force may be, whatever its header says, in SI."""
+_CELLS = {"kg": "kgf", "g": "gf"}  # spellings of units in the names of load cells
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
 _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
 _RUN, _LEAVES = 5, 20.0
 """Readings in a row at an extreme, and steps of the cell by which a force changes in as many before
 or after: behind a smooth peak that stays on one step for n readings it changes by 8 in n more."""
-_EXPLAINED = 0.2  # share of a force that its motion must explain, if the cell lives
 _SOONER, _LATER = 0.25, 0.6
 """Of the delay that order and cutoff of a Butterworth say, by which another filter may have less or more: three equal
 poles have 0.76 times as much, Bessel's 0.88, Chebyshev's more."""
 _OWN_FACTOR, _WRONG_FACTOR = 1.25, 3.0  # of true over displayed force: worth a doubt, and wrong
-_LARGEST_PUNCH, _LARGE_PUNCH = 0.5, 0.15  # m, either way
-_U_MATERIAL = 0.5  # of the logarithm of the force for a solid that is known by its name
-_RIGHT = 1.0  # of that logarithm: no unit is so near to another
-_FACTORS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 60.0, 1 / 60.0)
-_GRAVITY = 9.80665
+_RIGHT = 1.0  # of the logarithm of a force over the expected one: no unit is so near to another
 _MANY = 0.01  # of the readings of a block, left out as outliers
 
 
@@ -98,17 +86,11 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     order = _order_of_columns(name, blocks)
     if order.level is not None:
         return [order]
-    return [
-        order,
-        *_commands_kept(name, blocks),
-        _clock_of_blocks(name, blocks),
-        _direction_of_motion(name, blocks),
-        _sign_of_stiffness(name, blocks),
-        _response_of_cell(name, blocks),
-        _saturation(name, blocks),
-        _capacity_of_cell(name, blocks),
-        _left_out(name, blocks),
-    ]
+    evaluations: tuple[Callable[[str, Sequence[Part]], Check], ...] = (
+        _clock_of_blocks, _direction_of_motion, _sign_of_stiffness, _response_of_cell, _saturation, _capacity_of_cell,
+        _left_out,
+    )  # fmt: skip
+    return [order, *_commands_kept(name, blocks), *(evaluate(name, blocks) for evaluate in evaluations)]
 
 
 def of_files(readings: Mapping[str, xr.Dataset]) -> Check:
@@ -121,15 +103,9 @@ def of_files(readings: Mapping[str, xr.Dataset]) -> Check:
     return shared_rows(traces)
 
 
-def is_swapped(checks: Sequence[Check]) -> bool:
-    """Return whether the columns of position and force are exchanged."""
-    return any(check.name == SWAPPED and check.level is not None for check in checks)
-
-
 def knows_depth(checks: Sequence[Check]) -> bool:
     """Return whether the depth of a punch is known by the column of the position."""
-    wrong = (SWAPPED, DIRECTION, TRAVEL)
-    return not any(check.name in wrong and check.level is not None for check in checks)
+    return not any(check.name in (SWAPPED, DIRECTION, TRAVEL) and check.level is not None for check in checks)
 
 
 def placed(checks: Sequence[Check], *files: str | None) -> list[Check]:
@@ -157,57 +133,53 @@ def weighed(checks: Sequence[Check]) -> list[Check]:
 
 
 def _order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
-    votes: list[bool] = []
-    where: Part | None = None
+    wrong, known = [], 0
     for part in blocks:
         wanted = abs(part.declared("Amplitude")[0])
-        if part.function not in (OSCILLATION, RELAXATION) or not wanted > 0.0:
-            continue
-        # the file's own numbers: mm of the position, whatever of the force
-        own = abs(moved_by(part, part.position)) / wanted
-        rigid = abs(moved_by(part, part.force)) * 1e-3 / wanted
-        is_swapped = abs(rigid - 1.0) < _SWAPPED_BY and not abs(own - 1.0) < _SWAPPED_BY
-        if is_swapped:
-            where = where or part
-        votes.append(is_swapped)
-    if not votes:
+        if part.function in (OSCILLATION, RELAXATION) and wanted > 0.0:
+            # the file's own numbers: mm of the position, whatever of the force
+            own, other = (abs(part.moved(each)) / wanted for each in (part.position, 1e-3 * part.force))
+            known += 1
+            wrong += [part] * (abs(other - 1.0) < _SWAPPED_BY <= abs(own - 1.0))
+    if not known:
         return not_made(SWAPPED, "a declared amplitude")
-    if where is None or sum(votes) * 2 <= len(votes):
+    if 2 * len(wrong) <= known:
         return stated(SWAPPED, f"{name}: the position makes the declared motion", None, file=name)
-    shown = quantity(where.declared("Amplitude")[0], "m")
+    where = wrong[0]
     text = (
-        f"{name}: the column of the force moves by the declared {shown} (as mm), the column of the position by "
-        f"{quantity(abs(moved_by(where, where.position)), 'm')}"
+        f"{name}: the column of the force moves by the declared {quantity(where.declared('Amplitude')[0], 'm')} (as "
+        f"mm), the column of the position by {quantity(abs(where.moved(where.position)), 'm')}"
     )
     cause = f"the columns of position and force are swapped (header of the columns, line {where.header_line})"
     return stated(SWAPPED, text, "impossible", cause=cause, file=name, line=where.header_line)
 
 
 def _commands_kept(name: str, blocks: Sequence[Part]) -> list[Check]:
-    """Compare amplitude, frequency, travel and speed with the declared ones; the worst of each."""
+    """Compare amplitude, frequency, travel and speed with the declared ones; the worst of each.
+
+    One that several blocks miss has no line: then their headers are not what is wrong.
+    """
     found: dict[str, list[Check]] = {}
     for part in blocks:
-        seen: list[tuple[str, str, float, float, str]] = []
-        if part.function == OSCILLATION:
-            seen.append((AMPLITUDE, "Amplitude", moved_by(part, part.position), 1e-8, "m"))
-            seen.append((FREQUENCY, "Frequency", *counted_frequency(part), "Hz"))
-        if part.function in (RELAXATION, FIND_CONTACT):
-            travel, speed, _ = travel_and_speed(part)
-            if part.function == RELAXATION:
-                seen.append((TRAVEL, "Amplitude", abs(travel), 1e-7, "m"))
-            of = (SPEED, "Velocity") if part.function == RELAXATION else (APPROACH, "Stage Velocity")
-            seen.append((*of, abs(speed), 0.02 * abs(speed), "m/s"))
-        for title, key, value, u, unit in seen:
+        for title, (function, key, unit, missed) in COMMANDS.items():
             wanted, rounding, line = part.declared(key)
-            if not (isfinite(value) and isfinite(wanted)) or wanted == 0.0:
+            if part.function != function or not isfinite(wanted) or wanted == 0.0:
                 continue
-            ratio = in_words(value / wanted)
-            text = f"{name}, block {part.number + 1}: {title} is {quantity(value, unit)}, declared are "
-            text += f"{quantity(wanted, unit)}{'' if ratio == '1' else f' ({ratio} times)'}"
-            least, missed = max(u, 2e-3 * min(value, wanted)), _STAGE[title] * wanted
-            check = compared(title, text, value, least, wanted, rounding, allowance=missed, file=name, line=line)
-            found.setdefault(title, []).append(check)
-    return [max(rows, key=lambda c: abs(c.margin) if c.level else -1.0) for rows in found.values()]
+            if title == FREQUENCY:
+                value, u = part.frequency
+            else:
+                value = part.speed if title == SPEED else abs(part.moved(part.position))
+                u = 0.02 * value if title == SPEED else 1e-7
+            if isfinite(value):
+                ratio = in_words(value / wanted)
+                text = f"{name}, block {part.number + 1}: {title} is {quantity(value, unit)}, declared are "
+                text += f"{quantity(wanted, unit)}{'' if ratio == '1' else f' ({ratio} times)'}"
+                u, allowance = max(u, 2e-3 * min(value, wanted)), missed * wanted
+                check = compared(title, text, value, u, wanted, rounding, allowance=allowance, file=name, line=line)
+                found.setdefault(title, []).append(check)
+    worst = [max(rows, key=lambda c: abs(c.margin) if c.level else -1.0) for rows in found.values()]
+    several = {rows[0].name for rows in found.values() if sum(c.level is not None for c in rows) > 1}
+    return [replace(check, line=None) if check.name in several else check for check in worst]
 
 
 def _clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
@@ -230,7 +202,7 @@ def _clock_of_blocks(name: str, blocks: Sequence[Part]) -> Check:
 
 def _direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
     for part in blocks:
-        travel = travel_and_speed(part)[0] if part.function in (RELAXATION, FIND_CONTACT) else 0.0
+        travel = part.moved(part.position) if part.function in (RELAXATION, FIND_CONTACT) else 0.0
         wanted = 1.0 if part.text("Direction").startswith("Pos") else -1.0 if part.text("Direction") else nan
         if part.function == RELAXATION:
             wanted = part.declared("Amplitude")[0]
@@ -246,36 +218,30 @@ def _direction_of_motion(name: str, blocks: Sequence[Part]) -> Check:
 
 
 def _sign_of_stiffness(name: str, blocks: Sequence[Part]) -> Check:
-    found = [(p, *response_of(p)) for p in blocks if p.function in (OSCILLATION, RELAXATION)]
-    known = [(p, k, u) for p, k, u, share in found if isfinite(k) and share > _EXPLAINED]
-    if not known:
+    found = ((part, *part.stiffness) for part in blocks if part.function in (OSCILLATION, RELAXATION))
+    part, k, u = next(((part, k, u) for part, k, u, follows in found if follows), (blocks[0], nan, nan))
+    if not isfinite(k):
         return not_made(SIGN, "a motion in contact, and a force that follows it")
-    part, k, u = known[0]
     text = f"{name}, block {part.number + 1}: stiffness {quantity(k, 'N/m')}"
-    direction = _direction_of_motion(name, blocks)
-    cause = direction.cause or (
+    cause = _direction_of_motion(name, blocks).cause or (
         f"the sign of the column of the force is wrong (line {part.header_line}), or the load cell's type "
         f"(line {part.header_place('Load Cell Type')}), which says the sign of compression"
     )
-    u = max(u, 1e-3 * abs(k))
-    return bounded(SIGN, text, k, u, at_least=0.0, cause=cause, file=name, line=part.header_line)
+    return bounded(SIGN, text, k, max(u, 1e-3 * abs(k)), at_least=0.0, cause=cause, file=name, line=part.header_line)
 
 
 def _response_of_cell(name: str, blocks: Sequence[Part]) -> Check:
     title = "response of the cell"
-    found = [(p, response_of(p)[2]) for p in blocks if p.function in (OSCILLATION, RELAXATION)]
-    known = [(p, share) for p, share in found if isfinite(share)]
+    known = [part for part in blocks if part.function in (OSCILLATION, RELAXATION) and isfinite(part.stiffness[0])]
     if not known:
         return not_made(title, "a motion of the stage")
-    share = max(s for _, s in known)
-    part = known[0][0]
-    if share > _EXPLAINED:
+    if any(part.stiffness[2] for part in known):
         return stated(title, f"{name}: the force follows the motion", None, file=name)
-    spread = max(float(np.nanmax(p.force) - np.nanmin(p.force)) for p, _ in known)
-    kind = "is constant" if spread == 0.0 else f"scatters over {quantity(spread, 'N')} and"
-    text = f"{name}: the force {kind} {'while' if spread == 0.0 else 'does not follow, while'} the stage moves"
-    cause = f"the load cell was dead or not connected, or another axis was recorded (line {part.header_line})"
-    return stated(title, text, "impossible", cause=cause, file=name, line=part.header_line)
+    spread = max(float(np.nanmax(part.force) - np.nanmin(part.force)) for part in known)
+    does = f"scatters over {quantity(spread, 'N')} and does not follow, while" if spread else "is constant while"
+    cause = f"the load cell was dead or not connected, or another axis was recorded (line {known[0].header_line})"
+    text = f"{name}: the force {does} the stage moves"
+    return stated(title, text, "impossible", cause=cause, file=name, line=known[0].header_line)
 
 
 def _saturation(name: str, blocks: Sequence[Part]) -> Check:
@@ -299,28 +265,21 @@ def _saturation(name: str, blocks: Sequence[Part]) -> Check:
 
 
 def _capacity_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    cell = str((blocks[0].header.get("load_cell") or {}).get("name") or "")
-    capacity = _capacity(cell)
-    if capacity is None:
+    """Compare the largest force with what the name of the cell says, such as "25kg SN:1886652"."""
+    cell, line = str((blocks[0].header.get("load_cell") or {}).get("name") or ""), blocks[0].header_line
+    said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", cell)
+    if said is None:
         return not_made(CAPACITY, "a load cell whose name says its capacity")
-    largest = max(float(np.nanmax(np.abs(p.force))) for p in blocks)
+    capacity = float(said[1]) * FORCES[_CELLS.get(said[2], said[2])]
+    largest = max(float(np.nanmax(np.abs(part.force))) for part in blocks)
     text = f"{name}: up to {quantity(largest, 'N')} with a cell of {quantity(capacity, 'N')} ({cell})"
-    part = blocks[0]
-    check = bounded(CAPACITY, text, largest, 0.1 * capacity, at_most=1.1 * capacity, file=name, line=part.header_line)
-    cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {part.header_line})"
-    return replace(check, cause=cause)
-
-
-def _capacity(name: str) -> float | None:
-    """Return the force [N] that the name of a cell says, such as "25kg SN:1886652"; None where it says none."""
-    said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", name)
-    return None if said is None else float(said[1]) * _FORCES[_CELLS.get(said[2], said[2])]
+    cause = f"the column of the force is in gf or mN, not in N (header of the columns, line {line})"
+    return bounded(CAPACITY, text, largest, 0.1 * capacity, at_most=1.1 * capacity, cause=cause, file=name, line=line)
 
 
 def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     """Check the record of the load cell: its scale, and the delay of its filter."""
-    gain = float(loads["gain"])
-    record = load_cell.record or ""
+    gain, record = float(loads["gain"]), load_cell.record or ""
     found = [day_known(loads, record)]
     if not record:
         found.append(not_made(SCALE, "a calibration record of the load cell"))
@@ -336,26 +295,17 @@ def of_cell(load_cell: LoadCell, loads: xr.Dataset) -> list[Check]:
     measured = json.loads(loads.attrs.get("filter_delay", "null"))
     if declared is None or measured is None:
         return [*found, not_made(DELAY, "a measured delay, and a declared filter")]
-    value, u_value = measured
-    expected = mach1_readings.filter_delay(loads.assign_attrs(filter_delay="null"))
+    value, u = measured
+    expected = mach1_readings.filter_delay(loads.assign_attrs(filter_delay="null")).value
     text = (
         f"{record}: the delay is {quantity(value, 's')}, a filter of order {int(declared['order'])} and "
-        f"{declared['cutoff']:.3g} Hz has about {quantity(expected.value, 's')}"
+        f"{declared['cutoff']:.3g} Hz has about {quantity(expected, 's')}"
     )
+    cause = f"the delay of the filter in {record} is probably {quantity(expected, 's')}, not {quantity(value, 's')}"
+    allowance, place = (_LATER if value > expected else _SOONER) * expected, "values.filter_delay"
     check = compared(
-        DELAY,
-        text,
-        value,
-        u_value,
-        expected.value,
-        0.1 * expected.value,
-        allowance=(_LATER if value > expected.value else _SOONER) * expected.value,
-        file=record,
-        setting="values.filter_delay",
+        DELAY, text, value, u, expected, 0.1 * expected, allowance=allowance, file=record, setting=place, cause=cause
     )
-    if check.level is not None:
-        wrong = f"the delay of the filter in {record} is probably {quantity(expected.value, 's')}"
-        check = replace(check, cause=f"{wrong}, not {quantity(value, 's')}")
     return [*found, check]
 
 
@@ -379,190 +329,9 @@ def _left_out(name: str, blocks: Sequence[Part]) -> Check:
     return stated(OUTLIERS, text, level, cause=cause, file=name, line=line)
 
 
-def of_punch(punch: Punch | None, model: IndentationModel, deepest: float) -> list[Check]:
-    """Check the geometry that the session states against itself and the largest depth [m]."""
-    title = "size of the punch"
-    if punch is None:
-        return [not_made(title, "a punch")]
-    found = []
-    for setting, size, what in (
-        ("punch.depth", punch.depth.value, "length of a tip"),
-        ("punch.radius", punch.radius.value, "radius of a tip"),
-        ("punch.tips", punch.tips * punch.period.value, f"{punch.tips} tips {quantity(punch.period.value, 'm')} apart"),
-    ):
-        level = _beyond(size, _LARGE_PUNCH, _LARGEST_PUNCH)
-        text = f"{what}: {quantity(size, 'm')}"
-        if level is not None:
-            cause = f"{setting} in session.toml is wrong: its unit, or its number"
-            cause += "; or punch.period is" if setting == "punch.tips" else ""
-            found.append(stated(title, text, level, cause=cause, setting=setting))
-    if not found:
-        found.append(stated(title, f"{punch.tips} tips of {quantity(punch.depth.value, 'm')} fit", None))
-    found.append(_valleys(punch, model, deepest))
-    return found
-
-
-def _valleys(punch: Punch, model: IndentationModel, deepest: float) -> Check:
-    title = "period of the punch"
-    if not deepest > 0.0 or model.profile == "cosine":
-        return not_made(title, "a depth, and tips that are no waves")
-    share = deepest / westergaard.full_contact(punch.radius.value, punch.period.value, "parabola")
-    width = 2 * (2 * punch.radius.value * deepest) ** 0.5
-    text = (
-        f"at a depth of {quantity(deepest, 'm')} a tip of {quantity(punch.radius.value, 'm')} meets the surface over "
-        f"{quantity(width, 'm')}; the period is {quantity(punch.period.value, 'm')}"
-    )
-    cause = "punch.period in session.toml is too small for these tips, or punch.radius is too large"
-    return stated(title, text, _beyond(share, 0.5, 1.0), cause=cause, setting="punch.period")
-
-
-def _beyond(value: float, large: float, most: float) -> Level | None:
-    return "impossible" if value > most else "doubtful" if value > large else None
-
-
-def of_force(name: str, force: float, expected: float) -> Check:
-    """Compare a force [N] with that of the model for the named material, NaN where there is none.
-
-    A solid that is known by its name has a plausible range: a force outside of it is doubtful, never impossible.
-    """
-    if not (isfinite(expected) and expected > 0.0 and force > 0.0):
-        return not_made(RATIO, "a model")
-    ratio = log(force / expected)
-    text = f"{name}: {quantity(force, 'N')} measured, {quantity(expected, 'N')} expected of the named material"
-    check = bounded(RATIO, text, abs(ratio), _U_MATERIAL, at_most=0.0, is_law=False, file=name)
-    return replace(check, log_ratio=ratio, u_log_ratio=_U_MATERIAL)
-
-
 def phase(name: str, lag: float, u: float, frequency: float, record: str | None) -> Check:
     """Compare a phase lag [rad] with 0 to pi/2."""
     text = f"{name}: the force {'lags' if lag < 0.0 else 'leads'} by {abs(lag) * 180 / pi:.2f}° at {frequency:.3g} Hz"
     cause = "the columns are swapped, a sign is wrong, or the delay of the cell's filter is not what "
-    cause += f"{record} says" if record else "its header says"
-    cause += ", or the stage has play (backlash)" if lag < 0.0 else ""
+    cause += f"{record or 'its header'} says{', or the stage has play (backlash)' if lag < 0.0 else ''}"
     return bounded(PHASE, text, lag, max(u, 1e-3), at_least=0.0, at_most=pi / 2, file=name, cause=cause)
-
-
-def causes(
-    name: str, readings: xr.Dataset, punch: Punch | None, load_cell: LoadCell, checks: Sequence[Check] = ()
-) -> Iterator[Cause]:
-    """Yield the mistakes with a file, a column or a setting that multiply a measured quantity.
-
-    A factor that all oscillations share is more likely one of a column, one that a single block
-    has is one of its header.
-    """
-    blocks = parts(readings)
-    if not blocks:
-        return
-    names = blocks[0].header_line
-    position, force_unit = (
-        _SPELT.get(text := str(readings[name].attrs["original_unit"]), text) for name in ("position_z", "force_z")
-    )
-    columns = [
-        Cause(
-            {FREQUENCY: -1.0, SPEED: -1.0, APPROACH: -1.0, CLOCK: 1.0},
-            lambda k: f"the column of the time is {too_large(k)}{_unit_of(k, 's', _TIMES)} (line {names})",
-            _FACTORS,
-            file=name,
-            line=names,
-        ),
-        Cause(
-            {AMPLITUDE: 1.0, TRAVEL: 1.0, SPEED: 1.0, APPROACH: 1.0, RATIO: -1.1},
-            lambda k: f"the column of the position is {too_large(k)}{_unit_of(k, position, _LENGTHS)} (line {names})",
-            _FACTORS,
-            file=name,
-            line=names,
-        ),
-    ]
-    headers = [
-        Cause(
-            {check.name: -1.0},
-            lambda k, check=check: (  # type: ignore[misc]
-                f"the declared {_DECLARED[check.name]} is {too_large(k)} (line {check.line} of {name})"
-            ),
-            (10.0, 0.1, 2.0, 0.5, 1e3, 1e-3, 100.0, 0.01),
-            file=name,
-            line=check.line,
-        )
-        for check in checks
-        if check.name in _DECLARED and check.level is not None
-    ]
-    yield from [*columns, *headers] if _shared(blocks) else [*headers, *columns]
-    force = Cause(
-        {RATIO: 1.0},
-        lambda k: f"the column of the force is {too_large(k)}{_unit_of(k, force_unit, _FORCES)} (line {names})",
-        tuple(_FORCES[force_unit] / size for unit, size in _FORCES.items() if unit != force_unit),
-        only_usual=True,
-        file=name,
-        line=names,
-    )
-    yield force
-    # a record that hardly changes what the tester shows is not where a factor of ten comes from
-    is_held = any(check.name == SCALE and check.is_made and check.level is None for check in checks)
-    if load_cell.record and not is_held:
-        yield Cause(
-            {RATIO: 1.0},
-            lambda k: f"the scale of the load cell in {load_cell.record} is {too_large(k)}",
-            (10.0, 100.0),
-            only_usual=True,
-            file=load_cell.record,
-            setting="values.scale",
-        )
-    yield Cause(
-        {RATIO: 1.0},
-        lambda k: (
-            f"no slip of a unit explains it: another material, {in_words(k)} times as stiff, was pressed or is named"
-        ),
-        setting="substrate.material",
-    )
-    if punch is None:
-        return
-    for what, setting, value in (
-        ("number of tips", "punch.tips", float(punch.tips)),
-        ("length of a tip", "punch.depth", punch.depth.value),
-    ):
-        unit = "1" if setting == "punch.tips" else "m"
-        yield Cause(
-            {RATIO: -1.0},
-            lambda k, what=what, value=value, unit=unit, setting=setting: (  # type: ignore[misc]
-                f"the {what} is probably {quantity(value / k, unit)}, not {quantity(value, unit)} "
-                f"({setting} in session.toml)"
-            ),
-            (*(10.0,) * (punch.tips % 10 == 0), 0.1) if setting == "punch.tips" else (1e3, 1e-3, 100.0, 10.0, 0.1),
-            only_usual=True,
-            setting=setting,
-        )
-
-
-_DECLARED = {
-    AMPLITUDE: "amplitude",
-    FREQUENCY: "frequency",
-    TRAVEL: "amplitude",
-    SPEED: "velocity",
-    APPROACH: "stage velocity",
-}
-_TIMES = {"s": 1.0, "ms": 1e-3}
-_LENGTHS = {"mm": 1e-3, "µm": 1e-6}
-_FORCES = {"N": 1.0, "gf": 1e-3 * _GRAVITY, "mN": 1e-3, "kN": 1e3, "kgf": _GRAVITY}
-"""Units in which a column may be, whatever its header says, in SI."""
-_SPELT, _CELLS = {"um": "µm"}, {"kg": "kgf", "g": "gf"}
-"""Spellings of units in the headings of columns, and in the names of load cells."""
-
-
-def _unit_of(factor: float, header: str, units: Mapping[str, float]) -> str:
-    """Say in which unit a column would be that many times too large under its header; "" for none of them."""
-    away = {unit: abs(log(factor * size / units[header])) for unit, size in units.items() if unit != header}
-    nearest = min(away, key=lambda unit: away[unit])
-    return f": in {nearest} under {header}" if away[nearest] < log(1.1) else ""
-
-
-def _shared(blocks: Sequence[Part]) -> bool:
-    """Return whether all of several oscillations differ from their commands by one factor."""
-    rows = [
-        (moved_by(p, p.position) / p.declared("Amplitude")[0], counted_frequency(p)[0] / p.declared("Frequency")[0])
-        for p in blocks
-        if p.function == OSCILLATION
-    ]
-    if len(rows) < 2:
-        return False
-    spread = np.ptp(np.log(np.maximum(np.array(rows), 1e-12)), axis=0)
-    return bool((spread < 0.2).all())

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 import calibration
 import instruments
 from calibration import load_cell
 from calibration.record import LoadCellRecord
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 from labpipe.signals import outliers
 from labpipe.units import Quantity
@@ -49,9 +48,8 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
         position, time = found["position_z"].values, found["time"].values
         spectrum = np.abs(np.fft.rfft(position - position.mean()))
         frequency = float(np.argmax(spectrum)) / (np.ptp(time) * position.size / (position.size - 1))
-        amplitude = 0.5 * float(np.ptp(position))
-        found["declared_frequency"] = variable("block_index", [frequency], "Hz", "frequency of the largest motion")
-        found["declared_amplitude"] = variable("block_index", [amplitude], "m", "half of the stage's travel")
+        for of, value, unit in (("frequency", frequency, "Hz"), ("amplitude", 0.5 * float(np.ptp(position)), "m")):
+            found[f"declared_{of}"] = variable("block_index", [value], unit, f"{of} of the largest motion")
     return without_outliers(found)
 
 
@@ -104,19 +102,6 @@ def bridged(values: Floats, time: Floats) -> Floats:
     return made
 
 
-def _bridged_blocks(readings: xr.Dataset) -> xr.Dataset:
-    """Bridge the outliers of every block; readings that the file itself does not hold stay NaN."""
-    if "outliers" not in readings.attrs:
-        return readings
-    made, block = readings.copy(), readings["block"].values
-    for name, number in sorted({(run["column"], run["block"]) for run in json.loads(readings.attrs["outliers"])}):
-        where = block == number
-        values = made[name].values.copy()
-        values[where] = bridged(values[where], readings["time"].values[where])
-        made[name] = made[name].copy(data=values)
-    return made
-
-
 def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str) -> xr.Dataset:
     """Add compression-positive force; tared where the file begins with a free approach.
 
@@ -124,21 +109,22 @@ def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untar
     Without a calibration record of the cell the gain's uncertainty is NaN. Where the force cannot be tared a warning
     says what that means for the results, ``untared``.
     """
-    readings = _bridged_blocks(readings)
+    left_out = json.loads(readings.attrs.get("outliers", "[]"))
+    for name, number in sorted({(run["column"], run["block"]) for run in left_out}):
+        where, values = readings["block"].values == number, readings[name].values.copy()
+        values[where] = bridged(values[where], readings["time"].values[where])
+        readings = readings.assign({name: readings[name].copy(data=values)})
     begins_free = str(readings["function"].values[0]) == _APPROACH
     if tare and not begins_free:
         message = f"the file begins in contact, so the force is not tared: {untared}"
         warnings.warn(message, stacklevel=3)
     known = None if record is None else calibration.load_record(record)
     loads = load_cell.force(readings, known, zero="start" if tare and begins_free else None)
-    kept = [n for n in readings.data_vars if n not in loads and n != "force_z"]
-    made = loads.merge(readings[kept])
+    made = loads.merge(readings[[n for n in readings.data_vars if n not in loads and n != "force_z"]])
     delay = known.values.filter_delay if isinstance(known, LoadCellRecord) else None
     made.attrs["filter_delay"] = json.dumps(None if delay is None else [delay.value, delay.u])
     made.attrs["is_tared"] = int(tare and begins_free)
-    made.attrs["blocks"] = readings.attrs["blocks"]
-    made.attrs["source"] = readings.attrs.get("source", "")
-    return made
+    return made.assign_attrs(blocks=readings.attrs["blocks"], source=readings.attrs.get("source", ""))
 
 
 def blocks(loads: xr.Dataset) -> list[dict[str, Any]]:
@@ -201,14 +187,10 @@ def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
     measured = json.loads(loads.attrs.get("filter_delay", "null"))
     if declared is None or measured is None:
         return _KINDS
-    order, turn = int(declared["order"]), 2 * np.pi * declared["cutoff"]
-    value, u = measured
-    fitting = []
-    for kind, poles in (("butterworth", buttap(order)[1]), ("bessel", besselap(order, norm="mag")[1])):
-        delay = float(np.real(np.sum(-1 / poles))) / turn
-        if abs(delay - value) <= _CONSISTENT * u:
-            fitting.append(kind)
-    return tuple(fitting) or _KINDS
+    order, turn, (value, u) = int(declared["order"]), 2 * np.pi * declared["cutoff"], measured
+    poles = zip(_KINDS, (buttap(order)[1], besselap(order, norm="mag")[1]), strict=True)
+    delays = {kind: float(np.real(np.sum(-1 / each))) / turn for kind, each in poles}
+    return tuple(kind for kind, delay in delays.items() if abs(delay - value) <= _CONSISTENT * u) or _KINDS
 
 
 def filtered(
@@ -251,14 +233,13 @@ def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
 
 def clock(loads: xr.Dataset) -> Floats:
     """Return the time of every sample since the file's first block began, in s."""
-    starts = []
-    if len(blocks(loads)) == 1:
+    found = [str(block.get("start") or "") for block in blocks(loads)]
+    if len(found) == 1:
         return np.asarray(loads["time"].values)
-    for block in blocks(loads):
-        if not block.get("start"):
-            raise InputError("a block without a start time cannot be placed in the history of the test")
-        starts.append(datetime.fromisoformat(block["start"]))
-    since = np.array([(s - starts[0]).total_seconds() for s in starts])
+    if not all(found):
+        raise InputError("a block without a start time cannot be placed in the history of the test")
+    starts = [datetime.fromisoformat(start) for start in found]
+    since = np.array([(start - starts[0]).total_seconds() for start in starts])
     return loads["time"].values + since[loads["block"].values.astype(int)]
 
 
@@ -279,32 +260,24 @@ def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantit
             'give it in session.toml: contact = "12.345 ± 0.001 mm"'
         )
     part = loads.isel(sample=rows(loads, functions.index(_APPROACH)))
-    found = _touch(part, declared_filter(loads))
+    declared, filters, delay = declared_filter(loads), [np.empty((0, 6))], 0.0
+    if declared is not None:
+        interval, cutoff = float(np.median(np.diff(part["time"].values))), declared["cutoff"]
+        filters = [_sections(declared, kind, mach1_touch.FINENESS / interval) for kind in filter_kinds(part)]
+        delay = load_cell.filter_lag(_SLOW * cutoff, int(declared["order"]), cutoff).delay
+    found = mach1_touch.touched(part, delay, filters)
     return found, "fitted to the force of the Find Contact block, with the cell's filter"
 
 
-def _touch(part: xr.Dataset, declared: dict[str, float] | None) -> Quantity:
-    """Find the first touch of an approach, through the load cell's filter."""
-    if declared is None:
-        return mach1_touch.touched(part, 0.0, [np.empty((0, 6))])
-    interval = float(np.median(np.diff(part["time"].values)))
-    filters = [_sections(declared, kind, mach1_touch.FINENESS / interval) for kind in filter_kinds(part)]
-    delay = load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]), declared["cutoff"]).delay
-    return mach1_touch.touched(part, delay, filters)
-
-
-def history(time: Floats, displacement: Floats) -> NDArray[np.int64]:
+def history(time: Floats, displacement: Floats) -> Integers:
     """Choose the samples that a simulation needs: all in motion, few at rest, the first and the last."""
     moving = np.concatenate([[True], np.diff(displacement) != 0])
     moving[:-1] |= moving[1:]
-    kept = set(np.flatnonzero(moving).tolist()) | {0, time.size - 1}
+    kept: list[Integers] = [np.flatnonzero(moving), np.array([0, time.size - 1])]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~moving).astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         count = last - first
-        if count < 4:
-            kept |= set(range(first, last))
-            continue
-        decades = np.log10(count)
-        picks = np.geomspace(1, count, max(4, int(decades * _POINTS_PER_DECADE)))
-        kept |= set((first + np.unique(picks.astype(int)) - 1).tolist())
-    return np.array(sorted(kept), dtype=np.int64)
+        points = max(4, int(np.log10(count) * _POINTS_PER_DECADE))
+        picks = np.arange(count) if count < 4 else np.geomspace(1, count, points).astype(int) - 1
+        kept.append(first + picks)
+    return np.unique(np.concatenate(kept)).astype(np.int64)

@@ -10,11 +10,13 @@ the load cell's filter. Neither z0 nor a are well known from them and their like
 normal; so it is summed over both.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.signals import FirstTouch, first_touch, independent_count
+from labpipe.signals import first_touch, independent_count
 from labpipe.units import Quantity
 
 FINENESS = 10  # steps per reading: a touch lies between two of them
@@ -39,18 +41,23 @@ def touched(part: xr.Dataset, delay: float, filters: list[Floats]) -> Quantity:
     likely; one without sections leaves the force as it is. The uncertainty is the standard deviation of where the touch
     may lie, the display's step included.
     """
-    gone = _without_return(part["position_z"].values)
-    time, position, force = (part[n].values[:gone] for n in ("time", "position_z", "force"))
+    time, position, force = (part[n].values for n in ("time", "position_z", "force"))
+    farthest = _farthest(position)
+    back = np.flatnonzero(position[farthest:] < position[farthest] - 2.0 * _STEP)
+    gone = farthest + int(back[0]) if back.size else position.size  # until the stage goes back
+    time, position, force = time[:gone], position[:gone], force[:gone]
     # the force comes late by the filter's delay, so it belongs to an earlier position
-    early = np.interp(time - delay, time, position)
-    rough = first_touch(early, force)
-    used = _moving_and_little_more(position, rough, delay / float(np.median(np.diff(time))))
-    model = _Model(position[:used], force[:used], rough, filters, float(part.attrs.get("resolution", 0.0)))
-    low = max(rough.position - _BEFORE * model.unit, float(position[0]))
-    high = rough.position + _BEHIND * model.unit
+    rough = first_touch(np.interp(time - delay, time, position), force).position
+    # readings depend on the touch until the stage has rested for a while
+    farthest = _farthest(position)
+    touch = int(np.argmax(position > min(rough, position[farthest] - _STEP)))
+    used = farthest + 1 + round(_RESTED * (farthest - touch) + delay / float(np.median(np.diff(time))))
+    likelihood = _likelihood(position[:used], force[:used], rough, filters, float(part.attrs.get("resolution", 0.0)))
+    unit = max(float(position[:used].max()) - rough, _STEP)
+    low, high = max(rough - _BEFORE * unit, float(position[0])), rough + _BEHIND * unit
     for _ in range(_ROUNDS):
         places = np.linspace(low, high, _PLACES)
-        likely = model.log_likelihood(places)
+        likely = likelihood(places)
         kept = np.flatnonzero(likely.max(axis=0) > likely.max() - _LIKELY)
         if kept.size > _ENOUGH:
             break
@@ -67,57 +74,41 @@ def _farthest(position: Floats) -> int:
     return int(np.argmax(position >= position.max() - _STEP / 2))
 
 
-def _without_return(position: Floats) -> int:
-    """Return how many readings pass until the stage goes back."""
-    farthest = _farthest(position)
-    back = np.flatnonzero(position[farthest:] < position[farthest] - 2.0 * _STEP)
-    return farthest + int(back[0]) if back.size else position.size
+def _likelihood(
+    position: Floats, force: Floats, rough: float, filters: list[Floats], step: float
+) -> Callable[[Floats], Floats]:
+    """Return the logarithm of the likelihood (power and filter, place) of places, for the best level and stiffness."""
+    from scipy.signal import sosfilt
 
+    unit = max(float(position.max()) - rough, _STEP)
+    fine = np.interp(np.arange((position.size - 1) * FINENESS + 1) / FINENESS, np.arange(position.size), position)
+    free, centred = force[position < rough - unit], force - force.mean()
+    memory = free.size / independent_count(free) if free.size > _FEWEST else 1.0
+    weight = 0.5 * max(force.size - 3, 1) / memory
+    least = force.size * max(step / np.sqrt(12.0), _LEAST_NOISE * float(np.ptp(force))) ** 2
 
-def _moving_and_little_more(position: Floats, rough: FirstTouch, late: float) -> int:
-    """Return how many readings depend on the touch: until the stage has rested for a while."""
-    farthest = _farthest(position)
-    touch = int(np.argmax(position > min(rough.position, position[farthest] - _STEP)))
-    end = farthest + 1 + round(_RESTED * (farthest - touch) + late)
-    return min(end, position.size)
-
-
-class _Model:
-    """Likelihood of an approach's forces, whatever their level and the stiffness."""
-
-    def __init__(self, position: Floats, force: Floats, rough: FirstTouch, filters: list[Floats], step: float) -> None:
-        self.force, self.filters = force - force.mean(), filters
-        self.unit = max(float(position.max()) - rough.position, _STEP)
-        fine = np.arange((position.size - 1) * FINENESS + 1) / FINENESS
-        self.fine = np.interp(fine, np.arange(position.size), position)
-        free = force[position < rough.position - self.unit]
-        memory = free.size / independent_count(free) if free.size > _FEWEST else 1.0
-        self.weight = 0.5 * max(force.size - 3, 1) / memory
-        least = max(step / np.sqrt(12.0), _LEAST_NOISE * float(np.ptp(force)))
-        self.least = force.size * least**2
-
-    def log_likelihood(self, places: Floats) -> Floats:
-        """Return it (power and filter, place), for the best level and stiffness."""
-        reached = np.maximum.accumulate(self.fine)
-        start = max(int(np.searchsorted(reached, places[0])) - 1, 0)
-        depth = np.maximum(self.fine[start:] - places[:, None], 0.0) / self.unit
-        made = [
-            self._of(_relaxed(depth, float(power)), sections, start) for power in _POWERS for sections in self.filters
-        ]
-        return np.array(made)
-
-    def _of(self, force: Floats, sections: Floats, start: int) -> Floats:
-        from scipy.signal import sosfilt
-
-        passed = sosfilt(sections, force, axis=1) if len(sections) else force
-        rows = np.arange(-(-start // FINENESS), self.force.size)
-        shape = np.zeros((len(force), self.force.size))
-        shape[:, rows] = passed[:, rows * FINENESS - start]
+    def of_shape(made: Floats, start: int) -> Floats:
+        rows = np.arange(-(-start // FINENESS), force.size)
+        shape = np.zeros((len(made), force.size))
+        shape[:, rows] = made[:, rows * FINENESS - start]
         shape -= shape.mean(axis=1, keepdims=True)
-        along = np.maximum(shape @ self.force, 0.0)
         size = np.maximum(np.sum(shape**2, axis=1), np.finfo(float).tiny)
-        rest = self.force @ self.force - along**2 / size
-        return np.asarray(-self.weight * np.log(np.maximum(rest, self.least)))
+        rest = centred @ centred - np.maximum(shape @ centred, 0.0) ** 2 / size
+        return np.asarray(-weight * np.log(np.maximum(rest, least)))
+
+    def likelihood(places: Floats) -> Floats:
+        start = max(int(np.searchsorted(np.maximum.accumulate(fine), places[0])) - 1, 0)
+        depth = np.maximum(fine[start:] - places[:, None], 0.0) / unit
+        shapes = (_relaxed(depth, float(power)) for power in _POWERS)
+        return np.array(
+            [
+                of_shape(sosfilt(sections, shape, axis=1) if len(sections) else shape, start)
+                for shape in shapes
+                for sections in filters
+            ]
+        )
+
+    return likelihood
 
 
 def _relaxed(depth: Floats, power: float) -> Floats:

@@ -86,34 +86,24 @@ def variations(
         off = Quantity(stated.value + step, 0.0, stated.si)
         warmer = msgspec.structs.replace(choice, temperature=off)
         found[TEMPERATURE] = Variation(stated, step, resolve(warmer, file, fitted))
-    if fitted is not None:
-        found |= _of_dma(choice, fitted, times)
+    if fitted is not None:  # what the rheometer leaves uncertain: modes of its spectrum, and the specimen's size
+        best = fitted_at(fitted, None)
+        where = float(fitted["T_ref"]) if stated is None else stated.value
+        slower, stiffer = _shift(fitted, where)
+        for name, solid in materials.uncertain_spectra(fitted, best, where, times, slower):
+            found[name] = Variation(Quantity(0.0, 1.0, "1"), 1.0, solid.shifted(slower, stiffer))
+        u_scale = float(fitted.attrs["u_scale"])
+        if u_scale > 0.0:
+            step = max(u_scale, _LEAST_SCALE)
+            solid = best.shifted(slower, stiffer).scaled(1.0 + step)
+            found[SPECIMEN] = Variation(Quantity(1.0, u_scale, "1"), step, solid)
     nu = poissons_ratio(choice, file, fitted)
     if nu.u > 0.0:
         # of a modulus that was measured in shear, nu has made the one in tension before
-        in_shear = fitted is not None and float(fitted.attrs["modulus_factor"]) != 1.0
-        power = 1 if in_shear else 2
+        power = 1 if fitted is not None and float(fitted.attrs["modulus_factor"]) != 1.0 else 2
         step = max(nu.u, _LEAST_POISSON)
         factor = (1.0 - nu.value**power) / (1.0 - (nu.value + step) ** power)
-        solid = resolve(choice, file, fitted).scaled(factor)
-        found[POISSONS_RATIO] = Variation(nu, step, solid)
-    return found
-
-
-def _of_dma(choice: MaterialChoice, fitted: xr.Dataset, times: tuple[float, float]) -> dict[str, Variation]:
-    """Return what the rheometer leaves uncertain: the modes of its spectrum, and the specimen's size."""
-    found: dict[str, Variation] = {}
-    at = None if choice.temperature is None else choice.temperature.value
-    best = fitted_at(fitted, None)
-    where = float(fitted["T_ref"]) if at is None else at
-    slower, stiffer = _shift(fitted, where)
-    for name, solid in materials.uncertain_spectra(fitted, best, where, times, slower):
-        found[name] = Variation(Quantity(0.0, 1.0, "1"), 1.0, solid.shifted(slower, stiffer))
-    u_scale = float(fitted.attrs["u_scale"])
-    if u_scale > 0.0:
-        step = max(u_scale, _LEAST_SCALE)
-        solid = best.shifted(slower, stiffer).scaled(1.0 + step)
-        found[SPECIMEN] = Variation(Quantity(1.0, u_scale, "1"), step, solid)
+        found[POISSONS_RATIO] = Variation(nu, step, resolve(choice, file, fitted).scaled(factor))
     return found
 
 

@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from labpipe import contact
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
+from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
@@ -24,6 +25,7 @@ from labpipe.variables import variable
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import Variation
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
+from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 TOUCH = "first touch"
 INPUTS = ("input_value", "input_u", "input_unit")
@@ -130,7 +132,7 @@ class Effect(NamedTuple):
         return np.asarray(self.change * (self.given.u / self.step))
 
 
-def along(effects: Mapping[str, Effect], curves: Sequence[Sequence[NDArray[np.int64]]], dim: str) -> dict[str, Any]:
+def along(effects: Mapping[str, Effect], curves: Sequence[Sequence[Integers]], dim: str) -> dict[str, Any]:
     """Return the change of a simulated force along its curves by one standard uncertainty of each effect.
 
     Curves are given by the samples of each of their stretches, of which all have as many. Returned is ``effect``
@@ -141,6 +143,21 @@ def along(effects: Mapping[str, Effect], curves: Sequence[Sequence[NDArray[np.in
     values = values.reshape(len(curves), -1, len(known))
     text = "change of the force along the curve by one standard uncertainty of an input"
     return {"effect": variable((dim, "stretch", "source"), values, "N", text)}
+
+
+def laid_along(
+    loads: xr.Dataset, force: Floats, simulated: Floats, places: Sequence[Integers], effects: ArrayLike
+) -> Agreement | None:
+    """Lay a force (sample,) [N] against that of a model in stretches of it.
+
+    They share tare, gain and the delay of the cell, and what the model takes of touch, punch and solid: ``effects``
+    (effect, stretch) [N].
+    """
+    means, own = stretches(force - simulated, places)
+    ours, slope = stretch_means([force, np.gradient(simulated, float(loads["sampling_interval"][0]))], places)
+    tare = np.full(len(places), float(loads["u_tare"]))
+    of_cell = [tare, relative_gain(loads) * ours, mach1_readings.filter_delay(loads).u * slope]
+    return along_curve(means, own, np.array([*of_cell, *np.asarray(effects, float).reshape(-1, len(places))]))
 
 
 def table_of(effects: Mapping[str, Effect]) -> xr.Dataset:

@@ -1,20 +1,35 @@
-"""Text that ``init`` writes for indentations by a punch."""
+"""Proposals of ``init``: Mach-1 files with oscillations, and with relaxations alone."""
 
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
-from pipelines.experiments._kind import Found
+from pipelines.experiments._kind import Found, Proposed
 from pipelines.experiments.shared import proposals
 
-_BLOCKS = ("Sinusoid", "Stress Relaxation")
+
+def oscillations(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+    """Propose an experiment for every file with an oscillation."""
+    yield from _proposed(found, names, "Sinusoid", proposals.whole_stem, 'kind = "harmonic"\nmach1 = {first}')
 
 
-def blocks(path: Path) -> set[str]:
-    """Return which of the blocks that make an experiment a Mach-1 file holds."""
-    data = path.read_bytes()
-    return {name for name in _BLOCKS if f"<{name}>".encode() in data}
+def relaxations(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+    """Propose an experiment for files with a relaxation and no oscillation; several depths form one."""
+    head = 'kind = "relaxation"\nmach1 = {all}'
+    yield from _proposed(found, names, "Stress Relaxation", proposals.without_depth, head, without="Sinusoid")
 
 
-def tables(found: Found, head: str, name: str) -> str:
+def _proposed(
+    found: Found, names: Sequence[str], block: str, stem: Callable[[str], str], head: str, without: str = "\0"
+) -> Iterator[Proposed]:
+    texts = ((name, found.path(name).read_bytes()) for name in names)
+    ours = [name for name, data in texts if f"<{block}>".encode() in data and f"<{without}>".encode() not in data]
+    for key, files in proposals.grouped(ours, stem):
+        first = f'"{proposals.quoted(files[0])}"'
+        listed = proposals.listed(files) if len(files) > 1 else f"[{first}]"
+        yield Proposed(key, tuple(files), partial(_tables, found, head.format(first=first, all=listed)))
+
+
+def _tables(found: Found, head: str, name: str) -> str:
     """Return the tables of an experiment that begins with some lines."""
     record = next(iter(found.of("record:load_cell")), None)
     word = proposals.material_word(name) or "nbr"

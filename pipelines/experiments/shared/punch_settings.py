@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 from labpipe.workflow.fields import POSITIVE, File, Length, Range
-from pipelines.experiments.shared.settings import MaterialChoice, Table
+from pipelines.experiments.shared.settings import Columns, MaterialChoice, Table
 
 
 class Punch(Table, frozen=True, kw_only=True):
@@ -27,13 +27,10 @@ class Substrate(MaterialChoice, frozen=True, kw_only=True):
 class LoadCell(Table, frozen=True, kw_only=True):
     """Preparation of the force.
 
-    ``correct_filter_lag`` removes the delay of the low-pass that the header declares.
-    ``tare`` subtracts the force of the quiet start; off for a test that starts in contact.
-    ``record`` is the calibration record of the cell: without it the gain's uncertainty is not
-    known and stands in no result.
+    ``tare`` subtracts the force of the quiet start; off for a test that starts in contact. ``record`` is the
+    calibration record of the cell: without it the gain's uncertainty is not known and stands in no result.
     """
 
-    correct_filter_lag: bool = True
     tare: bool = True
     record: File | None = None
 
@@ -43,3 +40,19 @@ class IndentationModel(Table, frozen=True, kw_only=True):
 
     profile: Literal["parabola", "circle", "cosine"] = "circle"
     elements: Annotated[int, Range(at_least=64, at_most=16384)] = 1024
+
+
+class Indentation(Table, frozen=True, kw_only=True):
+    """Mach-1 files of an indentation.
+
+    Without ``punch`` no modulus is found, and without ``substrate`` nothing is simulated: the report then holds the
+    measurement alone, and says so. ``contact`` is the stage position of first touch; without it the approach in the
+    same file is searched for it. ``columns`` names time, position and force of another tester's table, one block.
+    """
+
+    punch: Punch | None = None
+    substrate: Substrate | None = None
+    contact: Length | None = None
+    load_cell: LoadCell = LoadCell()
+    columns: Columns | None = None
+    model: IndentationModel = IndentationModel()

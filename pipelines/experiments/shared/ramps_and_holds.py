@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 from labpipe.signals import independent_count
 from labpipe.units import Quantity
@@ -28,8 +27,6 @@ _FEWEST = 20  # readings of a hold
 _PLATEAU_SHARE = 0.1  # of a hold, at most
 _ENOUGH = 100  # readings from which noise is known to 7 %
 _NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
-_BIN_TREND = 2  # degree in time: a bin of a relaxation is a short arc
-_CHANCE = 0.999  # of a bin's scatter: what exceeds it is no chance of the hold's noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,74 +163,35 @@ def unfinished(loads: xr.Dataset, hold: Hold, level: Level) -> float:
     return 2.0 * left / float(np.sqrt(3.0))
 
 
-def binned(time: Floats, values: Floats, edges: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
+def binned(time: Floats, values: Floats, edges: Floats) -> tuple[Floats, Floats, Floats, Integers]:
     """Return mean time, mean value, standard deviation and number in bins; empty bins left out."""
     place = np.searchsorted(edges, time, side="right") - 1
     inside = (place >= 0) & (place < edges.size - 1)
-    count = np.bincount(place[inside], minlength=edges.size - 1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        t = np.bincount(place[inside], time[inside], edges.size - 1) / count
-        mean = np.bincount(place[inside], values[inside], edges.size - 1) / count
-        square = np.bincount(place[inside], values[inside] ** 2, edges.size - 1) / count
-    filled = count > 0
-    spread = np.sqrt(np.maximum(square - mean**2, 0.0))
-    return t[filled], mean[filled], spread[filled], count[filled]
+    groups = pd.DataFrame({"time": time[inside], "value": values[inside]}).groupby(place[inside])
+    means, spread, count = groups.mean(), groups["value"].std(ddof=0), groups.size()
+    t, mean, sd = (np.asarray(each, float) for each in (means["time"], means["value"], spread))
+    return t, mean, sd, np.asarray(count, np.int64)
 
 
-@dataclass(frozen=True, slots=True)
-class Noise:
-    """Noise of a reading in a hold: standard deviation [N], and readings per independent one."""
+def u_of_means(loads: xr.Dataset, hold: Hold, count: Integers) -> Floats:
+    """Return the standard uncertainty [N] of means of so many readings of a hold by their noise.
 
-    sd: float
-    memory: float
-
-
-def noise(loads: xr.Dataset, hold: Hold) -> Noise:
-    """Return the noise of the readings of a hold.
-
-    The second half of the hold, where the force hardly falls, shows it better than the few
-    readings of an early bin could; the quiet start of the file stands for a hold that is short.
+    The second half of the hold, where the force hardly falls, shows the noise better than the few
+    readings of an early bin could; the quiet start of the file stands for a hold that is short. Where the noise does
+    not cross the resolution of the cell no mean sees between.
     """
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
     late = time >= 0.5 * (hold.end + hold.last)
     step = float(loads.attrs.get("resolution", 0.0))
+    sd, memory = float(np.nanmax(loads["u_force"].values)), 1.0
+    if late.sum() >= _ENOUGH:
+        since = np.log(time[late] - hold.end)
+        rest = force[late] - np.polynomial.Polynomial.fit(since, force[late], _NOISE_TREND)(since)
+        # the cell's filter ties neighbouring readings together
+        sd, memory = float(rest.std()), rest.size / independent_count(rest)
     least = step / np.sqrt(12.0)
-    if late.sum() < _ENOUGH:
-        return Noise(max(float(np.nanmax(loads["u_force"].values)), least), 1.0)
-    since = np.log(time[late] - hold.end)
-    trend = np.polynomial.Polynomial.fit(since, force[late], _NOISE_TREND)
-    rest = force[late] - trend(since)
-    # the cell's filter ties neighbouring readings together
-    return Noise(max(float(rest.std()), least), rest.size / independent_count(rest))
-
-
-def u_of_means(time: Floats, values: Floats, edges: Floats, noise: Noise, step: float) -> Floats:
-    """Return the standard uncertainty (filled bin,) of the means of :func:`binned` [N].
-
-    It is that of the hold's noise; the fall of the force within a bin is none. A bin whose
-    readings scatter about their own arc by more than chance keeps that scatter. Where the noise does
-    not cross the resolution ``step`` of the cell no mean sees between.
-    """
-    place = np.searchsorted(edges, time, side="right") - 1
-    made = []
-    for bin_ in np.unique(place[(place >= 0) & (place < edges.size - 1)]).tolist():
-        inside = place == bin_
-        count = max(float(inside.sum()) / noise.memory, 1.0)
-        u = _scatter(time[inside], values[inside], noise) / np.sqrt(count)
-        made.append(max(u, step / np.sqrt(12.0)) if noise.sd < step / 2 else u)
-    return np.array(made)
-
-
-def _scatter(time: Floats, values: Floats, noise: Noise) -> float:
-    """Return the standard deviation of the readings of one bin [N]."""
-    freedom = time.size - _BIN_TREND - 1
-    if freedom <= _BIN_TREND:
-        return noise.sd
-    trend = np.polynomial.Polynomial.fit(time, values, _BIN_TREND)
-    square = float(np.sum((values - trend(time)) ** 2)) / freedom
-    independent = max(freedom / noise.memory, 1.0)
-    limit = 2.0 * float(gammaincinv(0.5 * independent, _CHANCE)) / independent
-    return float(np.sqrt(square)) if square > limit * noise.sd**2 else noise.sd
+    u = max(sd, least) / np.sqrt(np.maximum(count / memory, 1.0))
+    return np.asarray(np.maximum(u, least) if sd < step / 2 else u)
 
 
 def systematic(loads: xr.Dataset, force: float) -> float:
@@ -255,10 +213,8 @@ _RAMP_COLUMNS = {
     "plateau_force": ("N", "mean force over the end of the hold"),
     "unfinished": ("N", "standard uncertainty of the plateau from unfinished relaxation"),
     "plateau_lag": ("N", "effect of the cell's filter lag that was corrected in the plateau"),
-    "ratio": ("1", "peak over plateau"),
     "begin": ("s", "start of the ramp, in the block's time"),
     "end": ("s", "arrival of the stage, in the block's time"),
-    "peak_time": ("s", "time of the largest force, in the block's time"),
     "plateau_begin": ("s", "start of the plateau's window, in the block's time"),
     "last": ("s", "end of the hold, in the block's time"),
     "block": ("1", "number of the block in the file"),
@@ -266,7 +222,7 @@ _RAMP_COLUMNS = {
 
 
 def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Dataset:
-    """Return depth, peak, plateau and their ratio of every ramp and hold of a file's tared, compression-positive force.
+    """Return depth, peak and plateau of every ramp and hold of a file's tared, compression-positive force.
 
     Without a stage position of first touch depths are NaN; ``longest`` [s] is the plateau's window.
     """
@@ -279,10 +235,9 @@ def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Da
 
 
 def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) -> dict[str, float]:
-    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    force = loads["force"].values[hold.rows]
     if np.ptp(force) == 0.0:
         raise InputError(f"block {hold.block + 1}: the force is the same in all readings; the load cell did not record")
-    top = int(np.argmax(force))
     level = plateau(loads, hold, longest)
     rest = unfinished(loads, hold, level)
     if rest > _UNFINISHED * level.force:
@@ -291,13 +246,7 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
             f"about {50 * np.sqrt(3.0) * rest / level.force:.1f} % more: the plateau is not relaxed",
             stacklevel=2,
         )
-    noise = float(np.nanmax(loads["u_force"].values))
-    shared = systematic(loads, 1.0), float(loads["u_tare"])
-    peak = float(force[top])
-    ratio = peak / level.force
-    own = np.hypot(noise / peak, level.u / level.force)
-    # the gain cancels in the ratio, the tare does not
-    tare = shared[1] * abs(1 / level.force - 1 / peak)
+    peak = float(force.max())
     return {
         "depth": np.nan if touch is None else hold.held - touch.value,
         "u_depth": np.nan if touch is None else float(np.hypot(touch.u, _STEP / np.sqrt(12))),
@@ -305,17 +254,14 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
         "speed": hold.speed,
         "duration": hold.last - hold.end,
         "peak_force": peak,
-        "u_peak_force": float(np.hypot(noise, systematic(loads, peak))),
+        "u_peak_force": float(np.hypot(np.nanmax(loads["u_force"].values), systematic(loads, peak))),
         "plateau_force": level.force,
         "u_plateau_force": float(np.hypot(level.u, systematic(loads, level.force))),
         "unfinished": rest,
         "plateau_lag": level.lag,
         "u_plateau_lag": level.u_lag,
-        "ratio": ratio,
-        "u_ratio": float(ratio * np.hypot(own, tare)),
         "begin": hold.begin,
         "end": hold.end,
-        "peak_time": float(time[top]),
         "plateau_begin": level.begin,
         "last": hold.last,
         "block": float(hold.block),

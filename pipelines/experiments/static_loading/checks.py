@@ -60,9 +60,7 @@ _LENGTHS = (1e3, 1e-3, 10.0, 0.1, 25.4, 1 / 25.4)
 _FAILED = dict.fromkeys(("steps", "approach"), "the record does not hold the loads that session.toml states")
 _STEPS = ("readings", "displacement", "steps", "approach", "model", "comparison")
 TITLES = {
-    "steps and times of the loads": Title(
-        "The readings step when a load is put on, and only then.", ("steps of the record", "times of the loads")
-    ),
+    "steps of the loads": Title("The readings step when a load is put on, and only then.", ("steps of the record",)),
     "one creep law for all loads": Title(
         "One creep compliance and one first touch describe all loads (Lee and Radok).", ("record against its loads",)
     ),
@@ -91,7 +89,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: StaticLoading, co
     if displacement is None or given.get("steps") is None:
         checks.append(not_made("steps of the record", "steps that were found"))
     else:
-        checks += given.each((_unstated, _misfit, _forwards, _compliance, _times))
+        checks += given.each((_unstated, _misfit, _forwards, _compliance))
     checks += given.each((_of_material,))
     causes = _causes(settings)
     if not any(MATERIAL in found.checks for found in explain(checks, causes)):
@@ -243,50 +241,30 @@ def _likeliest(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoad
 
 
 def _forwards(steps: xr.Dataset, settings: StaticLoading, approach: xr.Dataset | None = None) -> Check:
-    """Hold the creep under each load against its direction."""
+    """Compare the creep under each load with its direction."""
     name = "direction of creep"
     if approach is None:
         return not_made(name, "an approach under every load")
-    creep, u = approach["creep"].values, approach["u_creep"].values
-    worst = int(np.argmin(creep / u))
+    worst = int(np.argmin((approach["creep"] / approach["u_creep"]).values))
+    creep, u, (begin, end) = float(approach["creep"][worst]), float(approach["u_creep"][worst]), spans(steps)[worst]
     number = f"load {worst + 1} ({settings.loads[worst].mass.value:g} kg)"
-    message = (
-        f"{settings.laser}: under {number} the approach changes by {shown(float(creep[worst]), float(u[worst]), 'm')}"
-    )
-    check = bounded(name, message, float(creep[worst]), float(u[worst]), at_least=0.0, file=settings.laser)
-    begin, end = spans(steps)[worst]
+    message = f"{settings.laser}: under {number} the approach changes by {shown(creep, u, 'm')}"
     cause = (
         f"the stand or the sensor warmed or settled between {begin:.0f} and {end:.0f} s, a load was taken off, or the "
         "record was reversed"
     )
-    return replace(check, cause=cause)
+    return bounded(name, message, creep, u, at_least=0.0, file=settings.laser, cause=cause)
 
 
 def _compliance(steps: xr.Dataset, settings: StaticLoading) -> Check:
-    """Hold the compliance that the record gives against what any solid has."""
-    name = "stiffness of the sphere"
-    modulus = 1 / float(steps["compliance"][0])
+    """Compare the modulus that the record gives with those of solids."""
+    modulus, (low, high) = 1 / float(steps["compliance"][0]), map(log, _PLAUSIBLE)
     message = f"{settings.laser}: the record and its loads give a contact modulus of {quantity(modulus, 'Pa')}"
-    low, high = _PLAUSIBLE
-    check = bounded(
-        name, message, log(modulus), 0.05, at_least=log(low), at_most=log(high), is_law=False, setting="loads"
-    )
     cause = "the masses are probably in another unit, or the unit of the readings is wrong"
-    return replace(check, cause=cause)
-
-
-def _times(steps: xr.Dataset, settings: StaticLoading) -> Check:
-    """Compare the steps' times with those that are stated."""
-    name, given, begin = "times of the loads", steps["given_time"].values, steps["begin"].values
-    late = np.abs(begin - given)
-    late[0] = nan  # on from the beginning
-    if np.isnan(late).all():
-        return not_made(name, "times of the loads in session.toml")
-    worst = int(np.nanargmax(late))
-    text = f"load {worst + 1} came at {begin[worst]:.0f} s, stated are {given[worst]:.0f} s"
-    level: Level | None = "note" if late[worst] > 0.5 * settings.steps.search.value else None
-    cause = "readings were lost or doubled before this load, or the times are those that were planned"
-    return stated(name, text, level, cause=cause, setting=f"loads[{worst}]")
+    name, u = "stiffness of the sphere", 0.05
+    return bounded(
+        name, message, log(modulus), u, at_least=low, at_most=high, is_law=False, setting="loads", cause=cause
+    )
 
 
 def _of_material(settings: StaticLoading, approach: xr.Dataset | None = None, model: xr.Dataset | None = None) -> Check:
@@ -302,21 +280,15 @@ def _of_material(settings: StaticLoading, approach: xr.Dataset | None = None, mo
         f"{settings.laser}: {shown(seen, u_seen, 'm')} under the last load, about {quantity(expected, 'm')} expected "
         "for the stated sphere and material"
     )
-    level: Level | None = None
-    if abs(gap) > 2 / 3 * log(_NO_GRADE):
-        level = "impossible"
-    elif abs(gap) > 2 / 3 * log(_OTHER_GRADE):
-        level = "doubtful"
-    cause = ""
-    radius = settings.sphere.radius.value
+    size, cause, radius = 1.5 * abs(gap), "", settings.sphere.radius.value
+    level: Level | None = "impossible" if size > log(_NO_GRADE) else "doubtful" if size > log(_OTHER_GRADE) else None
+    # a factor of two in the radius is what people get wrong
     if level is None and abs(gap) > 4 * u and abs(abs(gap) - log(2.0) / 3) < hypot(_DIAMETER, 2 * u):
-        # a factor of two in the radius is what people get wrong
-        right, what = (radius / 2, "diameter") if gap > 0 else (2 * radius, "half of the radius")
+        right, what, softer = (radius / 2, "diameter", "softer") if gap > 0 else (2 * radius, "half of it", "stiffer")
         level = "doubtful"
-        other = f"{in_words(np.exp(1.5 * abs(gap)), 2)} times {'softer' if gap > 0 else 'stiffer'}"
         cause = (
             f"sphere.radius is probably {quantity(right, 'm')}, not {quantity(radius, 'm')} (the {what} was typed); "
-            f"or the material is {other} than the one that is named"
+            f"or the material is {in_words(np.exp(size), 2)} times {softer} than the one that is named"
         )
     return Check(MATERIAL, message, level, gap / u, gap, u, cause=cause, setting="sphere.radius" if cause else "")
 
@@ -335,32 +307,20 @@ def _another_material(check: Check) -> Check:
 
 def _causes(settings: StaticLoading) -> Sequence[Cause]:
     radius = settings.sphere.radius.value
+
+    def of_mass(k: float) -> str:
+        said = f"the masses come out {too_large(k)}: they are probably in another unit, or forces were typed as masses"
+        return f"{said} (loads in session.toml)"
+
+    def of_radius(k: float) -> str:
+        return f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}"
+
+    def of_length(k: float) -> str:
+        said = f"lengths come out {too_large(k)}: the unit, the display factor or the gain of "
+        return f"{said}{settings.laser} is not what it says"
+
     return (
-        Cause(
-            {MATERIAL: -2 / 3},
-            lambda k: (
-                f"the masses come out {too_large(k)}: they are probably in another unit, or forces were typed "
-                "as masses (loads in session.toml)"
-            ),
-            SLIPS["mass"],
-            only_usual=True,
-            setting="loads",
-        ),
-        Cause(
-            {MATERIAL: 1 / 3},
-            lambda k: f"sphere.radius is probably {quantity(radius / k, 'm')}, not {quantity(radius, 'm')}",
-            SLIPS["gain"] + _LENGTHS,
-            only_usual=True,
-            setting="sphere.radius",
-        ),
-        Cause(
-            {MATERIAL: 1.0},
-            lambda k: (
-                f"lengths come out {too_large(k)}: the unit, the display factor or the gain of "
-                f"{settings.laser} is not what it says"
-            ),
-            _LENGTHS,
-            only_usual=True,
-            file=settings.laser,
-        ),
+        Cause({MATERIAL: -2 / 3}, of_mass, SLIPS["mass"], only_usual=True, setting="loads"),
+        Cause({MATERIAL: 1 / 3}, of_radius, SLIPS["gain"] + _LENGTHS, only_usual=True, setting="sphere.radius"),
+        Cause({MATERIAL: 1.0}, of_length, _LENGTHS, only_usual=True, file=settings.laser),
     )

@@ -36,7 +36,6 @@ _CLEAR = 5.0  # standard deviations by which a step must stand out
 _MORE = 0.1  # of the smallest step that was found, above which another one counts
 _ELAPSED = 60  # points of the compliance curve
 _TOLERANCE = 1e-5  # of the record's range, to which first touch is searched
-_MISFIT = 1.5  # times the noise, above which the creep fit does not describe the record
 _WIDEST = 1e4  # times the noise, the search for a misfit that grows ends
 
 
@@ -148,13 +147,6 @@ def _starts(displacement: xr.Dataset, settings: StaticLoading) -> tuple[Floats, 
         starts.append(float(at[best]))
         sizes.append(float(jump[best]))
         free[best] = False
-    if free.any() and jump[free].max() > _MORE * min(sizes[1:]):
-        largest = int(np.argmax(np.where(free, jump, -np.inf)))
-        warnings.warn(
-            f"the displacement steps by {jump[largest]:.3g} m at {at[largest]:.0f} s, where no "
-            f"load is stated ({len(sizes)} are); state every load in its own [[loads]]",
-            stacklevel=3,
-        )
     order = np.argsort(starts)
     late = [
         f"{load.mass.value:g} kg: {start:.0f} s, given {load.time.value:.0f} s"
@@ -254,13 +246,6 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
             other = table.assign(force=("load", force + np.where(np.arange(force.size) == i, u_force, 0.0)))
             by_loads = hypot(by_loads, TouchFit(rows, creep_design(elapsed, other, radius)[0]).best() - touch)
         u = hypot(_u_from_curvature(fit, touch, max(noise, scatter)), by_drift, by_loads)
-    if scatter > _MISFIT * noise:
-        warnings.warn(
-            f"the record differs from the best creep fit for these loads by {scatter * 1e6:.2g} µm, "
-            f"{scatter / noise:.1f} times its noise: a load, a time or the zero is wrong, or something other than the "
-            "contact moved",
-            stacklevel=2,
-        )
     lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), _ELAPSED)
     terms = np.column_stack([np.ones(lag.size), -np.expm1(-lag[:, None] / tau)])
     scalars = {

@@ -55,7 +55,6 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading)
 _LEVELS = {
     "level_approach": ("m", "approach at the end of the load"),
     "level_contact_radius": ("m", "contact radius at the end of the load, from the approach"),
-    "mean_radius": ("m", "contact radius, mean over the load"),
     "creep": ("m", "growth of the approach under the load, first to last window"),
     "touch_follows": ("1", "by how much the noise of the level follows an error of first touch"),
 }
@@ -71,7 +70,7 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + (wander - by_drift) ** 2)
     # the touch follows the readings from which it is determined, the first load's above all
     together = noise**2 * touch_weights(displacement, steps, settings)
-    smooth, settle = np.empty_like(depth), settings.steps.settle.value
+    smooth = np.empty_like(depth)
     rows: list[dict[str, float]] = []
     a = np.sqrt(radius.value * np.maximum(depth, 0.0))
     for begin, end in spans(steps):
@@ -82,12 +81,10 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
         creep = level - float(depth[first].mean())
         drifted = float(wander[last].mean() - wander[first].mean())
         u_creep = np.sqrt(noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + drifted**2)
-        inside = (time > begin + settle) & (time < end)
-        mean, u_mean = float(depth[inside].mean()), np.hypot(noise / np.sqrt(inside.sum()), u_depth[inside].mean())
+        a_level, u_a = map(float, _radius(level, u_level, radius))
         row = {"level_approach": level, "u_level_approach": u_level, "creep": creep, "u_creep": float(u_creep)}
+        row |= {"level_contact_radius": a_level, "u_level_contact_radius": u_a}
         row["touch_follows"] = shared / u_touch**2 if u_touch > 0.0 else 0.0
-        for name, height, u in (("level_contact_radius", level, u_level), ("mean_radius", mean, float(u_mean))):
-            row[name], row[f"u_{name}"] = map(float, _radius(height, u, radius))
         rows.append(row)
         near = np.flatnonzero((time >= begin) & (time <= end))  # a moving average that does not cross a step
         smooth[near] = [a[near[np.abs(time[near] - t) <= 0.5 * _SMOOTH]].mean() for t in time[near]]

@@ -12,7 +12,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.sphere import hertz
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
-from labpipe.variables import described, variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.static_loading.load_steps import valid
 from pipelines.experiments.static_loading.measured import spans
@@ -41,19 +41,11 @@ def model(
         inside = begin + np.concatenate([[0.0], np.geomspace(_FIRST, end - begin, _STEP_POINTS)])
         stretches.append(inside)
         loads.append(np.full(inside.size, load))
-    made = contact.load_sphere(
-        solid,
-        radius.value,
-        np.concatenate(stretches),
-        np.concatenate(loads),
-        profile=chosen.profile,
-        springs=chosen.springs,
-    )
-    relative_force = steps["u_force"].values / force
-    held = np.searchsorted(steps["begin"].values, time, side="right") - 1
+    when, pushed, shape = np.concatenate(stretches), np.concatenate(loads), chosen.profile
+    made = contact.load_sphere(solid, radius.value, when, pushed, profile=shape, springs=chosen.springs)
+    held = np.maximum(np.searchsorted(steps["begin"].values, time, side="right") - 1, 0)
     # exponents of Hertz's contact: approach (F J)^(2/3) R^(-1/3), radius (F J)^(1/3) R^(1/3)
-    spread = relative_force[np.maximum(held, 0)]
-    size = radius.u / radius.value
+    spread, size = (steps["u_force"].values / force)[held], radius.u / radius.value
     lasted = float(time[-1])
     # of loads that only grow the cube of the radius is the hereditary integral with the creep compliance (Lee & Radok)
     nodes = made["time"].values
@@ -68,51 +60,35 @@ def model(
     compliance = uncertainty.combined_uncertainty(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
-        values = np.interp(time, made["time"].values, made[name].values)
-        attrs = described("m", f"{name.replace('_', ' ')}, viscoelastic model")
-        table[name] = ("time", values, attrs)
+        values = np.interp(time, nodes, made[name].values)
         relative = np.sqrt((power * spread) ** 2 + (size / 3) ** 2 + (power * compliance) ** 2)
-        table[f"u_{name}"] = variable(
-            "time", values * relative, "m", f"standard uncertainty from load, radius, solid: {name}"
-        )
-    last = float(table["contact_radius"][1][-1])
+        text, of = f"{name.replace('_', ' ')}, viscoelastic model", "from load, radius, solid"
+        table |= with_u(name, "time", values, values * relative, "m", text, of)
+    last = float(values[-1])
     sources = [
         Source("load", float(force[-1]), float(steps["u_force"][-1]), "N", last / 3 / force[-1], "systematic"),
         Source.of("radius", radius, last / 3 / radius.value),
+        *(source._replace(sensitivity=last / 3 * source.sensitivity) for source in softer),
     ]
-    sources += [s._replace(sensitivity=last / 3 * s.sensitivity) for s in softer]
     factor = 1 / (1 - float(solid.nu) ** 2)
     relaxed, reference = float(solid.E_relaxed), "relaxed modulus"
     if relaxed <= 0.0:  # the sweeps tell of no plateau
-        relaxed, reference = 1.0 / float(solid.creep(lasted)), f"modulus after {lasted:.3g} s"
-    for name, modulus, words in (
-        ("relaxed", relaxed, reference),
-        ("unrelaxed", solid.E_unrelaxed, "unrelaxed modulus"),
-    ):
-        state = hertz.static_load(force, radius.value, float(modulus) * factor)
-        table[f"hertz_radius_{name}"] = variable(
-            "load", np.asarray(state.contact_radius), "m", f"contact radius by Hertz, {words}"
-        )
-        table[f"hertz_approach_{name}"] = variable(
-            "load", np.asarray(state.approach), "m", f"approach by Hertz, {words}"
-        )
+        relaxed, reference = 1.0 / whole, f"modulus after {lasted:.3g} s"
+    state = hertz.static_load(force, radius.value, relaxed * factor)
+    for name, level in (("radius", state.contact_radius), ("approach", state.approach)):
+        table[f"hertz_{name}_relaxed"] = variable("load", np.asarray(level), "m", f"{name} by Hertz, {reference}")
     elapsed = np.asarray(solid.creep(steps["elapsed"].values))
     table["compliance"] = variable("elapsed", elapsed / factor, "1/Pa", "reduced creep compliance of the material")
     effect = np.array(wider).reshape(-1, nodes.size)
     table["effect"] = variable(("input", "node"), effect, "1", "relative change of the contact radius by one u")
+    coords = {
+        name: variable(name, each, "s", "time from the first point") for name, each in (("time", time), ("node", nodes))
+    }
+    budget = json.dumps(uncertainty.budget_rows(sources))
     return xr.Dataset(
         table,
-        coords={
-            "time": variable("time", time, "s", "time from the first point"),
-            "load": steps["load"],
-            "elapsed": steps["elapsed"],
-            "node": variable("node", nodes, "s", "time from the first point"),
-        },
-        attrs={
-            "reference": reference,  # of Hertz's steps
-            "work": made.attrs["work"],
-            "budget": json.dumps(uncertainty.budget_rows(sources)),
-        },
+        coords={**coords, "load": steps["load"], "elapsed": steps["elapsed"]},
+        attrs={"reference": reference, "work": made.attrs["work"], "budget": budget},  # reference: of Hertz's steps
     )
 
 

@@ -66,16 +66,8 @@ def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None = N
     if model is not None:
         radius, u = (model[name].values * _UM for name in ("contact_radius", "u_contact_radius"))
         series += pages.model_curves(time, radius, u, label="viscoelastic model")
-        elastic = model["hertz_radius_relaxed"].values * _UM
-        series.append(
-            Series(
-                f"Hertz, {model.attrs['reference']}",
-                edges,
-                np.append(elastic, elastic[-1]),
-                style="step",
-                role="reference",
-            )
-        )
+        elastic = np.append(model["hertz_radius_relaxed"].values, model["hertz_radius_relaxed"].values[-1]) * _UM
+        series.append(Series(f"Hertz, {model.attrs['reference']}", edges, elastic, style="step", role="reference"))
     lines = tuple((f"load {i + 1}", float(t)) for i, t in enumerate(edges[:-1]))
     views = tuple((f"load {i + 1}", float(a), float(b)) for i, (a, b) in enumerate(pairwise(edges)))
     labels = ("Contact radius, a = √(R δ)", "time / min", "contact radius / µm")

@@ -11,11 +11,8 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.dma import checks, measured, model
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.judgements import believed
-from pipelines.process import process
 from pipelines.rig.dma import Protocol, write_dma
-from pipelines.rig.session_text import dma_section, session_head
 from pipelines.rig.solids import SOLIDS
-from pipelines.session import verdict
 
 SMALL = Protocol(
     temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
@@ -106,19 +103,3 @@ def test_shifts_that_rise_with_temperature_are_impossible(exports):
     assert judged([data], "ptfe", curve).believable == "yes"
     curve["log10_aT"].values[2] += 3.0
     assert finding(judged([data], "ptfe", curve), "order of the shifts").level == "impossible"
-
-
-def test_a_session_says_its_verdict_and_its_page_opens_with_it(tmp_path):
-    export = write_dma(tmp_path, "ptfe", SOLIDS["ptfe"], SMALL, 3)
-    text = session_head("one material") + dma_section("ptfe", export, SOLIDS["ptfe"])
-    wrong = text.replace('nu = "0.46 ± 0.01"', 'nu = "0.046"')
-    assert wrong != text
-    (tmp_path / "session.toml").write_text(wrong, "utf-8")
-    process(tmp_path, jobs=0)
-    (one,) = verdict(tmp_path, jobs=0).experiments
-    assert (one.believable, one.model) == ("doubtful", "none")
-    line = wrong.splitlines().index('nu = "0.046"') + 1
-    assert (one.findings[0].file, one.findings[0].line) == ("session.toml", line)
-    page = (tmp_path / "labpipe/reports/ptfe.html").read_text("utf-8")
-    assert page.index("Verdict") < page.index("Summary")
-    assert "Doubtful: nu = 0.046" in page

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.errors import InputError, UsageError
 from labpipe.materials import Prony, gather_sweeps
 from labpipe.units import Quantity
 from pipelines.experiments.dma import measured, model
-from pipelines.experiments.dma.settings import Dma, Export, Fit, Melt
+from pipelines.experiments.dma.settings import Dma, Export
 from pipelines.process import export, process, result
 from pipelines.session import init
 
@@ -116,34 +116,6 @@ def written_for_simulation(folder):
     assert {"pi.material.json", "pi.master_curve.json"} <= both
     with pytest.raises(UsageError, match="ansys writes the materials of a whole session"):
         export(folder / "pi_20C.osc", "ansys")
-
-
-def made_curve(folder, **changes):
-    names = write(folder, "T={t:g};Mw=20;\nFreq\tE'\tE''\nrad/s\tPa\tPa\n")
-    settings = settings_for(names, **changes)
-    sweeps = measured.gathered([measured.readings(folder / n, settings=settings) for n in names], settings=settings)
-    given = folder / settings.fit.shifts if settings.fit.shifts else None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return model.master_curve(sweeps, given, settings=settings)
-
-
-def test_shifts_set_by_hand_are_refined_or_taken_as_they_are(tmp_path):
-    (tmp_path / "hand.csv").write_text("T,log_aT\nC,-\n20,0.8\n40,0\n60,-1.1\n", "utf-8")
-    kept = made_curve(tmp_path, T_ref=degrees(40.0), fit=Fit(shifts="hand.csv", refine=False))
-    np.testing.assert_allclose(kept.log10_aT, [0.8, 0.0, -1.1], atol=1e-9)
-    refined = made_curve(tmp_path, T_ref=degrees(40.0), fit=Fit(shifts="hand.csv"))
-    np.testing.assert_allclose(refined.log10_aT, [1.0, 0.0, -1.0], atol=0.03)
-    (tmp_path / "hand.csv").write_text("T,log_aT\nC,-\n20,0.8\n30,0\n", "utf-8")
-    with pytest.raises(SourceError, match="the table holds no shift for 40, 60 °C"):
-        made_curve(tmp_path, fit=Fit(shifts="hand.csv"))
-
-
-def test_a_short_melt_has_its_reference_where_its_friction_is_that_of_long_chains(tmp_path):
-    melt = Melt(molar_mass=2.0, fox_flory=14.0)
-    assert float(made_curve(tmp_path, T_ref=degrees(47.0), melt=melt).T_ref) == 40.0
-    with pytest.raises(InputError, match="melt corrects T_ref for the molar mass; give T_ref"):
-        made_curve(tmp_path, melt=melt)
 
 
 def holds(t):

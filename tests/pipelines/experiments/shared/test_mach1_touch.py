@@ -39,6 +39,8 @@ def recorded(part: Part, force: np.ndarray, seed: int, noise: Any = None) -> tup
             "time": ("sample", np.arange(written.size) / RATE),
             "position_z": ("sample", np.round(position, 7)),
             "force": ("sample", np.round(written / 0.0125) * 0.0125),
+            "block": ("sample", np.zeros(written.size)),
+            "function": ("block_index", ["Find Contact"]),
         },
         attrs=CELL | {"blocks": blocks},
     ), surface
@@ -53,7 +55,7 @@ def scores(
     found = []
     for seed in range(count):
         loads, surface = recorded(part, force, seed, noise)
-        touch = mach1_readings._touch(loads, mach1_readings.declared_filter(loads))
+        touch, _ = mach1_readings.contact_position(loads, None)
         found.append(((touch.value - surface) / touch.u, touch.u))
     made = np.array(found)
     return made[:, 0], float(made[:, 1].mean())
@@ -85,8 +87,7 @@ def test_a_stage_that_goes_back_after_it_has_touched_tells_the_same() -> None:
         last.assign(time=last["time"] + n / RATE, position_z=last["position_z"] - n * 1e-6, force=0.0 * last["force"])
         for n in range(1, 40)
     ]
-    longer = xr.concat([loads, *gone], "sample").assign_attrs(loads.attrs)
-    declared = mach1_readings.declared_filter(loads)
-    plain, found = (mach1_readings._touch(each, declared) for each in (loads, longer))
+    longer = xr.concat([loads, *gone], "sample", data_vars="minimal").assign_attrs(loads.attrs)
+    plain, found = (mach1_readings.contact_position(each, None)[0] for each in (loads, longer))
     assert abs(found.value - plain.value) < plain.u
     assert abs(found.value - surface) < 3 * found.u
