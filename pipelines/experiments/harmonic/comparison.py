@@ -20,7 +20,8 @@ from pipelines.experiments.shared.comparison_rows import (
     row,
     with_its_u,
 )
-from pipelines.experiments.shared.punch_model import inputs_of, laid_along
+from pipelines.experiments.shared.model_inputs import inputs_of
+from pipelines.experiments.shared.punch_model import laid_along
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:

@@ -15,7 +15,8 @@ from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.punch_model import Effect, Geometry, along, simulated, table_of
+from pipelines.experiments.shared.model_inputs import table_of
+from pipelines.experiments.shared.punch_model import Effect, Geometry, along, simulated
 
 
 def model(
@@ -42,7 +43,7 @@ def model(
     others = variations(substrate, material_file, fitted, (fastest, slowest))
     force, effects, attrs = simulated(loads, touch, solid, geometry, others)
     result = _model_rows(loads, oscillations, solid, force, list(effects.values()))
-    result = result.merge(table_of(effects))
+    result = result.merge(table_of({name: effect.given for name, effect in effects.items()}))
     result = result.assign(along(effects, phases(loads, oscillations), "oscillation"))
     result = result.assign(with_u("contact_position", (), touch.value, touch.u, "m", "stage position of first touch"))
     result.attrs |= attrs | {"contact": how}

@@ -14,8 +14,8 @@ from pipelines.experiments.shared import judgements, mach1_checks
 from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import Scene
+from pipelines.experiments.shared.model_inputs import inputs_of
 from pipelines.experiments.shared.punch_checks import NO_TOUCH, OF_LOADS, Tested, of_tests
-from pipelines.experiments.shared.punch_model import inputs_of
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 _OF_DEPTHS = log(1.5)

@@ -21,7 +21,8 @@ from pipelines.experiments.shared.comparison_rows import (
     row,
     with_its_u,
 )
-from pipelines.experiments.shared.punch_model import INPUTS, inputs_of, laid_along
+from pipelines.experiments.shared.model_inputs import INPUTS, inputs_of
+from pipelines.experiments.shared.punch_model import laid_along
 from pipelines.experiments.shared.ramps_and_holds import Hold
 
 _PARTS = ("ramp", "early", "late")

@@ -11,7 +11,7 @@ from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
-from pipelines.experiments.shared.punch_model import INPUTS
+from pipelines.experiments.shared.model_inputs import INPUTS
 
 _BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
 

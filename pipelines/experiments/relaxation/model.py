@@ -12,7 +12,8 @@ from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import ramps_and_holds
 from pipelines.experiments.shared.material_choice import resolve, variations
-from pipelines.experiments.shared.punch_model import TOUCH, Geometry, along, simulated, table_of
+from pipelines.experiments.shared.model_inputs import table_of
+from pipelines.experiments.shared.punch_model import TOUCH, Geometry, along, simulated
 from pipelines.experiments.shared.ramps_and_holds import Hold
 
 SLOPES = "slope_plateau_force"
@@ -69,7 +70,7 @@ def model(
         },
         coords={"ramp": ramps["ramp"], "elapsed": variable("elapsed", elapsed, "s", "time since a step of strain")},
         attrs=attrs,
-    ).merge(table_of(shared))
+    ).merge(table_of({name: effect.given for name, effect in shared.items()}))
 
 
 def _nodes(loads: xr.Dataset, hold: Hold) -> NDArray[np.int64]:

@@ -28,8 +28,6 @@ from pipelines.experiments.shared.punch_settings import IndentationModel, Punch,
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 TOUCH = "first touch"
-INPUTS = ("input_value", "input_u", "input_unit")
-"""Columns of the table of what a simulated force depends on."""
 _TIPS = "number of tips"
 _DIMENSIONS = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}
 _RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
@@ -158,29 +156,6 @@ def laid_along(
     tare = np.full(len(places), float(loads["u_tare"]))
     of_cell = [tare, relative_gain(loads) * ours, mach1_readings.filter_delay(loads).u * slope]
     return along_curve(means, own, np.array([*of_cell, *np.asarray(effects, float).reshape(-1, len(places))]))
-
-
-def table_of(effects: Mapping[str, Effect]) -> xr.Dataset:
-    """Return names, values, uncertainties and units of the inputs of a simulated force."""
-    given = [effect.given for effect in effects.values()]
-    return xr.Dataset(
-        {
-            "input_value": variable("uncertain", [q.value for q in given], "1", "value of an input of the model, SI"),
-            "input_u": variable("uncertain", [q.u for q in given], "1", "standard uncertainty of an input, SI"),
-            "input_unit": ("uncertain", np.array([q.si for q in given], dtype=str)),
-        },
-        {"uncertain": np.array(list(effects), dtype=str)},
-    )
-
-
-def inputs_of(made: xr.Dataset | None) -> dict[str, Quantity]:
-    """Return the inputs of a simulated force, of a table of :func:`table_of`; empty where nothing was simulated."""
-    if made is None or "uncertain" not in made.coords:
-        return {}
-    columns = (made[name].values for name in ("uncertain", *INPUTS))
-    return {
-        str(name): Quantity(float(value), float(u), str(unit)) for name, value, u, unit in zip(*columns, strict=True)
-    }
 
 
 def simulated(
