@@ -20,19 +20,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpbtrf, dpbtrs
-from scipy.ndimage import convolve1d
 
 from labpipe.arrays import Flags, Floats
 from labpipe.signals._partition import LEAF, graded, smooth_lengths
 from labpipe.signals._spline_kernel import (
     DEGREE,
+    OCTAVES,
     PENALTY_ORDER,
     Intervals,
+    Space,
+    Update,
     expand,
     followed,
     gather,
-    inverse_of_factor,
+    penalised,
     variances,
 )
 
@@ -48,6 +49,7 @@ _REFINEMENTS = 3
 _AT_CONTACT, _AT_RELEASE = DEGREE - 2, DEGREE - 1  # multiplicity: derivative 3, derivative 2 jumps
 _CLOSE = 0.5  # sampling intervals
 _MISFIT = 4.5  # sigmas that a windowed sum of residuals may reach before knots are added
+_UPDATE = Update(_UPDATES, _SETTLED, _POOL, _SHARED_WEIGHT, _NO_ENERGY, *_LAMBDA_RANGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,56 +161,16 @@ def _penalised(x: Floats, z: Floats, knots: Floats) -> tuple[Intervals, Floats, 
     power = length ** (2 * PENALTY_ORDER - 1)
     intervals = Intervals(start - DEGREE, knots[start], length, power, octave - octave.min(), basis)
     expand(knots, intervals)
-    normal, right = np.zeros((count + DEGREE, DEGREE + 1)), np.zeros(count + DEGREE)
+    band = (count + DEGREE, DEGREE + 1)
+    normal, right = np.zeros(band), np.zeros(count + DEGREE)
     gather(x, z, intervals, np.empty(DEGREE + 1), normal, right)
-    coefficients, inverse, n_solves = _with_penalties(intervals, normal[:count], right[:count])
-    return intervals, coefficients, inverse, n_solves
-
-
-def _with_penalties(intervals: Intervals, normal: Floats, right: Floats) -> tuple[Floats, Floats, int]:
-    """Fit a spline whose roughness costs as much as the samples say.
-
-    ``normal`` (m, 6) and ``right`` (m,) are the band of the normal matrix and the right-hand side. Returns the
-    coefficients (m,), the band (m, 6) of their covariance and the solves.
-    """
-    count, width = right.size, DEGREE + 1
-    # The fourth derivative is linear: 24 and 120 times the highest powers, and u^2 is 1/12 in the mean.
-    parts = intervals.basis[:, 4:] * np.sqrt([[576.0], [1200.0]]) / np.sqrt(intervals.power)[:, None, None]
-    row, column = np.tril_indices(width)
-    roughness = np.einsum("spi,spi->si", parts[:, :, row], parts[:, :, column])
-    place = (intervals.first[:, None] + column) * width + row - column
-    twice = roughness * np.where(row > column, 2.0, 1.0)  # the band holds one half of a symmetric matrix
-    active = intervals.first[:, None] + np.arange(width)
-    triangle = 1.0 - np.abs(np.arange(-_POOL, _POOL + 1)) / (_POOL + 1.0)
-    penalty, settled, n_solves = 10.0 * intervals.power, False, 0
-    factor, inverse = np.zeros((2, count + DEGREE, width))
-    while True:
-        n_solves += 1
-        added = np.bincount(place.ravel(), (penalty[:, None] * roughness).ravel(), normal.size)
-        band = normal + added.reshape(normal.shape)
-        root, failed = dpbtrf(band.T, lower=1, overwrite_ab=1)
-        if failed:
-            raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
-        coefficients: Floats = dpbtrs(root, right, lower=1)[0]
-        factor[:count] = (root / root[0]).T
-        factor[:count, 0] = root[0] ** -2.0
-        inverse_of_factor(factor, inverse, count)
-        if settled or n_solves > _UPDATES:
-            return coefficients, inverse[:count].copy(), n_solves
-        energy = np.sum(np.einsum("spi,si->sp", parts, coefficients[active]) ** 2, axis=1)
-        spread = np.einsum("si,si->s", twice, inverse.ravel()[place])
-        used = np.maximum(1.0 - penalty * spread, 1e-4)
-        # Parameters used per roughness, pooled over neighbours and over all intervals of equal length.
-        local_used, local_energy = used.sum(), energy.sum()
-        if used.size >= triangle.size:
-            local_used, local_energy = convolve1d([used, energy], triangle, axis=1, mode="constant")
-        alike_used, alike_energy = (np.bincount(intervals.octave, part)[intervals.octave] for part in (used, energy))
-        shared = alike_used / np.maximum(alike_energy, _NO_ENERGY)
-        wanted = (local_used + _SHARED_WEIGHT) / np.maximum(local_energy + _SHARED_WEIGHT / shared, _NO_ENERGY)
-        wanted = np.clip(wanted, penalty / 100.0, penalty * 100.0)
-        wanted = np.clip(wanted, *(limit * intervals.power for limit in _LAMBDA_RANGE))
-        settled = bool(np.all(np.abs(np.log(wanted / penalty)) < _SETTLED))
-        penalty = wanted
+    work, sums = np.empty((3, len(start))), np.empty((2, OCTAVES))
+    space = Space(work[0], work[1], work[2], np.empty_like(basis), sums[0], sums[1], np.empty(band))
+    coefficients, inverse = np.empty_like(right), np.empty(band)
+    n_solves = penalised(normal, right, intervals, _UPDATE, space, coefficients, inverse)
+    if not n_solves:
+        raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
+    return intervals, coefficients[:count], inverse[:count], n_solves
 
 
 def _misfit(residual: Floats) -> Flags:

@@ -1,13 +1,16 @@
-"""The compiled loops of the smoothing spline: bases, sums over samples, variances.
+"""The compiled loops of the smoothing spline: bases, the penalised fit, variances.
 
 In each interval between knots the B-splines are polynomials of the distance from its middle, so
 that a sample costs Horner's rule and no recursion; samples are met once for each choice of knots.
-The variance of a spline needs only those entries of the inverse of its normal matrix that lie inside the band, which
-follow from the factor from the last row to the first (Takahashi, Fagan & Chin, Proc. 8th PICA Conf. (1973) 63; see
-Erisman & Tinney, Comm. ACM 18 (1975) 177, doi:10.1145/360680.360704). Plain loops over arrays that the caller made
-compile in a third of the time that numpy's functions take. Importing this imports numba.
+All else works on one band of the normal matrix, in time linear in the coefficients: the variance of a
+spline needs only those entries of the inverse that lie inside the band, which follow from the factor from the
+last row to the first (Takahashi, Fagan & Chin, Proc. 8th PICA Conf. (1973) 63; see Erisman & Tinney, Comm. ACM 18
+(1975) 177, doi:10.1145/360680.360704). The band is as wide as a quintic spline's, a constant. Plain loops
+over arrays that the caller made compile in a third of the time that numpy's functions take.
+Importing this imports numba.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +26,8 @@ PENALTY_ORDER = 4
 _WIDTH = DEGREE + 1
 _FAST = {"reassoc", "contract", "nsz"}
 Indices = NDArray[np.int64]
+OCTAVES = 2100
+"""All that the lengths of intervals can differ by."""
 
 
 class Intervals(NamedTuple):
@@ -40,6 +45,70 @@ class Intervals(NamedTuple):
     power: Floats
     octave: Indices
     basis: Floats
+
+
+class Update(NamedTuple):
+    """How penalties follow the record, see :mod:`._smoothing_spline`; bounds relative to ``power``."""
+
+    most: int
+    settled: float
+    pool: int
+    shared_weight: float
+    no_energy: float
+    lowest: float
+    highest: float
+
+
+class Space(NamedTuple):
+    """Work space of a fit: (interval,) and (interval, 6, 6); sums over octaves (OCTAVES,)."""
+
+    penalty: Floats
+    used: Floats
+    energy: Floats
+    bands: Floats
+    octave_used: Floats
+    octave_energy: Floats
+    system: Floats
+
+
+@lean()
+def factored(band: Floats, n: int) -> bool:
+    """Replace the lower band of a matrix by its factors ``L D L'``; False if that fails.
+
+    ``band[j, d] = A[j + d, j]``, of shape (n + DEGREE, DEGREE + 1); entries beyond the end of a
+    diagonal, in its last rows too, is set to 0. ``D`` is kept as its inverse.
+    """
+    for j in range(n + DEGREE):
+        for d in range(max(n - j, 0), DEGREE + 1):
+            if j + d >= n:
+                band[j, d] = 0.0
+    for j in range(n):
+        if not band[j, 0] > 0.0:
+            return False
+        inverse = 1.0 / band[j, 0]
+        band[j, 0] = inverse
+        for d in range(1, DEGREE + 1):
+            share = band[j, d] * inverse
+            for e in range(d, DEGREE + 1):
+                band[j + d, e - d] -= share * band[j, e]
+        for d in range(1, DEGREE + 1):
+            band[j, d] *= inverse
+    return True
+
+
+@lean()
+def solve(factor: Floats, x: Floats, n: int) -> None:
+    """Replace the right-hand side ``x`` (n + DEGREE,) by the solution, with :func:`factored`."""
+    for j in range(n, n + DEGREE):
+        x[j] = 0.0
+    for j in range(n):
+        for d in range(1, DEGREE + 1):
+            x[j + d] -= factor[j, d] * x[j]
+    for j in range(n - 1, -1, -1):
+        total = x[j] * factor[j, 0]
+        for d in range(1, DEGREE + 1):
+            total -= factor[j, d] * x[j + d]
+        x[j] = total
 
 
 @lean()
@@ -147,3 +216,101 @@ def gather(x: Floats, z: Floats, intervals: Intervals, row: Floats, normal: Floa
             right[first + i] += z[n] * row[i]
             for j in range(_WIDTH - i):
                 normal[first + i, j] += row[i] * row[i + j]
+
+
+@lean(fastmath=_FAST)
+def penalised(
+    normal: Floats,
+    right: Floats,
+    intervals: Intervals,
+    update: Update,
+    space: Space,
+    coefficients: Floats,
+    inverse: Floats,
+) -> int:
+    """Fit a spline whose roughness costs as much as the samples say.
+
+    ``normal`` (m + 5, 6) and ``right`` (m + 5,) are from :func:`gather`, ``space`` is work space;
+    ``coefficients`` (m + 5,) and ``inverse`` (m + 5, 6), the band of their covariance, are filled. Returns the
+    solves of the band system, 0 when a penalised matrix was not positive definite.
+    """
+    m, count = right.size - DEGREE, intervals.low.size
+    for s in range(count):
+        space.penalty[s] = 10.0 * intervals.power[s]
+        # the fourth derivative is linear: 24 and 120 times the highest powers, and u^2 is 1/12 in the mean
+        for i in range(_WIDTH):
+            for j in range(_WIDTH - i):
+                space.bands[s, i, j] = (
+                    576.0 * intervals.basis[s, 4, i] * intervals.basis[s, 4, i + j]
+                    + 1200.0 * intervals.basis[s, 5, i] * intervals.basis[s, 5, i + j]
+                ) / intervals.power[s]
+    has_settled, n_solves = False, 0
+    while True:
+        n_solves += 1
+        _load(normal, right, intervals, space, coefficients)
+        if not factored(space.system, m):
+            return 0
+        solve(space.system, coefficients, m)
+        inverse_of_factor(space.system, inverse, m)
+        if has_settled or n_solves > update.most:
+            return n_solves
+        for s in range(count):
+            spread = fourth = fifth = 0.0
+            first = intervals.first[s]
+            for i in range(_WIDTH):
+                fourth += intervals.basis[s, 4, i] * coefficients[first + i]
+                fifth += intervals.basis[s, 5, i] * coefficients[first + i]
+                part = 0.5 * space.bands[s, i, 0] * inverse[first + i, 0]
+                for j in range(1, _WIDTH - i):
+                    part += space.bands[s, i, j] * inverse[first + i, j]
+                spread += 2.0 * part
+            space.energy[s] = (576.0 * fourth**2 + 1200.0 * fifth**2) / intervals.power[s]
+            space.used[s] = max(1.0 - space.penalty[s] * spread, 1e-4)
+        has_settled = _update(intervals, update, space)
+
+
+@inner(fastmath=_FAST)
+def _load(normal: Floats, right: Floats, intervals: Intervals, space: Space, coefficients: Floats) -> None:
+    """Add the penalty of every interval to the normal matrix; begin with the right-hand side."""
+    for j in range(right.size):
+        coefficients[j] = right[j]
+        for d in range(_WIDTH):
+            space.system[j, d] = normal[j, d]
+    for s in range(intervals.low.size):
+        for i in range(_WIDTH):
+            for j in range(_WIDTH - i):
+                space.system[intervals.first[s] + i, j] += space.penalty[s] * space.bands[s, i, j]
+
+
+@inner(fastmath=_FAST)
+def _update(intervals: Intervals, update: Update, space: Space) -> bool:
+    """Set penalties to parameters used per roughness; return True where they hardly changed.
+
+    Both are pooled over neighbours (a triangular window) and over all intervals of equal length.
+    """
+    count, octave = intervals.low.size, intervals.octave
+    for o in range(OCTAVES):
+        space.octave_used[o] = space.octave_energy[o] = 0.0
+    whole_used = whole_energy = 0.0
+    for s in range(count):
+        space.octave_used[octave[s]] += space.used[s]
+        space.octave_energy[octave[s]] += space.energy[s]
+        whole_used += space.used[s]
+        whole_energy += space.energy[s]
+    has_settled = True
+    for s in range(count):
+        local_used, local_energy = whole_used, whole_energy
+        if count >= 2 * update.pool + 1:
+            local_used = local_energy = 0.0
+            for o in range(max(s - update.pool, 0), min(s + update.pool + 1, count)):
+                weight = 1.0 - abs(o - s) / (update.pool + 1.0)
+                local_used += weight * space.used[o]
+                local_energy += weight * space.energy[o]
+        shared = space.octave_used[octave[s]] / max(space.octave_energy[octave[s]], update.no_energy)
+        least = max(local_energy + update.shared_weight / shared, update.no_energy)
+        wanted = (local_used + update.shared_weight) / least
+        wanted = min(max(wanted, space.penalty[s] / 100.0), space.penalty[s] * 100.0)
+        wanted = min(max(wanted, update.lowest * intervals.power[s]), update.highest * intervals.power[s])
+        has_settled = has_settled and abs(math.log(wanted / space.penalty[s])) < update.settled
+        space.penalty[s] = wanted
+    return has_settled
