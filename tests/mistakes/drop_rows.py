@@ -213,7 +213,7 @@ ROWS = (
     Mistake("cut, old count", cells(lambda t: t[:1300], FIRST, counted=False), "impossible", ("not copied whole",)),
     Mistake("zero-filled tail", cells(_zero_tail), "impossible", ("70.0 ms",)),
     Mistake("60 rows lost", cells(_lost), "impossible", ("lost",)),
-    Mistake("one row lost in flight", cells(lambda t: t[:740] + t[741:], FIRST), "doubtful", ("1 single rows lost",)),
+    Mistake("one row lost in flight", cells(lambda t: t[:740] + t[741:], FIRST), "doubtful", ("single rows: 1 lost",)),
     Mistake("one row doubled in flight", cells(lambda t: t[:740] + t[739:], FIRST), "doubtful", ("1 doubled",)),
     Mistake("60 rows doubled", cells(_doubled), "impossible", ("twice",)),
     Mistake("level jump", values(_jump), "impossible", ("75", "jump")),

@@ -282,14 +282,16 @@ def _single_rows(trace: Trace) -> Check:
     noise = max(trace.noise, 0.3 * trace.resolution)
     is_smooth = np.std(windows - fitted @ design, axis=1) < 1.5 * noise
     step, jump, u = fitted[:, 1], fitted[:, 3], noise * float(np.linalg.norm(inverse[:, 3]))
-    seen = np.flatnonzero(is_smooth & (np.abs(jump) > _IN_NOISE * u) & (np.abs(np.abs(jump / step) - 1.0) < 0.5))
+    # a small bounce turns within a window too, but at steps that hardly exceed the noise
+    is_large = np.minimum(np.abs(jump), np.abs(step)) > _IN_NOISE * u
+    seen = np.flatnonzero(is_smooth & is_large & (np.abs(np.abs(jump / step) - 1.0) < 0.5))
     runs = np.split(seen, np.flatnonzero(np.diff(seen) > _WINDOW) + 1) if seen.size else []
     # of neighbouring windows the one with the largest jump
     found = [int(run[np.argmax(np.abs(jump[run]))]) for run in runs]
     if not found:
         return trace.seen(SINGLE_ROWS, "no single row is lost or doubled")
     lost = sum(bool(jump[i] * step[i] > 0.0) for i in found)
-    text = f"{lost} single rows lost and {len(found) - lost} doubled, the first at {trace.at(found[0] + _WINDOW // 2)}"
+    text = f"single rows: {lost} lost, {len(found) - lost} doubled, the first at {trace.at(found[0] + _WINDOW // 2)}"
     cause = "rows were lost or doubled when the file was written or copied, and the others numbered anew"
     return trace.seen(SINGLE_ROWS, text, "doubtful", cause)
 
