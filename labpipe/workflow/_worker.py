@@ -264,11 +264,7 @@ class _Run:
 
     def _call(self, task: Task, key: Key) -> tuple[Any, tuple[Caught, ...]]:
         """Call the function; start again when a file changed before it returned or failed."""
-        module, _, name = task.stage.function.partition(":")
-        try:
-            function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, SyntaxError) as error:
-            raise StageError(*task.id[:2], f"{task.stage.function} cannot be imported: {error}") from error
+        function = _import(task)
         self._refuse_changed(task, key)
         arguments = [argument.arranged(partial(self._value, task)) for argument in task.arguments]
         keywords: dict[str, Any] = {"settings": self.job.session.experiments[task.id.experiment].settings}
@@ -350,3 +346,13 @@ class _Run:
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
             kept=tuple(Kept(*of(name), changed) for name, changed in self.plan.kept(task.id).items()),
         )
+
+
+def _import(task: Task) -> Callable[..., Any]:
+    """Return the function of a task."""
+    module, _, name = task.stage.function.partition(":")
+    try:
+        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, SyntaxError) as error:
+        raise StageError(*task.id[:2], f"{task.stage.function} cannot be imported: {error}") from error
+    return function

@@ -160,7 +160,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     )
     readings = laser_readings.readings(folder / name, settings=settings)
     record = folder / "calibration/laser_plate.toml"
-    moved = plate_vibration.displacement(readings, record, settings=settings)
+    moved = laser_readings.displacement(readings, record, settings=settings)
     ringing = plate_vibration.ringing(moved, settings=settings)
     found, known = plate_vibration.table([ringing], settings=settings), truth(folder, "p_1")
     for quantity in ("natural_frequency", "damping_ratio", "amplitude"):

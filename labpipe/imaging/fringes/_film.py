@@ -165,8 +165,9 @@ def _follow(reader: FilmReader, result: FilmResult, read: Flags, starts: dict[in
         earlier = fits.get(index - 2, before)
         # unless it changes by more than two pixels from frame to frame
         if fit is None and before is not None and earlier is not None and abs(before.radius - earlier.radius) < 2.0:
-            quick = replace(usual, free=before.free, max_iterations=8)
-            fit = _fit_again(features.frame, result.view, before, quick, 2.0)
+            fit = _fit_again(
+                features.frame, result.view, before, replace(usual, free=before.free, max_iterations=8), 2.0
+            )
         if fit is None:
             fit = search_contact(features, result.view, None if last is None else last.centre)
         if fit is None:

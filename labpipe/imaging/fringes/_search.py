@@ -1,5 +1,6 @@
 """Search for the contact in one frame, and the decision whether a fit shows one."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -14,7 +15,7 @@ from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._point_contact_test import Window, is_edge, is_sphere, shows_only_sphere
 from labpipe.imaging.fringes._ring_fit import AXES, OPTICAL, Parameter, RingFit, fit_contact, tabulate
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, edge_width, ring_limits
-from labpipe.imaging.fringes._templates import Match, best_matches, templates_of_any_optics
+from labpipe.imaging.fringes._templates import BLURS, Match, best_matches, templates_of_any_optics
 
 #: Misfit from which another explanation is looked for, and from which a fit is not believed: 0.1 for other things.
 GOOD_MISFIT, MOST_MISFIT = 0.04, 0.1
@@ -77,8 +78,7 @@ def _fit_match(frame: NDArray[np.generic], view: View, match: Match, x: float, y
     found = fit_from(frame, view, _start_of(match, view, x, y))
     if found is None or not is_contact(frame, view, found):
         return None
-    settings = replace(view.settings, free=found.free)
-    final = fit_contact(frame, found.parameters, view.optics, settings, view.white)
+    final = fit_contact(frame, found.parameters, view.optics, replace(view.settings, free=found.free), view.white)
     return final if final is not None and is_clear(view, final) else None
 
 
@@ -123,11 +123,11 @@ def search_optics(
     if view.templates is None or not features.has_structure:
         return None
     frame, quick = features.frame, replace(view, settings=view.settings.quick)
-    # spread and flat are not needed to recognise a contact
-    open_ = [parameter for group in properties for parameter in group if parameter not in OPTICAL[2:]]
+    open_ = [p for group in properties for p in group if p not in OPTICAL[2:]]  # spread and flat are not needed
     tries: dict[float, tuple[RingFit, Calibration]] = {}  # the best start of each kind
-    for spot in features.centres:
-        templates = templates_of_any_optics(view.templates, view.optics, spot.radius)
+    # the steepest ring lies up to a fifth outside the contact; sharp fringes may match less well than blurred ones
+    for spot, share, blurs in itertools.product(features.centres, (1.0, 0.8), (BLURS, BLURS[:1])):
+        templates = templates_of_any_optics(view.templates, view.optics, share * spot.radius, blurs)
         profile, counts = radial_profile(frame, spot.x, spot.y, templates.width, templates.bins)
         if not len(templates.radii) or shows_only_sphere(profile, counts, templates.width, view.optics):
             continue

@@ -1,6 +1,7 @@
 """Comparison of the radial profile of a frame with Hertz contacts of all radii, of a known gap phase or of any."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -20,7 +21,7 @@ from labpipe.imaging.fringes._ring_model import (
 _TRAVELS = (0.0, 1.5, 4.0)
 #: Logarithms of factors of the phase scale, in steps of a sixth of a fringe among three, and blurs in widths of the
 #: first bright ring, that are tried where the stated optics explain nothing.
-_LOG_SCALES, _BLURS = np.linspace(-0.7, 0.7, 29), (0.0, 0.3, 0.6)
+_LOG_SCALES, BLURS = np.linspace(-0.7, 0.7, 29), (0.0, 0.3, 0.6)
 
 
 @dataclass(frozen=True)
@@ -94,14 +95,14 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
     return _filled(bare, variants, optics)
 
 
-def templates_of_any_optics(usual: Templates, optics: Optics, size: float) -> Templates:
-    """Tabulate contacts with fringes of many scales and blurs, about as large as a spot of a radius (px)."""
+def templates_of_any_optics(usual: Templates, optics: Optics, size: float, blurs: Sequence[float]) -> Templates:
+    """Tabulate contacts with fringes of many scales and some blurs, about as large as a spot of a radius (px)."""
     near = (usual.radii >= 0.5 * size) & (usual.radii <= 1.2 * size)
     few = replace(usual, radii=usual.radii[near], first=usual.first[near], length=usual.length[near])
     if not near.any():
         return few
     edge = edge_width(size, optics)
-    variants = tuple(Variant(0.0, float(scale), blur * edge) for scale in _LOG_SCALES for blur in _BLURS)
+    variants = tuple(Variant(0.0, float(scale), blur * edge) for scale in _LOG_SCALES for blur in blurs)
     return _filled(few, variants, optics)
 
 
