@@ -153,7 +153,8 @@ def _gate(reader: FilmReader, result: FilmResult, wanted: Flags) -> tuple[Flags,
 def _follow(reader: FilmReader, result: FilmResult, read: Flags, starts: dict[int, RingFit]) -> dict[int, RingFit]:
     """Fit frame after frame, each from what is known of it, from the frame before it, or from nothing.
 
-    ``starts`` are fits of some frames, perhaps with other optics.
+    ``starts`` are fits of some frames, perhaps with other optics. The frame before is left out where the radius changes
+    by two pixels from frame to frame.
     """
     fits: dict[int, RingFit] = {}
     last: RingFit | None = None
@@ -163,11 +164,9 @@ def _follow(reader: FilmReader, result: FilmResult, read: Flags, starts: dict[in
         usual = result.view.settings
         fit = None if likely is None else _fit_again(features.frame, result.view, likely, usual, math.inf)
         earlier = fits.get(index - 2, before)
-        # unless it changes by more than two pixels from frame to frame
         if fit is None and before is not None and earlier is not None and abs(before.radius - earlier.radius) < 2.0:
-            fit = _fit_again(
-                features.frame, result.view, before, replace(usual, free=before.free, max_iterations=8), 2.0
-            )
+            quick = replace(usual, free=before.free, max_iterations=8)
+            fit = _fit_again(features.frame, result.view, before, quick, 2.0)
         if fit is None:
             fit = search_contact(features, result.view, None if last is None else last.centre)
         if fit is None:

@@ -1,7 +1,6 @@
 """Comparison of the radial profile of a frame with Hertz contacts of all radii, of a known gap phase or of any."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -95,7 +94,7 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
     return _filled(bare, variants, optics)
 
 
-def templates_of_any_optics(usual: Templates, optics: Optics, size: float, blurs: Sequence[float]) -> Templates:
+def templates_of_any_optics(usual: Templates, optics: Optics, size: float, blurs: tuple[float, ...]) -> Templates:
     """Tabulate contacts with fringes of many scales and some blurs, about as large as a spot of a radius (px)."""
     near = (usual.radii >= 0.5 * size) & (usual.radii <= 1.2 * size)
     few = replace(usual, radii=usual.radii[near], first=usual.first[near], length=usual.length[near])
