@@ -51,8 +51,6 @@ def _details(
     light, limit = settings.wavelength, "by the edge of the dark spot, uncertain by several micrometres"
     known = ("not known", limit) if light is None else (pages.stated(light), "from session.toml")
     rows = [("wavelength", *known)]
-    if impacts is not None and impacts.sizes["impact"]:
-        rows.append(("largest contact radius, film", pages.told(impacts, "peak_radius", 0), "first impact, at its top"))
     if model is not None and model.sizes["impact"]:
         rows.append(("edge of the contact", *_edge(model, settings)))
     if impacts is not None and np.isfinite(float(impacts["static_radius"])):

@@ -6,7 +6,7 @@ from typing import Any
 
 import xarray as xr
 
-from labpipe.report import Block, Column, KeyValues, Notice, Section, Table, quantity, value_with_uncertainty
+from labpipe.report import Block, Column, Details, KeyValues, Notice, Section, Table, quantity, value_with_uncertainty
 from labpipe.workflow.context import Context
 from pipelines.experiments._kind import JUDGEMENT
 from pipelines.experiments.shared import budget_blocks
@@ -69,7 +69,9 @@ def summary(
         if details is not None and (told := given.ask(details)):
             blocks.append(KeyValues(told))
         if compared := given.each([rows]):
-            blocks.append(_compared(compared))
+            table = _compared(compared)
+            is_long = len(compared) > 12
+            blocks.append(Details(f"All {len(compared)} compared values", [table]) if is_long else table)
         elif not context.failures:
             blocks.append(Notice("info", "There is nothing to compare with."))
         return Section("Summary", (*blocks, *failed_notice(context)))
