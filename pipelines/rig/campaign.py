@@ -34,7 +34,7 @@ from pipelines.rig.film_session import (
 )
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
-from pipelines.rig.indentations import Harmonic
+from pipelines.rig.indentations import TIP_RADIUS, Harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_section, write_ringing_of
@@ -106,7 +106,7 @@ THESIS = Extent(
     to_rest=True,
     static=StaticRig(),
     tester=TESTER,
-    tip_radius=2e-3,
+    tip_radius=TIP_RADIUS,
 )
 """Four materials, four heights, five repeats; films of about ten megabytes."""
 
@@ -147,17 +147,19 @@ def drawn(extent: Extent, seed: int) -> Extent:
     radius, mass = extent.rig.radius + off(5e-6), extent.rig.mass + off(0.5e-3)
 
     def rig(one: DropRig, stated: float) -> DropRig:
-        sensor = replace(one.sensor, inclination=float(np.deg2rad(stated + off(0.1))))
+        sensor = replace(one.sensor, inclination=float(np.deg2rad(stated + off(session_text.U_INCLINATION))))
         return replace(one, radius=radius, mass=mass, sensor=sensor)
 
-    laser = rig(extent.rig, 12.0)
-    by_ruler, by_holder = off(np.hypot(1 / 461, 0.0005 / 2)), off(np.hypot(1.5 / 386, 0.02 / 30))
+    laser = rig(extent.rig, session_text.STATED_INCLINATION)
+    under, front = extent.under.pixel_size, extent.front.pixel_size
+    # a pixel in 461 and 0.5 µm of a ruler; 1.5 pixels in 386 and 0.02 mm of 30 mm between the holder's edges
+    by_ruler, by_holder = off(np.hypot(1 / 461, 0.5e-6 / (461 * under))), off(np.hypot(1.5 / 386, 0.02 / 30))
     return replace(
         extent,
         rig=laser,
-        plate_rig=rig(extent.plate_rig, 5.0),
-        under=replace(extent.under, pixel_size=extent.under.pixel_size * (1.0 + by_ruler)),
-        front=replace(extent.front, pixel_size=extent.front.pixel_size * (1.0 + by_holder)),
+        plate_rig=rig(extent.plate_rig, session_text.STATED_ON_PLATE),
+        under=replace(extent.under, pixel_size=under * (1.0 + by_ruler)),
+        front=replace(extent.front, pixel_size=front * (1.0 + by_holder)),
         static=replace(
             extent.static, radius=radius, sensor=replace(extent.static.sensor, inclination=laser.sensor.inclination)
         ),

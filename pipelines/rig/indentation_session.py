@@ -5,7 +5,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from labpipe import files
-from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.indentations import TIP_RADIUS, Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, from_dma, from_library
@@ -67,7 +67,7 @@ def write_indentations(
     held: Relaxation,
     oscillating: Harmonic,
     tester: Tester = TESTER,
-    tip_radius: float = 2e-3,
+    tip_radius: float = TIP_RADIUS,
     seed: int = 0,
 ) -> tuple[list[str], str]:
     """Write recordings, truth and the cell's record; returns experiments and their sections, of the stated punch."""

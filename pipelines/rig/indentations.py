@@ -32,6 +32,9 @@ _THINNING = 50  # of the fine points of a long rest, one in so many is computed
 _SETTLE = 2.0  # s between blocks, the stage at rest
 
 
+TIP_RADIUS = 2e-3  # m, as stated
+
+
 @dataclass(frozen=True, slots=True)
 class Specimen:
     """The punch and what it is pressed into; lengths in m.
@@ -40,7 +43,7 @@ class Specimen:
     """
 
     material: Truth
-    tip_radius: float = 2e-3
+    tip_radius: float = TIP_RADIUS
     period: float = 8e-3
     depth: float = 6e-3
     tips: int = 3

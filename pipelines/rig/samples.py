@@ -42,11 +42,15 @@ _START = datetime(2024, 5, 14, 9, 30)
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A synthetic session: what it holds, and the function that writes it; one with films has another for full size."""
+    """A synthetic session: what it holds, and the function that writes it; one with films has another for full size.
+
+    ``has_seed``: the function takes a ``seed``, which draws the rig anew.
+    """
 
     summary: str
-    write: Callable[[Path], list[str]]
-    in_full_size: Callable[[Path], list[str]] | None = None
+    write: Callable[..., list[str]]
+    in_full_size: Callable[..., list[str]] | None = None
+    has_seed: bool = False
 
 
 def write_sample(name: str, folder: Path, *, full_size: bool = False, seed: int | None = None) -> list[str]:
@@ -57,14 +61,13 @@ def write_sample(name: str, folder: Path, *, full_size: bool = False, seed: int 
     if folder.exists() and any(folder.iterdir()):
         raise UsageError(f"{folder} is not empty; name a new folder")
     chosen = SAMPLES[name]
-    if seed is not None:
-        if not name.startswith("thesis"):
-            raise UsageError(f'only "thesis" and "thesis-small" are drawn by a seed, not "{name}"')
-        from pipelines.rig import campaign
-
-        extent = campaign.SMALL if name == "thesis-small" else campaign.FULL_SIZE if full_size else campaign.THESIS
-        return campaign.write_campaign(folder, _START, campaign.drawn(extent, seed))
-    return (chosen.in_full_size if full_size and chosen.in_full_size else chosen.write)(folder)
+    write = chosen.in_full_size if full_size and chosen.in_full_size else chosen.write
+    if seed is None:
+        return write(folder)
+    if not chosen.has_seed:
+        drawn = " and ".join(f'"{each}"' for each, sample in SAMPLES.items() if sample.has_seed)
+        raise UsageError(f'only {drawn} are drawn by a seed, not "{name}"')
+    return write(folder, seed=seed)
 
 
 STATED_FLOOR = 'plate = { mass = "1450 ± 100 kg", frequency = "390 ± 20 Hz", damping_ratio = "0.03" }\n'
@@ -162,10 +165,11 @@ def _plate(folder: Path) -> list[str]:
     return ["plate", "acrylic_10mm", "acrylic_dma", "ptfe_dma"]
 
 
-def _campaign(extent: str, folder: Path) -> list[str]:
+def _campaign(name: str, folder: Path, seed: int | None = None) -> list[str]:
     from pipelines.rig import campaign
 
-    return campaign.write_campaign(folder, _START, getattr(campaign, extent))
+    extent = getattr(campaign, name)
+    return campaign.write_campaign(folder, _START, extent if seed is None else campaign.drawn(extent, seed))
 
 
 SAMPLES: dict[str, Sample] = {
@@ -181,9 +185,10 @@ SAMPLES: dict[str, Sample] = {
         "every experiment of the thesis: the whole campaign",
         partial(_campaign, "THESIS"),
         partial(_campaign, "FULL_SIZE"),
+        has_seed=True,
     ),
     "thesis-small": Sample(
-        "the campaign in two megabytes: every kind, one height, two repeats", partial(_campaign, "SMALL")
+        "the campaign in two megabytes: every kind, one height, two repeats", partial(_campaign, "SMALL"), has_seed=True
     ),
     "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
 }

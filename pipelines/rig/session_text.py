@@ -21,9 +21,9 @@ _STATED_NU = {
     "ptfe": "0.46 ± 0.01",
 }
 _WARMEST = 120.0  # degC, of the rheometer's sweeps
-_STATED_INCLINATION = 12.0  # degrees, what the calibration found; the truth differs within its u
-_STATED_ON_PLATE = 5.0  # degrees, likewise, of the sensor over the plate
-_U_INCLINATION = 0.1
+STATED_INCLINATION = 12.0  # degrees, what the calibration found; the truth differs within its u
+STATED_ON_PLATE = 5.0  # degrees, likewise, of the sensor over the plate
+U_INCLINATION = 0.1
 
 
 def height_name(height: float) -> str:
@@ -49,16 +49,16 @@ how = "{how} (synthetic)"
 """
 
 
-def laser_record(place: str = "inclination", inclination: float = _STATED_INCLINATION, step: str = "1 mm") -> str:
+def laser_record(place: str = "inclination", inclination: float = STATED_INCLINATION, step: str = "1 mm") -> str:
     """Return the record of the sensor in a place, with what the calibration found [deg]."""
     how = f"twelve micrometer steps of {step} against the reading"
-    values = f'inclination = "{inclination:.2f} ± {_U_INCLINATION:.2f} deg"\nscale = "1.0000 ± 0.0005"'
+    values = f'inclination = "{inclination:.2f} ± {U_INCLINATION:.2f} deg"\nscale = "1.0000 ± 0.0005"'
     return record("laser", f"laser-{place}", '"LK-G5001"', how, values)
 
 
 def plate_laser_record() -> str:
     """Return the record of the sensor in its place over the plate."""
-    return laser_record("plate", _STATED_ON_PLATE, "0.1 mm")
+    return laser_record("plate", STATED_ON_PLATE, "0.1 mm")
 
 
 def front_record() -> str:

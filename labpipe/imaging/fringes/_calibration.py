@@ -15,6 +15,7 @@ from labpipe.imaging.fringes._model_selection import Trial, fit_frames, promised
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._ring_fit import ASSUMED, AXES, LIGHT, OPTICAL, Parameter, RingFit, changed_optics
 
+Properties = tuple[tuple[Parameter, ...], ...]
 #: Frames that are used, the best known of the larger contacts first.
 _FRAMES = 8
 #: Share of the largest gain promised, to first order, from which an alternative is fitted.
@@ -78,7 +79,7 @@ def calibrate(
     fits: dict[int, RingFit],
     stated: View,
     known: Calibration,
-    properties: tuple[tuple[Parameter, ...], ...],
+    properties: Properties,
 ) -> tuple[Calibration, Trial | None]:
     """Find the optics of a film from its fits, with the fits of some frames with these; ``frame_of`` reads a frame.
 

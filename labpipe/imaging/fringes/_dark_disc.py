@@ -24,7 +24,6 @@ def look_without_fringes(features: FrameFeatures, view: View) -> Blank:
     frame = features.frame
     if not features.has_structure:
         return Blank(level=float(np.median(reduce_frame(frame)[0])))
-
     # a sphere that touches without load shows a spot of its own
     least = view.optics.newton_spot
     found = (find_edge(frame, s.x, s.y, s.radius, view.black) for s in features.centres if s.radius >= least)

@@ -163,9 +163,8 @@ def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:
         frames, seen = sorted(result.edges), len(result.edges) + len(result.fits)
         named = ", ".join(str(index) for index in frames[:5]) + (", …" if len(frames) > 5 else "")
         texts.append(
-            f"of {seen} frames in contact {len(frames)} ({named}) measured by the edge of the spot, to some "
-            "micrometres: no fringes of a contact explain them; check wavelength, sphere_radius, pixel_size, phase, "
-            "focus and what hides rings"
+            f"frames measured by the edge of the spot, to some µm: {named}, {len(frames)} of {seen} in contact; no "
+            "fringes explain them: check wavelength, sphere_radius, pixel_size, phase, focus and covered rings"
         )
     if spots and not (result.fits or result.edges or result.undecided):
         texts.append(

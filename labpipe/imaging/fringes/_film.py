@@ -11,7 +11,7 @@ from labpipe.frames import FrameSource
 from labpipe.imaging.films import FilmReader, Place, plan_reading, without_stuck_pixels
 from labpipe.imaging.fringes._adhesive_edge import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
-from labpipe.imaging.fringes._calibration import PROPERTIES, Calibration, calibrate
+from labpipe.imaging.fringes._calibration import PROPERTIES, Calibration, Properties, calibrate
 from labpipe.imaging.fringes._dark_disc import choose_edges, find_filled, look_without_fringes, runs_of
 from labpipe.imaging.fringes._film_result import FilmResult
 from labpipe.imaging.fringes._frame_features import FrameFeatures
@@ -72,7 +72,7 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     return View(optics, settings, (film.shape[1], film.shape[2]), black, white)
 
 
-def _open_properties(film: FrameSource, options: FilmOptions) -> tuple[tuple[Parameter, ...], ...]:
+def _open_properties(film: FrameSource, options: FilmOptions) -> Properties:
     """Properties of the optics that the film may show to differ from the stated ones.
 
     A strip four times as long as wide shows rings in one direction, where an ellipse cannot be distinguished from
@@ -189,7 +189,7 @@ def _fit_again(
 
 
 def _search_optics(
-    reader: FilmReader, result: FilmResult, fits: dict[int, RingFit], properties: tuple[tuple[Parameter, ...], ...]
+    reader: FilmReader, result: FilmResult, fits: dict[int, RingFit], properties: Properties
 ) -> Calibration:
     """Look for other optics in some frames whose spots are larger than any contact that the stated ones explain.
 

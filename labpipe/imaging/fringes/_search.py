@@ -1,6 +1,5 @@
 """Search for the contact in one frame, and the decision whether a fit shows one."""
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -8,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
-from labpipe.imaging.fringes._calibration import Calibration, calibrate
+from labpipe.imaging.fringes._calibration import Calibration, Properties, calibrate
 from labpipe.imaging.fringes._frame_features import FrameFeatures, radial_profile
 from labpipe.imaging.fringes._model_selection import begin_from, fit_frames
 from labpipe.imaging.fringes._optics_state import View
 from labpipe.imaging.fringes._point_contact_test import Window, is_edge, is_sphere, shows_only_sphere
 from labpipe.imaging.fringes._ring_fit import AXES, OPTICAL, Parameter, RingFit, fit_contact, tabulate
 from labpipe.imaging.fringes._ring_model import SAMPLES_PER_PIXEL, edge_width, ring_limits
-from labpipe.imaging.fringes._templates import BLURS, Match, best_matches, templates_of_any_optics
+from labpipe.imaging.fringes._templates import Match, any_matches, best_matches
 
 #: Misfit from which another explanation is looked for, and from which a fit is not believed: 0.1 for other things.
 GOOD_MISFIT, MOST_MISFIT = 0.04, 0.1
@@ -112,9 +111,7 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     return best
 
 
-def search_optics(
-    features: FrameFeatures, view: View, properties: tuple[tuple[Parameter, ...], ...]
-) -> Calibration | None:
+def search_optics(features: FrameFeatures, view: View, properties: Properties) -> Calibration | None:
     """Find optics with which a frame that the stated ones leave unexplained shows a contact.
 
     The search starts from what explains the profile about a spot best, of fringes of every phase, of other scales, and
@@ -125,15 +122,14 @@ def search_optics(
     frame, quick = features.frame, replace(view, settings=view.settings.quick)
     open_ = [p for group in properties for p in group if p not in OPTICAL[2:]]  # spread and flat are not needed
     tries: dict[float, tuple[RingFit, Calibration]] = {}  # the best start of each kind
-    # the steepest ring lies up to a fifth outside the contact; sharp fringes may match less well than blurred ones
-    for spot, share, blurs in itertools.product(features.centres, (1.0, 0.8), (BLURS, BLURS[:1])):
-        templates = templates_of_any_optics(view.templates, view.optics, share * spot.radius, blurs)
-        profile, counts = radial_profile(frame, spot.x, spot.y, templates.width, templates.bins)
-        if not len(templates.radii) or shows_only_sphere(profile, counts, templates.width, view.optics):
+    usual = view.templates
+    for spot in features.centres:
+        profile, counts = radial_profile(frame, spot.x, spot.y, usual.width, usual.bins)
+        if shows_only_sphere(profile, counts, usual.width, view.optics):
             continue
-        for match in best_matches(profile, counts, templates, None):
-            if match.score < 0.5:
-                continue
+        sizes = (spot.radius, 0.8 * spot.radius)  # the steepest ring lies up to a fifth outside the contact
+        likely = (m for size in sizes for m in any_matches(profile, counts, usual, view.optics, size))
+        for match in {(m.radius, m.variant): m for m in likely if m.score >= 0.5}.values():
             start = _start_of(match, view, spot.x, spot.y)
             turn = match.phase - view.optics.phase
             if Parameter.PHASE not in open_:

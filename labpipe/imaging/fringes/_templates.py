@@ -20,7 +20,7 @@ from labpipe.imaging.fringes._ring_model import (
 _TRAVELS = (0.0, 1.5, 4.0)
 #: Logarithms of factors of the phase scale, in steps of a sixth of a fringe among three, and blurs in widths of the
 #: first bright ring, that are tried where the stated optics explain nothing.
-_LOG_SCALES, BLURS = np.linspace(-0.7, 0.7, 29), (0.0, 0.3, 0.6)
+_LOG_SCALES, _BLURS = np.linspace(-0.7, 0.7, 29), (0.0, 0.3, 0.6)
 
 
 @dataclass(frozen=True)
@@ -94,15 +94,20 @@ def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least
     return _filled(bare, variants, optics)
 
 
-def templates_of_any_optics(usual: Templates, optics: Optics, size: float, blurs: tuple[float, ...]) -> Templates:
-    """Tabulate contacts with fringes of many scales and some blurs, about as large as a spot of a radius (px)."""
+def any_matches(profile: Floats, counts: Floats, usual: Templates, optics: Optics, size: float) -> list[Match]:
+    """Contacts about as large as a spot (px) whose fringes, of any phase and of many scales and blurs, match best.
+
+    Sharp fringes are matched by themselves too: blurred ones of a wrong scale may explain an ellipse better.
+    """
     near = (usual.radii >= 0.5 * size) & (usual.radii <= 1.2 * size)
-    few = replace(usual, radii=usual.radii[near], first=usual.first[near], length=usual.length[near])
     if not near.any():
-        return few
-    edge = edge_width(size, optics)
-    variants = tuple(Variant(0.0, float(scale), blur * edge) for scale in _LOG_SCALES for blur in blurs)
-    return _filled(few, variants, optics)
+        return []
+    few = replace(usual, radii=usual.radii[near], first=usual.first[near], length=usual.length[near])
+    edge, blurs = edge_width(size, optics), len(_BLURS)
+    variants = tuple(Variant(0.0, float(scale), blur * edge) for scale in _LOG_SCALES for blur in _BLURS)
+    every = _filled(few, variants, optics)
+    sharp = replace(every, variants=variants[::blurs], values=every.values[::blurs])
+    return [match for each in (every, sharp) for match in best_matches(profile, counts, each, None)]
 
 
 def _filled(bare: Templates, variants: tuple[Variant, ...], optics: Optics) -> Templates:
