@@ -257,8 +257,8 @@ def of_films(target: Path) -> None:
 def main(site: Path, keep: bool, gallery: tuple[Path, ...]) -> None:
     """Write the guide into the folder SITE, after running its tutorial in a temporary folder.
 
-    A tutorial whose replies have other words than the text is an error, or is renewed with --keep, which needs a
-    Chromium for the
+    A tutorial whose replies have other words than the text is an error, or is renewed with --keep, which draws the
+    pictures with a Chromium.
     """
     try:
         with tempfile.TemporaryDirectory(prefix="labpipe-tutorial-") as folder:
