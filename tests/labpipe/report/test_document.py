@@ -329,6 +329,15 @@ def test_pictures_that_make_a_page_too_large_become_jpeg_and_others_stay() -> No
     assert "data:image/jpeg" not in one
 
 
+def test_a_row_of_texts_is_a_card_with_its_titles_on_a_narrow_screen_and_a_row_of_numbers_is_not() -> None:
+    texts = Table((Column("check"), Column("result"), Column("principle")), [("g", "passed", "a parabola")])
+    numbers = Table((Column("n"), Column("e"), Column("u")), [(1, 0.8, 0.1)])
+    html = Document("t", sections=(Section("s", (texts, numbers)),)).render()
+    titled = re.findall(r'<td data-key="([^"]+)" data-title="([^"]+)">', html)
+    assert titled == [("passed", "result"), ("a parabola", "principle")]
+    assert html.count('class="data sortable cards"') == 1
+
+
 def test_a_report_leads_back_to_its_session() -> None:
     assert '<a href="../index.html">' in Document("p", home="../index.html").render()
     assert "All experiments" not in Document("p").render()
