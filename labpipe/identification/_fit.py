@@ -1,6 +1,6 @@
 """The most probable material: least squares in standard coordinates, from several starts.
 
-Every step minimises a surrogate that is linear in the moduli (:mod:`.tangent`), damped as
+Every step minimises a surrogate that is linear in the moduli (:mod:`._tangent`), damped as
 Levenberg's where it does not help. They end when the next one promises less than a set part of the
 cost: a measure that knows no scale, and that can be set above the small noise of differences of a
 simulator, as the tests of general routines cannot.
@@ -10,7 +10,7 @@ until nothing changes any more: the answer is that of the costly model, at a few
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
@@ -34,8 +34,6 @@ _FAR = 1e4  # residual of a trial that the model refuses
 _ROUGH, _EXACT = 0.5, 0.01  # decrease of the cost, still promised, at which a fit ends
 _MOST_STEPS = 25
 _DAMPING, _WORSE, _BETTER, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e9
-_KEPT = 0.2  # of a promised gain that may be missed before the derivatives are renewed
-_MOST_LEARNED = 4  # steps that miss their promise, from each of which the tangent learns
 _LOOSE = 0.01  # relative deviation of every number while starts are tried
 _ROUNDS, _PATIENCE = 12, 6  # of corrections, and before discrepancies are looked for anyway
 _LOOKS = 4  # for discrepancies; they stay after the last one
@@ -55,8 +53,7 @@ class Fit:
     ``misfits``: By names of experiment and group. ``cost``: Half the sum of squares, prior included.
     ``costs_from_starts``: Costs reached from the separate starts, with every number uncertain by another per cent.
     ``evaluations``, ``differentiations``: Times all models were run, and their derivatives. ``is_converged``:
-    Corrections and misfits do not change any more. ``tangent``: Derivatives of the models at ``xi``, where they were
-    made.
+    Corrections and misfits do not change any more. ``tangent``: Derivatives of the models at ``xi``.
     """
 
     problem: Problem
@@ -68,11 +65,7 @@ class Fit:
     evaluations: int
     differentiations: int
     is_converged: bool
-    tangent: Tangent | None = None
-
-    def differentiated(self) -> "Fit":
-        """Return the same with derivatives made at its end; a tangent that learned is a guess."""
-        return replace(self, tangent=Tangent.at(self.problem, self.xi))
+    tangent: Tangent
 
 
 def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[str], None] | None = None) -> Fit:
@@ -98,7 +91,7 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
     for round_ in range(_ROUNDS):
         say(f"fit with corrections, round {round_ + 1}")
         objective.corrections, objective.misfits = problem.corrections(xi), misfits
-        before, xi = xi, objective.minimised(xi, decrease, is_near=round_ > 0)
+        before, xi = xi, objective.minimised(xi, decrease)
         moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))))
         is_converged = decrease == _EXACT and moved < _SETTLED
         decrease = _EXACT if moved < _NEAR else _ROUGH
@@ -120,8 +113,9 @@ def fit(problem: Problem, *, start: Floats | None = None, progress: Callable[[st
         objective.cost(xi),
         costs,
         objective.evaluations,
-        objective.differentiated,
+        objective.differentiations,
         is_converged,
+        objective.tangent(xi),
     )
 
 
@@ -134,8 +128,8 @@ class Objective:
         self.problem = problem
         self.corrections = corrections
         self.misfits = misfits
-        self.evaluations = self.differentiated = 0
-        self.tangent = tangent
+        self.evaluations = self.differentiations = 0
+        self._last = tangent
 
     @classmethod
     def of(cls, found: "Fit") -> "Objective":
@@ -159,19 +153,18 @@ class Objective:
         return np.concatenate([self.misfits.get((n, g.name), Misfit()).deviation(g, g.values) for n, g in groups])
 
     def data_jacobian(self, xi: Floats) -> Floats:
-        """Return the derivative (n, parameter) of the predictions over their deviations.
-
-        The last tangent's, which fits after :meth:`minimised` led here; a new one's at first.
-        """
+        """Return the derivative (n, parameter) of the predictions over their deviations."""
         return self._surrogate(xi, np.zeros(self._size)).jacobian(xi)
 
-    def _differentiate(self, xi: Floats) -> Tangent:
-        self.differentiated += 1
-        self.tangent = Tangent.at(self.problem, xi)
-        return self.tangent
+    def tangent(self, xi: Floats) -> Tangent:
+        """Return the derivatives of the models at a point; those of the last point are kept."""
+        if self._last is None or not np.array_equal(self._last.at, xi):
+            self.differentiations += 1
+            self._last = Tangent.of(self.problem, xi)
+        return self._last
 
     def _surrogate(self, xi: Floats, rest: Floats) -> Surrogate:
-        tangent = self.tangent or self._differentiate(xi)
+        tangent = self.tangent(xi)
         ratio, deviations = np.concatenate(self.corrections)[:, None], self.deviations[:, None]
         by_terms, by_values = (ratio * part / deviations for part in (tangent.by_terms, tangent.by_values))
         return Surrogate(self.problem, xi, rest, by_terms, by_values)
@@ -185,50 +178,26 @@ class Objective:
         rows = self.residuals(xi)
         return 0.5 * float(rows @ rows)
 
-    def minimised(self, start: Floats, decrease: float, *, is_near: bool = False) -> Floats:
+    def minimised(self, start: Floats, decrease: float) -> Floats:
         """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
 
-        Every step goes to the minimum of a surrogate. Where the models do not keep its promise
-        its tangent learns from the step, and is made anew after a few such steps or one uphill.
+        Every step goes to the minimum of a surrogate, and is damped where the models do not follow it there.
 
         ``start`` (parameter,): Standard coordinates. ``decrease``: Of the cost; half a unit is a change of one
-        standard deviation. ``is_near``: The last tangent may be tried at the start.
+        standard deviation.
         """
-        xi = np.clip(start, -_BOUND, _BOUND)
+        xi, damping = np.clip(start, -_BOUND, _BOUND), _DAMPING
         height, rest = self._height(xi)
-        is_kept = is_near and self.tangent is not None
-        if not is_kept:
-            self._differentiate(xi)
-        is_fresh, damping, learned = not is_kept, _DAMPING, 0
         for _ in range(_MOST_STEPS):
-            surrogate = self._surrogate(xi, rest)
-            trial, promised = surrogate.lowest(damping, _BOUND)
-            if height - promised < decrease:
-                if is_fresh or is_kept:
-                    break
-                self._differentiate(xi)
-                is_fresh, is_kept = True, False
-                continue
+            trial, promised = self._surrogate(xi, rest).lowest(damping, _BOUND)
+            if height - promised < decrease or damping > _MOST_DAMPING:
+                break
             new, found = self._height(trial)
             if new >= height:
-                if is_fresh:
-                    damping *= _WORSE
-                    if damping > _MOST_DAMPING:
-                        break  # promised by differences, not kept by the simulator
-                    continue
-                self._differentiate(xi)
-                is_fresh, is_kept = True, False
+                damping *= _WORSE
                 continue
-            is_kept = new - promised < max(decrease, _KEPT * (height - promised))
-            learned = 0 if is_kept else learned + 1
-            if not is_kept and self.tangent is not None and np.any(trial != xi):
-                missed = (surrogate.rows(trial)[0] - found) * self.deviations / np.concatenate(self.corrections)
-                self.tangent = self.tangent.learned(surrogate, trial, missed)
-            xi, rest, height, is_fresh = trial, found, new, False
+            xi, rest, height = trial, found, new
             damping = max(damping * _BETTER, _LEAST_DAMPING)
-            if learned > _MOST_LEARNED:
-                self._differentiate(xi)
-                is_fresh, learned = True, 0
         return xi
 
     def _height(self, xi: Floats) -> tuple[float, Floats]:

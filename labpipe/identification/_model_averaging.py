@@ -54,13 +54,13 @@ def infer(problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None]
     them. ``progress``: Called with a line of text now and then. Returns: With its structures. Raises InputError:
     There is no evidence. Raises LabpipeError: No start can be simulated.
     """
-    found = fit(problem, progress=progress).differentiated()
+    found = fit(problem, progress=progress)
     begin = problem.material(found.xi)
     made = structures(replace(found, misfits={}), rebuilt, begin)
     best = made[0]
     if best.name != SMOOTH:
         own = Problem(best.spectrum, rebuilt(best.spectrum.rho), problem.nuisances)
-        found = fit(own, start=best.xi, progress=progress).differentiated()
+        found = fit(own, start=best.xi, progress=progress)
     if best.name != SMOOTH or found.misfits:
         # a gain stretches what is predicted: how, is known only where the prediction is right
         made = structures(found, rebuilt, begin)

@@ -22,16 +22,16 @@ _MOST_STEPS = 60
 class Tangent:
     """Derivatives of all models of a problem at one point.
 
-    ``by_terms`` (n, 1 + term): Of the fast models of all experiments, one below the other, per Pa. ``by_values`` (n,
-    nuisance): By the nuisances in their units.
+    ``at`` (parameter,): Standard coordinates of the point. ``by_terms`` (n, 1 + term): Of the fast models of all
+    experiments, one below the other, per Pa. ``by_values`` (n, nuisance): By the nuisances in their units.
     """
 
-    problem: Problem
+    at: Floats
     by_terms: Floats
     by_values: Floats
 
     @classmethod
-    def at(cls, problem: Problem, xi: Floats) -> "Tangent":
+    def of(cls, problem: Problem, xi: Floats) -> "Tangent":
         """Differentiate every model at standard coordinates (parameter,)."""
         solid, given = problem.material(xi), problem.nuisance_values(xi)
         place = {p.name: i for i, p in enumerate(problem.nuisances)}
@@ -43,25 +43,7 @@ class Tangent:
                 columns[:, place[name]] = column
             by_terms.append(by_term)
             by_values.append(columns)
-        return cls(problem, np.vstack(by_terms), np.vstack(by_values))
-
-    def learned(self, surrogate: "Surrogate", to: Floats, missed: Floats) -> "Tangent":
-        """Return the tangent that would have predicted a step (Broyden's rank-one update).
-
-        Differences of a simulator are a little wrong along the valleys that the data leave open;
-        learning from a step costs no further run.
-
-        ``surrogate``: That made the step. ``to`` (parameter,): Where the step ended. ``missed``
-        (n,): Predictions of the fast models there, minus the promised ones.
-        """
-        n = self.problem.n_material
-        begin, end = surrogate.terms(surrogate.at), surrogate.terms(to)
-        own = [p.slope(x) for p, x in zip(self.problem.nuisances, to[n:].tolist(), strict=True)]
-        scale = np.concatenate([begin, own])
-        way = np.concatenate([end - begin, surrogate.values(to) - surrogate.values(surrogate.at)])
-        row = way / scale / float(np.sum((way / scale) ** 2)) / scale
-        by_terms, by_values = (np.outer(missed, part) for part in np.split(row, [end.size]))
-        return Tangent(self.problem, self.by_terms + by_terms, self.by_values + by_values)
+        return cls(xi, np.vstack(by_terms), np.vstack(by_values))
 
 
 @dataclass(frozen=True, eq=False)
