@@ -22,6 +22,11 @@ if TYPE_CHECKING:
         indent_load as indent_load,
         tapping_amplitude as tapping_amplitude,
     )
-    from labpipe.contact.sphere import load_sphere as load_sphere, press_sphere as press_sphere
+    from labpipe.contact.sphere import (
+        CounterBody as CounterBody,
+        counter_body as counter_body,
+        load_sphere as load_sphere,
+        press_sphere as press_sphere,
+    )
 else:
     __getattr__ = lazily(__name__)

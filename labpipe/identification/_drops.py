@@ -7,7 +7,8 @@ relaxation time they are a smooth curve, of which far from a contact every secon
 The simulator's answer is smooth also with coarse steps, whose values a fuller run corrects. Two
 unknowns cost no run: on a rigid floor the motion depends on modulus, mass and radius by
 ``E sqrt(R) / m`` alone (gap ``r^2/2R``; contact radii go with ``sqrt(R)`` besides), so their
-derivatives are those of a common factor of all moduli. A plate moves by the ratio of the masses.
+derivatives are those of a common factor of all moduli (of the sphere's alone, which on a stiff counter-body is the
+same to a percent). A plate moves by the ratio of the masses.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -53,7 +54,8 @@ class DropModel:
     ``radii``: Which impacts, from 0, are observed: times of touch since the first contact (from 1), durations of
     contact, largest contact radii. ``last`` [s]: Time of the last observation since first contact.
     ``expected_duration`` [s]: Of a contact. ``names``: Unknowns of the problem by :data:`ROLES`; the others are
-    taken at its best value. ``plate``: On which the sphere falls; a rigid floor by default. ``rtol``: Of the
+    taken at its best value. ``plate``: On which the sphere falls; a rigid floor by default. ``flat``: Counter-body;
+    rigid by default. ``rtol``: Of the
     simulator for the fuller model; the fast one takes coarser steps. ``shared`` (duration,): Change of every
     duration by one deviation of the pulse's shape.
     """
@@ -70,6 +72,7 @@ class DropModel:
     names: Mapping[str, str] = field(default_factory=dict)
     profile: Profile = "parabola"
     plate: contact.Plate | None = None
+    flat: contact.CounterBody | None = None
     rtol: float = 1e-4
     shared: Floats | None = None
 
@@ -189,12 +192,14 @@ class DropModel:
     def _runs(self, trials: "Sequence[_Trial]", *, is_full: bool = False) -> list[Floats]:
         """Simulate with the best mass and radius and materials that make up for them."""
         needed = 1 + max((int(w.max()) for w in (self.touches, self.durations, self.radii) if w.size), default=0)
-        wider, solids, heights = [], [], []
+        wider, solids, heights, flats = [], [], [], list[contact.CounterBody | None]()
         for material, given in trials:
             mass, radius = self._value("mass", self.mass, given), self._value("radius", self.radius, given)
             wider.append(sqrt(radius / self.radius))
             stiffer = self._value("modulus", 1.0, given)
-            solids.append(material.scaled(stiffer * self.mass / mass * wider[-1]))
+            makes_up = self.mass / mass * wider[-1]
+            solids.append(material.scaled(stiffer * makes_up))
+            flats.append(self.flat and self.flat._replace(E=self.flat.E * makes_up))
             heights.append(self._value("height", self.height, given))
         # The plate is as heavy in proportion to the best mass of the sphere.
         plates = [
@@ -221,6 +226,7 @@ class DropModel:
                 self.rtol if is_full else max(_FAST, self.rtol),
                 gravity=self.gravity,
                 plate=[plates[i] for i in missing],
+                substrate=[flats[i] for i in missing],
             )
             happened = made["impacts"].values
             for column, name in enumerate(("impact_time", "contact_duration", "peak_contact_radius")):

@@ -148,6 +148,9 @@ class Checker:
         options = [option for option in typing.get_args(kind) if option is not type(None)]
         if len(options) == 1:
             return self.value(options[0], value, place, partial)
+        tables = [option for option in options if isinstance(option, type) and issubclass(option, msgspec.Struct)]
+        if isinstance(value, dict) and len(tables) == 1:
+            return self.structure(tables[0], value, place, partial)
         for option in options:
             trial = Checker(Document(self.document.path, {}, {(): 1}), self.root, may_wait=self.may_wait)
             converted = trial.value(option, value, place, partial)

@@ -220,7 +220,8 @@ def as_value(kind: Any, text: str) -> Any:
     """Return a typed text as TOML keeps it for a field; an unsuitable one stays a text."""
     bare = split(bare_type(kind))[0]
     try:
-        if any(typing.get_origin(option) is dict for option in typing.get_args(bare)):  # the columns of a table
+        if any(typing.get_origin(o) is dict or hasattr(o, "__struct_fields__") for o in typing.get_args(bare)):
+            # the columns of a table, or a table of numbers
             typed = re.sub(r"^columns\s*=\s*", "", text)
             return tomllib.loads(f"columns = {typed}")["columns"] if typed.startswith("{") else typed
         if bare is bool:

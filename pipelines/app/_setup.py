@@ -243,6 +243,8 @@ def _fields(
         suggestions = list(library_names()) if path[-1] == "material" else []
         suggestions += records if mark(marks, FileMark) is not None and path[-1] in _RECORD_FIELDS else []
         suggestions += names if mark(marks, ReferenceMark) is not None else []
+        for option in typing.get_args(bare):  # a word or a table
+            suggestions += map(str, typing.get_args(option)) if typing.get_origin(option) is Literal else []
         suggestions += _columns_of(folder, table) if path[-1] == "columns" else []
         is_files = is_list and mark(split(typing.get_args(bare)[0])[1], FileMark) is not None
         found.append(

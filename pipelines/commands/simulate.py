@@ -93,6 +93,7 @@ def simulate() -> None:
               help="'thesis' is the thesis's own scheme.")  # fmt: skip
 @click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola", help="Shape of the gap.")
 @click.option("--rtol", type=float, default=1e-4, help="Target relative error.")
+@click.option("--substrate", help='Elastic counter-body: "sapphire", or modulus and Poisson\'s ratio, "70 GPa, 0.22".')
 @click.option("--plate-mass", type=_MASS, help="Modal mass of a vibrating substrate; needs the next two options.")
 @click.option("--plate-frequency", type=_FREQUENCY, help="Natural frequency.")
 @click.option("--plate-damping", type=_RATIO, help="Damping ratio.")
@@ -103,11 +104,11 @@ def simulate() -> None:
 @click.option("--conductivity", type=_CONDUCTIVITY, help="For --heating; default: from the library.")
 @_result_options
 def drop(material: str, temperature: float | None, vertical_shift: float, **options: Any) -> None:
-    r"""Drop a viscoelastic sphere on a rigid flat (or on a vibrating plate).
+    r"""Drop a viscoelastic sphere on a flat (rigid by default) or on a vibrating plate.
 
     \b
     Example:
-      labpipe simulate drop --material ptfe --height "7 mm" --out drop.nc
+      labpipe simulate drop --material ptfe --height "7 mm" --substrate sapphire --out drop.nc
     """
     from labpipe import contact
     from labpipe.materials import describe
@@ -117,6 +118,8 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
     if None in of_plate and of_plate != [None, None, None]:
         raise click.UsageError("a plate needs --plate-mass, --plate-frequency and --plate-damping together")
     plate = None if None in of_plate else contact.Plate(*of_plate)
+    if options["substrate"] and "," in options["substrate"]:
+        options["substrate"] = tuple(options["substrate"].split(",", 1))
     output = {name: options.pop(name) for name in ("out", "picture", "as_json")}
     work, is_heated = options.pop("work_of_adhesion"), options.pop("heating")
     properties = [options.pop(name) for name in ("heat_capacity", "conductivity")]

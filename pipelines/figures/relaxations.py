@@ -9,6 +9,7 @@ from matplotlib.patches import Circle
 from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
+from pipelines.experiments.shared.counter_body import counter_body_of
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
 from pipelines.figures.inputs import Inputs
 
@@ -136,7 +137,7 @@ def stepwise_load(inputs: Inputs) -> Drawing:
         )
     ]
     return Drawing(
-        "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added (vertical lines), from the "
+        "(a) Contact radius of a PTFE sphere on a flat while masses are added (vertical lines), from the "
         "approach by a = sqrt(R delta): readings and the mean of every load (horizontal); inset: radius over Hertz's "
         "of the same load, which shows the creep; (b) Hertz contact circles to scale; (c) creep under the last load, "
         "the simulation until 10^4 s.",
@@ -181,6 +182,7 @@ def _held_on(inputs: Inputs, name: str, force: Floats, begin: Floats, end: float
         np.concatenate(stretches),
         np.repeat(force, [stretch.size for stretch in stretches]),
         profile=settings.model.profile,
+        substrate=counter_body_of(settings.counter_body),
     )
     count = stretches[-1].size
     return stretches[-1] - begin[-1], made["contact_radius"].values[-count:]

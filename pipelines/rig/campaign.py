@@ -40,7 +40,7 @@ from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_section, write_ringing_of
 from pipelines.rig.reference_drop import GRAVITY
 from pipelines.rig.relaxations import TESTER, Relaxation
-from pipelines.rig.solids import SOLIDS, Viscoelastic, specimen_of
+from pipelines.rig.solids import SAPPHIRE, SOLIDS, Viscoelastic, specimen_of
 from pipelines.rig.static_loading import StaticRig, record_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
@@ -154,17 +154,23 @@ def drawn(extent: Extent, seed: int) -> Extent:
     under, front = extent.under.pixel_size, extent.front.pixel_size
     # a pixel in 461 and 0.5 µm of a ruler; 1.5 pixels in 386 and 0.02 mm of 30 mm between the holder's edges
     by_ruler, by_holder = off(np.hypot(1 / 461, 0.5e-6 / (461 * under))), off(np.hypot(1.5 / 386, 0.02 / 30))
+    on_plate = rig(extent.plate_rig, session_text.STATED_ON_PLATE)
+    tester, tip_radius = replace(extent.tester, force_gain=1.0 + off(1e-3)), extent.tip_radius + off(2e-6)
+    disc = SAPPHIRE / (1.0 + off(10 / 403))
     return replace(
         extent,
-        rig=laser,
-        plate_rig=rig(extent.plate_rig, session_text.STATED_ON_PLATE),
+        rig=replace(laser, disc=disc),
+        plate_rig=replace(on_plate, disc=disc),
         under=replace(extent.under, pixel_size=under * (1.0 + by_ruler)),
         front=replace(extent.front, pixel_size=front * (1.0 + by_holder)),
         static=replace(
-            extent.static, radius=radius, sensor=replace(extent.static.sensor, inclination=laser.sensor.inclination)
+            extent.static,
+            radius=radius,
+            sensor=replace(extent.static.sensor, inclination=laser.sensor.inclination),
+            disc=disc,
         ),
-        tester=replace(extent.tester, force_gain=1.0 + off(1e-3)),
-        tip_radius=extent.tip_radius + off(2e-6),
+        tester=tester,
+        tip_radius=tip_radius,
         seed=1_000_000 * seed,
     )
 
@@ -264,7 +270,7 @@ def _until_rest(material: str, height: float) -> float:
 def _contact_film(folder: Path, height: float, temperature: float | None, extent: Extent) -> str:
     """Film the contact of acrylic through the disc."""
     name = f"{_name('acrylic', height, temperature)}_film"
-    body = Body(_specimen("acrylic", temperature), height, extent.rig.radius, extent.rig.mass, PLATE)
+    body = Body(_specimen("acrylic", temperature), height, extent.rig.radius, extent.rig.mass, PLATE, extent.rig.disc)
     times = FULL_TIMES
     if extent.bursts is not None:
         bursts = replace(extent.bursts, rest=_until_rest("acrylic", height)) if extent.to_rest else extent.bursts

@@ -48,6 +48,7 @@ def truth_of(drop: Drop, rig: DropRig) -> dict[str, Any]:
         "noise": rig.sensor.noise,
         "step": rig.sensor.step,
         "floor": asdict(rig.floor),
+        "disc_compliance": rig.disc,
         "touch_time": (drop.release + motion.touch).tolist(),
         "liftoff_time": (drop.release + motion.liftoff).tolist(),
         "incoming_speed": motion.incoming_speed.tolist(),

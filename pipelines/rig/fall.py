@@ -7,20 +7,21 @@ import numpy as np
 from labpipe.arrays import Floats
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
-from pipelines.rig.solids import Truth, solid_of
+from pipelines.rig.solids import SAPPHIRE, Truth, solid_of
 
 _MARGIN = 1e-3  # s by which the motion outlasts the record
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What falls: radius and moving mass, height of fall, its material, the floor."""
+    """What falls: radius and moving mass, height of fall, its material, the floor, the disc's compliance [1/Pa]."""
 
     material: Truth
     height: float
     radius: float = 9.525e-3
     mass: float = 0.505
     floor: Floor | None = None
+    disc: float = SAPPHIRE
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class DropRig:
     """The rig: sphere, sensor, floor, and how much one drop differs from the next.
 
     ``height_scatter`` is the standard deviation of the release height over repeats,
-    ``release_jitter`` that of the release time within the record.
+    ``release_jitter`` that of the release time within the record; ``disc`` [1/Pa] the compliance of the disc.
     """
 
     radius: float = 9.525e-3
@@ -39,6 +40,7 @@ class DropRig:
     release: float = 0.02
     release_jitter: float = 2e-3
     height_scatter: float = 4e-6
+    disc: float = SAPPHIRE
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,7 @@ def fall(body: Body, duration: float, snapshots: Floats | None = None) -> Trajec
         duration=duration,
         floor=body.floor,
         snapshots=snapshots,
+        disc=body.disc,
     )
 
 
@@ -69,5 +72,5 @@ def let_go(rig: DropRig, material: Truth, height: float, seed: int) -> Release:
     generator = np.random.default_rng(seed)
     true_height = height + generator.normal(0.0, rig.height_scatter)
     time = rig.release + abs(generator.normal(0.0, rig.release_jitter))
-    body = Body(material, true_height, rig.radius, rig.mass, rig.floor)
+    body = Body(material, true_height, rig.radius, rig.mass, rig.floor, rig.disc)
     return Release(true_height, time, fall(body, rig.duration - time + _MARGIN), generator)

@@ -48,7 +48,7 @@ def write_front(
 ) -> str:
     """Film a drop from the front; returns the film's name in the session."""
     rig = rig or DropRig()
-    body = Body(specimen_of(material), height, rig.radius, rig.mass, rig.floor)
+    body = Body(specimen_of(material), height, rig.radius, rig.mass, rig.floor, rig.disc)
     motion = fall(body, camera.duration - camera.release + 1e-3)
     name = f"film/{material}_front.cine"
     truth = write_front_film(folder / name, motion, height, camera, seed)

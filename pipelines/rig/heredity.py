@@ -143,20 +143,24 @@ def press(
     base: Floats,
     rise: Floats,
     reach: int,
+    disc: float,
 ) -> tuple[float, int, int]:
     """Push springs to an approach over one step; returns their force, the last that is pushed (or -1), and the reach.
 
-    ``u`` (spring,) is moved on; ``base`` and ``rise`` (spring,) are scratch.
+    ``u`` (spring,) is moved on; ``base`` and ``rise`` (spring,) are scratch. Behind each spring is an elastic one of
+    the compliance ``disc`` [1/Pa], 0 for a rigid disc: of its push over the free end a spring takes the share
+    1 / (1 + disc · stiffness).
     """
     force, edge = 0.0, -1
     stiffness = stiffness_of_step(history, step)
+    share = 1.0 / (1.0 + disc * stiffness)
     pull(history, end, reach, base)
     for i in range(gap.size):
         target = approach - gap[i]
         if i >= reach and target <= 0.0:
             break
         free = u[i] - base[i] / stiffness
-        new = max(free, target)
+        new = free + share * max(target - free, 0.0)
         rise[i] = new - u[i]
         u[i] = new
         if target > free:

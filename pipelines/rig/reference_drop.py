@@ -11,9 +11,9 @@ carries a surface displacement u::
 
     q(t) = ∫ E(t − s) du(s)
 
-In contact u follows the profile; free springs have q = 0. Over a step u is linear, so no
-relaxation, however fast, limits the step. For contacts that only grow and then only recede this is
-Ting's solution (J. Appl. Mech. 33 (1966) 845, doi:10.1115/1.3625192).
+In contact u, and what q presses the elastic disc in, follow the profile; free springs have q = 0. Over
+a step u is linear, so no relaxation, however fast, limits the step. For contacts that only grow and
+then only recede this is Ting's solution (J. Appl. Mech. 33 (1966) 845, doi:10.1115/1.3625192).
 
 References
 ----------
@@ -61,7 +61,7 @@ class Springs:
     """The state of all springs at chosen times.
 
     ``position`` (spring,) is the distance from the axis; ``displacement`` (time, spring) the
-    surface displacement of the one-dimensional foundation; ``approach`` (time,) how far the
+    surface displacement of the one-dimensional foundation, sphere and disc together; ``approach`` (time,) how far the
     sphere's lowest point would reach into the floor (negative in flight); ``contact_radius``
     (time,) is 0 in flight; ``resolution`` is half the distance of two springs.
     """
@@ -129,6 +129,7 @@ def _contact(
     kept: NDArray[np.int64],
     states: Floats,
     room: Floats,
+    disc: float,
 ) -> tuple[int, bool]:
     """Integrate one contact; returns the number of steps and whether the sphere left.
 
@@ -148,7 +149,7 @@ def _contact(
         height += speed * step + 0.5 * acceleration * step * step
         floor += floor_speed * step + 0.5 * floor_force_acceleration * step * step
         approach = floor - height
-        force, last, reach = press(history, now, step, approach, gap, weight, u, base, rise, reach)
+        force, last, reach = press(history, now, step, approach, gap, weight, u, base, rise, reach, disc)
         remember(history, now - step, now, rise, reach)
         new_acceleration = force / mass - gravity
         speed += 0.5 * (acceleration + new_acceleration) * step
@@ -165,7 +166,7 @@ def _contact(
         record[n, 3], record[n, 4], record[n, 5] = gap[last] if last >= 0 else 0.0, floor, floor_speed
         if place < len(kept) and kept[place] == n:
             for i in range(n_springs):
-                states[place, i] = u[i]
+                states[place, i] = max(u[i], approach - gap[i])
             place += 1
         if last < 0 and n > 2:
             return n + 1, True
@@ -240,17 +241,19 @@ def reference_drop(
     floor: Floor | None = None,
     snapshots: Floats | None = None,
     profile: Callable[[Floats, float], Floats] = of_sphere,
+    disc: float = 0.0,
 ) -> Trajectory:
     """Drop a viscoelastic sphere and record everything at the solver's own steps.
 
     ``mass`` [kg] is all that moves, ``height`` [m] the fall from rest to first touch, ``duration`` [s] counts from the
     release. ``snapshots`` (time,) [s], increasing, are times at which the springs are handed out too, and ``profile``
-    is that of the body in the foundation, from distances from its axis and its radius.
+    is that of the body in the foundation, from distances from its axis and its radius. ``disc`` [1/Pa] is
+    the compliance (1 − ν²)/E of an elastic disc.
     """
     if min(solid.unrelaxed, radius, mass, height, duration) <= 0:
         raise InputError("modulus, radius, mass, height and duration must be positive")
     floor = Floor() if floor is None else floor
-    gap_of_impact, gap_at_rest = _deepest(solid, radius, mass, height, duration)
+    gap_of_impact, gap_at_rest = _deepest(solid, disc, radius, mass, height, duration)
     width = float(np.sqrt(radius * max(gap_of_impact, gap_at_rest))) / SPRINGS
     position: Floats = np.asarray((np.arange(SPRINGS) + 0.5) * width, dtype=np.float64)
     gap = profile(position, radius)
@@ -311,6 +314,7 @@ def reference_drop(
             kept,
             states,
             np.zeros((2, u.size)),
+            disc,
         )
         record = record[:n]
         edge = float(record[:, 3].max())
@@ -364,9 +368,12 @@ def _within_reach(u: Floats, history: History, reach: float, gap: Floats) -> tup
     return (u[:count].copy(), copy_of(history, count)) if count < _FEWER * u.size else (u, history)
 
 
-def _deepest(solid: Viscoelastic, radius: float, mass: float, height: float, duration: float) -> tuple[float, float]:
+def _deepest(
+    solid: Viscoelastic, disc: float, radius: float, mass: float, height: float, duration: float
+) -> tuple[float, float]:
     """Bound the depth of impact and rest from above: Hertz with moduli that have relaxed longer than they can."""
-    of_impact, at_rest = solid.relaxation(np.array([_IMPACT, max(duration, _IMPACT)])) / (1 - solid.nu**2)
+    relaxed = solid.relaxation(np.array([_IMPACT, max(duration, _IMPACT)])) / (1 - solid.nu**2)
+    of_impact, at_rest = relaxed / (1 + disc * relaxed)
     root = np.sqrt(radius)
     impact = (15 * mass * GRAVITY * height / (8 * of_impact * root)) ** 0.4
     static = (0.75 * mass * GRAVITY / (at_rest * root)) ** (2 / 3)

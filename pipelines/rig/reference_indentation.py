@@ -41,7 +41,7 @@ def _march(
     reach = reach_of(u)
     for n in range(1, time.size):
         step = time[n] - time[n - 1]
-        force[n], last, reach = press(history, time[n], step, depth[n], gap, weight, u, base, rise, reach)
+        force[n], last, reach = press(history, time[n], step, depth[n], gap, weight, u, base, rise, reach, 0.0)
         edge[n] = max(last, 0)
         remember(history, time[n - 1], time[n], rise, reach)
 

@@ -17,14 +17,17 @@ from labpipe.arrays import Floats
 from pipelines.rig.solids import Viscoelastic
 
 
-def reference_static(solid: Viscoelastic, *, radius: float, load_times: Floats, loads: Floats, time: Floats) -> Floats:
-    """Approach (n,) [m] of a sphere on a rigid flat under loads that are only added to; 0 before the first load.
+def reference_static(
+    solid: Viscoelastic, *, radius: float, load_times: Floats, loads: Floats, time: Floats, disc: float = 0.0
+) -> Floats:
+    """Approach (n,) [m] of a sphere on a flat under loads that are only added to; 0 before the first load.
 
-    ``load_times`` and ``loads`` (load,) [s], [N] say when each load begins, and its whole force.
+    ``load_times`` and ``loads`` (load,) [s], [N] say when each load begins, and its whole force; ``disc`` [1/Pa] is the
+    compliance (1 − ν²)/E of the flat, 0 for a rigid one.
     """
     compliance = np.zeros(time.size)
     for begin, step in zip(load_times, np.diff(loads, prepend=0.0), strict=True):
         after = time > begin
-        compliance[after] += step * solid.creep(time[after] - begin)
-    cube = 0.75 * radius * (1 - solid.nu**2) * compliance
+        compliance[after] += step * ((1 - solid.nu**2) * solid.creep(time[after] - begin) + disc)
+    cube = 0.75 * radius * compliance
     return np.asarray(cube ** (2 / 3) / radius)

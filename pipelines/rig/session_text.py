@@ -113,7 +113,8 @@ def from_library(material: str) -> str:
 def from_dma(material: str, temperature: float | None = None) -> str:
     """Return the lines that take a material from its DMA experiment, in the room or heated [degC]."""
     stated = f"{_STATED_ROOM:.1f} ± 0.5" if temperature is None else f"{temperature:g} ± 1"
-    return f'material_from = "{dma_name(material)}"\ntemperature = "{stated} degC"\n'
+    warm = "" if temperature is None else "homogeneous = true  # it was warmed through\n"
+    return f'material_from = "{dma_name(material)}"\ntemperature = "{stated} degC"\n{warm}'
 
 
 def dma_name(material: str) -> str:

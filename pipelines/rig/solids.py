@@ -226,6 +226,9 @@ SOLIDS: dict[str, Solid] = {
     ),
 }
 
+SAPPHIRE = (1 - 0.24**2) / 400e9
+"""1/Pa; compliance of the disc under every sphere: truly of 400 GPa, within the 10 GPa by which this is known."""
+
 ROOM = 20.2
 """degC; where all experiments but the rheometer's and the heated ones truly are."""
 

@@ -12,7 +12,7 @@ from labpipe import files
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_static import reference_static
 from pipelines.rig.session_text import from_dma, from_library
-from pipelines.rig.solids import Truth, solid_of, specimen_of, truth_of_solid
+from pipelines.rig.solids import SAPPHIRE, Truth, solid_of, specimen_of, truth_of_solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +22,8 @@ class StaticRig:
     ``times`` are when the loads are to be put on, ``late`` by how much a hand is late or early
     (standard deviation). ``drift`` is the standard deviation of the zero's wandering over the
     record, ``touched`` the disturbance of the reading next to a step. The sensor averages over
-    many of its cycles between two readings, which leaves it little noise.
+    many of its cycles between two readings, which leaves it little noise. ``disc`` [1/Pa] is the compliance
+    of the disc.
     """
 
     radius: float = 9.525e-3
@@ -35,6 +36,7 @@ class StaticRig:
     late: float = 3.0
     drift: float = 0.1e-6
     touched: float = 4e-6
+    disc: float = SAPPHIRE
 
 
 def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed: int, start: datetime) -> str:
@@ -43,9 +45,8 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
     late = np.concatenate([[-1e-3], generator.normal(0.0, rig.late, len(rig.times) - 1)])
     begins = np.array(rig.times) + late
     time = np.arange(round(rig.duration / rig.cycle), dtype=np.float64) * rig.cycle
-    approach = reference_static(
-        solid_of(material), radius=rig.radius, load_times=begins, loads=np.array(rig.masses) * rig.gravity, time=time
-    )
+    loading = {"load_times": begins, "loads": np.array(rig.masses) * rig.gravity, "time": time}
+    approach = reference_static(solid_of(material), radius=rig.radius, disc=rig.disc, **loading)
     drift = generator.normal(0.0, rig.drift) * time / rig.duration
     along = (drift - approach) * np.cos(rig.sensor.inclination) + rig.sensor.zero
     along += generator.normal(0.0, rig.sensor.noise, time.size)
@@ -60,6 +61,7 @@ def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed:
         "solid": truth_of_solid(solid_of(material)),
         "zero": rig.sensor.zero,
         "inclination": rig.sensor.inclination,
+        "disc_compliance": rig.disc,
         "load_times": begins.tolist(),
         "masses": list(rig.masses),
         "time": time.tolist(),

@@ -165,7 +165,8 @@ ROWS = (
 @pytest.fixture(scope="module")
 def film() -> xr.Dataset:
     """What the stage ``radius`` makes of a clean film at 10 kHz."""
-    drop = contact.drop(materials.load("acrylic"), 9.525e-3, 0.505, 1.5e-3, 0.13, times=_STEP * np.arange(1300))
+    fall = (materials.load("acrylic"), 9.525e-3, 0.505, 1.5e-3, 0.13)
+    drop = contact.drop(*fall, substrate="sapphire", times=_STEP * np.arange(1300))
     random = np.random.default_rng(1)
     a: Floats = drop["contact_radius"].values[:_COUNT]
     seen, u = a > 50e-6, np.full(_COUNT, 1e-7)

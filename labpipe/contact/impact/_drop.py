@@ -210,7 +210,7 @@ def impacts(
     *,
     gravity: Measure | Sequence[Measure] = 9.81,
     plate: Plate | Sequence[Plate | None] | None = None,
-    substrate: Substrate = None,
+    substrate: Substrate | list[Substrate] = None,
     fold: bool = True,
 ) -> xr.Dataset:
     """Simulate the first impacts of many drops.
@@ -222,7 +222,7 @@ def impacts(
     Parameters
     ----------
     material, radius, mass, height, duration, profile, rtol, gravity, plate, substrate, fold
-        As of :func:`drop`, its solver "mdr".
+        As of :func:`drop`, its solver "mdr"; a list of substrates has an entry for each drop.
     most : int
         Impacts per drop, at most.
 
@@ -258,20 +258,23 @@ def impacts(
         raise InputError(f"most is {most} impacts, expected at least 1")
     given: dict[str, Any] = {"radius": radius, "mass": mass, "height": height, "duration": duration}
     given |= {"gravity": gravity, "plate": plate, "material": material}
+    under = list(map(counter_compliance, substrate)) if isinstance(substrate, list) else counter_compliance(substrate)
+    given["substrate"] = under
     lengths = {name: len(values) for name, values in given.items() if isinstance(values, list | tuple | np.ndarray)}
     if len(set(lengths.values())) > 1:
         counts = ", ".join(f"{name} has {n}" for name, n in lengths.items())
         raise InputError(f"arguments given drop by drop must have an entry for each: {counts}")
     count = next(iter(lengths.values()), 1)
     drops = zip(*(values if name in lengths else [values] * count for name, values in given.items()), strict=True)
-    compliance, alike = counter_compliance(substrate), dict[Any, list[tuple[int, Solid, Setting]]]()
-    for i, (*numbers, plate_of_one, of_one) in enumerate(drops):
+    alike = dict[Any, list[tuple[int, Solid, Setting]]]()
+    for i, (*numbers, plate_of_one, of_one, compliance) in enumerate(drops):
         r, m, h, t, g = (exact(value, name) for value, name in zip(numbers, given, strict=False))
         warn_of_millimetres(*numbers[:3])
         one = Setting(r, m, h, t, "mdr", profile, rtol, g, plate_of_one, fold=fold, rows_only=True)
-        alike.setdefault(of_one if isinstance(of_one, str) else id(of_one), []).append((i, of_one, one))
+        key = of_one if isinstance(of_one, str) else id(of_one), compliance
+        alike.setdefault(key, []).append((i, of_one, one))
     trains: dict[int, Train] = {}
-    for group in alike.values():
+    for (_, compliance), group in alike.items():
         creep = Creep.of(solid(group[0][1])).on(compliance)
         expected = [Scales.of(creep, one) for _, _, one in group]
         longest = max(one.duration for _, _, one in group)

@@ -43,12 +43,12 @@ COUNTER_BODIES = {
     )
 }
 
-Substrate = str | tuple[Measure, float] | None
-"""A name of :data:`COUNTER_BODIES`, (Young's modulus [Pa], Poisson's ratio), or None for a rigid one."""
+Substrate = str | tuple[Measure, float] | CounterBody | None
+"""A name of :data:`COUNTER_BODIES`, (Young's modulus [Pa], Poisson's ratio), a counter-body, or None: rigid."""
 
 
-def counter_compliance(substrate: Substrate) -> float:
-    """Contact compliance of a counter-body in 1/Pa; 0 of a rigid one.
+def counter_body(substrate: Substrate) -> CounterBody | None:
+    """Counter-body by its name or its numbers; None is a rigid one.
 
     Raises
     ------
@@ -57,24 +57,40 @@ def counter_compliance(substrate: Substrate) -> float:
 
     Examples
     --------
-    >>> counter_compliance(None), round(1e-9 / counter_compliance("sapphire"), 1)
-    (0.0, 426.6)
+    >>> counter_body("sapphire").E, counter_body(("70 GPa", 0.22)).E
+    (403000000000.0, 70000000000.0)
     """
-    if substrate is None:
-        return 0.0
+    if substrate is None or isinstance(substrate, CounterBody):
+        return substrate
     if isinstance(substrate, str):
         if substrate not in COUNTER_BODIES:
             known = ", ".join(f'"{name}"' for name in COUNTER_BODIES)
             raise InputError(
                 f"substrate \"{substrate}\" is unknown; use {known}, (Young's modulus, Poisson's ratio), or None: rigid"
             )
-        return COUNTER_BODIES[substrate].compliance
+        return COUNTER_BODIES[substrate]
     if not (isinstance(substrate, tuple | list) and len(substrate) == 2):
         raise InputError("substrate: expected a name, (Young's modulus, Poisson's ratio), or None for a rigid one")
-    modulus, nu = si(substrate[0], "Pa", "substrate"), float(substrate[1])
+    modulus, nu = si(substrate[0], "Pa", "substrate"), si(substrate[1], "1", "substrate")
     if not (0.0 < modulus < float("inf") and -1.0 < nu <= 0.5):
         raise InputError(
             f"substrate: Young's modulus {modulus:g} Pa and Poisson's ratio {nu:g}; expected a positive "
             "modulus and a ratio above -1 and at most 0.5"
         )
-    return CounterBody(modulus, nu, 0.0, "").compliance
+    return CounterBody(modulus, nu, 0.0, "given")
+
+
+def counter_compliance(substrate: Substrate) -> float:
+    """Contact compliance of a counter-body in 1/Pa; 0 of a rigid one.
+
+    See Also
+    --------
+    counter_body : the counter-bodies, and the errors.
+
+    Examples
+    --------
+    >>> counter_compliance(None), round(1e-9 / counter_compliance("sapphire"), 1)
+    (0.0, 426.6)
+    """
+    body = counter_body(substrate)
+    return 0.0 if body is None else body.compliance

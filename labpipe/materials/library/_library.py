@@ -8,6 +8,7 @@ here are no measurement of the thesis's specimens, and a page that uses them say
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from dataclasses import dataclass
 from functools import cache
@@ -21,7 +22,7 @@ from labpipe.errors import MATERIAL_FILE, NO_MATERIAL, InputError, SourceError
 from labpipe.materials._shift_law import ShiftLaw, arrhenius, wlf
 from labpipe.materials.prony import Prony
 from labpipe.materials.superposition import MasterCurve
-from labpipe.units import Measure, quantity, require_positive, si
+from labpipe.units import Measure, Quantity, quantity, require_positive, si
 
 NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
 _ALSO_CALLED = {
@@ -44,6 +45,7 @@ STATUSES = ("measured", "datasheet", "estimate")
 _WHOLE = "labpipe/materials/library/acrylic.toml is a whole file of a material."
 _LARGEST_FILE = 1 << 20  # bytes
 _TABLES = {"labpipe_material", "name", "summary", "poisson", "density", "E_relaxed", "relaxation", "shift"}
+_TABLES |= {"yield_stress"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +58,24 @@ class Entry:
     units: str
     source: str
     status: str
+
+
+@dataclass(frozen=True, slots=True)
+class YieldStress:
+    """Yield stress of a polymer in uniaxial compression: ``value`` ± ``u`` [Pa] at a strain ``rate`` [1/s].
+
+    It grows by ``per_decade`` [Pa] of the rate (Eyring); its source is among the entries of the material.
+    """
+
+    value: float
+    u: float
+    rate: float
+    per_decade: float
+
+    def at(self, rate: float) -> Quantity:
+        """Return the yield stress at a strain rate [1/s]; a third of the growth is its uncertainty."""
+        growth = self.per_decade * math.log10(rate / self.rate)
+        return Quantity(self.value + growth, math.hypot(self.u, growth / 3.0), "Pa")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +94,8 @@ class Material:
         Reference temperature.
     law : ShiftLaw
         About the reference temperature.
+    yield_stress : YieldStress or None
+        None where none is known, as of a rubber.
     """
 
     name: str
@@ -82,6 +104,7 @@ class Material:
     entries: tuple[Entry, ...]
     T_ref: float
     law: ShiftLaw
+    yield_stress: YieldStress | None = None
 
     def log10_aT(self, temperature: float) -> float:
         """Shift at a temperature [degC]: positive below the reference.
@@ -161,6 +184,18 @@ def load(name: str | Path, temperature: float | None = None) -> Prony:
     0.35
     """
     return describe(name).at(temperature)
+
+
+def polymer_in(text: str) -> str | None:
+    """Return the material of the library that a name of an experiment or file holds as a word; None for none.
+
+    Examples
+    --------
+    >>> polymer_in("PMMA_dma"), polymer_in("dma of teflon.csv"), polymer_in("sphere 3")
+    ('acrylic', 'ptfe', None)
+    """
+    words = re.split(r"[^a-z0-9]+", text.casefold())
+    return next((known for word in words if (known := _ALSO_CALLED.get(word, word)) in NAMES), None)
 
 
 def describe(name: str | Path) -> Material:
@@ -302,8 +337,17 @@ class _Reader:
             if not source or status not in STATUSES:
                 self.fail(name, f"expected a source and a status ({', '.join(STATUSES)})")
             entries.append(Entry(name, math.nan, 0.0, "", source, status))
+        flow = None
+        if "yield_stress" in self.tree:
+            stress, table = self.entry("yield_stress", "Pa"), self.table("yield_stress")
+            rate, _ = self.quantity("yield_stress.rate", str(table.get("rate", "")), "1/s")
+            per_decade, _ = self.quantity("yield_stress.per_decade", str(table.get("per_decade", "")), "Pa")
+            if min(stress.value, rate) <= 0.0:
+                self.fail("yield_stress", "expected a positive stress and rate")
+            entries.append(stress)
+            flow = YieldStress(stress.value, stress.u, rate, per_decade)
         name, summary = str(self.tree.get("name", self.path.stem)), str(self.tree.get("summary", ""))
-        return Material(name, summary, prony, tuple(entries), law.T_ref, law)
+        return Material(name, summary, prony, tuple(entries), law.T_ref, law, flow)
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,7 @@ _STAGES = (
     stage(
         "ball_drop.model:model",
         ("repeats", *solid_of("sphere"), "other:plate_from/plate"),
-        ("height", "sphere", "model", "plate"),
+        ("height", "sphere", "counter_body", "model", "plate"),
         schema="drop",
         shortcuts=True,
         imports=("labpipe.contact.impact._drop", "labpipe.compilation"),

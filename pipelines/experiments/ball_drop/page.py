@@ -27,12 +27,15 @@ from pipelines.experiments.ball_drop.model import FOLLOWED
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
+from pipelines.experiments.shared.counter_body import described_flat, flat_rows
+from pipelines.experiments.shared.linear_range import linear_range_rows
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _RIGID_FLOOR = (
-    "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the restitution of a mass "
-    "m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which the uncertainty above does not include. Give "
-    "the floor as plate (mass, frequency, damping_ratio), or name an experiment that measured it as plate_from."
+    "The model assumes a floor that does not move. A real floor takes up energy: a floor of mass M lowers the "
+    "restitution of a mass m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which the uncertainty above "
+    "does not include. Give the floor as plate (mass, frequency, damping_ratio), or name an experiment that measured "
+    "it as plate_from."
 )
 _MARGIN = 0.3  # of a contact's duration, shown before and after it
 _CONTACT = 1e-3  # s, shown where no duration was found
@@ -201,18 +204,19 @@ def _files(
     return replace(section, blocks=(notice, *section.blocks))
 
 
-def _model(model: xr.Dataset) -> Section:
+def _model(settings: BallDrop, model: xr.Dataset) -> Section:
     of_first = (("peak force", "peak_force"), ("largest contact radius", "peak_contact_radius"))
     rows = [
         (title, pages.told(model, name, 0), "first impact")
         for title, name in (*of_first, ("contact duration", "contact_duration"))
     ]
+    rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
     plate = json.loads(model.attrs["plate"])
     if plate is None:
         return Section("Model", (KeyValues(rows), Paragraph(_RIGID_FLOOR)))
-    rigid = f"on a rigid one the first restitution is {float(model['rigid_restitution']):.5f}"
+    rigid = f"without its motion the first restitution is {float(model['rigid_restitution']):.5f}"
     swing = f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz"
-    rows.append(("flat", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
+    rows.append(("plate", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
     return Section("Model", (KeyValues(rows),))
 
 
@@ -243,8 +247,9 @@ def _methods(
     )
     if model is not None:
         text += (
-            f"The drop was simulated with the material “{sphere.source}” by the method of dimensionality "
-            f"reduction (profile: {settings.model.profile}, tolerance {settings.model.rtol:g}). "
+            f"The drop on {described_flat(settings.counter_body)} was simulated with the material “{sphere.source}” "
+            f"by the method of dimensionality reduction (profile: {settings.model.profile}, tolerance "
+            f"{settings.model.rtol:g}). "
         )
     if comparison is not None:
         text += (

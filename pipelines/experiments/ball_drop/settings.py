@@ -6,7 +6,16 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Time
-from pipelines.experiments.shared.settings import DropModel, Keyence, Plate, Sensor, Sphere, Table, refuse_two_plates
+from pipelines.experiments.shared.settings import (
+    DropModel,
+    Flat,
+    Keyence,
+    Plate,
+    Sensor,
+    Sphere,
+    Table,
+    refuse_two_plates,
+)
 
 
 class Analysis(Table, frozen=True, kw_only=True):
@@ -28,6 +37,7 @@ class Analysis(Table, frozen=True, kw_only=True):
 class BallDrop(Table, frozen=True, kw_only=True):
     """One sphere, one height, one or more recordings of the laser.
 
+    ``counter_body`` is the flat on which it falls.
     ``measured_on`` is the day of the measurement, for the validity of the calibration record;
     it is needed where the laser's files carry no date.
     """
@@ -37,6 +47,7 @@ class BallDrop(Table, frozen=True, kw_only=True):
     calibration: File
     height: Annotated[Length, POSITIVE]
     sphere: Sphere
+    counter_body: Flat = "sapphire"
     measured_on: date | None = None
     keyence: Keyence = Keyence()
     sensor: Sensor = Sensor()

@@ -21,7 +21,7 @@ _STAGES = (
     stage(
         "contact_area.model:model",
         ("radius", "impacts", *solid_of("sphere"), "other:plate_from/plate"),
-        ("height", "sphere", "model", "plate", "work_of_adhesion", "wavelength"),
+        ("height", "sphere", "counter_body", "model", "plate", "work_of_adhesion", "wavelength"),
         schema="drop",
         shortcuts=True,
         imports=("labpipe.contact.impact._drop", "labpipe.compilation"),

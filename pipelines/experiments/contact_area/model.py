@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from labpipe.contact.sphere import hertz
+from labpipe.contact.sphere import counter_compliance, hertz
 from labpipe.imaging.fringes import edge_shift
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source, combined_uncertainty
@@ -14,6 +14,7 @@ from labpipe.variables import with_u
 from pipelines.experiments.contact_area.measured import WINDOW, edges_only
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS
+from pipelines.experiments.shared.counter_body import counter_body_of, modulus_of
 from pipelines.experiments.shared.drop_model import simulated_drop
 from pipelines.experiments.shared.material_choice import Variation, resolve, variations
 
@@ -65,6 +66,7 @@ def _with_edge(made: xr.Dataset, solid: Prony, radius: xr.Dataset, settings: Con
     if largest.size:
         omega = np.pi / float(made["contact_duration"][0])
         reduced = abs(complex(solid.complex_modulus(omega))) / (1 - float(solid.nu) ** 2)
+        reduced /= 1 + reduced * counter_compliance(counter_body_of(settings.counter_body))
         work, light = settings.work_of_adhesion, settings.wavelength
         stated, u_stated = (None, 0.0) if work is None else (work.value, work.u)
         wavelength, is_spot = None if light is None else light.value, bool(np.greater(*edges_only(radius)))
@@ -76,12 +78,15 @@ def _with_edge(made: xr.Dataset, solid: Prony, radius: xr.Dataset, settings: Con
 def _at_rest(settings: ContactArea, found: Mapping[str, Variation], solid: Prony, time: float) -> tuple[float, float]:
     """Return Hertz's radius [m] under the weight after a creep of some time [s], with its u: a ~ (R m J)^(1/3)."""
     radius, mass = settings.sphere.radius, settings.sphere.mass
-    compliance = float(solid.creep(time))
-    reduced = 1.0 / (compliance * (1 - float(solid.nu) ** 2))
-    at_rest = hertz.static_load(mass.value * settings.model.gravity.value, radius.value, reduced).contact_radius
+    flat, factor = counter_compliance(counter_body_of(settings.counter_body)), 1 - float(solid.nu) ** 2
+    whole = factor * float(solid.creep(time)) + flat
+    at_rest = hertz.static_load(mass.value * settings.model.gravity.value, radius.value, 1.0 / whole).contact_radius
     sources = [Source.of(name, q, 1.0 / (3.0 * q.value)) for name, q in (("radius", radius), ("mass", mass))]
     sources += [
-        Source.of(name, q, float(np.log(float(other.creep(time)) / compliance)) / (3.0 * step))
+        Source.of(name, q, float(np.log((factor * float(other.creep(time)) + flat) / whole)) / (3.0 * step))
         for name, (q, step, other) in found.items()
+    ]
+    sources += [
+        Source.of(name, E, -flat / (3.0 * whole * E.value)) for name, E in modulus_of(settings.counter_body).items()
     ]
     return float(at_rest), combined_uncertainty(sources) * float(at_rest)

@@ -24,7 +24,9 @@ from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
+from pipelines.experiments.shared.counter_body import flat_rows
 from pipelines.experiments.shared.film_frames import drawing_of, png
+from pipelines.experiments.shared.linear_range import linear_range_rows
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
@@ -53,6 +55,7 @@ def _details(
     rows = [("wavelength", *known)]
     if model is not None and model.sizes["impact"]:
         rows.append(("edge of the contact", *_edge(model, settings)))
+        rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
     if impacts is not None and np.isfinite(float(impacts["static_radius"])):
         rows.append(("contact radius at rest, film", pages.told(impacts, "static_radius"), ""))
         if model is not None:

@@ -4,7 +4,7 @@ from datetime import date
 from typing import Annotated, Literal
 
 from labpipe.workflow.fields import POSITIVE, Adhesion, ExperimentName, File, Frequency, Length, Range, Time
-from pipelines.experiments.shared.settings import DropModel, Plate, Sphere, Table, refuse_two_plates
+from pipelines.experiments.shared.settings import DropModel, Flat, Plate, Sphere, Table, refuse_two_plates
 
 Pixel = Annotated[float, Range(at_least=0, at_most=1e5)]
 Corner = tuple[Pixel, Pixel]
@@ -15,9 +15,9 @@ class ContactArea(Table, frozen=True, kw_only=True):
 
     ``camera`` is the calibration record of the film's ``view``. ``wavelength`` is that of the
     light; without it (white light) only the edge of the dark spot can be measured, which is
-    several micrometres worse. ``exposure`` replaces that in the film's file. ``frame_rate``
-    is needed for exported images, which hold no time, and ``channel`` for those in colour. ``measured_on`` is
-    the day of the film, for the validity of the record; by default that of its trigger.
+    several micrometres worse. ``counter_body`` is the disc. ``exposure`` replaces that in the film's file.
+    ``frame_rate`` is needed for exported images, which hold no time, and ``channel`` for those in
+    colour. ``measured_on`` is the day of the film, for the validity of the record; by default that of its trigger.
     ``region`` are two opposite corners, in px (x right, y down), of the part of the frames in which
     the contact is looked for: without it all of each frame, in which a second sphere, a scratch or
     a label may be taken for it. ``work_of_adhesion`` of the surfaces tells where the edge of a contact
@@ -31,6 +31,7 @@ class ContactArea(Table, frozen=True, kw_only=True):
     view: str = "under"
     height: Annotated[Length, POSITIVE]
     sphere: Sphere
+    counter_body: Flat = "sapphire"
     wavelength: Annotated[Length, Range(at_least=1e-7, at_most=2e-5)] | None = None
     exposure: Annotated[Time, POSITIVE] | None = None
     measured_on: date | None = None

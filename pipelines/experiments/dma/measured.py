@@ -66,6 +66,9 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
         fewest=options.fewest, skip_first=options.skip_first,
     )  # fmt: skip
     scale, moduli = settings.scale, ["storage", "loss"]
+    strains = [run["strain"].values for run in readings if "strain" in run]
+    if strains and np.isfinite(largest := np.nanmax(np.concatenate(strains))):
+        made.attrs["strain"] = float(largest)  # up to which the moduli are known to be those of a linear solid
     u = {"u_modulus_factor": 2.0 * settings.nu.u if settings.is_shear else 0.0, "u_scale": scale.u / scale.value}
     return made.assign({name: made[name].copy(data=made[name].values * scale.value) for name in moduli}).assign_attrs(u)
 

@@ -57,7 +57,11 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         "noise": made.noise,
         "notes": made.warnings,
     }
-    kept = {name: sweeps.attrs[name] for name in ("u_modulus_factor", "modulus_factor", "u_scale")}
+    kept = {
+        name: sweeps.attrs[name]
+        for name in ("u_modulus_factor", "modulus_factor", "u_scale", "strain")
+        if name in sweeps.attrs
+    }
     return result.assign_attrs({n: json.dumps(v, ensure_ascii=False) for n, v in said.items()} | kept)
 
 

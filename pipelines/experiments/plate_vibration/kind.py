@@ -53,14 +53,14 @@ _STAGES = (
     stage(
         "plate_vibration.model:plate",
         ("table", "other:drops.material_from/master_curve"),
-        ("drops", "sphere", "model"),
+        ("drops", "sphere", "counter_body", "model"),
         schema="plate",
         summary="find the modal mass from amplitude and momentum",
     ),
     stage(
         "plate_vibration.model:model",
         ("table", "plate", "other:drops.material_from/master_curve"),
-        ("drops", "sphere", "model"),
+        ("drops", "sphere", "counter_body", "model"),
         shortcuts=True,
         imports=("labpipe.contact.impact._drop", "labpipe.compilation"),
         summary="simulate the drops on the plate",

@@ -18,6 +18,7 @@ from labpipe.variables import described, variable, with_u
 from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, weighted_mean
 from pipelines.experiments.plate_vibration.settings import PlateVibration
+from pipelines.experiments.shared.counter_body import counter_body_of
 from pipelines.experiments.shared.material_choice import (
     IMPACT_TIMES,
     POISSONS_RATIO,
@@ -202,6 +203,7 @@ def _dropped(
         rtol,
         gravity=settings.model.gravity.value,
         plate=plate,
+        substrate=counter_body_of(settings.counter_body),
         times=times,
         fold=not full,
         shortcuts=contact.Shortcuts.chosen(full=full),

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Mass, Temperature
-from pipelines.experiments.shared.settings import DropModel, Keyence, MaterialChoice, Sensor, Table
+from pipelines.experiments.shared.settings import DropModel, Flat, Keyence, MaterialChoice, Sensor, Table
 
 
 class FallingBody(Table, frozen=True, kw_only=True):
@@ -43,14 +43,15 @@ class PlateVibration(Table, frozen=True, kw_only=True):
     """Drops of one or more materials from one or more heights, the laser on the plate.
 
     Without ``sphere`` the ringing is measured but the plate's modal mass is not; ``plate_from`` of
-    a drop needs it. ``sensor`` counts as for a ball drop: direction 1 when the reading grows as
-    the plate moves up.
+    a drop needs it. ``counter_body`` is the flat on the plate. ``sensor`` counts as for a ball drop:
+    direction 1 when the reading grows as the plate moves up.
     """
 
     kind: Literal["plate_vibration"]
     drops: Annotated[list[Drops], msgspec.Meta(min_length=1)]
     calibration: File
     sphere: FallingBody | None = None
+    counter_body: Flat = "sapphire"
     measured_on: date | None = None
     keyence: Keyence = Keyence()
     sensor: Sensor = Sensor()

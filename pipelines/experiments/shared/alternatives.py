@@ -17,6 +17,7 @@ from labpipe.errors import LabpipeError
 from labpipe.judging import IMPOSSIBLE, agreement
 from labpipe.materials import Prony
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row
+from pipelines.experiments.shared.counter_body import counter_body_of
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.material_choice import fitted_at, resolve
 from pipelines.experiments.shared.plate_under_drop import resolve_plate
@@ -80,6 +81,7 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
         _RTOL,
         gravity=gravity,
         plate=[resolve_plate(settings.plate, plate)] * count,
+        substrate=counter_body_of(settings.counter_body),
     )
     columns = [np.zeros(count) if r.simulated is None else made[r.simulated[0]].values[:, r.simulated[1]] for r in rows]
     expected = np.array(columns).T
@@ -97,7 +99,7 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
     curves = CubicSpline(temperatures[whole], of_warmer[whole])(fine)
     best = int(np.argmin([agreement(each, covariance).chi2 for each in curves]))
     text = f"the temperature was probably {fine[best]:.1f} °C, not {temperature:.4g} °C (sphere.temperature)"
-    is_far = abs(fine[best] - temperature) > IMPOSSIBLE * (sphere.temperature.u or np.inf)
+    is_far = abs(fine[best] - temperature) > IMPOSSIBLE * (sphere.inside.u or np.inf)
     return [*found, Alternative(text, curves[best], bool(is_far))]
 
 

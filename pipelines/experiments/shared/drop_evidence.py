@@ -12,6 +12,7 @@ from labpipe.identification import Bounces, DropModel, Parameter, drop_evidence
 from labpipe.report import display_unit
 from labpipe.units import Quantity
 from pipelines.experiments.shared import settings as given
+from pipelines.experiments.shared.counter_body import counter_body_of
 from pipelines.experiments.shared.material_choice import poissons_ratio
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance, of_poissons_ratio
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
@@ -63,6 +64,7 @@ def of_drop(
     names = {role: unknown.name for role, unknown in unknowns.items()}
     sphere, chosen, empty = settings.sphere, settings.model, np.empty(0, dtype=np.int64)
     fixed = (sphere.radius.value, sphere.mass.value, settings.height.value, chosen.gravity.value)
-    model = DropModel(*fixed, empty, empty, empty, 0.0, 0.0, names, chosen.profile, floor, chosen.rtol)
+    flat = counter_body_of(settings.counter_body)
+    model = DropModel(*fixed, empty, empty, empty, 0.0, 0.0, names, chosen.profile, floor, flat, chosen.rtol)
     evidence = drop_evidence(name, seen, model)
     return MaterialEvidence(nu.value, evidence.model.window, tuple(unknowns.values()), lambda rho: evidence)

@@ -18,6 +18,8 @@ from labpipe.materials import Prony
 from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
 from labpipe.variables import variable
+from pipelines.experiments.shared.counter_body import counter_body_of, modulus_of
+from pipelines.experiments.shared.linear_range import linear_range
 from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.plate_under_drop import OF_PLATE, plate_inputs, resolve_plate
@@ -37,13 +39,14 @@ _STIFFER = 0.01  # the same of the modulus
 
 
 class _Trial(NamedTuple):
-    """A simulation with one input changed by a step: a solid, or other numbers of the body or plate."""
+    """A simulation with one input changed by a step: a solid, other numbers of the body or plate, or a rigid flat."""
 
     name: str
     given: Quantity
     step: float
     solid: Prony
     change: Mapping[str, float] = {}
+    is_on_rigid: bool = False
 
 
 def simulated_drop(
@@ -65,12 +68,13 @@ def simulated_drop(
 
     Returned is the result of :func:`labpipe.contact.drop` with, of the first ``followed`` impacts and NaN beyond,
     ``u_NAME`` (impact,) and ``slope_NAME`` (uncertain, impact) per SI unit; the inputs
-    (:mod:`pipelines.experiments.shared.model_inputs`); and as JSON ``plate`` and the ``budget`` of the variable
-    ``of_budget`` at the first impact.
+    (:mod:`pipelines.experiments.shared.model_inputs`); and as JSON ``plate``, ``linear_range`` and the ``budget``
+    of the variable ``of_budget`` at the first impact.
     """
     sphere, chosen = settings.sphere, settings.model
     solid, gravity = resolve(sphere, material_file, fitted), chosen.gravity.value
-    substrate, floor = resolve_plate(settings.plate, plate), plate_inputs(settings.plate, plate)
+    under, floor = resolve_plate(settings.plate, plate), plate_inputs(settings.plate, plate)
+    flat = counter_body_of(settings.counter_body)
     inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
     inputs |= {f"{OF_PLATE}{name}": given for name, given in floor.items()}
     made = contact.drop(
@@ -84,7 +88,8 @@ def simulated_drop(
         chosen.rtol,
         gravity=gravity,
         times=np.arange(0.0, duration, step),
-        plate=substrate,
+        plate=under,
+        substrate=flat,
         fold=not full,
         shortcuts=contact.Shortcuts.chosen(full=full),
     )
@@ -95,6 +100,10 @@ def simulated_drop(
         trials.append(_Trial(key, given, step, solid, {key: given.value + step}))
     for key, (given, step, other) in variations(sphere, material_file, fitted, IMPACT_TIMES).items():
         trials.append(_Trial(key, given, step, other))
+    # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
+    trials += [
+        _Trial(name, E, E.value, solid, is_on_rigid=True) for name, E in modulus_of(settings.counter_body).items()
+    ]
     trials.append(_Trial("modulus", Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
     found = {name: np.zeros((len(trials), 0)) for name in _UNCERTAIN}
     if count:
@@ -110,14 +119,16 @@ def simulated_drop(
             chosen.profile,
             max(chosen.rtol, _COARSE),
             gravity=gravity,
-            plate=[None if substrate is None else replace(substrate, **one) for one in moved],
+            plate=[None if under is None else replace(under, **one) for one in moved],
+            substrate=[None if trial.is_on_rigid else flat for trial in trials],
         )
         found = {name: train[name].values for name in _UNCERTAIN}
         found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]  # compared from first contact
     made = _with_slopes(made, trials[1:], found, of_budget)
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
-    known = {"plate": None if substrate is None else asdict(substrate), "work": work}
+    limits = linear_range(made, sphere, settings.height.value, material_file, fitted)
+    known = {"linear_range": limits, "plate": None if under is None else asdict(under), "work": work}
     return made.assign_attrs({name: json.dumps(value) for name, value in known.items()})
 
 

@@ -13,7 +13,7 @@ from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.materials import Prony, ShiftLaw, shift_at
 from labpipe.units import Quantity
-from pipelines.experiments.shared.settings import MaterialChoice
+from pipelines.experiments.shared.settings import MaterialChoice, Sphere
 
 IMPACT_TIMES = 1e-4, 1e-2
 """s; an impact depends on how the solid relaxes from a tenth of it to ten times its duration."""
@@ -22,6 +22,8 @@ TEMPERATURE, POISSONS_RATIO, SPECIMEN = "temperature", "Poisson's ratio", "DMA, 
 """Names of variations; all others are modes of the rheometer's spectrum."""
 
 _OF_DMA = "DMA, "
+OF_LIBRARY = "modulus of "
+"""Beginning of the name of the counter-body's modulus, where the library knows it."""
 _LEAST_WARMER = 3.0  # K
 _LEAST_POISSON = 0.03
 _LEAST_SCALE = 0.02
@@ -49,15 +51,15 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
     return materials.load(named, temperature)
 
 
-def is_of_spectrum(name: str) -> bool:
-    """Return whether a variation is a change of a rheometer's spectrum, which nobody states.
+def is_unstated(name: str) -> bool:
+    """Return whether an input is one that nobody states: a change of a spectrum, or a modulus of the library.
 
     Examples
     --------
-    >>> [is_of_spectrum(name) for name in ("DMA, mode 1", "DMA, specimen", "temperature")]
-    [True, False, False]
+    >>> [is_unstated(name) for name in ("DMA, mode 1", "DMA, specimen", "modulus of sapphire", "temperature")]
+    [True, False, True, False]
     """
-    return name.startswith(_OF_DMA) and not name.startswith(SPECIMEN)
+    return name.startswith((_OF_DMA, OF_LIBRARY)) and not name.startswith(SPECIMEN)
 
 
 class Variation(NamedTuple):
@@ -80,7 +82,7 @@ def variations(
     depends.
     """
     found: dict[str, Variation] = {}
-    stated = choice.temperature
+    stated = choice.temperature if not isinstance(choice, Sphere) else choice.inside
     if stated is not None:  # one without an uncertainty may be stated wrongly as well
         step = max(stated.u, _LEAST_WARMER)
         off = Quantity(stated.value + step, 0.0, stated.si)

@@ -1,5 +1,6 @@
 """Settings that several kinds of experiment share, each with its unit and its reason."""
 
+import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -74,10 +75,46 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
 
 
 class Sphere(MaterialChoice, frozen=True, kw_only=True):
-    """The falling body; ``mass`` is all that moves, sphere and holder."""
+    """The falling body; ``mass`` is all that moves, sphere and holder.
+
+    ``temperature`` is read at the surface. Unless the sphere is ``homogeneous``, warmed or cooled through, its inside
+    may have any temperature from there to ``ambient``, by default that of a laboratory (ISO 554: 20, 23 or 27 °C).
+    """
 
     radius: Annotated[fields.Length, fields.POSITIVE]
     mass: Annotated[fields.Mass, fields.POSITIVE]
+    homogeneous: bool = False
+    ambient: fields.Temperature = Quantity(23.0, 2.0, "degC")
+
+    @property
+    def inside(self) -> Quantity | None:
+        """Temperature of the sphere: that of its surface, with the uncertainty of its inside.
+
+        One within 95 % of the ambient one is that of a sphere at rest in the room. Of any other the range between
+        surface and ambient is a rectangle on one side of the surface, whose second moment about it is a third of its
+        square; no gradient is assumed.
+        """
+        surface, room = self.temperature, self.ambient
+        if surface is None or self.homogeneous:
+            return surface
+        apart = surface.value - room.value
+        if abs(apart) <= 2.0 * math.hypot(surface.u, room.u):
+            return surface
+        return Quantity(surface.value, math.hypot(surface.u, apart / math.sqrt(3.0)), surface.si)
+
+
+class CounterBody(Table, frozen=True, kw_only=True):
+    """The elastic flat under a sphere: Young's modulus and Poisson's ratio."""
+
+    E: Annotated[fields.Modulus, fields.POSITIVE]
+    nu: Annotated[float, fields.Range(at_least=0.0, at_most=0.5)]
+
+
+Flat = Annotated[
+    Literal["sapphire", "rigid"] | CounterBody,
+    msgspec.Meta(description='"sapphire", "rigid", or a table such as { E = "70 ± 2 GPa", nu = 0.22 }'),
+]
+"""The flat under a sphere: sapphire of the library, a rigid one, or ``{ E = "70 ± 2 GPa", nu = 0.22 }``."""
 
 
 class Keyence(Table, frozen=True, kw_only=True):

@@ -41,7 +41,7 @@ _STAGES = (
     stage(
         "static_loading.model:model",
         ("displacement", "steps", *solid_of("sphere")),
-        ("sphere", "model"),
+        ("sphere", "counter_body", "model"),
         summary="simulate the creeping contact; Hertz's steps",
     ),
     stage(

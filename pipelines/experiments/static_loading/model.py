@@ -9,10 +9,12 @@ import xarray as xr
 
 from labpipe import contact, uncertainty
 from labpipe.arrays import Floats
-from labpipe.contact.sphere import hertz
+from labpipe.contact.sphere import counter_compliance, hertz
+from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
+from pipelines.experiments.shared.counter_body import counter_body_of, modulus_of
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.static_loading.load_steps import valid
 from pipelines.experiments.static_loading.measured import spans
@@ -42,7 +44,12 @@ def model(
         stretches.append(inside)
         loads.append(np.full(inside.size, load))
     when, pushed, shape = np.concatenate(stretches), np.concatenate(loads), chosen.profile
-    made = contact.load_sphere(solid, radius.value, when, pushed, profile=shape, springs=chosen.springs)
+    flat, share = counter_body_of(settings.counter_body), 1 - float(solid.nu) ** 2
+    made = contact.load_sphere(solid, radius.value, when, pushed, profile=shape, substrate=flat, springs=chosen.springs)
+
+    def compliance(of: Prony, lag: Any) -> Floats:
+        return share * np.asarray(of.creep(lag)) + counter_compliance(flat)
+
     held = np.maximum(np.searchsorted(steps["begin"].values, time, side="right") - 1, 0)
     # exponents of Hertz's contact: approach (F J)^(2/3) R^(-1/3), radius (F J)^(1/3) R^(1/3)
     spread, size = (steps["u_force"].values / force)[held], radius.u / radius.value
@@ -51,17 +58,21 @@ def model(
     nodes = made["time"].values
     lag = np.maximum(nodes[:, None] - steps["begin"].values, 0.0)
     added = np.where(nodes[:, None] >= steps["begin"].values, np.diff(force, prepend=0.0), 0.0)
-    whole, cube = float(solid.creep(lasted)), np.sum(added * solid.creep(lag), axis=1)
+    whole, cube = float(compliance(solid, lasted)), np.sum(added * compliance(solid, lag), axis=1)
     softer: list[Source] = []  # relative change of the compliance
     wider: list[Floats] = []  # relative change of the contact radius by one u
     for name, (given, step, other) in variations(settings.sphere, material_file, fitted, (lasted, lasted)).items():
-        softer.append(Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step))
-        wider.append(given.u / step / 3.0 * np.log(np.sum(added * other.creep(lag), axis=1) / cube))
-    compliance = uncertainty.combined_uncertainty(softer)
+        softer.append(Source.of(name, given, float(np.log(float(compliance(other, lasted)) / whole)) / step))
+        wider.append(given.u / step / 3.0 * np.log(np.sum(added * compliance(other, lag), axis=1) / cube))
+    for name, modulus in modulus_of(settings.counter_body).items():  # a compliance that goes as 1/E
+        by_flat = -counter_compliance(flat) / modulus.value
+        softer.append(Source.of(name, modulus, by_flat / whole))
+        wider.append(modulus.u * by_flat / 3.0 * np.sum(added, axis=1) / cube)
+    u_compliance = uncertainty.combined_uncertainty(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
         values = np.interp(time, nodes, made[name].values)
-        relative = np.sqrt((power * spread) ** 2 + (size / 3) ** 2 + (power * compliance) ** 2)
+        relative = np.sqrt((power * spread) ** 2 + (size / 3) ** 2 + (power * u_compliance) ** 2)
         text, of = f"{name.replace('_', ' ')}, viscoelastic model", "from load, radius, solid"
         table |= with_u(name, "time", values, values * relative, "m", text, of)
     last = float(values[-1])
@@ -70,15 +81,14 @@ def model(
         Source.of("radius", radius, last / 3 / radius.value),
         *(source._replace(sensitivity=last / 3 * source.sensitivity) for source in softer),
     ]
-    factor = 1 / (1 - float(solid.nu) ** 2)
-    relaxed, reference = float(solid.E_relaxed), "relaxed modulus"
-    if relaxed <= 0.0:  # the sweeps tell of no plateau
-        relaxed, reference = 1.0 / whole, f"modulus after {lasted:.3g} s"
-    state = hertz.static_load(force, radius.value, relaxed * factor)
+    softest, reference = whole, f"modulus after {lasted:.3g} s"
+    if solid.E_relaxed > 0.0:  # else the sweeps tell of no plateau
+        softest, reference = share / float(solid.E_relaxed) + counter_compliance(flat), "relaxed modulus"
+    state = hertz.static_load(force, radius.value, 1.0 / softest)
     for name, level in (("radius", state.contact_radius), ("approach", state.approach)):
         table[f"hertz_{name}_relaxed"] = variable("load", np.asarray(level), "m", f"{name} by Hertz, {reference}")
-    elapsed = np.asarray(solid.creep(steps["elapsed"].values))
-    table["compliance"] = variable("elapsed", elapsed / factor, "1/Pa", "reduced creep compliance of the material")
+    elapsed = compliance(solid, steps["elapsed"].values)
+    table["compliance"] = variable("elapsed", elapsed, "1/Pa", "reduced creep compliance of sphere and disc")
     effect = np.array(wider).reshape(-1, nodes.size)
     table["effect"] = variable(("input", "node"), effect, "1", "relative change of the contact radius by one u")
     coords = {

@@ -8,6 +8,7 @@ import xarray as xr
 from labpipe.report import Band, Block, KeyValues, LineChart, Listed, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import pages
+from pipelines.experiments.shared.counter_body import described_flat
 from pipelines.experiments.shared.ramps_and_holds import binned
 from pipelines.experiments.shared.reports import Report, budgets
 from pipelines.experiments.static_loading.budget import quantities
@@ -137,7 +138,7 @@ def _touch(steps: xr.Dataset, model: xr.Dataset | None = None) -> Section:
     lag = steps["elapsed"].values
     series = [Series("from the record", lag, steps["compliance"].values * 1e9, role="measured")]
     if model is not None:
-        series.append(Series("of the material", lag, model["compliance"].values * 1e9, role="model"))
+        series.append(Series("of sphere and disc", lag, model["compliance"].values * 1e9, role="model"))
     text = (
         "Under increasing loads, the approach to the power 3/2 is the convolution of the load "
         "history with the creep compliance (Lee and Radok); loads of different size determine "
@@ -154,9 +155,9 @@ def _methods(
     masses = ", ".join(f"{load.mass.value:g}" for load in settings.loads)
     begins = ", ".join(f"{t * _MIN:.2f}" for t in steps["begin"].values)
     text = (
-        f"A sphere of {settings.sphere.radius.value * 1e3:g} mm radius was loaded on a rigid disc "
-        f"by {masses} kg at {begins} min. The displacement of the holder was read by a laser every "
-        f"{float(np.median(np.diff(approach['time']))):.3g} s and corrected for its inclination. "
+        f"A sphere of {settings.sphere.radius.value * 1e3:g} mm radius was loaded on "
+        f"{described_flat(settings.counter_body)} by {masses} kg at {begins} min. The displacement of the holder was "
+        f"read by a laser every {float(np.median(np.diff(approach['time']))):.3g} s and corrected for its inclination. "
         "The contact radius is √(R δ). "
     )
     if settings.zero is None:

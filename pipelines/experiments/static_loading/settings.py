@@ -1,4 +1,4 @@
-"""Settings of a static loading: a sphere on a rigid disc, masses added to the holder one by one."""
+"""Settings of a static loading: a sphere on a disc, masses added to the holder one by one."""
 
 from datetime import date
 from itertools import pairwise
@@ -8,7 +8,7 @@ import msgspec
 
 from labpipe.units import Quantity
 from labpipe.workflow.fields import NOT_NEGATIVE, POSITIVE, Acceleration, File, Length, Mass, Range, Time
-from pipelines.experiments.shared.settings import Keyence, MaterialChoice, Sensor, Table
+from pipelines.experiments.shared.settings import Flat, Keyence, MaterialChoice, Sensor, Table
 
 
 class Load(Table, frozen=True, kw_only=True):
@@ -53,14 +53,15 @@ class StaticModel(Table, frozen=True, kw_only=True):
 class StaticLoading(Table, frozen=True, kw_only=True):
     """One record of the laser while loads are added; the first is on from the beginning.
 
-    ``zero`` is the sensor's reading at first touch. Without it, it follows from the loads: the
-    approach goes with the power 2/3 of load and compliance, and loads of different size tell it.
+    ``counter_body`` is the disc. ``zero`` is the sensor's reading at first touch. Without it, it follows from the
+    loads: the approach goes with the power 2/3 of load and compliance, and loads of different size tell it.
     """
 
     kind: Literal["static_loading"]
     laser: File
     calibration: File
     sphere: Ball
+    counter_body: Flat = "sapphire"
     loads: Annotated[list[Load], msgspec.Meta(min_length=2)]
     zero: Length | None = None
     measured_on: date | None = None

@@ -43,7 +43,7 @@ def test_a_film_tells_how_its_frames_were_measured(codes: list[int], says: Any, 
 @pytest.mark.parametrize(
     ("velocity", "has_model", "says", "hides"),
     [
-        ("spline", True, ("quintic smoothing spline", "simulated", "“acrylic”"), ("moving average",)),
+        ("spline", True, ("quintic smoothing spline", "on sapphire of E", "“acrylic”"), ("moving average",)),
         ("thesis", False, ("moving average",), ("spline", "simulated", "root-mean-square")),
     ],
 )
@@ -56,6 +56,7 @@ def test_a_drop_tells_its_velocity_and_simulates_only_what_was_simulated(
         height=Quantity(1.5e-3, 5e-6, "m"),
         analysis=SimpleNamespace(velocity=velocity),
         model=SimpleNamespace(profile="sphere", rtol=1e-4),
+        counter_body="sapphire",
     )
     one = {"units": "1"}
     repeats = xr.Dataset({"restitution": ("impact", [0.9], one), "u_restitution": ("impact", [1e-3], one)})
@@ -144,7 +145,7 @@ def test_a_static_loading_tells_its_touch_and_what_it_was_compared_with(
     zero: float | None, reference: str, says: Any, hides: Any
 ) -> None:
     loads = [SimpleNamespace(mass=Quantity(mass, 0.0, "kg")) for mass in (1.0, 2.0)]
-    settings: Any = SimpleNamespace(loads=loads, sphere=SPHERE, zero=zero)
+    settings: Any = SimpleNamespace(loads=loads, sphere=SPHERE, zero=zero, counter_body="rigid")
     steps, approach = xr.Dataset({"begin": ("load", [0.0, 600.0])}), xr.Dataset(coords={"time": [0.0, 5.0, 10.0]})
     errors = {f"nrmse_contact_radius_{of}": 0.01 for of in ("model", "hertz")}
     made = xr.Dataset(errors, attrs={"reference": reference}) if reference else None

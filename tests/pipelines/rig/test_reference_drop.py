@@ -1,8 +1,12 @@
-"""The rig's own drop against published tables; the simulator under test is nowhere used."""
+"""The rig's own drop against published tables and closed forms."""
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
 
+from labpipe import contact
+from labpipe.materials import Prony
 from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
 from pipelines.rig.solids import Element, Viscoelastic
 
@@ -58,6 +62,26 @@ def test_an_elastic_whole_sphere_is_pressed_in_as_the_closed_form_says() -> None
     fallen = BODY["mass"] * 9.81 * (10e-3 + approach[1:])
     deepest = approach[1:][np.searchsorted(work - fallen, 0.0)]
     np.testing.assert_allclose(-found.height.min(), deepest, rtol=1e-4)
+
+
+def test_two_elastic_bodies_touch_as_long_and_as_wide_as_hertz_says() -> None:
+    """1/E* is the sum of both; the energy of the fall gives the depth, and the time as an integral over it."""
+    disc, R, m = (1 - 0.22**2) / 70e9, BODY["radius"], BODY["mass"]
+    softness = (1 - ELASTIC.nu**2) / ELASTIC.unrelaxed + disc
+    found = reference_drop(ELASTIC, height=1.5e-3, duration=0.03, profile=paraboloid, disc=disc, **BODY)
+
+    def square_of_speed(depth: float) -> float:
+        return 2 * 9.81 * (1.5e-3 + depth) - 16 / 15 * np.sqrt(R) * depth**2.5 / softness / m
+
+    deepest = brentq(square_of_speed, 1e-5, 1e-3)
+    # the substitution depth = deepest (1 - s^2) removes the root at the end
+    time, _ = quad(lambda s: 4 * deepest * s / np.sqrt(square_of_speed(deepest * (1 - s * s))), 0.0, 1.0)
+    assert found.liftoff[0] - found.touch[0] == pytest.approx(time, rel=1e-3)
+    assert -found.height.min() == pytest.approx(deepest, rel=1e-4)
+    assert found.contact_radius.max() == pytest.approx(np.sqrt(R * deepest), rel=2e-3)  # a spring is 0.25 % of it
+    made = contact.drop(Prony(3.2e9, [], [], nu=0.35), R, m, 1.5e-3, 0.03, substrate=("70 GPa", 0.22))
+    assert float(made["contact_duration"][0]) == pytest.approx(time, rel=1e-3)
+    assert float(made["peak_contact_radius"][0]) == pytest.approx(np.sqrt(R * deepest), rel=1e-3)
 
 
 def test_a_moving_floor_takes_energy_and_a_heavy_one_takes_none() -> None:

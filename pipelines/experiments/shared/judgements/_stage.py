@@ -21,7 +21,7 @@ from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements._page import MATTERS, of_error
 from pipelines.experiments.shared.judgements._scene import Basis, Scene, Titles, entitled, laws
 from pipelines.experiments.shared.judgements._suspects import explanations
-from pipelines.experiments.shared.material_choice import is_of_spectrum
+from pipelines.experiments.shared.material_choice import is_unstated
 
 _LEAST_OWN = 0.05
 """Least part of a difference's uncertainty that is its own, not shared with other rows: slopes are no better."""
@@ -41,8 +41,8 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
     rows = [row for row in scene.rows if row.deviation is not None]
     named = {name for row in rows for name in row.slopes}
     known = {**scene.inputs, **scene.shared}
-    # a change of a rheometer's spectrum is no value that could have been stated wrongly
-    names = sorted(name for name in named & set(scene.inputs) if not is_of_spectrum(name))
+    # what nobody states, such as a change of a rheometer's spectrum, could not have been stated wrongly
+    names = sorted(name for name in named & set(scene.inputs) if not is_unstated(name))
     found, smallest = None, np.full(len(names), np.inf)
     differences = [row.difference or 0.0 for row in rows]
     own, covariance = np.empty((0, 0)), np.empty((0, 0))

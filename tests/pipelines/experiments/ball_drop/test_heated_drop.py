@@ -3,18 +3,20 @@
 import json
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from labpipe import contact, files, materials
-from pipelines.process import process, result
+from labpipe.units import Quantity
+from pipelines.process import open_session, process, result
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE
 from pipelines.rig.session_text import drop_section, laser_record, session_head
 from tests.pipelines.small import START
 
-HEIGHT, HEATED = 5e-3, 39.0
+HEIGHT, HEATED, COOL = 5e-3, 39.0, Quantity(20.0, 0.5, "degC")
 ON_PLATE = 'plate = { mass = "30 kg", frequency = "180 Hz", damping_ratio = 0.03 }\n'
 
 
@@ -25,10 +27,11 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rig = DropRig(duration=0.15, floor=PLATE)
     names = write_drops(folder, "drop", rig, solid, HEIGHT, 1, 8, START)
     section = drop_section("heated", names, HEIGHT, "acrylic", ON_PLATE)
-    section += f'temperature = "{HEATED:g} ± 0.5 degC"\n'
+    section += f'temperature = "{HEATED:g} ± 0.5 degC"\nhomogeneous = true\n'
+    surface = section.replace("experiments.heated", "experiments.surface").replace("homogeneous = true\n", "")
     cold = drop_section("cold", names, HEIGHT, "acrylic", ON_PLATE)
     files.write_text(folder / "calibration/laser.toml", laser_record())
-    files.write_text(folder / "session.toml", session_head("Heated (synthetic)") + section + cold)
+    files.write_text(folder / "session.toml", session_head("Heated (synthetic)") + section + surface + cold)
     outcome = process(folder, ["comparison"], jobs=0)
     assert outcome.exit_code == 0, [o.message for o in outcome.failures]
     return folder
@@ -67,3 +70,15 @@ def test_the_temperature_stands_in_the_budget_of_the_model(session: Path) -> Non
     parts = np.array([row["contribution"] for row in rows.values()])
     whole = float(heated["u_restitution"][0])
     assert np.sqrt(np.sum(parts**2)) == pytest.approx(whole, rel=1e-9)
+
+
+def test_a_surface_warmer_than_the_room_widens_the_prediction(session: Path) -> None:
+    """The inside may have any temperature between: a rectangle from 39 to 23 °C, on one side of the surface."""
+    warm, surface = (result(session, name, "model") for name in ("heated", "surface"))
+    budgets = ({row["source"]: row["u"] for row in json.loads(made.attrs["budget"])} for made in (warm, surface))
+    expected = 0.5, np.hypot(0.5, (HEATED - 23.0) / np.sqrt(3.0))
+    assert tuple(rows["temperature"] for rows in budgets) == pytest.approx(expected)
+    assert float(surface["u_restitution"][0]) > 3 * float(warm["u_restitution"][0])
+    np.testing.assert_array_equal(surface["displacement"], warm["displacement"])
+    room = msgspec.structs.replace(open_session(session).experiments["surface"].settings.sphere, temperature=COOL)
+    assert room.inside == COOL

@@ -110,7 +110,9 @@ def test_the_path_moves_by_its_uncertainty_when_an_input_does(measured: Measured
         given = {key: Quantity(one.value, 0.0, one.si) for key, one in stated.items()}
         given[name] = Quantity(stated[name].value + offset, u, stated[name].si)
         body = msgspec.structs.replace(sphere, mass=given["mass"], radius=given["radius"])
-        return compared((msgspec.structs.replace(settings, height=given["height"], sphere=body), kept), None)[0]
+        return compared(
+            (msgspec.structs.replace(settings, height=given["height"], sphere=body, counter_body="rigid"), kept), None
+        )[0]
 
     made, lower, upper = at(0.0, u), at(-u, 0.0), at(u, 0.0)
     since = np.linspace(-0.005, float(made["impact_time"][3] - made["impact_time"][0]) - 2e-3, 4000)

@@ -1,0 +1,81 @@
+"""A drop on sapphire of the rig: analysed as on sapphire it agrees, as on a rigid flat it is biased."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labpipe import contact, files, materials
+from labpipe.errors import ConfigError
+from labpipe.units import Quantity
+from labpipe.workflow import config
+from pipelines.experiments.shared.counter_body import modulus_of
+from pipelines.experiments.shared.settings import Flat, Table
+from pipelines.process import process, result
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
+from pipelines.rig.samples import STATED_FLOOR
+from pipelines.rig.session_text import drop_section, laser_record, session_head
+from tests.pipelines.small import START
+
+HEIGHT = 5e-3
+FLATS = {"sapphire": "", "rigid": 'counter_body = "rigid"\n'}
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("flats")
+    names = write_drops(folder, "drop", DropRig(duration=0.12), materials.load("acrylic"), HEIGHT, 1, 8, START)
+    sections = (drop_section(name, names, HEIGHT, "acrylic", STATED_FLOOR + flat) for name, flat in FLATS.items())
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    files.write_text(folder / "session.toml", session_head("Flats (synthetic)") + "".join(sections))
+    outcome = process(folder, jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+def test_only_the_rigid_flat_is_biased(session: Path) -> None:
+    for name, model in (("sapphire", "agrees"), ("rigid", "differs")):
+        made = result(session, name, "comparison")
+        deviation = abs(float(made["restitution_difference"][0] / made["u_restitution_difference"][0]))
+        assert (deviation < 3.0) == (name == "sapphire")
+        assert result(session, name, "judgement").attrs["model"] == model
+
+
+def test_its_modulus_stands_in_the_budget_with_the_slope_of_a_new_simulation(session: Path) -> None:
+    (row,) = (r for r in json.loads(result(session, "sapphire", "model").attrs["budget"]) if "sapphire" in r["source"])
+    assert (row["value"], row["u"]) == (403e9, 10e9)
+    flats = [(E, 0.235) for E in (300e9, 600e9)]
+    fall = ("acrylic", 9.525e-3, 0.505, HEIGHT, 0.034)
+    moved = contact.impacts(*fall, plate=contact.Plate(1450.0, 390.0, 0.03), substrate=flats, rtol=1e-6)
+    slope = float(np.diff(moved["restitution"].values[:, 0])[0]) / (1 / 600e9 - 1 / 300e9) / -(403e9**2)
+    assert row["sensitivity"] == pytest.approx(slope, rel=0.1)
+
+
+def test_the_page_says_what_it_lies_on_and_where_linearity_ends(session: Path) -> None:
+    page = (session / "labpipe/reports/sapphire.html").read_text("utf-8")
+    for words in ("sapphire of E = (403 ± 10) GPa and ν = 0.235", "acrylic begins to yield at 1.6 Y", "0.2 a/R"):
+        assert words in page
+    made = result(session, "sapphire", "model")
+    known, stress = json.loads(made.attrs["linear_range"]), materials.describe("acrylic").yield_stress
+    force, radius = (float(made[name][0]) for name in ("peak_force", "peak_contact_radius"))
+    assert known["pressure"] == pytest.approx(1.5 * force / np.pi / radius**2)
+    assert known["onset"] == pytest.approx(1.6 * (stress.value + 15e6 * np.log10(known["rate"] / 1e-3)))
+
+
+def test_a_mistake_is_named_with_its_line(tmp_path: Path) -> None:
+    def read(flat: str) -> dict[str, Quantity]:
+        return modulus_of(config.read(tmp_path / "a.toml", Drop, text=f"counter_body = {flat}\n").counter_body)
+
+    assert read('{ E = "70 GPa ± 2 GPa", nu = 0.22 }') == {"counter-body": Quantity(70e9, 2e9, "Pa")}
+    for wrong, words in (
+        ('"saphire"', 'counter_body: expected one of "sapphire", "rigid"'),
+        ('{ E = "403", nu = 0.2 }', "counter_body.E: expected a modulus"),
+    ):
+        with pytest.raises(ConfigError, match=rf"a.toml:1: {words}"):
+            read(wrong)
+
+
+class Drop(Table, frozen=True, kw_only=True):
+    counter_body: Flat = "sapphire"
