@@ -1,12 +1,21 @@
 """Settings of a ball drop: repeated drops of one sphere from one height, measured by laser."""
 
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
 from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Time
-from pipelines.experiments.shared.settings import DropModel, Keyence, Plate, Sensor, Sphere, Table, refuse_two_plates
+from pipelines.experiments.shared.settings import (
+    DropModel,
+    Keyence,
+    Plate,
+    Recorded,
+    Sensor,
+    Sphere,
+    Table,
+    refuse_two_plates,
+)
 
 
 class Analysis(Table, frozen=True, kw_only=True):
@@ -25,13 +34,14 @@ class Analysis(Table, frozen=True, kw_only=True):
     contact: Literal["polymer", "any"] = "polymer"
 
 
-class BallDrop(Table, frozen=True, kw_only=True):
+class BallDrop(Recorded, frozen=True, kw_only=True):
     """One sphere, one height, one or more recordings of the laser.
 
     ``measured_on`` is the day of the measurement, for the validity of the calibration record;
     it is needed where the laser's files carry no date.
     """
 
+    alternatives: ClassVar = (("plate", "plate_from"),)
     kind: Literal["ball_drop"]
     laser: Annotated[list[File], msgspec.Meta(min_length=1)]
     calibration: File
