@@ -34,6 +34,7 @@ COMMANDS: dict[str, Command] = {
     "inspect": Command(f"{_HOME}.results:inspect", "Show what a file is and its problems."),
     "plan": Command(f"{_HOME}.session:plan", "Show what `process` would run, and why."),
     "process": Command(f"{_HOME}.session:process", "Process a session into results and reports."),
+    "note": Command(f"{_HOME}.session:note", "Append a dated note to an experiment."),
     "watch": Command(f"{_HOME}.session:watch", "Process a session while it is being recorded."),
     "acquire": Command(f"{_HOME}.system:acquire", "Record a running sensor into a file."),
     "export": Command(f"{_HOME}.results:export", "Write results as tables, netCDF, or input of other codes."),

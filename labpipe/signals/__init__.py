@@ -36,7 +36,7 @@ if TYPE_CHECKING:
         common_fit as common_fit,
         fit_sinusoid as fit_sinusoid,
     )
-    from labpipe.signals._outliers import Outliers as Outliers, outliers as outliers
+    from labpipe.signals._outliers import LONGEST_RUN as LONGEST_RUN, Outliers as Outliers, outliers as outliers
     from labpipe.signals._ringing import (
         Damped as Damped,
         Ringing as Ringing,

@@ -2,6 +2,7 @@
 
 - :mod:`~labpipe.workflow.fields`, :mod:`~labpipe.workflow.config`, :mod:`~labpipe.workflow.document`: types of
   configured fields, and the check of a TOML file against them
+- :mod:`~labpipe.workflow.exclusions`: recordings and readings that are left out, and notes
 - :mod:`~labpipe.workflow.session`: ``session.toml``
 - :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages and tasks
 - :mod:`~labpipe.workflow.plan`, :mod:`~labpipe.workflow.code`: the steps of a run, with the key and the reason of

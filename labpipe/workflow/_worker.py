@@ -17,6 +17,7 @@ from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
 from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned, counts, summarise
+from labpipe.workflow.exclusions import EXCLUDE, concerning
 from labpipe.workflow.plan import READY, Key, Plan, describe_file, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Store, log
@@ -267,7 +268,10 @@ class _Run:
         function = _import(task)
         self._refuse_changed(task, key)
         arguments = [argument.arranged(partial(self._value, task)) for argument in task.arguments]
-        keywords: dict[str, Any] = {"settings": self.job.session.experiments[task.id.experiment].settings}
+        settings = self.job.session.experiments[task.id.experiment].settings
+        keywords: dict[str, Any] = {"settings": settings}
+        if EXCLUDE in task.stage.parameters:
+            keywords["settings"] = concerning(settings, task.files)
         if task.stage.context:
             keywords["context"] = self._context(task)
         if task.stage.shortcuts:
@@ -330,9 +334,10 @@ class _Run:
             return stage_name(task, name), name.recording
 
         failed = ((name, self.failures[name]) for name in behind if name in self.failures)
+        experiment = session.experiments[task.id.experiment]
         return Context(
-            task.id.experiment,
-            session.experiments[task.id.experiment].kind,
+            experiment.name,
+            experiment.kind,
             session.title,
             session.operator,
             session.notes,
@@ -345,6 +350,9 @@ class _Run:
             inputs=tuple(RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
             kept=tuple(Kept(*of(name), changed) for name, changed in self.plan.kept(task.id).items()),
+            base=experiment.base,
+            changed=experiment.changed,
+            overrides=experiment.overrides,
         )
 
 

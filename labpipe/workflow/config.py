@@ -15,6 +15,7 @@ type :data:`File`; such a file must exist inside the folder of the configuration
 
 import contextlib
 import math
+import os
 import re
 import types
 import typing
@@ -27,7 +28,7 @@ import msgspec
 from labpipe.errors import InputError
 from labpipe.files import files_below, safe_join
 from labpipe.units import Quantity, quantity
-from labpipe.workflow.document import LARGEST_FILE, Document, Place, parse
+from labpipe.workflow.document import LABORATORY, LARGEST_FILE, Document, Place, parse
 from labpipe.workflow.fields import (
     GAP,
     REFERENCE,
@@ -82,16 +83,18 @@ _BAD = object()
 class Checker:
     """Converts values to the types of their fields and reports mistakes.
 
-    ``defaults`` is the place of a table that lies below the one at a place of as many keys; ``may_wait`` takes names of
-    files that are not there yet. With a list ``gaps``, values that are still to come are listed there and are no
-    mistakes; other mistakes are reported all the same.
+    ``below`` are pairs of places, of a table and of one whose values it takes where it has none, such as defaults;
+    ``may_wait`` takes names of files that are not there yet. With a list ``gaps``, values that are still to come are
+    listed there and are no mistakes; other mistakes are reported all the same. ``laboratory`` is the folder of the
+    laboratory's file, from which the files that it names are found.
     """
 
     document: Document
     root: Path
-    defaults: Place = ()
+    below: tuple[tuple[Place, Place], ...] = ()
     may_wait: bool = False
     gaps: list[str] | None = None
+    laboratory: Path | None = None
 
     def report(self, place: Place, message: str) -> Any:
         """Report at the place in the file where a value was written; return the mark of no value."""
@@ -99,9 +102,11 @@ class Checker:
         return _BAD
 
     def written(self, place: Place) -> Place:
-        """Return the place in the file of a value: its own, or that of its default."""
-        below = (*self.defaults, *place[len(self.defaults) :])
-        return below if place not in self.document.lines and below in self.document.lines else place
+        """Return the place in the file of a value: its own, or that of the table it was taken from."""
+        inside = len(place) - next((i for i, key in enumerate(place) if isinstance(key, int)), len(place))
+        others = ((*low, *place[len(top) :]) for top, low in self.below if place[: len(top)] == top)
+        # a list is taken as a whole: its items are where it is
+        return next((at for at in (place, *others) if at[: len(at) - inside] in self.document.lines), place)
 
     def structure(self, kind: type[msgspec.Struct], value: Any, place: Place, partial: bool = False) -> Any:
         """Convert a table; with ``partial``, required fields may be missing."""
@@ -165,6 +170,8 @@ class Checker:
                 return self.report(place, f"expected a table, found {found(value)}")
             pairs = {k: self.value(arguments[1], v, (*place, k), partial) for k, v in value.items()}
             return _BAD if any(v is _BAD for v in pairs.values()) else pairs
+        if isinstance(value, str) and set(value) & set("*?[") and mark(split(arguments[0])[1], FileMark) is not None:
+            value = self._matching(value)
         is_nested = typing.get_origin(split(arguments[0])[0]) in (list, tuple)
         if not isinstance(value, list):
             example = f"; write [{found(value)}]" if isinstance(value, str) and not is_nested else ""
@@ -220,13 +227,29 @@ class Checker:
         unit = f" {value.si}" if has_unit else ""
         return self.report(place, f"must be {bounds}{unit}, found {shown}")
 
+    def _matching(self, pattern: str) -> list[str]:
+        """Return the files of the session that fit a pattern, in the order of their numbers; the pattern for none."""
+        names = [] if ".." in Path(pattern).parts or Path(pattern).is_absolute() else self.root.glob(pattern)
+        found = (path.relative_to(self.root).as_posix() for path in names)
+
+        def by_number(name: str) -> list[tuple[int, str]]:
+            return [(int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name)]
+
+        return sorted(found, key=by_number) or [pattern]
+
     def _file(self, value: Any, place: Place) -> Any:
         if not isinstance(value, str):
             return self.report(place, f"expected the name of a file, found {found(value)}")
+        if NAME in value:  # in defaults: each experiment puts its own in
+            return _BAD
+        is_of_laboratory = not isinstance(place[-1], int) and self.written(place)[:1] == (LABORATORY,)
+        root = self.laboratory if is_of_laboratory and self.laboratory is not None else self.root
         try:
-            place_on_disk = safe_join(self.root, value)
+            place_on_disk = safe_join(root, value)
         except InputError as error:
             return self.report(place, str(error))
+        if is_of_laboratory and place_on_disk.exists():
+            return Path(os.path.relpath(place_on_disk, self.root)).as_posix()
         if not place_on_disk.exists() and not self.may_wait:
             # files that a user may have meant; labpipe's own folder is not among them
             names = (f.relative_to(self.root).as_posix() for f in files_below(self.root))
@@ -259,6 +282,8 @@ class Checker:
             return self.report(place, f"expected {expected}, found {found(value)}")
 
 
+NAME = "{name}"
+"""Stands in a text of the settings for the name of the experiment."""
 _GAP_LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: [^"]*)?"')
-_BOUNDS = {"str of length >= 1": "a text that is not empty"}
+_BOUNDS = dict.fromkeys(("str of length >= 1", r"str matching regex '\\S'"), "a text that is not empty")
 """Words for the bounds that msgspec names by its own types."""

@@ -101,6 +101,11 @@ def code_changed(modules: Sequence[str]) -> str:
     return f"code changed: {', '.join(modules[:_MOST_MODULES])}{more}" if modules else ""
 
 
+def settings_in_words(changed: Mapping[str, tuple[str, str]]) -> str:
+    """Write settings with two values each, ``sphere.mass 505 g → 506 g``."""
+    return "; ".join(f"{name} {old} → {new}" for name, (old, new) in changed.items())
+
+
 @dataclass(frozen=True, slots=True)
 class Warned:
     """A warning that a stage before the page raised."""
@@ -160,7 +165,8 @@ class Context:
     """Passed to stages that ask for it; everything in it is equal for equal inputs.
 
     ``ledger`` holds the counts of the stages of this experiment behind the page; ``provenance``
-    is that of the page, see :func:`labpipe.workflow.provenance.of_task`.
+    is that of the page, see :func:`labpipe.workflow.provenance.of_task`. ``base``, ``changed`` and ``overrides`` are
+    those of its :class:`labpipe.workflow.session.Experiment`.
     """
 
     experiment: str
@@ -175,3 +181,6 @@ class Context:
     inputs: tuple[RawFile, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     kept: tuple[Kept, ...] = ()
+    base: str = ""
+    changed: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    overrides: Mapping[str, tuple[str, str]] = field(default_factory=dict)

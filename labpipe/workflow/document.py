@@ -14,6 +14,8 @@ LARGEST_FILE = 1_000_000
 """Bytes; no configuration written by a person is longer."""
 _BARE = re.compile(r"[\w-]+")
 """A key that TOML takes without quotation marks (and letters of any language, for reading)."""
+LABORATORY = "laboratory.toml"
+"""Name of the laboratory's file, and first key of its places in the document of a session that refers to it."""
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
 _PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
@@ -45,8 +47,9 @@ class Document:
 
     def at(self, place: Place, message: str) -> str:
         """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
-        shown = f"{dotted(place)}: " if place else ""
-        return f"{self.path.name}:{self.line(place)}: {shown}{message}"
+        name, own = (LABORATORY, place[1:]) if place[:1] == (LABORATORY,) else (self.path.name, place)
+        shown = f"{dotted(own)}: " if own else ""
+        return f"{name}:{self.line(place)}: {shown}{message}"
 
     def finish(self) -> None:
         """Raise ConfigError with every mistake in the order of its line, if there is any."""
@@ -237,3 +240,24 @@ def line_index(text: str) -> dict[Place, int]:
 
     note((), tomllib.loads("".join(written)))
     return lines | {(): 1}
+
+
+def end_of_list(text: str, place: Place) -> tuple[int | None, bool]:
+    """Return where the bracket is that closes a list of a TOML text, and whether an item may follow without a comma.
+
+    The position is None where there is no such list, or it is written as tables of its own.
+    """
+    line = line_index(text.replace("\ufeff", " ")).get(place)
+    start = 0 if line is None else sum(len(one) + 1 for one in text.split("\n")[: line - 1])
+    if line is None or text[start:].lstrip().startswith("["):
+        return None, True
+    last, depth = "", 0
+    for match in _TOKEN.finditer(text, start):
+        part = match[0]
+        if part[0] in "# \t\n":
+            continue
+        depth += (part in "[{" and (depth > 0 or last == "=")) - (part in "]}" and depth > 0)
+        if depth == 0 and part == "]":
+            return match.start(), last in "[,"
+        last = part
+    return None, True

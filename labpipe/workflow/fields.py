@@ -130,7 +130,7 @@ def every_setting(settings: Any, place: str = "", kind: Any = None) -> Iterator[
         for field in fields_of(type(settings)):
             name = f"{place}.{field.name}" if place else field.name
             yield from every_setting(getattr(settings, field.name), name, field.type)
-    elif isinstance(settings, list | tuple):
+    elif isinstance(settings, list | tuple) and not isinstance(settings, Quantity):
         inner = next((typing.get_args(bare)[0] for bare, _ in options_of(kind) if typing.get_args(bare)), None)
         for number, item in enumerate(settings):
             yield from every_setting(item, f"{place}[{number}]", inner)

@@ -5,7 +5,7 @@ files and the keys of the other inputs. Equal key, equal result.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
 from labpipe.workflow.code import behind
 from labpipe.workflow.context import code_changed
+from labpipe.workflow.exclusions import EXCLUDE
 from labpipe.workflow.fields import show, suggest
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.session import Session
@@ -208,9 +209,13 @@ def make_plan(
         inputs = ancestors(tasks, name) if tasks[name].stage.context else tasks[name].before
         waiting += [one for one in inputs if states[one] != "stored" and one not in needed]
     rows = []
+    first: dict[str | None, TaskId] = {}
     for name, task in tasks.items():
         if name in needed:
-            rows.append(_row_to_run(store, task, keys[name], states[name], needed))
+            row = _row_to_run(store, task, keys[name], states[name], needed)
+            other = first.setdefault(keys[name].value, name)
+            is_shared = other.experiment != name.experiment and keys[name].value is not None
+            rows.append(replace(row, reason=f"shared with {other.experiment}") if is_shared else row)
         elif states[name] == "stored":
             changed = keys[name].kept
             rows.append(Row(*name, KEPT if changed else CACHED, code_changed(changed), task.stage.summary))
@@ -272,12 +277,15 @@ def _key(session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key]
         "stage": stage.name,
         "function": stage.function,
         "code": behind(stage.function, is_page=stage.output == "page")._asdict(),
-        "parameters": parameters(stage, settings),
+        "parameters": parameters(stage, settings, task.files),
         "inputs": inputs,
     }
     if stage.context:
         words = {name: getattr(session, name) for name in ("title", "operator", "notes", "synthetic")}
-        ingredients["session"] = {"experiment": task.id.experiment} | words
+        experiment = session.experiments[task.id.experiment]
+        changes = {"changed": dict(experiment.changed), "overrides": dict(experiment.overrides)}
+        words |= {name: value for name, value in (("base", experiment.base), *changes.items()) if value}
+        ingredients["session"] = {"experiment": experiment.name} | words
     if stage.shortcuts:
         ingredients["full"] = full
     is_known = not problem and all(keys[before].value is not None for before in task.required)
@@ -295,8 +303,13 @@ def describe_file(root: Path, name: str, index: files.HashIndex) -> dict[str, An
     return {"name": name, "size": sum(p.stat().st_size for p in parts), "sha256": sha256}
 
 
-def parameters(stage: Stage, settings: Any) -> dict[str, Any]:
-    """Flatten the named fields of plain settings to ``{"sphere.radius": [0.009525, 0.0, "m"]}``."""
+def parameters(stage: Stage, settings: Any, read: Sequence[str] = ()) -> dict[str, Any]:
+    """Flatten the named fields of plain settings to ``{"sphere.radius": [0.009525, 0.0, "m"]}``.
+
+    Of exclusions, a stage that declares them has what is left out of the files that it reads; notes belong to pages.
+    """
+    if stage.output != "page":
+        settings = {name: value for name, value in settings.items() if name != "notes"}
     flat: dict[str, Any] = {}
 
     def flatten(place: str, value: Any) -> None:
@@ -314,6 +327,10 @@ def parameters(stage: Stage, settings: Any) -> dict[str, Any]:
         return node
 
     for dotted in stage.parameters:
+        if dotted == EXCLUDE:
+            own = [one for one in settings.get(EXCLUDE, ()) if one["file"] in read]
+            flat[dotted] = [[one["file"], one["readings"], one["frames"]] for one in own]
+            continue
         flatten(*("", settings) if dotted == "*" else (dotted, field(settings, dotted.split("."))))
     return flat
 

@@ -238,7 +238,8 @@ class _SessionRun:
         size = dict.fromkeys(needs, 0)
         for row in plan.to_run:
             task = plan.tasks[row.task]
-            needs[row.experiment] |= ({other.experiment for other in task.before} - {row.experiment}) & needs.keys()
+            others = {other.experiment for other in task.before} | {plan.session.experiments[row.experiment].base}
+            needs[row.experiment] |= (others - {row.experiment}) & needs.keys()  # a variant takes results of its base
             found = (entry for each in plan.keys[row.task].ingredients["inputs"] for entry in each.get("files", ()))
             size[row.experiment] += sum(entry["size"] for entry in found)
         # Those with most to read, with what waits for them, run first, so that all workers end together; the bytes

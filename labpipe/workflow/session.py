@@ -3,11 +3,15 @@
 Versions of the file, newest first:
 
 1. ``[session]`` with title, operator, notes, synthetic; ``[defaults.KIND]``; ``[experiments.NAME]``
-   with ``kind`` and the fields of that kind.
+   with ``kind`` and the fields of that kind; ``[variants.NAME]`` with ``base``, an experiment, and the fields that
+   differ from it; ``laboratory``, the name of the laboratory's file in a folder above, which has ``[defaults.KIND]``
+   and parts, ``[SETTING.NAME]`` such as ``[sphere.A3]``, that sessions refer to by name, ``sphere = "A3"``, or
+   change, ``sphere = { from = "A3", mass = "506 g" }``.
 """
 
+import itertools
 import unicodedata
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +21,11 @@ import msgspec
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
 from labpipe.notebook import Shown, ShownAsTable
-from labpipe.workflow.config import Checker
-from labpipe.workflow.document import Document, Place, children, dotted, nodes, parse
-from labpipe.workflow.fields import REFERENCE, found, suggest
+from labpipe.units import Quantity
+from labpipe.workflow.config import NAME, Checker
+from labpipe.workflow.document import LABORATORY, Document, Place, children, dotted, nodes, parse
+from labpipe.workflow.exclusions import EXCLUDE, without_excluded
+from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, found, options_of, show, suggest
 
 VERSION = 1
 """Version of the layout of ``session.toml`` that this program reads."""
@@ -27,24 +33,32 @@ FILE_NAME = "session.toml"
 
 _MOST_NAMES = 4
 """Names of files shown of one experiment."""
-_TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
+_TOP_LEVEL = {"labpipe", "laboratory", "session", "defaults", "experiments", "variants"}
 _LONGEST_NAME = 200
 """Bytes in the name of an experiment; endings are added to it to make file names."""
 
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """One experiment: its name, its kind, its typed settings, and the lines of its fields."""
+    """One experiment: its name, its kind, its typed settings, and the lines of its fields.
+
+    ``base`` is the experiment that a variant belongs to, and ``changed`` its settings that differ from those of the
+    base, each with both values; ``overrides`` are those that differ from the laboratory's file.
+    """
 
     name: str
     kind: str
     settings: msgspec.Struct
     lines: Mapping[str, int]
+    base: str = ""
+    changed: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    overrides: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     @property
     def refers_to(self) -> tuple[str, ...]:
         """Names of the experiments that its settings name, as one has its material from another."""
         texts = (node for node in nodes(msgspec.to_builtins(self.settings)) if isinstance(node, str))
+        texts = itertools.chain([REFERENCE + self.base] if self.base else [], texts)
         return tuple(dict.fromkeys(text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE)))
 
 
@@ -63,6 +77,15 @@ class Session(ShownAsTable):
     synthetic: bool
     experiments: Mapping[str, Experiment]
     waiting: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def variants(self) -> dict[str, Experiment]:
+        """Experiments that have the recordings of another one and other settings."""
+        return {name: one for name, one in self.experiments.items() if one.base}
+
+    def without_variants(self) -> "Session":
+        """Return the session with every recording once, for what counts or gathers experiments."""
+        return replace(self, experiments={n: one for n, one in self.experiments.items() if not one.base})
 
     @property
     def folder(self) -> Path:
@@ -140,23 +163,37 @@ def load(
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
     tables, defaults = _tables(document, "experiments"), _tables(document, "defaults")
+    laboratory = _laboratory(document, root, kinds)
     if not tables and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
-    for kind, table in defaults.items():
-        if kind not in kinds:
-            document.report(("defaults", kind), f"unknown kind{suggest(kind, kinds)}")
+    every = {("defaults", kind): table for kind, table in defaults.items()}
+    every |= {(LABORATORY, "defaults", kind): table for kind, table in laboratory.get("defaults", {}).items()}
+    for place, table in every.items():
+        if place[-1] not in kinds:
+            document.report(place, f"unknown kind{suggest(str(place[-1]), kinds)}")
         else:
-            checker = Checker(document, root, may_wait=may_wait, gaps=[])
-            checker.structure(kinds[kind], table, ("defaults", kind), partial=True)
-    _check_names(document, root, list(tables))
+            checker = Checker(document, root, may_wait=may_wait, gaps=[], laboratory=laboratory.get("folder"))
+            checker.structure(kinds[str(place[-1])], table, place, partial=True)
+    variants = _tables(document, "variants")
+    places = _places(document, tables, variants)
+    _check_names(document, root, places)
     experiments: dict[str, Experiment] = {}
     waiting: dict[str, tuple[str, ...]] = {}
     own_problems: dict[str, int] = {}
-    for name in tables:
+    for name, place in places.items():
         alone = replace(document, problems={})  # the mistakes of an experiment stop it, and no other
         gaps: list[str] = []
-        one = _experiment(alone, root, kinds, defaults, tables, name, may_wait or name in may_lack, gaps)
-        problems = alone.problems | dict.fromkeys(gaps, document.line(("experiments", name)))
+        layers = _layers(alone, kinds, defaults, tables, variants.get(name), place)
+        layers = _with_laboratory(alone, kinds, laboratory, layers) if layers and laboratory else layers
+        waits = may_wait or name in may_lack
+        one = _experiment(alone, root, kinds, layers, places, waits, gaps, laboratory.get("folder")) if layers else None
+        if one is not None and place[0] == "variants":
+            base = experiments.get(variants[name]["base"])
+            changed = {} if base is None else _changed(base.settings, one.settings)
+            one = replace(one, base=variants[name]["base"], changed=changed)
+            if base is not None and not changed:
+                alone.report(place, f"differs in no setting from {base.name}; remove it, or change a setting")
+        problems = alone.problems | dict.fromkeys(gaps, document.line(place))
         if one is not None and not problems:
             experiments[name] = one
         else:
@@ -167,11 +204,11 @@ def load(
     ):
         name, other = blocked
         del experiments[name]
-        waiting[name] = (document.at(("experiments", name), f'refers to "{other}", which waits'),)
+        waiting[name] = (document.at(places[name], f'refers to "{other}", which waits'),)
     if document.problems or not experiments:
         document.problems.update(own_problems)
     document.finish()
-    waiting = {name: waiting[name] for name in tables if name in waiting}
+    waiting = {name: waiting[name] for name in places if name in waiting}
     return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments, waiting)
 
 
@@ -208,12 +245,128 @@ def _tables(document: Document, key: str) -> dict[str, dict[str, Any]]:
     return {name: table for name, table in value.items() if isinstance(table, dict)}
 
 
-def _check_names(document: Document, root: Path, names: Sequence[str]) -> None:
+def _laboratory(document: Document, root: Path, kinds: Mapping[str, type[msgspec.Struct]]) -> dict[str, Any]:
+    """Return the tables of the laboratory's file, with its ``folder``; nothing where the session names none.
+
+    Its lines join those of the session's document, at places that begin with the name of the file.
+    """
+    if (named := document.tree.get("laboratory")) is None:
+        return {}
+    path = root / named if isinstance(named, str) else root
+    if path.name != LABORATORY or path.parent.resolve() not in (root, *root.parents):
+        expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
+        document.report(("laboratory",), f"{expected}, found {found(named)}")
+        return {}
+    if not path.is_file():
+        document.report(("laboratory",), f"there is no file {found(named)}; correct the name, or delete this line")
+        return {}
+    other = parse(path)
+    _check_version(other)
+    document.lines |= {(LABORATORY, *place): line for place, line in other.lines.items()}
+    known = {"defaults"} | {
+        info.encode_name for kind in kinds.values() for info in fields_of(kind) if _table_type(info.type) is not None
+    }
+    tables = {key: _tables(other, key) for key in other.tree if key != "labpipe"}
+    document.problems |= other.problems
+    for key in tables.keys() - known:
+        document.report((LABORATORY, key), f"unknown key{suggest(key, known)}")
+    return tables | {"folder": path.parent.resolve()}
+
+
+def _with_laboratory(
+    document: Document,
+    kinds: Mapping[str, type[msgspec.Struct]],
+    laboratory: Mapping[str, Any],
+    layers: Mapping[Place, dict[str, Any]],
+) -> dict[Place, dict[str, Any]]:
+    """Put below the tables of an experiment those of the laboratory's file, of its kind and of the parts it names."""
+    kind = str(list(layers)[-1][1])
+    made: dict[Place, dict[str, Any]] = {}
+    lowest = {(LABORATORY, "defaults", kind): laboratory.get("defaults", {}).get(kind, {})}
+    for place, table in {**layers, **lowest}.items():
+        own, parts = dict(table), dict[Place, dict[str, Any]]()
+        for info in fields_of(kinds[kind]):
+            key = info.encode_name
+            value = own.get(key)
+            name = value.get("from") if isinstance(value, dict) else value
+            if not isinstance(name, str) or _table_type(info.type) is None:
+                continue
+            if name not in laboratory.get(key, {}):
+                known = laboratory.get(key, {})
+                where = suggest(name, known) or f"; name a table [{key}.NAME] of {LABORATORY}, or write a table"
+                document.report((*place, key), f'there is no {key} "{name}"{where}')
+                return {}
+            own[key] = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
+            parts[LABORATORY, key, name] = {key: laboratory[key][name]}
+        made |= {place: own} | parts
+    return made
+
+
+def _places(document: Document, tables: Mapping[str, Any], variants: Mapping[str, Any]) -> dict[str, Place]:
+    """Return where each experiment is written, and after it its variants."""
+    places: dict[str, Place] = {}
+    for name in tables:
+        places[name] = ("experiments", name)
+        places |= {one: ("variants", one) for one, table in variants.items() if table.get("base") == name}
+    places |= {name: ("variants", name) for name in variants if name not in places}
+    for name in variants.keys() & tables.keys():
+        document.report(("variants", name), "an experiment has this name; give the variant another one")
+    return places
+
+
+def _layers(
+    document: Document,
+    kinds: Mapping[str, type[msgspec.Struct]],
+    defaults: Mapping[str, dict[str, Any]],
+    tables: Mapping[str, dict[str, Any]],
+    variant: dict[str, Any] | None,
+    place: Place,
+) -> dict[Place, dict[str, Any]]:
+    """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is a mistake.
+
+    Without a base it is its own table over the defaults of its kind.
+    """
+    layers, name = dict[Place, dict[str, Any]](), str(place[1])
+    if place[0] == "variants" and variant is not None:
+        base = variant.get("base")
+        if not isinstance(base, str) or base not in tables:
+            problem = "missing" if base is None else f"there is no experiment {found(base)}"
+            document.report((*place, "base"), f"{problem}{suggest(str(base), tables) or '; name an experiment'}")
+            return {}
+        layers[place] = {key: value for key, value in variant.items() if key not in ("base", "kind")}
+        if "kind" in variant:
+            document.report((*place, "kind"), f"a variant is of the kind of its base, {base}; delete this line")
+        name = base
+    layers["experiments", name] = tables[name]
+    kind = tables[name].get("kind")
+    if not isinstance(kind, str) or kind not in kinds:
+        known = ", ".join(sorted(kinds))
+        text = f"unknown kind {found(kind)}{suggest(str(kind), kinds)}"
+        document.report(("experiments", name, "kind"), text if kind is not None else f"missing; known kinds: {known}")
+        return {}
+    return {**layers, ("defaults", kind): defaults.get(kind, {})}
+
+
+def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, str]]:
+    """Return the settings in which two of one kind differ, with both values in words; notes do not count."""
+    old, new = (
+        {
+            place: show(value) if isinstance(value, Quantity) else str(value).removeprefix(REFERENCE)
+            for place, value, _ in every_setting(settings)
+            if not (isinstance(value, msgspec.Struct | list | None) or place.startswith("notes"))
+        }
+        for settings in (base, own)
+    )
+    places = (place for place in dict.fromkeys((*new, *old)) if old.get(place) != new.get(place))
+    return {place: (old.get(place, "none"), new.get(place, "none")) for place in places}
+
+
+def _check_names(document: Document, root: Path, places: Mapping[str, Place]) -> None:
     """Report names of experiments that cannot be names of files, or that a disk may take for one."""
     alike: dict[str, list[str]] = {}
-    for name in names:  # two names that a Macintosh or Windows disk keeps in one file are one
+    for name in places:  # two names that a Macintosh or Windows disk keeps in one file are one
         alike.setdefault(unicodedata.normalize("NFC", name).casefold(), []).append(name)
-    for name in names:
+    for name in places:
         problem = "it begins with a full stop" if name.startswith(".") else ""
         problem = "it contains /" if "/" in name else problem
         try:
@@ -223,46 +376,71 @@ def _check_names(document: Document, root: Path, names: Sequence[str]) -> None:
         if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
             problem = f"it is longer than {_LONGEST_NAME} bytes"
         if problem:
-            document.report(("experiments", name), f"cannot be the name of an experiment: {problem}")
+            document.report(places[name], f"cannot be the name of an experiment: {problem}")
     for twins in alike.values():
         for name in twins if len(twins) > 1 else ():
             other = next(twin for twin in twins if twin != name)
-            document.report(("experiments", name), f'differs from "{other}" only in case; rename one')
+            document.report(places[name], f'differs from "{other}" only in case; rename one')
 
 
 def _experiment(
     document: Document,
     root: Path,
     kinds: Mapping[str, type[msgspec.Struct]],
-    defaults: Mapping[str, dict[str, Any]],
-    tables: Mapping[str, dict[str, Any]],
-    name: str,
+    layers: Mapping[Place, dict[str, Any]],
+    names: Collection[str],
     may_wait: bool,
     gaps: list[str],
+    laboratory: Path | None,
 ) -> Experiment | None:
-    """Lay the table of an experiment over the defaults of its kind and convert it; report mistakes and gaps."""
-    place = ("experiments", name)
-    kind = tables[name].get("kind")
-    if not isinstance(kind, str) or kind not in kinds:
-        known = ", ".join(sorted(kinds))
-        text = (
-            f"unknown kind {found(kind)}{suggest(str(kind), kinds)}"
-            if kind is not None
-            else f"missing; known kinds: {known}"
-        )
-        document.report((*place, "kind"), text)
-        return None
+    """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps."""
+    place, *below = layers
+    kind = str(below[-1][-1])  # the defaults of its kind are the lowest
     has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(kinds[kind]))
-    own = {key: value for key, value in tables[name].items() if key != "kind" or has_field}
-    checker = Checker(document, root, ("defaults", kind), may_wait, gaps)
-    merged = _overlaid(own, defaults.get(kind, {}))
+    tops = {low: (*place, low[1]) if low[0] == LABORATORY and low[1] != "defaults" else place for low in below}
+    checker = Checker(document, root, tuple((top, low) for low, top in tops.items()), may_wait, gaps, laboratory)
+    merged: dict[str, Any] = {}
+    for table in layers.values():
+        merged = _overlaid(merged, table, kinds[kind])
+    name = next(str(low[1]) for low in layers if low[0] == "experiments")
+    merged = {key: _named(value, name) for key, value in merged.items() if key != "kind" or has_field}
     settings = checker.structure(kinds[kind], merged, place)
+    try:
+        settings = without_excluded(settings) if isinstance(settings, msgspec.Struct) else settings
+    except InputError as error:
+        settings = checker.report((*place, EXCLUDE, int(error.reason)), str(error))
     is_whole = isinstance(settings, msgspec.Struct)
+    name = str(place[1])
     # Without typed settings, the texts that carry the prefix can still be checked.
-    _check_references(checker, name, tables, msgspec.to_builtins(settings) if is_whole else merged, place)
-    parts = {at[2:] for at in document.lines if at[:2] in (place, checker.defaults)}
-    lines = {dotted(part): document.line(checker.written((*place, *part))) for part in parts}
-    return Experiment(name, kind, settings, lines) if is_whole else None
+    _check_references(checker, name, names, msgspec.to_builtins(settings) if is_whole else merged, place)
+    tops[place] = place
+    ends = {(*top, *at[len(low) :]) for low, top in tops.items() for at in document.lines if at[: len(low)] == low}
+    # a value of the laboratory's file belongs to the line that refers to it
+    lines = {
+        dotted(at[2:]): document.line(at if checker.written(at)[:1] == (LABORATORY,) else checker.written(at))
+        for at in ends
+    }
+    return Experiment(name, kind, settings, lines, overrides=_overrides(checker, layers, place)) if is_whole else None
+
+
+def _overrides(checker: Checker, layers: Mapping[Place, dict[str, Any]], place: Place) -> dict[str, tuple[str, str]]:
+    """Return the values of the laboratory's file that the session states otherwise, each with both, as written."""
+    found: dict[str, tuple[str, str]] = {}
+
+    def values(node: Any, at: Place) -> Iterator[tuple[Place, Any]]:
+        for key, child in children(node):
+            yield from values(child, (*at, key)) if isinstance(child, dict) else [((*at, key), child)]
+
+    for low, table in layers.items():
+        for at, value in values(table, place) if low[0] == LABORATORY else ():
+            written = checker.written(at)
+            if written[0] != LABORATORY:
+                own: Any = checker.document.tree
+                for key in written:
+                    own = own[key]
+                if own != value and not isinstance(own, list):
+                    found.setdefault(dotted(at[2:]), (str(value), str(own)))
+    return found
 
 
 def _check_references(checker: Checker, name: str, names: Collection[str], node: Any, place: Place) -> None:
@@ -277,9 +455,32 @@ def _check_references(checker: Checker, name: str, names: Collection[str], node:
         _check_references(checker, name, names, child, (*place, key))
 
 
-def _overlaid(own: Any, below: Any) -> Any:
-    """Lay a table over another one, and so the tables within."""
+def _overlaid(own: Any, below: Any, kind: Any = None) -> Any:
+    """Lay a table over another one, and so the tables within.
+
+    Of settings that exclude each other, ``alternatives`` of their structure, those of the upper table count.
+    """
     if not (isinstance(own, dict) and isinstance(below, dict)):
         return own
-    upper = {key: _overlaid(value, below[key]) if key in below else value for key, value in own.items()}
-    return upper | {key: value for key, value in below.items() if key not in own}
+    types = {info.encode_name: info.type for info in fields_of(kind)} if kind is not None else {}
+    upper = {
+        key: _overlaid(value, below[key], _table_type(types.get(key))) if key in below else value
+        for key, value in own.items()
+    }
+    hidden = {key for group in getattr(kind, "alternatives", ()) if own.keys() & set(group) for key in group}
+    return upper | {key: value for key, value in below.items() if key not in own and key not in hidden}
+
+
+def _named(node: Any, name: str) -> Any:
+    """Put the name of an experiment into the texts of its settings that leave a place for it."""
+    if isinstance(node, str):
+        return node.replace(NAME, name)
+    if isinstance(node, dict):
+        return {key: _named(child, name) for key, child in node.items()}
+    return [_named(child, name) for child in node] if isinstance(node, list) else node
+
+
+def _table_type(declared: Any) -> type[msgspec.Struct] | None:
+    """Return the structure of a field that is a table."""
+    options = [bare for bare, _ in options_of(declared)]
+    return next((one for one in options if isinstance(one, type) and issubclass(one, msgspec.Struct)), None)

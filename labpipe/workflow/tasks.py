@@ -103,7 +103,11 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
             raise InputError(f'no stages are known for the kind "{experiment.kind}"')
         if experiment.kind not in plans:
             plans[experiment.kind] = graph.ordered(stages[experiment.kind], type(experiment.settings))
-    needs = {e.name: references(e, plans[e.kind]) for e in session.experiments.values()}
+    # a variant follows its base, which computes what both share
+    needs = {
+        e.name: references(e, plans[e.kind]) | ({e.base: "base"} if e.base else {})
+        for e in session.experiments.values()
+    }
     try:
         names = list(graphlib.TopologicalSorter(needs).static_order())
     except graphlib.CycleError as error:

@@ -139,8 +139,12 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
         kept = f"  (earlier code: {', '.join(row.kept)})" if row.kept else ""
         where = f"{row.experiment:24} {row.condition:14} {row.quantity:32} n={row.n:<4}"
         lines.append(f"{where} {comparison_text(row)}{kept}")
+    for one in found.variants:
+        lines.append(f"{one.name}, variant of {one.base}: {one.changes}")
+        lines += [f"  {old.quantity:32} {comparison_text(old):46} | {comparison_text(new)}" for old, new in one.rows]
     document: dict[str, Any] = {"page": str(found.page), "rows": [row.document() for row in found.rows]}
     document |= {"experiments": list(found.experiments), "failed": found.failed, "absent": found.absent}
+    document["variants"] = [one.document() for one in found.variants]
     emit(as_json, document, [*lines, f"page: {found.page}"])
     click.get_current_context().exit(1 if found.failed else 0)
 

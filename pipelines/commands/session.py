@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labpipe.errors import LabpipeError, StorageError
+from labpipe.workflow.exclusions import exclusions
 from pipelines.cli import as_document as error_document, printable, report_error
 from pipelines.commands.options import (
     FOLDER,
@@ -27,6 +28,7 @@ from pipelines.session import PAGE
 if TYPE_CHECKING:
     from labpipe.workflow.plan import Row
     from labpipe.workflow.run_result import RunResult
+    from labpipe.workflow.session import Session
     from pipelines.session import Gap, Verdicts
 
 _STATE_WIDTH = 10
@@ -132,10 +134,20 @@ def plan(session: Path, as_json: bool, **options: Any) -> None:
     rows = [{n: getattr(row, n) for n in names} for row in made.rows]
     lines = [f"{made.summary}", *_waiting(waiting)]
     lines += [f"counted as exact, since stated without ±: {v} ({', '.join(stating)})" for v, stating in exact.items()]
+    left_out = excluded_in(made.session)
     for experiment, own in itertools.groupby(made.rows, key=lambda row: row.experiment):
         lines += ["", f"{experiment} ({made.session.experiments[experiment].kind})", *_steps(list(own))]
-    document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate}
+        lines += [f"  excluded  {text}" for text in left_out.get(experiment, ())]
+        changes = made.session.experiments[experiment].overrides.items()
+        lines += [f"  laboratory.toml has {name} = {old}, the session {new}" for name, (old, new) in changes]
+    document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate, "excluded": left_out}
     emit(as_json, document | {"waiting": waiting, "exact": exact}, lines)
+
+
+def excluded_in(session: "Session") -> dict[str, list[str]]:
+    """Return the exclusions of every experiment that has any, in words."""
+    found = {name: [str(one) for one in exclusions(e.settings)] for name, e in session.experiments.items()}
+    return {name: texts for name, texts in found.items() if texts}
 
 
 def _waiting(waiting: Mapping[str, Sequence[str]]) -> Iterator[str]:
@@ -216,6 +228,7 @@ def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verd
         "findings": [] if judged is None else judged.notes_document(),
         "reports": {name: str(path) for name, path in outcome.reports.items()},
         "waiting": outcome.session.waiting,
+        "excluded": excluded_in(outcome.session),
         "exit_code": outcome.exit_code or int(is_doubtful),
     }
 
@@ -228,6 +241,7 @@ def summary(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = Non
     yield f"steps: {outcome.summary}"
     for o in outcome.failures:
         click.echo(f"failed: {o.task}: {o.message}", err=True)
+    left_out = excluded_in(outcome.session)
     for one in () if judged is None else judged.experiments:
         if one.state == "waiting":  # its lines follow below, with those that nobody judged
             continue
@@ -236,6 +250,9 @@ def summary(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = Non
         said = "; ".join(grave[:_SHOWN]) + more
         model = f", model: {one.model}" if one.model != "none" else ""
         yield f"{one.experiment}: believable: {one.believable}{model}{said and f' ({said})'}"
+        if (known := outcome.session.variants.get(one.experiment)) is not None:
+            yield f"  variant of {known.base}: {', '.join(known.changed)}"
+        yield from (f"  excluded: {text}" for text in left_out.get(one.experiment, ()))
         # the cause of a note is on the page
         if likely := one.cause if said else next(iter(one.suspects), ""):
             yield f"  likely: {likely}"
@@ -245,6 +262,26 @@ def summary(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = Non
     yield from (f"report: {path}" for path in outcome.reports.values())
     if (overview := outcome.session.folder / PAGE).is_file():
         yield f"all experiments: {overview}"
+
+
+@click.command()
+@session_argument
+@click.argument("experiment")
+@click.argument("text")
+@click.option("--who", default="", help="Whose note it is; default: the operator of the session.")
+@json_option
+def note(session: Path, experiment: str, text: str, who: str, as_json: bool) -> None:
+    r"""Append a note with the day of today to EXPERIMENT in session.toml; its page shows it.
+
+    \b
+    Example:
+      labpipe note my-session acrylic_7mm "sphere cleaned with ethanol"
+    """
+    from pipelines.session import note as verb
+
+    made = verb(session, experiment, text, who=who)
+    document = {"experiment": experiment, "on": str(made.on), "who": made.who, "text": made.text}
+    emit(as_json, document, [f"noted on {made.on}; its page shows it after: labpipe process {session}"])
 
 
 @click.command()

@@ -95,7 +95,7 @@ def referred(text: str) -> str:
 
 def matching(session: Session | None, need: Need) -> dict[str, Experiment]:
     """Return the experiments of a session that fit, in the session's order."""
-    experiments = {} if session is None else session.experiments
+    experiments = {} if session is None else session.without_variants().experiments
     return {name: e for name, e in experiments.items() if e.kind == need.kind and _fits(need, name, e.settings)}
 
 

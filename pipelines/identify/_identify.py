@@ -103,7 +103,7 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
         raise UsageError(f"{', '.join(unable)} cannot identify a material; the kinds that can are {kinds}")
     if not able:
         raise UsageError(f"the session holds no experiment of the kinds {', '.join(telling)}")
-    return [n for n in able if not wanted or n in wanted]
+    return [n for n in able if n in (wanted or session.without_variants().experiments)]
 
 
 def _identified(

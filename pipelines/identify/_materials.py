@@ -65,7 +65,7 @@ def prior_of(session: Session, wanted: str, experiments: list[Experiment]) -> Ex
     if wanted not in kinds:
         known = ", ".join(able) or "none"
         raise UsageError(f'there is no rheometer experiment "{wanted}"; known are: {known}')
-    able = [n for n in able if session.experiments[n].kind == wanted]
+    able = [n for n in able if session.experiments[n].kind == wanted and not session.experiments[n].base]
     choices = [choice(e) for e in experiments]
     named = {c.material_from.removeprefix(REFERENCE) for c in choices if c.material_from}
     alike = [n for n in able for c in choices[:1] if c.material and n.startswith(c.material)]

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         library_names as library_names,
     )
     from pipelines.session._inspection import Inspected as Inspected, describe as describe, inspect as inspect
+    from pipelines.session._notes import note as note, with_note as with_note
     from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
     from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
     from pipelines.session._processing import (

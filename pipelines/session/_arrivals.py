@@ -11,6 +11,7 @@ from typing import Any
 
 from labpipe.errors import LabpipeError
 from labpipe.workflow.document import parse
+from labpipe.workflow.exclusions import concerning, files_of
 from labpipe.workflow.graph import FILE
 from labpipe.workflow.session import Experiment
 from labpipe.workflow.tasks import field_value
@@ -35,7 +36,9 @@ def missing_part(experiment: Experiment, path: Path) -> str | None:
                 parse(path)
                 return None
             reader = _own_reader(experiment, path)
-            found: Any = reader(path, settings=experiment.settings) if reader else instruments.read(path)
+            name = next((name for _, name in files_of(experiment.settings) if path.as_posix().endswith(f"/{name}")), "")
+            settings = concerning(experiment.settings, [name])
+            found: Any = reader(path, settings=settings) if reader else instruments.read(path)
     except LabpipeError as error:
         return str(error)
     if isinstance(found, xr.Dataset):

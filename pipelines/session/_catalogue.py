@@ -270,7 +270,7 @@ def _add(new: dict[str, list[dict[str, Any]]], units: dict[str, str], name: str,
     """Add the experiments of a session and their short results."""
     session, results = plan.session, Results(plan)
     verdicts = stored_verdicts(results)
-    for experiment in session.experiments.values():
+    for experiment in session.without_variants().experiments.values():
         rows = [row for row in plan.rows if row.experiment == experiment.name]
         waiting = sum(row.state not in READY for row in rows)
         kept = sum(row.state == KEPT for row in rows)

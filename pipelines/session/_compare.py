@@ -17,7 +17,7 @@ from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements import compared
 from pipelines.session._compare_page import render
-from pipelines.session._comparison import Comparison, labelled
+from pipelines.session._comparison import Comparison, labelled, side_by_side
 from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._processing import process
 from pipelines.session._results import STAGES, derive, needed, opened, reopen_session
@@ -97,7 +97,8 @@ def compare(
         for name in judged
         if name not in failed
     ]
-    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
+    page = session.folder / COMPARISON_PAGE
+    found = Comparison(tuple(rows), failed, absent, page, tuple(whole), side_by_side(session, rows))
     files.write_text(found.page, render(session, found))
     write_overview(session, STAGES)
     return found

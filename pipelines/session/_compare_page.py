@@ -1,6 +1,7 @@
 """The page of all comparisons of a session."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from labpipe.judging import LIKELY
@@ -22,7 +23,7 @@ from labpipe.workflow.session import Session
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements import probability
 from pipelines.experiments.shared.pages import session_document, synthetic_notice
-from pipelines.session._comparison import Comparison
+from pipelines.session._comparison import Comparison, SideBySide, comparison_text
 from pipelines.session._verdict_notices import agreement
 
 GOOD = 0.03
@@ -35,8 +36,25 @@ _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 
 def render(session: Session, found: Comparison) -> str:
     """Return the page as HTML text."""
-    sections = [Section("Answer", (*_summary(found), *synthetic_notice(session))), *parts(found)]
+    once = replace(
+        found,
+        rows=tuple(row for row in found.rows if row.experiment not in session.variants),
+        experiments=tuple(one for one in found.experiments if one["experiment"] not in session.variants),
+    )
+    variants = [Section(f"{one.name}, variant of {one.base}", beside_base(one)) for one in found.variants]
+    sections = [Section("Answer", (*_summary(once), *synthetic_notice(session))), *variants, *parts(once)]
     return session_document(session, "Measurement against model", sections)
+
+
+def beside_base(one: SideBySide) -> tuple[Block, ...]:
+    """Show a variant next to its base: the settings that differ, and every comparison of both."""
+    settings = [(name, *values) for name, values in one.changed.items()]
+    blocks: list[Block] = [Table(tuple(map(Column, ("setting", one.base, one.name))), settings)]
+    rows = [(what(old), comparison_text(old), comparison_text(new)) for old, new in one.rows]
+    if rows:
+        caption = "Measured against expected; what the settings do not touch is equal on both sides."
+        blocks.append(Table(tuple(map(Column, ("quantity", one.base, one.name))), rows, caption=caption))
+    return tuple(blocks)
 
 
 def parts(found: Comparison) -> list[Section]:

@@ -1,11 +1,13 @@
 """Comparisons of measurement and model over a session: the rows of its experiments, named and labelled."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from labpipe.errors import LabpipeError
 from labpipe.notebook import Shown, ShownAsTable
+from labpipe.workflow.context import settings_in_words
 from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.graph import OTHER
 from labpipe.workflow.results import Results
@@ -21,7 +23,7 @@ class Comparison(ShownAsTable):
     """All rows of a session, and the experiments that failed or compare nothing, with reasons.
 
     ``page`` is the HTML file. ``experiments`` holds, for each that is judged as a whole, its chi
-    square, and the smallest error of each input that it would have shown.
+    square, and the smallest error of each input that it would have shown; ``variants`` each variant and its base.
     """
 
     rows: tuple[Row, ...]
@@ -29,12 +31,45 @@ class Comparison(ShownAsTable):
     absent: dict[str, str]
     page: Path
     experiments: tuple[dict[str, Any], ...] = ()
+    variants: tuple["SideBySide", ...] = ()
 
     def _shown(self) -> Shown:
         rows = [(r.experiment, r.condition, r.quantity, comparison_text(r)) for r in self.rows]
         rows += [(name, "", why, "") for name, why in (self.failed | self.absent).items()]
         titles = ("experiment", "condition", "quantity", "measured against model")
         return Shown(f"{len(self.rows)} comparisons, {self.page}", titles, rows)
+
+
+@dataclass(frozen=True, slots=True)
+class SideBySide:
+    """A variant and its base: the settings that differ, each with both values, and their rows in pairs, base first."""
+
+    name: str
+    base: str
+    changed: Mapping[str, tuple[str, str]]
+    rows: tuple[tuple[Row, Row], ...]
+
+    @property
+    def changes(self) -> str:
+        """The settings that differ, in words."""
+        return settings_in_words(self.changed)
+
+    def document(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        rows = [{"base": old.document(), "variant": new.document()} for old, new in self.rows]
+        return {"name": self.name, "base": self.base, "changed": dict(self.changed), "rows": rows}
+
+
+def side_by_side(session: Session, rows: Iterable[Row]) -> tuple[SideBySide, ...]:
+    """Pair the rows of every variant of a session with those of its base that compare the same."""
+    by_name: dict[str, dict[tuple[str, str, str], Row]] = {}
+    for row in rows:
+        by_name.setdefault(row.experiment, {})[row.quantity, row.unit, row.against] = row
+    found = []
+    for name, one in session.variants.items():
+        own, others = by_name.get(name, {}), by_name.get(one.base, {})
+        found.append(SideBySide(name, one.base, one.changed, tuple((others[k], own[k]) for k in others if k in own)))
+    return tuple(found)
 
 
 def comparison_text(row: Row) -> str:

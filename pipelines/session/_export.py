@@ -14,6 +14,7 @@ from labpipe import files
 from labpipe.errors import InputError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.variables import described, variable
+from labpipe.workflow.exclusions import exclusions
 from labpipe.workflow.plan import READY, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
@@ -214,6 +215,8 @@ def _export_results(results: Results, stages: Sequence[str], experiments: Sequen
         remarks = {"experiment": row.experiment, "stage": row.stage}
         remarks |= {"recording": row.recording} if row.recording else {}
         remarks |= {"title": session.title} | ({"synthetic": _SYNTHETIC} if session.synthetic else {})
+        settings = session.experiments[row.experiment].settings
+        remarks |= {"excluded": text} if (text := "; ".join(map(str, exclusions(settings)))) else {}
         remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
         if writer.format == "nc":
             dataset = dataset.assign(quality_flag=_flag(verdicts.get(row.experiment)))
@@ -257,6 +260,11 @@ def _export_table(results: Results, experiments: Sequence[str], writer: _Writer)
     writer.left_out = writer.left_out or [f"{name}: no quantity is up to date" for name in absent]
     remarks = {"title": session.title} | ({"synthetic": _SYNTHETIC} if session.synthetic else {})
     remarks |= {"units": "SI; u is a standard uncertainty (k = 1)", "program": json.dumps(program(), sort_keys=True)}
+    for name in sorted(named):
+        settings = session.experiments[name].settings
+        notes = [f"{one.on} {one.who}: {one.text}" for one in getattr(settings, "notes", ())]
+        for title, texts in (("excluded", list(map(str, exclusions(settings)))), ("notes", notes)):
+            remarks |= {f"{name}, {title}": "; ".join(texts)} if texts else {}
     if writer.format == "xlsx":
         writer.write("quantities.xlsx", summary.xlsx_bytes(found, remarks))
     else:

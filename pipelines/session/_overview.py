@@ -1,7 +1,7 @@
 """The page of a whole session: every experiment with its state, key numbers and a small picture."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -41,8 +41,6 @@ _ERROR = (
 )
 
 _BY_ITSELF = "By what it records alone: "
-_Read = Callable[[str], "xr.Dataset | None"]
-"""Returns the result of a stage of an experiment, for its first recording; each is read once."""
 
 
 def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -> Path:
@@ -130,7 +128,9 @@ def _answer(session: Session, verdicts: Mapping[str, Verdict]) -> "Iterator[Noti
 
     if not verdicts:
         return
-    yield belief(verdicts, session.experiments, session.waiting)
+    experiments = session.without_variants().experiments  # a record counts once
+    verdicts = {name: one for name, one in verdicts.items() if name not in session.variants}
+    yield belief(verdicts, experiments, session.waiting)
     if said := agreement({name: one.model for name, one in verdicts.items()}):
         yield said
     bad = [name for name, one in verdicts.items() if one.believable != "yes" or one.model == "differs"]
@@ -201,7 +201,9 @@ def _row(
     has_page = (plan.session.folder / page_name(name)).is_file()
     waiting = [row for row in rows if row.state not in READY]
     kept = [row for row in rows if row.state == KEPT]
-    kind = experiments.KINDS[plan.session.experiments[name].kind].title
+    experiment = plan.session.experiments[name]
+    kind = experiments.KINDS[experiment.kind].title
+    variant = f"variant of {experiment.base}" if experiment.base else ""
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
     judged, colour = _judged(verdict)
     state, level = judged, colour
@@ -225,7 +227,7 @@ def _row(
         href=page_name(name) if has_page else "",
         metrics=tuple(cells),
         thumbnail=picture,
-        remark="; ".join(text for text in ("" if kind == heading else kind, unreadable) if text),
+        remark="; ".join(text for text in ("" if kind == heading else kind, variant, unreadable) if text),
     )
 
 

@@ -188,8 +188,13 @@ def processed_for(folder: str | Path, wanted: Iterable[tuple[Experiment, Derived
 def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes: bool = False) -> None:
     """Keep the verdicts on experiments that failed, and write the page of the session.
 
-    Where processes have worked, one more of them writes it, which has NumPy loaded.
+    Where processes have worked, one more of them writes it, which has NumPy loaded. Variants get a page of their own
+    beside their base.
     """
+    if session.variants:
+        from pipelines.session._together import write_variants
+
+        write_variants(session, {o.experiment for o in done.outcomes if o.state == "done"})
     from labpipe.workflow.engines import Call, Died, elsewhere
 
     if done.failures:

@@ -131,7 +131,8 @@ def sensitivity(folder: str | Path, which: str | None = None) -> Sensitivity:
     """
     session = reopen_session(folder)
     budgets = {name: kind.budget for name, kind in KINDS.items() if kind.budget is not None}
-    chosen = [e for n, e in session.experiments.items() if e.kind in budgets and which in (None, n, e.kind)]
+    able = (e for e in session.experiments.values() if e.kind in budgets)
+    chosen = [e for e in able if which == e.name or (which in (None, e.kind) and not e.base)]
     if not chosen:
         known = ", ".join(budgets)
         raise UsageError(f'nothing to examine for "{which or "this session"}"; kinds with budgets: {known}')

@@ -6,6 +6,7 @@ laboratory gave its files. None opens a recording: digests are those of the run.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import POSITIVE, FileMark, Range, every_setting, mark, options_of
+from labpipe.workflow.exclusions import exclusions, files_of
+from labpipe.workflow.fields import POSITIVE, Range, every_setting, mark, options_of
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.experiments.shared.exact_values import exact_values
@@ -62,6 +64,7 @@ class Named:
 
 def session_findings(session: Session) -> dict[str, list[Finding]]:
     """Check a session as a whole; return findings, with file and setting, by the experiment that they concern."""
+    session = session.without_variants()
     found: dict[str, list[Finding]] = {}
     for check in _CHECKS:
         for owner, one in check(session):
@@ -74,7 +77,7 @@ def named_files(session: Session) -> list[Named]:
     return [
         Named(e.name, e.kind, setting, name, session.root / name)
         for e in session.experiments.values()
-        for setting, name in _files(e.settings)
+        for setting, name in files_of(e.settings)
     ]
 
 
@@ -107,8 +110,11 @@ def unused_files(session: Session) -> list[Finding]:
         return []
     index = Store(session.folder).index
     named = [one for one in named_files(session) if one.path.exists()]
+    # a recording that is excluded is known, and serves nothing
+    settings = [e.settings for e in session.experiments.values()]
+    left_out = {(session.root / one.file).resolve() for each in settings for one in exclusions(each)}
     groups: dict[tuple[str, str], list[str]] = {}
-    for name, title in recognised_below(session.root, {n.path.resolve() for n in named}):
+    for name, title in recognised_below(session.root, {n.path.resolve() for n in named} | left_out):
         groups.setdefault((title, Path(name).parent.as_posix()), []).append(name)
     found = []
     for (title, _), names in groups.items():
@@ -144,12 +150,6 @@ def _finding(
     from labpipe.judging import Finding
 
     return Finding(check, level, text, cause, file, None, setting)
-
-
-def _files(settings: Any) -> Iterator[tuple[str, str]]:
-    for place, value, kind in every_setting(settings):
-        if isinstance(value, str) and any(mark(marks, FileMark) for _, marks in options_of(kind)):
-            yield place, value
 
 
 def _field(setting: str) -> str:
@@ -204,7 +204,8 @@ def _records(session: Session) -> _Owned:
     check, users = "calibration record", dict[str, list[str]]()
     for named in named_files(session):
         if named.path.suffix == CONFIGURATION:
-            users.setdefault(named.path.resolve().relative_to(session.root).as_posix(), []).append(named.experiment)
+            name = Path(os.path.relpath(named.path.resolve(), session.root)).as_posix()  # or that of the laboratory
+            users.setdefault(name, []).append(named.experiment)
     records = {name: record for name in users if (record := _record(session.root / name)) is not None}
     for name, record in records.items():
         if record.when > record.valid_until:
@@ -344,7 +345,7 @@ def _material_names(session: Session) -> _Owned:
         stated = [(s, v) for s, v in settings if v in known]
         tables = sorted({s.rpartition(".")[0] for s, v in settings if "[" in s and isinstance(v, str)})
         groups: dict[str, list[tuple[str, str]]] = {}
-        for place, name in (("", e.name), *_files(e.settings)):
+        for place, name in (("", e.name), *files_of(e.settings)):
             table = next((t for t in tables if place.startswith(f"{t}.")), "")
             groups.setdefault(table, []).append((place, name))
         for table, named in groups.items():

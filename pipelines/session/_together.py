@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -12,11 +14,12 @@ from labpipe.errors import InputError, UsageError
 from labpipe.report import SURE, Block, Column, Link, Notice, Paragraph, Section, Table, display_unit
 from labpipe.workflow.plan import page_name
 from labpipe.workflow.results import Results
+from labpipe.workflow.session import Session
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import session_document, synthetic_notice
-from pipelines.session._compare_page import parts, what
-from pipelines.session._comparison import Comparison, compared
+from pipelines.session._compare_page import beside_base, parts, what
+from pipelines.session._comparison import Comparison, compared, side_by_side
 from pipelines.session._overview import AND, BESIDE, PAGE, write_overview
 from pipelines.session._results import STAGES, opened
 from pipelines.session._verdict_notices import each
@@ -62,7 +65,13 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
         if own is None and name not in verdicts:
             raise InputError(f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}")
     own, others = rows[first] or [], rows[second] or []
-    said, *difference = _difference(own, others, first, second)
+    pair = next((n for n in ((first, second), (second, first)) if session.experiments[n[1]].base == n[0]), None)
+    if pair is not None:
+        (one,) = side_by_side(replace(session, experiments={pair[1]: session.experiments[pair[1]]}), (*own, *others))
+        said = Notice("info", f"{one.name} is a variant of {one.base}: {one.changes}.")
+        difference: Sequence[Block] = beside_base(one)
+    else:
+        said, *difference = _difference(own, others, first, second)
     found = Comparison((*own, *others), {}, {}, session.folder / PAGE)
     names = (first, second)
     answer = (*_verdicts(names, verdicts, found.rows), said, *_chart(results, names))
@@ -76,14 +85,23 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
         Section("Difference", (*difference, *links, *synthetic_notice(session))),
         *parts(found),
     ]
-    path = session.folder / f"{BESIDE}{_safe(first)}{AND}{_safe(second)}.html"
+    path = _page(session, first, second)
     files.write_text(path, session_document(session, f"{first} beside {second}", sections))
     write_overview(session, STAGES)
     return path
 
 
-def _safe(name: str) -> str:
-    return re.sub(r"[^\w.-]+", "_", name)
+def write_variants(session: Session, done: Collection[str]) -> None:
+    """Write the page of each variant beside its base, of which something was computed and all is up to date."""
+    for name, one in session.variants.items():
+        if {name, one.base} & set(done) or not _page(session, one.base, name).is_file():
+            with contextlib.suppress(InputError):  # the page of the one that failed says why
+                beside(session.root, one.base, name)
+
+
+def _page(session: Session, first: str, second: str) -> Path:
+    names = (re.sub(r"[^\w.-]+", "_", name) for name in (first, second))
+    return session.folder / f"{BESIDE}{AND.join(names)}.html"
 
 
 def _verdicts(names: Sequence[str], verdicts: Mapping[str, Verdict], rows: Iterable[Row]) -> Iterator[Block]:

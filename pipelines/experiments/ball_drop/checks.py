@@ -14,6 +14,7 @@ from labpipe.judging import SLIPS, Cause, Check, explain, in_words, not_made, to
 from labpipe.materials import load
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from labpipe.workflow.exclusions import exclusions
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import fall_checks, judgements, record_checks
@@ -133,6 +134,9 @@ def _of_fall(
         fall_checks.rest_level(fall, sag),
         fall_checks.direction(fall, _OTHER_WAY, setting="sensor.direction"),
     ]
+    if exclusions(settings, [fall.name]):
+        cause = "the excluded readings hide an impact, so that those after it are counted wrong: exclude the recording"
+        checks = judgements.because(checks, cause, "durations of the flights", file=fall.name)
     blamed = {record_checks.SINGLE_ROWS: {c.name for c in checks}, record_checks.SMOOTHED: _SMEARED}
     for wrong in of_traces:
         if wrong.level and wrong.file == fall.name and wrong.name in blamed:

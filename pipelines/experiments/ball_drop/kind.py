@@ -20,7 +20,7 @@ _REPEATS = Schema(
 _each = partial(stage, per="recording", over="laser")
 
 _STAGES = (
-    _each("shared.laser_readings:readings", ("file:laser",), ("keyence",), summary="read the laser export"),
+    _each("shared.laser_readings:readings", ("file:laser",), ("keyence", "exclude"), summary="read the laser export"),
     _each(
         "ball_drop.measured:displacement",
         ("readings", "file:calibration"),

@@ -258,7 +258,7 @@ def _methods(
         )
     first = pages.told(repeats, "restitution", 0)
     return pages.methods(
-        f"{text}The coefficient of restitution of the first impact was {first} (standard uncertainty)."
+        f"{text}The coefficient of restitution of the first impact was {first} (standard uncertainty).", settings
     )
 
 

@@ -1,7 +1,7 @@
 """Settings of a ball drop: repeated drops of one sphere from one height, measured by laser."""
 
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
@@ -11,6 +11,7 @@ from pipelines.experiments.shared.settings import (
     Flat,
     Keyence,
     Plate,
+    Recorded,
     Sensor,
     Sphere,
     Table,
@@ -34,7 +35,7 @@ class Analysis(Table, frozen=True, kw_only=True):
     contact: Literal["polymer", "any"] = "polymer"
 
 
-class BallDrop(Table, frozen=True, kw_only=True):
+class BallDrop(Recorded, frozen=True, kw_only=True):
     """One sphere, one height, one or more recordings of the laser.
 
     ``counter_body`` is the flat on which it falls.
@@ -42,6 +43,7 @@ class BallDrop(Table, frozen=True, kw_only=True):
     it is needed where the laser's files carry no date.
     """
 
+    alternatives: ClassVar = (("plate", "plate_from"),)
     kind: Literal["ball_drop"]
     laser: Annotated[list[File], msgspec.Meta(min_length=1)]
     calibration: File

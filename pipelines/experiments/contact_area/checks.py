@@ -92,7 +92,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
         checks += stated_twice(radius, film, settings.frame_rate, settings.exposure)
         touches = radius["in_contact"].values.astype(bool)
         checks += [lit(film, brightness(radius), touches, radius["time"].values), exposed(radius, film)]
-        checks.append(sound_frames(radius["valid"].values.astype(bool), whole, film))
+        checks.append(sound_frames(radius["valid"].values.astype(bool), whole, settings))
         checks += given.each((_times, _copies, _in_order, _fringes, _method, _flies, _stays))
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_like_model, _order, _flight, _duration))

@@ -4,11 +4,12 @@ from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judge
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.schemas import DROP
 
+_OF_FILM = ("frame_rate", "channel", "exclude")
 _STAGES = (
     stage(
         "contact_area.measured:radius",
         ("file:film", "file:camera"),
-        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate", "channel", "region"),
+        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "region", *_OF_FILM),
         shortcuts=True,
         imports=("labpipe.imaging.fringes._film", "labpipe.compilation"),
         summary="fit the fringes around the contact",
@@ -41,7 +42,7 @@ _STAGES = (
     stage(
         "contact_area.measured:keys",
         ("file:film", "radius", "impacts"),
-        ("frame_rate", "channel"),
+        _OF_FILM,
         may_lack=("impacts",),
         summary="select key frames for the page",
     ),

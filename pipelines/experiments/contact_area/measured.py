@@ -19,7 +19,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_frames import about_contacts, key_frames, open_film, recorded_on, repeated
+from pipelines.experiments.shared.film_frames import about_contacts, film_of, key_frames, recorded_on, repeated
 from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
 from pipelines.experiments.shared.film_stated import said_by_file
 
@@ -42,7 +42,7 @@ _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not 
 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
     """Measure the contact radius while there may be contact; in every frame if full."""
-    source = open_film(film, settings.frame_rate, settings.channel)
+    source = film_of(film, settings)
     known = calibration.load_record(record)
     day = settings.measured_on
     size, checked = camera_scale.image_scale(known, settings.view, measured=day, recorded=recorded_on(source))
@@ -280,7 +280,7 @@ _ALL_OVER = 7  # frames that stand for a film without impacts
 
 def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings: ContactArea) -> xr.Dataset:
     """Copy key frames with the fitted circles: around each largest radius, and at rest; without impacts, all over."""
-    source = open_film(film, settings.frame_rate, settings.channel)
+    source = film_of(film, settings)
     sound = np.flatnonzero(radius["valid"].values)
     spread = sound[np.linspace(0, len(sound) - 1, min(_ALL_OVER, len(sound))).round().astype(int)]
     wanted = set(spread.tolist()) if impacts is None else _of_impacts(radius, impacts)

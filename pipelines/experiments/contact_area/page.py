@@ -205,7 +205,7 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
     if impacts.sizes["impact"]:
         first = pages.told(impacts, "peak_radius", 0)
         text += f"The largest radius of the first impact was {first} (standard uncertainty)."
-    return pages.methods(text)
+    return pages.methods(text, settings)
 
 
 page = Report(

@@ -1,16 +1,16 @@
 """Settings of a contact area: a film through the transparent disc, lit by one wavelength."""
 
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from labpipe.workflow.fields import POSITIVE, Adhesion, ExperimentName, File, Frequency, Length, Range, Time
-from pipelines.experiments.shared.settings import DropModel, Flat, Plate, Sphere, Table, refuse_two_plates
+from pipelines.experiments.shared.settings import DropModel, Flat, Plate, Recorded, Sphere, refuse_two_plates
 
 Pixel = Annotated[float, Range(at_least=0, at_most=1e5)]
 Corner = tuple[Pixel, Pixel]
 
 
-class ContactArea(Table, frozen=True, kw_only=True):
+class ContactArea(Recorded, frozen=True, kw_only=True):
     """A film of the contact between sphere and disc during one drop.
 
     ``camera`` is the calibration record of the film's ``view``. ``wavelength`` is that of the
@@ -25,6 +25,7 @@ class ContactArea(Table, frozen=True, kw_only=True):
     up to where that of a clean smooth polymer puts it.
     """
 
+    alternatives: ClassVar = (("plate", "plate_from"),)
     kind: Literal["contact_area"]
     film: File
     camera: File

@@ -106,7 +106,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         is_sound = np.ones(int(track["frame"][-1]) + 1, bool)  # frames that were not read are assumed to be
         if "status" in track:
             is_sound[track["frame"].values] = statuses(track) != "frame_damaged"
-        checks.append(sound_frames(is_sound, whole, settings.film))
+        checks.append(sound_frames(is_sound, whole, settings))
         checks.append(exposed(track, settings.film))
     if motion is not None:
         steady = _steady(track, motion, bounces, settings)

@@ -19,7 +19,7 @@ _STAGES = (
     stage(
         "dic_validation.measured:track",
         ("file:film",),
-        ("tracking", "frame_rate", "channel"),
+        ("tracking", "frame_rate", "channel", "exclude"),
         shortcuts=True,
         imports=("labpipe.imaging.dic._tracker", "labpipe.compilation"),
         summary="track the holder through the film",
@@ -46,7 +46,7 @@ _STAGES = (
     stage(
         "dic_validation.measured:keys",
         ("file:film", "track", "bounces"),
-        ("frame_rate", "channel"),
+        ("frame_rate", "channel", "exclude"),
         may_lack=("bounces",),
         summary="select key frames for the page",
     ),

@@ -22,7 +22,7 @@ from labpipe.frames import FrameSource
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
-from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
+from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on
 from pipelines.experiments.shared.film_light import light_of
 from pipelines.experiments.shared.film_stated import said_by_file
 
@@ -43,7 +43,7 @@ _CLEAR = 50.0  # standard uncertainties of a travel whose direction is determine
 
 def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     """Follow the holder through the film; after rest, only every eighth frame is read."""
-    source = open_film(film, settings.frame_rate, settings.channel)
+    source = film_of(film, settings)
     chosen = settings.tracking
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
@@ -233,7 +233,7 @@ def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
 
 def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings: DicValidation) -> xr.Dataset:
     """Copy key frames with the places of the tracked points: release, contacts, tops, rest; without them, all over."""
-    source = open_film(film, settings.frame_rate, settings.channel)
+    source = film_of(film, settings)
     time = track["time"].values
     events = list(np.linspace(time[0], time[-1], _KEYS))
     if bounces is not None:

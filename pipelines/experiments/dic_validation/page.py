@@ -193,7 +193,7 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
             f"95 % limits of agreement {pages.told(comparison, 'limit_low')} and {pages.told(comparison, 'limit_high')}"
             " (Bland and Altman)."
         )
-    return pages.methods(text)
+    return pages.methods(text, settings)
 
 
 page = Report(

@@ -8,7 +8,7 @@ import msgspec
 
 from labpipe.units import Quantity
 from labpipe.workflow.fields import POSITIVE, Angle, ExperimentName, File, Frequency, Range
-from pipelines.experiments.shared.settings import Table
+from pipelines.experiments.shared.settings import Recorded, Table
 
 Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]
 Place = Annotated[tuple[Pixel, Pixel], msgspec.Meta(description="a place [x, y] in px")]
@@ -50,7 +50,7 @@ class Tracking(Table, frozen=True, kw_only=True):
         return {name: polygons for name, polygons in stated.items() if polygons}
 
 
-class DicValidation(Table, frozen=True, kw_only=True):
+class DicValidation(Recorded, frozen=True, kw_only=True):
     """A film of the holder, and the ball drop whose laser saw the same motion another day.
 
     ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for exported images, which

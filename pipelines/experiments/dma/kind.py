@@ -33,7 +33,7 @@ _STAGES = (
     stage(
         "dma.measured:readings",
         ("file:rheometer",),
-        ("export", "temperature", "temperatures"),
+        ("export", "temperature", "temperatures", "exclude"),
         per="recording",
         over="rheometer",
         summary="read the rheometer export",

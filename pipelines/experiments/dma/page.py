@@ -370,7 +370,7 @@ def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
         f"law: {_VERTICAL[str(master_curve.attrs['vertical_law'])]}. {_law_row(law)[1]}. "
         f"The fit left {missed[0] * 100:.2f} % (E′) and {missed[1] * 100:.2f} % (E″) rms."
     )
-    return pages.methods(text)
+    return pages.methods(text, settings)
 
 
 page = Report(

@@ -6,7 +6,7 @@ import msgspec
 
 from labpipe.units import Quantity
 from labpipe.workflow.fields import POSITIVE, Dimensionless, File, Range, Temperature
-from pipelines.experiments.shared.settings import Columns, Table
+from pipelines.experiments.shared.settings import Columns, Recorded, Table
 
 Mode = Literal["tension", "bending", "shear", "torsion"]
 MODES: tuple[str, ...] = get_args(Mode)
@@ -52,7 +52,7 @@ class Fit(Table, frozen=True, kw_only=True):
     levels: Literal["auto", "on", "off"] = "auto"
 
 
-class Dma(Table, frozen=True, kw_only=True):
+class Dma(Recorded, frozen=True, kw_only=True):
     """Exports of one specimen: of an Anton Paar rheometer, or tables of another analyser.
 
     ``mode`` says what was loaded; few files tell tension from shear. Moduli are taken to

@@ -15,7 +15,7 @@ _OSCILLATIONS = Schema(
 )
 
 _STAGES = (
-    stage("shared.mach1_readings:readings", ("file:mach1",), ("columns",), summary="read the Mach-1 file"),
+    stage("shared.mach1_readings:readings", ("file:mach1",), ("columns", "exclude"), summary="read the Mach-1 file"),
     stage(
         "harmonic.measured:loads",
         ("readings", "file:load_cell.record"),

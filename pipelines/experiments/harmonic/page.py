@@ -222,7 +222,7 @@ def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Datase
             "The force was simulated by periodic boundary elements with the measured displacement; "
             f"the normalised root-mean-square error was {pages.spanned(errors, '.2f')} %."
         )
-    return pages.methods(text)
+    return pages.methods(text, settings)
 
 
 page = Report(

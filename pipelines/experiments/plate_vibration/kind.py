@@ -30,7 +30,9 @@ _PLATE = Schema(
 _each = partial(stage, per="recording", over="drops.laser")
 
 _STAGES = (
-    _each("shared.laser_readings:readings", ("file:drops.laser",), ("keyence",), summary="read the laser export"),
+    _each(
+        "shared.laser_readings:readings", ("file:drops.laser",), ("keyence", "exclude"), summary="read the laser export"
+    ),
     _each(
         "shared.laser_readings:displacement",
         ("readings", "file:calibration"),

@@ -134,7 +134,7 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
             f"The modal mass, {mass}, follows from the amplitudes and the momentum of the "
             "simulated impacts at that frequency."
         )
-    return pages.methods(text)
+    return pages.methods(text, settings)
 
 
 page = Report(

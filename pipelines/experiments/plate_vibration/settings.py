@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.workflow.fields import POSITIVE, ExperimentName, File, Length, Mass, Temperature
-from pipelines.experiments.shared.settings import DropModel, Flat, Keyence, MaterialChoice, Sensor, Table
+from pipelines.experiments.shared.settings import DropModel, Flat, Keyence, MaterialChoice, Recorded, Sensor, Table
 
 
 class FallingBody(Table, frozen=True, kw_only=True):
@@ -39,7 +39,7 @@ class Drops(Table, frozen=True, kw_only=True):
         return MaterialChoice(material=self.material, temperature=self.temperature)
 
 
-class PlateVibration(Table, frozen=True, kw_only=True):
+class PlateVibration(Recorded, frozen=True, kw_only=True):
     """Drops of one or more materials from one or more heights, the laser on the plate.
 
     Without ``sphere`` the ringing is measured but the plate's modal mass is not; ``plate_from`` of

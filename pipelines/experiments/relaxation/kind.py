@@ -33,7 +33,7 @@ _RELAXATIONS = Schema(
 _each = partial(stage, per="recording", over="mach1")
 
 _STAGES = (
-    _each("shared.mach1_readings:readings", ("file:mach1",), ("columns",), summary="read the Mach-1 file"),
+    _each("shared.mach1_readings:readings", ("file:mach1",), ("columns", "exclude"), summary="read the Mach-1 file"),
     _each(
         "relaxation.measured:loads",
         ("readings", "file:load_cell.record"),

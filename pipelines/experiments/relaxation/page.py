@@ -224,7 +224,7 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
             "The force was simulated by periodic boundary elements with the measured displacement; the normalised "
             f"root-mean-square error over a test was {pages.spanned(error, '.2f')} %."
         )
-    return pages.methods(text)
+    return pages.methods(text, settings)
 
 
 page = Report(

@@ -21,6 +21,7 @@ from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
+from pipelines.experiments.shared.exclusions import excluded, without_frames
 
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _WIDEST = 640  # px of a stored key frame, as wide as a page shows it
@@ -36,6 +37,12 @@ CAUSES = {
 _MANY, _MOST = 0.2, 0.5  # of the frames, that make a film doubtful and impossible when they are damaged
 _LONGER = 1.5  # of the usual interval between frames, from which some are missing
 _AROUND = 8  # frames read on either side of a contact
+
+
+def film_of(path: Path, settings: Any) -> FrameSource:
+    """Open the film of an experiment; frames that its settings exclude count as damaged."""
+    film = open_film(path, settings.frame_rate, settings.channel)
+    return without_frames(film, excluded(settings, "frames", len(film)))
 
 
 def open_film(path: Path, frame_rate: Quantity | None = None, channel: str | None = None) -> FrameSource:
@@ -94,9 +101,10 @@ def whole_film(context: Context, film: str) -> Check:
     return stated("whole film", f"{film}: {text}", "note", cause=_NOT_WHOLE, file=film)
 
 
-def sound_frames(is_sound: NDArray[np.bool_], whole: Check, film: str) -> Check:
-    """Count damaged frames of a film; ``whole`` describes a few of them better."""
-    name = "sound frames"
+def sound_frames(is_sound: NDArray[np.bool_], whole: Check, settings: Any) -> Check:
+    """Count damaged frames of a film, without those that are excluded; ``whole`` describes a few of them better."""
+    name, film = "sound frames", settings.film
+    is_sound = is_sound | excluded(settings, "frames", is_sound.size)
     bad = np.flatnonzero(~is_sound)
     share = bad.size / max(is_sound.size, 1)
     if whole.level and share < _MANY:

@@ -15,15 +15,17 @@ from calibration import load_cell
 from calibration.record import LoadCellRecord
 from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
-from labpipe.signals import outliers
+from labpipe.signals import LONGEST_RUN, outliers
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared import mach1_touch
+from pipelines.experiments.shared.exclusions import EXCLUDED, excluded
 from pipelines.experiments.shared.settings import named_columns
 
 LAST_DECIMAL = 1e-9
 """Last decimal of a position in m: every file has six of a millimetre."""
 
+_STATE = {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out as an outlier, 8 excluded"}
 _APPROACH = "Find Contact"
 _KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first
 _CONSISTENT = 3.0  # standard uncertainties between two delays that may be one
@@ -33,12 +35,12 @@ _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth i
 
 
 def readings(path: Path, *, settings: object = None) -> xr.Dataset:
-    """Read a file of the tester, as a stage of every kind that has one; outliers become NaN and have a status.
+    """Read a file of the tester, as a stage of every kind that has one; outliers and excluded readings become NaN.
 
     A table whose columns the settings name is one block, of the function that the kind of experiment evaluates.
     """
     columns = named_columns(getattr(settings, "columns", None))
-    found = instruments.read_table(path, "force", "mach1", columns=columns)
+    found = _without_excluded(instruments.read_table(path, "force", "mach1", columns=columns), settings)
     if columns is None:
         return without_outliers(found)
     name = str(getattr(settings, "function", "Stress Relaxation"))
@@ -53,15 +55,35 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
     return without_outliers(found)
 
 
+def _without_excluded(readings: xr.Dataset, settings: object) -> xr.Dataset:
+    """Leave excluded readings out: NaN and :data:`EXCLUDED`; few in a row, as the analysis bridges them."""
+    flags = excluded(settings, "readings", readings.sizes["sample"])
+    if not flags.any():
+        return readings
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        if after - first > LONGEST_RUN:
+            raise InputError(
+                f"exclude: readings {first + 1} to {after}: at most {LONGEST_RUN} in a row can be left out of a "
+                "record that is evaluated at even sampling; exclude the whole file"
+            )
+    columns = [str(n) for n in readings if str(n).startswith(("position_", "force_"))]
+    made = readings.assign({name: readings[name].where(~flags) for name in columns})
+    made["status"] = ("sample", np.where(flags, EXCLUDED, 0).astype(np.int8), _STATE)
+    return made.assign_attrs(
+        excluded=json.dumps([[name, int(b)] for b in np.unique(readings["block"].values[flags]) for name in columns])
+    )
+
+
 def without_outliers(readings: xr.Dataset) -> xr.Dataset:
     """Leave out short runs of readings that leave a record and return to it, block by block.
 
-    Adds ``status`` (sample,), 1 where a position or a force was left out, and the attribute ``outliers``: as JSON for
-    each run its column, block, first and last index in the block, and largest deviation [m or N].
+    Sets ``status`` (sample,) to 1 where a position or a force was left out, and the attribute ``outliers``: as JSON
+    for each run its column, block, first and last index in the block, and largest deviation [m or N].
     """
     block, time = readings["block"].values, readings["time"].values
     made, left_out = readings.copy(), []
-    status = np.zeros(block.size, np.int8)
+    status = readings["status"].values.copy() if "status" in readings else np.zeros(block.size, np.int8)
     for name in (str(n) for n in readings if str(n).startswith(("position_", "force_"))):
         values = readings[name].values.astype(float)
         for number in np.unique(block):
@@ -80,11 +102,7 @@ def without_outliers(readings: xr.Dataset) -> xr.Dataset:
         made[name] = readings[name].copy(data=values)
     if not left_out:
         return readings
-    made["status"] = (
-        "sample",
-        status,
-        {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out as an outlier"},
-    )
+    made["status"] = ("sample", status, _STATE)
     return made.assign_attrs(outliers=json.dumps(left_out))
 
 
@@ -105,12 +123,13 @@ def bridged(values: Floats, time: Floats) -> Floats:
 def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str) -> xr.Dataset:
     """Add compression-positive force; tared where the file begins with a free approach.
 
-    Readings that were left out as outliers are bridged: at most ten in a row, by the curve through their neighbours.
+    Readings that were left out are bridged: at most ten in a row, by the curve through their neighbours.
     Without a calibration record of the cell the gain's uncertainty is NaN. Where the force cannot be tared a warning
     says what that means for the results, ``untared``.
     """
-    left_out = json.loads(readings.attrs.get("outliers", "[]"))
-    for name, number in sorted({(run["column"], run["block"]) for run in left_out}):
+    left_out = [(run["column"], run["block"]) for run in json.loads(readings.attrs.get("outliers", "[]"))]
+    left_out += map(tuple, json.loads(readings.attrs.get("excluded", "[]")))
+    for name, number in sorted(set(left_out)):
         where, values = readings["block"].values == number, readings[name].values.copy()
         values[where] = bridged(values[where], readings["time"].values[where])
         readings = readings.assign({name: readings[name].copy(data=values)})

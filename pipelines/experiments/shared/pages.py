@@ -33,7 +33,8 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.units import Quantity
-from labpipe.workflow.context import Context, Warned
+from labpipe.workflow.context import Context, Warned, settings_in_words
+from labpipe.workflow.exclusions import exclusions
 from labpipe.workflow.session import Session
 
 SYNTHETIC = "synthetic data"
@@ -108,7 +109,7 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
     sections; what the verdict rests on follows the key numbers, and the sections of every page
     follow those of the kind.
     """
-    head = (*synthetic_notice(context), *kept_notice(context))
+    head = (*settings_notice(context), *synthetic_notice(context), *kept_notice(context))
     (first, *rest), shown = _without_first_chart(sections)
     n_answers = next((i for i, block in enumerate(first.blocks) if not isinstance(block, Notice)), len(first.blocks))
     answer, behind = first.blocks[:n_answers], first.blocks[n_answers:]
@@ -166,6 +167,14 @@ def synthetic_notice(shown: Context | Session) -> tuple[Block, ...]:
         "demonstrate the analysis and are no evidence about a real material."
     )
     return (Notice("warning", text),)
+
+
+def settings_notice(context: Context) -> tuple[Notice, ...]:
+    """Say in which settings a variant differs from its base, and an experiment from the laboratory's file."""
+    of_base, of_laboratory = map(settings_in_words, (context.changed, context.overrides))
+    said = f"Variant of {context.base}, with the same recordings and other settings: {of_base}." if context.base else ""
+    other = f"Other values than in the laboratory's file: {of_laboratory}." if of_laboratory else ""
+    return tuple(Notice("info", text) for text in (said, other) if text)
 
 
 def kept_notice(context: Context) -> tuple[Block, ...]:
@@ -326,6 +335,8 @@ def provenance(context: Context) -> Section:
     return Section("Provenance", blocks)
 
 
-def methods(text: str) -> Section:
-    """Offer a paragraph for a manuscript."""
+def methods(text: str, settings: Any) -> Section:
+    """Offer a paragraph for a manuscript, with the exclusions."""
+    if left_out := list(map(str, exclusions(settings))):
+        text += f" Excluded were {'; '.join(left_out)}."
     return folded("Methods text, to paste", "A paragraph for a manuscript", (Paragraph(text, copyable=True),))

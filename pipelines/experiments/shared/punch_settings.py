@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 from labpipe.workflow.fields import POSITIVE, File, Length, Range
-from pipelines.experiments.shared.settings import Columns, MaterialChoice, Table
+from pipelines.experiments.shared.settings import Columns, MaterialChoice, Recorded, Table
 
 
 class Punch(Table, frozen=True, kw_only=True):
@@ -42,7 +42,7 @@ class IndentationModel(Table, frozen=True, kw_only=True):
     elements: Annotated[int, Range(at_least=64, at_most=16384)] = 1024
 
 
-class Indentation(Table, frozen=True, kw_only=True):
+class Indentation(Recorded, frozen=True, kw_only=True):
     """Mach-1 files of an indentation.
 
     Without ``punch`` no modulus is found, and without ``substrate`` nothing is simulated: the report then holds the

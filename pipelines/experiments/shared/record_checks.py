@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import IN_MOTION, MARKER
 from labpipe.judging import Check, Level, not_made, stated
 from labpipe.report import quantity
 from labpipe.signals import Hum, quantisation_step
 from labpipe.workflow.context import Context
+from pipelines.experiments.shared.exclusions import EXCLUDED
 from pipelines.experiments.shared.judgements import Title, Titles, day_known, failed_steps
 
 _FLAT = 6  # equal readings in a row that a moving body does not give
@@ -83,6 +84,7 @@ class Trace:
     reading: Floats
     header: str = ""
     outliers: tuple[tuple[int, int, float], ...] = ()
+    is_excluded: Flags | bool = False
 
     @classmethod
     def of(cls, name: str, readings: xr.Dataset, output: str) -> "Trace | None":
@@ -91,11 +93,13 @@ class Trace:
             return None
         x = np.array(readings[output].values, float)
         state = output.replace("out", "status")
+        is_excluded: Flags | bool = False
         if state in readings:
+            is_excluded = readings[state].values == EXCLUDED
             x[readings[state].values != 0] = np.nan
         left_out = json.loads(readings.attrs.get("outliers", "{}")).get(output, [])
         runs = tuple((int(first), int(last), float(by)) for first, last, by in left_out)
-        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")), runs)
+        return cls(name, readings["time"].values, x, str(readings.attrs.get("header", "")), runs, is_excluded)
 
     @cached_property
     def travel(self) -> float:
@@ -186,6 +190,7 @@ def unread(trace: Trace) -> Check:
     lost = ~np.isfinite(trace.reading)
     for first, last, _ in trace.outliers:
         lost[first : last + 1] = False
+    lost &= ~trace.is_excluded
     longest, start = longest_run(lost)
     name = "readings out of range"
     if not longest:

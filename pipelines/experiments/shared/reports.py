@@ -12,6 +12,7 @@ from pipelines.experiments._kind import JUDGEMENT
 from pipelines.experiments.shared import budget_blocks
 from pipelines.experiments.shared.budget_quantity import Quantity
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.exclusions import exclusion_notice, notebook
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.judgements import verdict_blocks
 from pipelines.experiments.shared.pages import document, failed_notice
@@ -54,7 +55,8 @@ class Report:
         given = Given(**known, settings=settings, context=context)
         sections = given.each(self.sections)
         if verdict := verdict_blocks(judgement, given.each([self.rows] if self.rows else [])):
-            sections.insert(0, Section("Verdict", verdict))
+            sections.insert(0, Section("Verdict", (*verdict[:1], *exclusion_notice(settings), *verdict[1:])))
+        sections += filter(None, [notebook(settings)])
         subtitle = self.subtitle if isinstance(self.subtitle, str) else self.subtitle(settings)
         return document(context, subtitle, sections).render()
 

@@ -1,13 +1,14 @@
 """Settings that several kinds of experiment share, each with its unit and its reason."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
 from labpipe.errors import InputError
 from labpipe.units import Quantity
 from labpipe.workflow import fields
+from labpipe.workflow.exclusions import Exclusion, Note
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -16,6 +17,16 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     def __post_init__(self) -> None:
         """Refuse ``columns`` that mean nothing before a file is read."""
         named_columns(getattr(self, "columns", None))
+
+
+class Recorded(Table, frozen=True, kw_only=True):
+    """Table of an experiment.
+
+    ``exclude`` leaves recordings, readings or frames out, each with a reason; ``notes`` are dated remarks.
+    """
+
+    exclude: list[Exclusion] = []
+    notes: list[Note] = []
 
 
 class NamedColumn(Table, frozen=True, kw_only=True):
@@ -54,6 +65,7 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
     shifts the material by its law; without it, it is taken at its reference temperature.
     """
 
+    alternatives: ClassVar = (("material", "material_file", "material_from"),)
     material: str | None = None
     material_file: fields.File | None = None
     material_from: fields.ExperimentName | None = None

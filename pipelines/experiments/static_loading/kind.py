@@ -18,7 +18,7 @@ _STEPS = Schema(
 )
 
 _STAGES = (
-    stage("static_loading.measured:readings", ("file:laser",), ("keyence",), summary="read the laser export"),
+    stage("static_loading.measured:readings", ("file:laser",), ("keyence", "exclude"), summary="read the laser export"),
     stage(
         "static_loading.measured:displacement",
         ("readings", "file:calibration"),

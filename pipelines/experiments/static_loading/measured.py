@@ -31,7 +31,8 @@ _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
 
 def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
     """Read the laser export; a reading at its end is kept: it may be the level before the first load."""
-    return laser_readings.without_outliers(laser_readings.read_laser(path, settings.keyence), ends=False)
+    found = laser_readings.without_excluded(laser_readings.read_laser(path, settings.keyence), settings)
+    return laser_readings.without_outliers(found, ends=False)
 
 
 def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading) -> xr.Dataset:

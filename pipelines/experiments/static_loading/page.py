@@ -169,7 +169,7 @@ def _methods(
             f"The normalised root-mean-square error of the contact radius was {error:.2f} % against a viscoelastic "
             f"simulation and {elastic:.2f} % against Hertz with the {comparison.attrs['reference']}."
         )
-    return pages.methods(text)
+    return pages.methods(text, settings)
 
 
 page = Report(

@@ -8,7 +8,7 @@ import msgspec
 
 from labpipe.units import Quantity
 from labpipe.workflow.fields import NOT_NEGATIVE, POSITIVE, Acceleration, File, Length, Mass, Range, Time
-from pipelines.experiments.shared.settings import Flat, Keyence, MaterialChoice, Sensor, Table
+from pipelines.experiments.shared.settings import Flat, Keyence, MaterialChoice, Recorded, Sensor, Table
 
 
 class Load(Table, frozen=True, kw_only=True):
@@ -50,7 +50,7 @@ class StaticModel(Table, frozen=True, kw_only=True):
     gravity: Annotated[Acceleration, POSITIVE] = Quantity(9.81, 0.0, "m/s2")
 
 
-class StaticLoading(Table, frozen=True, kw_only=True):
+class StaticLoading(Recorded, frozen=True, kw_only=True):
     """One record of the laser while loads are added; the first is on from the beginning.
 
     ``counter_body`` is the disc. ``zero`` is the sensor's reading at first touch. Without it, it follows from the

@@ -1,0 +1,93 @@
+"""Readings and frames that an experiment excludes, as flags, and its exclusions and notes on its page."""
+
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.arrays import Flags
+from labpipe.errors import InputError
+from labpipe.frames import FrameSource, ShownFrames
+from labpipe.report import Block, Column, Notice, Section, Table
+from labpipe.workflow.exclusions import exclusions
+
+EXCLUDED = 8
+"""Status of a reading that session.toml excludes, beyond the states that a controller writes."""
+_OTHER: dict[str, Literal["readings", "frames"]] = {"readings": "frames", "frames": "readings"}
+
+
+def excluded(settings: Any, of: Literal["readings", "frames"], count: int) -> Flags:
+    """Return flags (count,) of the readings or frames of a file that are excluded.
+
+    Parameters
+    ----------
+    settings : struct
+        With the exclusions that concern the file alone, as a step receives it.
+    of : {"readings", "frames"}
+        Readings count from 1, frames from 0.
+    count : int
+        Of the file.
+
+    Raises
+    ------
+    InputError
+        The file has no such reading or frame, none is left, or it is of the other sort.
+    """
+    flags, begin = np.zeros(count, bool), int(of == "readings")
+    for one in exclusions(settings):
+        if one.spans(_OTHER[of]):
+            raise InputError(
+                f"exclude: {one.file} holds {of}, no {_OTHER[of]}; write {of} = {getattr(one, _OTHER[of])}"
+            )
+        for first, last in one.spans(of):
+            if last >= count + begin:
+                held = f"which holds {count} {of}, {begin} to {count - 1 + begin}"
+                raise InputError(f"exclude: {one.excluded}, {held}; correct the numbers")
+            flags[first - begin : last - begin + 1] = True
+        if flags.all():
+            raise InputError(f"exclude: no {of} of {one.file} are left; exclude the whole file: give no {of}")
+    return flags
+
+
+def without_frames(film: FrameSource, is_excluded: Flags) -> FrameSource:
+    """Return a film in which frames that are excluded count as damaged, so that they are not read."""
+    return cast("FrameSource", _KeptFrames(film, is_excluded)) if is_excluded.any() else film
+
+
+class _KeptFrames(ShownFrames):
+    def __init__(self, film: FrameSource, is_excluded: Flags) -> None:
+        self._film, self._is_excluded = film, is_excluded
+
+    def __getattr__(self, name: str) -> Any:  # time, shape, levels, header, …
+        return getattr(self._film, name)
+
+    @property
+    def valid(self) -> Flags:
+        """False for frames that are damaged or excluded."""
+        return self._film.valid & ~self._is_excluded
+
+    def __getitem__(self, index: int) -> NDArray[np.integer]:
+        """Return one frame."""
+        return self._film[index]
+
+    def roi(self, rows: slice, columns: slice) -> FrameSource:
+        """Return a view of a rectangle."""
+        return without_frames(self._film.roi(rows, columns), self._is_excluded)
+
+
+def exclusion_notice(settings: Any) -> tuple[Notice, ...]:
+    """Say next to the verdict how much was left out of it."""
+    if not (found := exclusions(settings)):
+        return ()
+    text = "; ".join(f"{one.excluded} ({one.reason})" for one in found)
+    return (Notice("info", f"Excluded from the measurement: {text}."),)
+
+
+def notebook(settings: Any) -> Section | None:
+    """Show notes and exclusions of an experiment, in the order of their days."""
+    entries = [(str(note.on), note.who, "note", note.text) for note in getattr(settings, "notes", ())]
+    entries += [(str(one.on or ""), one.who, f"excluded: {one.excluded}", one.reason) for one in exclusions(settings)]
+    if not entries:
+        return None
+    table: Block = Table(tuple(map(Column, ("day", "who", "entry", "text or reason"))), sorted(entries))
+    return Section("Notes and exclusions", (table,))
