@@ -2,15 +2,16 @@
 
 Versions of the file, newest first:
 
-1. ``[session]`` with title, operator, notes, synthetic; ``[defaults.KIND]``; ``[experiments.NAME]``
-   with ``kind`` and the fields of that kind.
+1. ``[session]`` with title, operator, notes, synthetic, licence; ``[[creators]]`` with name, orcid, affiliation;
+   ``[defaults.KIND]``; ``[experiments.NAME]`` with ``kind`` and the fields of that kind.
 """
 
+import re
 import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -27,7 +28,7 @@ FILE_NAME = "session.toml"
 
 _MOST_NAMES = 4
 """Names of files shown of one experiment."""
-_TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
+_TOP_LEVEL = {"labpipe", "session", "creators", "defaults", "experiments"}
 _LONGEST_NAME = 200
 """Bytes in the name of an experiment; endings are added to it to make file names."""
 
@@ -48,6 +49,21 @@ class Experiment:
         return tuple(dict.fromkeys(text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE)))
 
 
+class Creator(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table ``[[creators]]``: an author of the data; ``orcid`` is None where it is not stated, "" for none."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1)]
+    orcid: str | None = None
+    affiliation: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the last digit of the ORCID (ISO 7064, MOD 11-2)."""
+        digits = ["0123456789X".find(d) for d in (self.orcid or "").replace("-", "")]
+        is_whole = re.fullmatch(r"(\d{4}-){3}\d{3}[\dX]", self.orcid or "") is not None
+        if self.orcid and not (is_whole and sum(d << 15 - i for i, d in enumerate(digits)) % 11 == 1):
+            raise ValueError(f'"{self.orcid}" is no ORCID, such as 0000-0002-1825-0097 ("" for none)')
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Session(ShownAsTable):
     """A session folder and everything that its ``session.toml`` says.
@@ -63,6 +79,8 @@ class Session(ShownAsTable):
     synthetic: bool
     experiments: Mapping[str, Experiment]
     waiting: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    licence: str = ""
+    creators: tuple[Creator, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -90,6 +108,13 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     operator: str = ""
     notes: str = ""
     synthetic: bool = False
+    licence: str = ""
+
+
+class _CreatorsTable(msgspec.Struct, frozen=True, kw_only=True):
+    """The tables ``[[creators]]``."""
+
+    creators: tuple[Creator, ...] = ()
 
 
 def load(
@@ -137,6 +162,8 @@ def load(
     _check_version(document)
     root = source.parent.resolve()
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
+    named = {key: value for key, value in document.tree.items() if key == "creators"}
+    authors = Checker(document, root).structure(_CreatorsTable, named, ())
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
     tables, defaults = _tables(document, "experiments"), _tables(document, "defaults")
@@ -172,7 +199,8 @@ def load(
         document.problems.update(own_problems)
     document.finish()
     waiting = {name: waiting[name] for name in tables if name in waiting}
-    return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments, waiting)
+    told = (head.title or root.name, head.operator, head.notes, head.synthetic)
+    return Session(root, *told, experiments, waiting, head.licence, authors.creators)
 
 
 def _of_line(problem: str) -> tuple[bool, str, int]:

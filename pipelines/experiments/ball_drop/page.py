@@ -201,7 +201,8 @@ def _files(
     return replace(section, blocks=(notice, *section.blocks))
 
 
-def _model(model: xr.Dataset) -> Section:
+def _model(settings: BallDrop, model: xr.Dataset) -> Section:
+    near = pages.near_limits(float(model["peak_contact_radius"][0]), settings.sphere.radius.value)
     of_first = (("peak force", "peak_force"), ("largest contact radius", "peak_contact_radius"))
     rows = [
         (title, pages.told(model, name, 0), "first impact")
@@ -209,11 +210,11 @@ def _model(model: xr.Dataset) -> Section:
     ]
     plate = json.loads(model.attrs["plate"])
     if plate is None:
-        return Section("Model", (KeyValues(rows), Paragraph(_RIGID_FLOOR)))
+        return Section("Model", (KeyValues(rows), *near, Paragraph(_RIGID_FLOOR)))
     rigid = f"on a rigid one the first restitution is {float(model['rigid_restitution']):.5f}"
     swing = f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz"
     rows.append(("flat", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
-    return Section("Model", (KeyValues(rows),))
+    return Section("Model", (KeyValues(rows), *near))
 
 
 def _methods(

@@ -110,6 +110,7 @@ def _calibration(radius: xr.Dataset) -> Section:
 
 
 def _over_time(
+    settings: ContactArea,
     radius: xr.Dataset,
     impacts: xr.Dataset | None = None,
     model: xr.Dataset | None = None,
@@ -142,6 +143,7 @@ def _over_time(
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
         charts += _around(comparison, model)
+        charts += pages.near_limits(float(model["peak_contact_radius"][0]), settings.sphere.radius.value)
     return Section("Contact radius over time", tuple(charts))
 
 

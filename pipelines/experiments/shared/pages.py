@@ -21,6 +21,7 @@ from labpipe.report import (
     Document,
     KeyValues,
     LineChart,
+    Link,
     Listed,
     Notice,
     Paragraph,
@@ -43,6 +44,10 @@ log_log = partial(LineChart, x_scale="log", y_scale="log")
 
 SESSION_PAGE = "index.html"
 """The page of the whole session, beside the folder of the reports."""
+
+
+LIMITS = "guide/limits.html"
+"""The page of the models' limits, below the folder of the reports; the page of the session is written with it."""
 
 
 def stated(given: Quantity) -> str:
@@ -324,6 +329,20 @@ def provenance(context: Context) -> Section:
     text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
     blocks = (files, Details("Versions, parameters and stages (JSON)", text=text))
     return Section("Provenance", blocks)
+
+
+def near_limits(contact_radius: float, sphere_radius: float) -> tuple[Block, ...]:
+    """Link to the limits of the model where the strain of a contact, 0.2 a/R (Tabor), reaches that of linear polymers.
+
+    D. Tabor, The Hardness of Metals (1951), chapter 5: representative strain.
+    """
+    strain = 0.2 * contact_radius / sphere_radius
+    if not strain >= 0.01:
+        return ()
+    text = (
+        f"The strain of the contact, 0.2 a/R, reaches {100 * strain:.2g} %; moduli of polymers are linear to about 1 %."
+    )
+    return Notice("info", text), Link("Limits of the model", LIMITS)
 
 
 def methods(text: str) -> Section:
