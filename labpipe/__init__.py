@@ -6,8 +6,8 @@
 ``lp.read`` and ``lp.inspect`` a file; ``lp.init``, ``lp.plan``, ``lp.process`` and ``lp.watch`` a
 session, or ``lp.open`` it in a local page; look at it with ``lp.open_session``, ``lp.result``, ``lp.results``,
 ``lp.report``, ``lp.compare``, ``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue``
-and ``lp.export``; make a synthetic one with ``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``,
-``lp.indent`` and ``lp.sweep``.
+and ``lp.export``; archive it with ``lp.publish``, ``lp.verify`` and ``lp.cite``; make a synthetic one with
+``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``, ``lp.indent`` and ``lp.sweep``.
 
 Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`,
 :mod:`labpipe.contact`, :mod:`labpipe.imaging`, :mod:`labpipe.identification`; next to them
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from pipelines.rig import demo, sample
     from pipelines.session import (
         catalogue,
+        cite,
         compare,
         doctor,
         export,
@@ -44,11 +45,13 @@ if TYPE_CHECKING:
         open_lab_session as open_session,
         plan,
         process,
+        publish,
         report,
         result,
         results,
         sensitivity,
         verdict,
+        verify,
         watch,
     )
     from pipelines.sweeps import sweep
@@ -59,6 +62,7 @@ __all__ = [
     "MasterCurve",
     "Prony",
     "catalogue",
+    "cite",
     "compare",
     "contact_radius",
     "demo",
@@ -77,6 +81,7 @@ __all__ = [
     "open_session",
     "plan",
     "process",
+    "publish",
     "read",
     "report",
     "result",
@@ -87,6 +92,7 @@ __all__ = [
     "track",
     "velocity",
     "verdict",
+    "verify",
     "watch",
 ]
 

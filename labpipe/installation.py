@@ -8,7 +8,7 @@ from typing import Any
 
 from labpipe.errors import InstallationError
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 # All four packages carry this mark; a foreign package of the same name does not (see `doctor`).
 BUILD = f"labpipe {__version__}"

@@ -67,6 +67,8 @@ def _attribute(name: str, value: Any) -> Any:
     if isinstance(value, str):
         return _text(str(value))
     if isinstance(value, np.ndarray):
+        if value.ndim == 1 and value.size > 1 and value.dtype.kind in "iuf":
+            return value  # flags have the type of their variable
         value = value.tolist()
     if isinstance(value, np.generic):
         value = value.item()

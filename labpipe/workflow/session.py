@@ -2,7 +2,8 @@
 
 Versions of the file, newest first:
 
-1. ``[session]`` with title, operator, notes, synthetic; ``[defaults.KIND]``; ``[experiments.NAME]``
+1. ``[session]`` with title, operator, notes, synthetic, licence; ``[[creators]]`` with name, orcid, affiliation;
+   ``[defaults.KIND]``; ``[experiments.NAME]``
    with ``kind`` and the fields of that kind; ``[variants.NAME]`` with ``base``, an experiment, and the fields that
    differ from it; ``laboratory``, the name of the laboratory's file in a folder above, which has ``[defaults.KIND]``
    and parts, ``[SETTING.NAME]`` such as ``[sphere.A3]``, that sessions refer to by name, ``sphere = "A3"``, or
@@ -10,11 +11,12 @@ Versions of the file, newest first:
 """
 
 import itertools
+import re
 import unicodedata
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -33,7 +35,7 @@ FILE_NAME = "session.toml"
 
 _MOST_NAMES = 4
 """Names of files shown of one experiment."""
-_TOP_LEVEL = {"labpipe", "laboratory", "session", "defaults", "experiments", "variants"}
+_TOP_LEVEL = {"labpipe", "laboratory", "session", "creators", "defaults", "experiments", "variants"}
 _LONGEST_NAME = 200
 """Bytes in the name of an experiment; endings are added to it to make file names."""
 
@@ -62,6 +64,21 @@ class Experiment:
         return tuple(dict.fromkeys(text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE)))
 
 
+class Creator(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table ``[[creators]]``: an author of the data; ``orcid`` is None where it is not stated, "" for none."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1)]
+    orcid: str | None = None
+    affiliation: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the last digit of the ORCID (ISO 7064, MOD 11-2)."""
+        digits = ["0123456789X".find(d) for d in (self.orcid or "").replace("-", "")]
+        is_whole = re.fullmatch(r"(\d{4}-){3}\d{3}[\dX]", self.orcid or "") is not None
+        if self.orcid and not (is_whole and sum(d << 15 - i for i, d in enumerate(digits)) % 11 == 1):
+            raise ValueError(f'"{self.orcid}" is no ORCID, such as 0000-0002-1825-0097 ("" for none)')
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Session(ShownAsTable):
     """A session folder and everything that its ``session.toml`` says.
@@ -77,6 +94,8 @@ class Session(ShownAsTable):
     synthetic: bool
     experiments: Mapping[str, Experiment]
     waiting: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    licence: str = ""
+    creators: tuple[Creator, ...] = ()
 
     @property
     def variants(self) -> dict[str, Experiment]:
@@ -113,6 +132,13 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     operator: str = ""
     notes: str = ""
     synthetic: bool = False
+    licence: str = ""
+
+
+class _CreatorsTable(msgspec.Struct, frozen=True, kw_only=True):
+    """The tables ``[[creators]]``."""
+
+    creators: tuple[Creator, ...] = ()
 
 
 def load(
@@ -160,6 +186,8 @@ def load(
     _check_version(document)
     root = source.parent.resolve()
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
+    named = {key: value for key, value in document.tree.items() if key == "creators"}
+    authors = Checker(document, root).structure(_CreatorsTable, named, ())
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
     tables, defaults = _tables(document, "experiments"), _tables(document, "defaults")
@@ -209,7 +237,8 @@ def load(
         document.problems.update(own_problems)
     document.finish()
     waiting = {name: waiting[name] for name in places if name in waiting}
-    return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments, waiting)
+    told = (head.title or root.name, head.operator, head.notes, head.synthetic)
+    return Session(root, *told, experiments, waiting, head.licence, authors.creators)
 
 
 def _of_line(problem: str) -> tuple[bool, str, int]:

@@ -4,4 +4,4 @@
 the extra ``guide`` (Sphinx and its parts).
 """
 
-from pipelines.guide.pages import FIRST as FIRST, PICTURES as PICTURES, pages as pages
+from pipelines.guide.pages import FIRST as FIRST, PICTURES as PICTURES, pages as pages, standalone as standalone

@@ -15,8 +15,8 @@ PICTURES = GUIDES / "pictures"
 FIRST = "tutorial"
 PARTS = {
     "First steps": (FIRST, "page", "experimenter", "files", "analyst", "rheology", "films", "gallery"),
-    "Methods and their errors": ("simulator", "evidence", "scale"),
-    "Reference": ("settings", "commands", "python"),
+    "Methods and their errors": ("simulator", "limits", "evidence", "scale"),
+    "Reference": ("settings", "commands", "python", "changelog"),
     "For developers": ("developer", "architecture"),
 }
 """Pages in the order in which they are read; that of Python is in the site only."""
@@ -56,6 +56,18 @@ def linked(text: str, ending: str, known: frozenset[str]) -> str:
         return f"[{words}]({page}{ending}{'#' + anchor if anchor else ''})" if page in known else words
 
     return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)\s]+)\)", link, text)
+
+
+def standalone(name: str) -> str:
+    """Return one page of the guide without links, to lie beside the reports of a session."""
+    text = linked((GUIDES / f"{name}.md").read_text("utf-8"), ".html", frozenset())
+    shown = MarkdownIt("commonmark", {"html": False}).render(text)
+    style = "body { max-width: 42rem; margin: 2rem auto; padding: 0 1rem; font: 1rem/1.5 system-ui, sans-serif }"
+    return (
+        f'<!doctype html>\n<html lang="en">\n<meta charset="utf-8">\n<title>{name.capitalize()} – labpipe</title>\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<style>{style}</style>\n{shown}</html>\n"
+    )
 
 
 def pages() -> dict[str, str]:

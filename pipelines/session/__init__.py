@@ -10,6 +10,7 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue
+    from pipelines.session._citation import cite as cite
     from pipelines.session._compare import compare as compare
     from pipelines.session._comparison import Comparison as Comparison, comparison_text as comparison_text
     from pipelines.session._contact_sheet import write_sheet as write_sheet
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         watch as watch,
     )
     from pipelines.session._proposal import Scan as Scan, init as init
+    from pipelines.session._publication import Published as Published, publish as publish
     from pipelines.session._recognition import (
         COLUMNS as COLUMNS,
         Surveyed as Surveyed,
@@ -64,5 +66,6 @@ if TYPE_CHECKING:
         verdict_on as verdict_on,
         verdicts_of as verdicts_of,
     )
+    from pipelines.session._verification import Verified as Verified, verify as verify
 else:
     __getattr__ = lazily(__name__)

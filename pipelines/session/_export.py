@@ -50,7 +50,7 @@ class Exported(ShownAsTable):
 
 
 @dataclass(slots=True)
-class _Writer:
+class Writer:
     """Writes files of one format into a folder; gathers those written, and the results left out."""
 
     folder: Path
@@ -77,7 +77,7 @@ class _Writer:
         from pipelines.session import _export_formats as formats
 
         if self.format == "nc":
-            self.write(f"{name}.nc", dataset.assign_attrs({**dataset.attrs, **remarks}))
+            self.write(f"{name}.nc", formats.cf_dataset(dataset, remarks))
         elif self.format == "mat":
             self.write(f"{name}.mat", formats.mat_bytes(dataset, remarks))
         elif self.format == "json":
@@ -142,13 +142,13 @@ def export(
         raise UsageError(f'unknown format "{format}"; expected one of {", ".join(FORMATS)}')
     is_unknown = place.is_dir() and instrument_of(place) is None  # it should have been a session
     if not (place / FILE_NAME).is_file() and not is_unknown:
-        writer = _Writer(Path(out or "."), format, replace)
+        writer = Writer(Path(out or "."), format, replace)
         _export_file(place, writer, dict(reading or {}))
         return Exported(tuple(writer.paths), ())
     if reading:
         raise UsageError("options of a raw file (cycle, units) do not go with a session folder")
     session = reopen_session(place)
-    writer = _Writer(Path(out) if out else session.folder / FOLDER, format, replace or out is None)
+    writer = Writer(Path(out) if out else session.folder / FOLDER, format, replace or out is None)
     # one name is a list of one, not of its letters
     names, experiments = ((given,) if isinstance(given, str) else tuple(given) for given in (stages, only or ()))
     results = Results(make_plan(session, STAGES, names or None, experiments or None, keep=None))
@@ -161,14 +161,14 @@ def export(
             raise InputError(f"{place}: there is no material to write: {reasons}")
     if format in ("csv", "nc", "mat", "json"):
         writer.left_out.clear()  # those of the results say more
-        _export_results(results, names, experiments, writer)
+        export_results(results, names, experiments, writer)
     if format in TABLES or (format == "csv" and not names):
-        _export_table(results, experiments, writer)
+        export_table(results, experiments, writer)
         writer.paths.insert(0, writer.paths.pop())
     return Exported(tuple(writer.paths), tuple(writer.left_out))
 
 
-def _export_file(path: Path, writer: _Writer, options: dict[str, Any]) -> None:
+def _export_file(path: Path, writer: Writer, options: dict[str, Any]) -> None:
     """Write the readings of one raw instrument file; of a film, time, exposure and state of every frame."""
     import numpy as np
     import xarray as xr
@@ -197,7 +197,7 @@ def _export_file(path: Path, writer: _Writer, options: dict[str, Any]) -> None:
     writer.write_dataset(path.stem, dataset, {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)})
 
 
-def _export_results(results: Results, stages: Sequence[str], experiments: Sequence[str], writer: _Writer) -> None:
+def export_results(results: Results, stages: Sequence[str], experiments: Sequence[str], writer: Writer) -> None:
     """Write the stored results of a session that are up to date, of some stages and experiments or of all."""
     plan, session = results.plan, results.plan.session
     rows = [r for r in plan.rows if plan.tasks[r.task].stage.output == "dataset"]
@@ -246,7 +246,7 @@ def _flag(verdict: Verdict | None) -> xr.Variable:
     return xr.Variable((), np.int8(FLAGS["unknown" if verdict is None else verdict.believable]), attrs)
 
 
-def _export_table(results: Results, experiments: Sequence[str], writer: _Writer) -> None:
+def export_table(results: Results, experiments: Sequence[str], writer: Writer) -> None:
     """Write one table of the quantities of some experiments, or of all, as ``xlsx``, ``tex`` or ``csv``."""
     from labpipe.workflow.provenance import program
     from pipelines.session import _summary_table as summary
@@ -272,7 +272,7 @@ def _export_table(results: Results, experiments: Sequence[str], writer: _Writer)
         writer.write(f"quantities.{writer.format}", write(found, remarks))
 
 
-def _export_materials(results: Results, experiments: Sequence[str], writer: _Writer, bulk: str | None) -> None:
+def _export_materials(results: Results, experiments: Sequence[str], writer: Writer, bulk: str | None) -> None:
     """Write the materials of some experiments, or of all, for the simulation code that is the writer's format.
 
     The warnings in the files are given too.

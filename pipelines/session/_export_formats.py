@@ -1,4 +1,4 @@
-"""Datasets as tables of text, JSON and MATLAB files, for programs that read no netCDF.
+"""Datasets as netCDF of the CF conventions, and as tables of text, JSON and MATLAB files.
 
 Every format keeps units, long names and the provenance, and none a time of day: two exports of one
 result are equal byte for byte.
@@ -15,6 +15,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from labpipe.installation import __version__
+
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """A spreadsheet takes a cell that begins with one of these for a formula."""
 _HIDDEN = re.compile(r"([;,]\s*)(?=[=+@]|-[^\d.])")
@@ -22,10 +24,32 @@ _HIDDEN = re.compile(r"([;,]\s*)(?=[=+@]|-[^\d.])")
 that splits a remark; a negative number is none."""
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
 _APART = r"\1'"
+CONVENTIONS = "CF-1.11"
+"""The climate and forecast conventions, https://cfconventions.org, which programs that read netCDF know."""
 _MATLAB_NAME = 63  # characters of a variable's name
 _MATLAB_HEAD = 116
 """Bytes of free text that begin a MATLAB file; by default they hold the time of day."""
 _MATLAB_OURS = ("units", "long_name", "dimensions", "remarks")
+
+
+def cf_dataset(dataset: xr.Dataset, remarks: Mapping[str, str]) -> xr.Dataset:
+    """Return a Dataset as the CF conventions describe one: units of UDUNITS, a long name of every variable, flags.
+
+    UDUNITS has no pixel: a variable in px is a number whose remark says so, m/px becomes m.
+    """
+    ours = f"labpipe {__version__}"
+    known = {"source": ours, "history": f"processed by {ours}", **dataset.attrs, **remarks}
+    made = dataset.assign_attrs(known | {"Conventions": CONVENTIONS})
+    for name, variable in made.variables.items():
+        attrs = {"long_name": str(name).replace("_", " ")} | variable.attrs
+        if "px" in (unit := str(attrs.get("units", ""))):
+            attrs |= {"units": "m" if unit == "m/px" else "1", "comment": f"unit: {unit}"}
+        if variable.dtype.kind == "b":
+            attrs |= {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "false true"}
+        elif variable.dtype.kind in "iuf":
+            attrs.setdefault("units", "1")
+        variable.attrs = attrs
+    return made
 
 
 def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str]:

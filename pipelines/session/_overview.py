@@ -60,6 +60,10 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     notes = [f"{f.message}: {f.cause}" for f in unused_files(session)]
     mark = f"<!-- {_state_digest(plan, code, [notes, [one.document() for one in verdicts.values()]])} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
+        from pipelines.experiments.shared.pages import LIMITS
+        from pipelines.guide import standalone
+
+        files.write_text((session.folder / page_name("x")).parent / LIMITS, standalone("limits"))
         files.write_text(path, _page(results, verdicts, notes) + mark)
     return path
 

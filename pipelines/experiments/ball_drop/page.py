@@ -211,13 +211,14 @@ def _model(settings: BallDrop, model: xr.Dataset) -> Section:
         for title, name in (*of_first, ("contact duration", "contact_duration"))
     ]
     rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
+    limits = pages.limits_of(model)
     plate = json.loads(model.attrs["plate"])
     if plate is None:
-        return Section("Model", (KeyValues(rows), Paragraph(_RIGID_FLOOR)))
+        return Section("Model", (KeyValues(rows), *limits, Paragraph(_RIGID_FLOOR)))
     rigid = f"without its motion the first restitution is {float(model['rigid_restitution']):.5f}"
     swing = f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz"
     rows.append(("plate", swing, f"damping ratio {plate['damping_ratio']:.3g}; {rigid}"))
-    return Section("Model", (KeyValues(rows),))
+    return Section("Model", (KeyValues(rows), *limits))
 
 
 def _methods(

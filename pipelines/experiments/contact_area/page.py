@@ -113,6 +113,7 @@ def _calibration(radius: xr.Dataset) -> Section:
 
 
 def _over_time(
+    settings: ContactArea,
     radius: xr.Dataset,
     impacts: xr.Dataset | None = None,
     model: xr.Dataset | None = None,
@@ -145,6 +146,7 @@ def _over_time(
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
     if comparison is not None and model is not None and comparison.sizes["impact"]:
         charts += _around(comparison, model)
+        charts += pages.limits_of(model)
     return Section("Contact radius over time", tuple(charts))
 
 

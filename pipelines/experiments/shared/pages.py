@@ -21,6 +21,7 @@ from labpipe.report import (
     Document,
     KeyValues,
     LineChart,
+    Link,
     Listed,
     Notice,
     Paragraph,
@@ -44,6 +45,10 @@ log_log = partial(LineChart, x_scale="log", y_scale="log")
 
 SESSION_PAGE = "index.html"
 """The page of the whole session, beside the folder of the reports."""
+
+
+LIMITS = "guide/limits.html"
+"""The page of the models' limits, below the folder of the reports; the page of the session is written with it."""
 
 
 def stated(given: Quantity) -> str:
@@ -333,6 +338,11 @@ def provenance(context: Context) -> Section:
     text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
     blocks = (files, Details("Versions, parameters and stages (JSON)", text=text))
     return Section("Provenance", blocks)
+
+
+def limits_of(model: xr.Dataset) -> tuple[Block, ...]:
+    """Link to the limits of the models from a drop whose strain and pressure are known."""
+    return (Link("Limits of the model", LIMITS),) if "linear_range" in model.attrs else ()
 
 
 def methods(text: str, settings: Any) -> Section:

@@ -1,0 +1,294 @@
+"""A processed session as a data package for a journal or a repository: an RO-Crate with checksums.
+
+It holds ``data`` (``session.toml`` and every file that it names), ``results`` (netCDF of the CF conventions, and a
+table of all quantities), ``pages``, ``figures`` where they are given, ``methods.md``, ``references.bib``,
+``requirements.txt`` (a lock of the environment), ``ro-crate-metadata.json`` with a preview, and ``SHA256SUMS``, which
+``sha256sum --check`` reads. S. Soiland-Reyes et al., Data Science 5 (2022) 97, https://doi.org/10.3233/DS-210053.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import importlib.metadata
+import importlib.util
+import mimetypes
+import mmap
+import platform
+import re
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe import files
+from labpipe.errors import ConfigError, InputError, UsageError
+from labpipe.installation import __version__
+from labpipe.workflow.document import parse
+from labpipe.workflow.plan import page_name
+from labpipe.workflow.session import FILE_NAME, Session
+from pipelines.experiments.shared.pages import LIMITS
+from pipelines.session._citation import cite
+from pipelines.session._export import Writer, export_results, export_table
+from pipelines.session._overview import COMPARISON_PAGE, PAGE
+from pipelines.session._processing import process
+from pipelines.session._results import opened, reopen_session
+from pipelines.session._session_checks import CONFIGURATION, named_files
+
+if TYPE_CHECKING:
+    from labpipe.workflow.run_result import Event
+
+DATA, RESULTS, SUMS = "data", "results", "SHA256SUMS"
+"""Folders of the session and of its results in a package, and the file of its checksums."""
+_CRATE = "1.1"  # version of RO-Crate that repositories take
+_CONTENT = {
+    DATA: "raw files, calibration records, session.toml",
+    RESULTS: "results in SI; u_x is the standard uncertainty of x",
+    "pages": "reports",
+    "figures": "figures and their numbers",
+}
+_TYPES = {".nc": "application/netcdf", ".md": "text/markdown", ".bib": "application/x-bibtex", ".toml": "text/toml"}
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Published:
+    """A package: its folder, the size of each file by name, and the experiments and results that it lacks."""
+
+    folder: Path
+    sizes: dict[str, int]
+    left_out: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        head = f"{self.folder}: {len(self.sizes)} files, {sum(self.sizes.values()) / 1e6:.1f} MB"
+        return "\n".join([head, *(f"left out: {line}" for line in self.left_out)])
+
+
+def publish(
+    session: str | Path,
+    out: str | Path,
+    *,
+    anonymous: bool = False,
+    figures: str | Path | None = None,
+    jobs: int = 1,
+    progress: Callable[[Event], None] | None = None,
+) -> Published:
+    """Write a data package of a session, as an RO-Crate; results that are missing are processed first.
+
+    Parameters
+    ----------
+    session : path-like
+        A session folder whose ``session.toml`` states ``licence`` and ``[[creators]]``.
+    out : path-like
+        Folder to be made, outside the session.
+    anonymous : bool
+        For a blind review: leave out operator, creators and paths of this machine. All is processed again
+        without them.
+    figures : path-like, optional
+        A folder that ``labpipe figures --data`` wrote, to be included.
+    jobs : int
+        Experiments processed side by side.
+    progress : callable, optional
+        Called with every event of the run.
+
+    Returns
+    -------
+    Published
+
+    Raises
+    ------
+    ConfigError
+        The session states no licence or no creators (the line to add is given), or a name that is to be left out
+        is in a raw file.
+    UsageError
+        The folder exists already, or the library ``rocrate`` is not installed.
+
+    Examples
+    --------
+    >>> publish("my-session", "my-package", anonymous=True)  # doctest: +SKIP
+    """
+    found, place = reopen_session(session), Path(out).absolute()
+    _require_statements(found, anonymous)
+    if importlib.util.find_spec("rocrate") is None:
+        raise UsageError("publishing needs the library rocrate; run: pip install 'labpipe[publish]'")
+    if place.exists() or place.resolve().is_relative_to(found.root):
+        raise UsageError(f"{out} exists already, or is inside the session; name a folder that is to be made elsewhere")
+    if figures is not None and not files.files_below(Path(figures)):
+        raise UsageError(f"{figures} holds no figures; draw them with: labpipe figures --data --out {figures}")
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".publish-", dir=place.parent) as scratch:
+        folder = Path(scratch) / "package"
+        names = _names(found) if anonymous else []
+        _copy(found, folder / DATA, names)
+        if anonymous:
+            found = reopen_session(folder / DATA)
+        run = process(found.root, jobs=jobs, progress=progress)
+        writer = Writer(folder / RESULTS, "nc", may_replace=True)
+        export_results(opened(found.root), (), (), writer)
+        with contextlib.suppress(InputError):  # a session may have curves alone
+            export_table(opened(found.root), (), Writer(folder / RESULTS, "csv", may_replace=True))
+        for page in (PAGE, COMPARISON_PAGE, f"reports/{LIMITS}", *map(page_name, found.experiments)):
+            if (found.folder / page).is_file():
+                files.write_bytes(folder / "pages" / page, (found.folder / page).read_bytes())
+        if figures is not None:
+            shutil.copytree(figures, folder / "figures")
+        if anonymous:
+            shutil.rmtree(found.folder)
+        _write_texts(found, folder)
+        _write_crate(found, folder)
+        _refuse(folder, names)
+        digests = {p.relative_to(folder).as_posix(): files.digest(p) for p in files.files_below(folder)}
+        files.write_text(folder / SUMS, "".join(f"{digest}  {name}\n" for name, digest in digests.items()))
+        sizes = {name: (folder / name).stat().st_size for name in (*digests, SUMS)}
+        folder.rename(place)
+    left_out = [f"{one.task}: {one.message}" for one in run.failures] + writer.left_out
+    left_out += [f"{name} waits: {lines[0]}" for name, lines in found.waiting.items()]
+    return Published(Path(out), sizes, tuple(left_out))
+
+
+def _require_statements(session: Session, anonymous: bool) -> None:
+    """Raise ConfigError with the lines to add where licence, creators or an ORCID are not stated."""
+    document = parse(session.root / FILE_NAME)
+    if not session.licence:
+        line = 'licence = "CC-BY-4.0"'
+        document.report(("session",), f"no licence is stated for the data; add to [session] the line: {line}")
+    if not anonymous and not session.creators:
+        lines = '[[creators]]\nname = "Given Family"\norcid = "0000-0002-1825-0097"\naffiliation = "Institute, Town"'
+        document.report((), f"no creators are stated; add at the end, once for each:\n{lines}")
+    for i, creator in enumerate(() if anonymous else session.creators):
+        if creator.orcid is None:
+            message = f'{creator.name} has no ORCID; add the line: orcid = "0000-0002-1825-0097" ("" for none)'
+            document.report(("creators", i), message)
+    document.finish()
+
+
+def _names(session: Session) -> list[str]:
+    """Return what an anonymous package must not hold, the longest first."""
+    of_persons = [text or "" for one in session.creators for text in (one.name, one.orcid, one.affiliation)]
+    names = {session.operator, *of_persons, str(session.root), f"{Path.home()}/"} - {""}
+    return sorted(names, key=len, reverse=True)
+
+
+def _copy(session: Session, data: Path, names: list[str]) -> None:
+    """Copy session.toml and the files that it names; strike names from those that are settings or records."""
+    held = [session.root / FILE_NAME]
+    for named in named_files(session):
+        held += files.files_below(named.path) if named.path.is_dir() else [named.path] * named.path.is_file()
+    files.require_space(data, 2 * sum(path.stat().st_size for path in held))
+    for path in dict.fromkeys(held):
+        target = data / path.relative_to(session.root)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
+        if names and path.suffix == CONFIGURATION:
+            text = path.read_text("utf-8-sig")
+            if path.name == FILE_NAME:
+                text = _without_persons(session, text)
+            for name in names:
+                text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", "(left out)", text)
+            files.write_text(target, text)
+
+
+def _without_persons(session: Session, text: str) -> str:
+    """Blank operator and creators, and what follows them up to the next key: lines keep their numbers."""
+    lines, places = text.splitlines(), parse(session.root / FILE_NAME).lines
+    persons = {place for place in places if place[:1] == ("creators",) or place == ("session", "operator")}
+    others = sorted(line for place, line in places.items() if place and place not in persons)
+    for first in {places[place] for place in persons}:
+        last = next((line for line in others if line > first), len(lines) + 1)
+        lines[first - 1 : last - 1] = [""] * (last - first)
+    return "\n".join(lines) + "\n"
+
+
+def _refuse(folder: Path, names: list[str]) -> None:
+    """Raise ConfigError where a file of a package holds a name, as text of 8 or 16 bits.
+
+    Initials are not looked for: a film holds any three bytes by chance.
+    """
+    codes, problems = ("utf-8", "latin-1", "utf-16-le"), []
+    for path in files.files_below(folder) if names else ():
+        with path.open("rb") as stream:
+            data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b""
+            for name in names:
+                if len(name) > 5 and any(data.find(name.encode(code, "replace")) >= 0 for code in codes):
+                    where = f'{path.relative_to(folder).as_posix()} holds "{name}"'
+                    problems.append(f"{where}; replace it in a copy of the session, and publish that")
+    if problems:
+        raise ConfigError(problems)
+
+
+def _write_texts(session: Session, folder: Path) -> None:
+    """Write methods, references and the lock of the environment."""
+    parts = [f"# Methods: {session.title}\n"]
+    for name in session.experiments:
+        page = folder / "pages" / page_name(name)
+        text = page.read_text("utf-8") if page.is_file() else ""
+        found = re.search(r'<div class="prose copyable">.*?<p>(.*?)</p>', text, re.S)
+        parts += [f"## {name}\n\n{html.unescape(found[1])}\n"] if found else []
+    files.write_text(folder / "methods.md", "\n".join(parts))
+    files.write_text(folder / "references.bib", cite(session.root))
+    head = f"# Python {platform.python_version()}, {platform.system()} {platform.machine()}\n"
+    lock = sorted({f"{d.name}=={d.version}\n" for d in importlib.metadata.distributions()}, key=str.lower)
+    files.write_text(folder / "requirements.txt", head + "".join(lock))
+
+
+def _write_crate(session: Session, folder: Path) -> None:
+    """Describe the package and every file in it as an RO-Crate, with a preview, and read the description back."""
+    from rocrate.model import ContextEntity, Person, SoftwareApplication
+    from rocrate.rocrate import ROCrate
+
+    def entity(identifier: str, kind: str, /, **properties: Any) -> Any:
+        return crate.add(ContextEntity(crate, identifier, properties={"@type": kind, **properties}))
+
+    crate = ROCrate(gen_preview=True, version=_CRATE)
+    about = f"Raw files, results and reports of {len(session.experiments)} experiments, processed by labpipe."
+    crate.name, crate.description = session.title, f"{about} {session.notes}".strip()
+    crate.datePublished = date.today()
+    address = session.licence if "://" in session.licence else f"https://spdx.org/licenses/{session.licence}"
+    crate.license = entity(address, "CreativeWork", name=session.licence, description=f"licence {session.licence}")
+    people = []
+    for i, one in enumerate(session.creators):
+        person: dict[str, Any] = {"name": one.name}
+        if one.affiliation:
+            person["affiliation"] = {"@id": entity(f"#affiliation-{i}", "Organization", name=one.affiliation).id}
+        name = f"https://orcid.org/{one.orcid}" if one.orcid else f"#creator-{i}"
+        people.append(crate.add(Person(crate, name, properties=person)))
+    for role in ("author", "creator") if people else ():  # repositories read either
+        crate.root_dataset[role] = people if people[1:] else people[0]
+    held: dict[str, list[Any]] = {}
+    for path in files.files_below(folder):
+        name = path.relative_to(folder).as_posix()
+        top = name.partition("/")[0]
+        kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        properties = {"name": path.name, "encodingFormat": kind, "contentSize": str(path.stat().st_size)}
+        properties |= {"sha256": files.digest(path), "description": _CONTENT.get(top, path.name)}
+        held.setdefault(top, []).append(crate.add_file(path, name, properties=properties))
+    program = crate.add(SoftwareApplication(crate, "#labpipe", properties={"name": "labpipe", "version": __version__}))
+    made = {key: [{"@id": one.id} for one in held[top]] for key, top in (("object", DATA), ("result", RESULTS))}
+    action = entity("#processing", "CreateAction", name="processing", instrument={"@id": program.id}, **made)
+    crate.root_dataset["mentions"] = action
+    crate.metadata.write(folder)
+    facts = [("creator", f"{one['name']}, {one.id}", "") for one in people]
+    facts += [("licence", address, ""), ("published", str(date.today()), "")]
+    rows = [
+        (top, len(every), sum(int(e["contentSize"]) for e in every), _CONTENT.get(top, ""))
+        for top, every in held.items()
+    ]
+    _write_preview(session, folder / crate.preview.id, crate.description, facts, rows)
+    read = {entity.id for entity in ROCrate(folder).data_entities}
+    if lost := sorted(e.id for every in held.values() for e in every if e.id not in read):
+        raise InputError(f"the library rocrate does not read back {', '.join(lost)}; rename the file")
+
+
+def _write_preview(session: Session, path: Path, about: str, facts: list[Any], rows: list[Any]) -> None:
+    """Write the page that shows the package to a person."""
+    from labpipe.report import Column, Document, KeyValues, Link, Paragraph, Section, Table
+
+    links = (Link("Pages", f"pages/{PAGE}"), Link("Methods", "methods.md"), Link("References", "references.bib"))
+    check = "Check the files with sha256sum --check SHA256SUMS, and the numbers with labpipe verify FOLDER."
+    columns = (Column("file or folder"), Column("files"), Column("bytes", digits=12), Column("content"))
+    first = Section("Package", (KeyValues(facts), *links, Paragraph(check)))
+    badge = "synthetic data" if session.synthetic else ""
+    page = Document(session.title, about, badge, (first, Section("Content", (Table(columns, rows),))))
+    files.write_text(path, page.render())

@@ -1,0 +1,193 @@
+"""A data package: complete, readable without labpipe, verified from its raw files, and without names when asked."""
+
+import hashlib
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import labpipe as lp
+from labpipe import files
+from labpipe.errors import ConfigError, StoreError, UsageError
+from pipelines.cli import main
+
+CREATOR = '\n[[creators]]\nname = "Josiah Carberry"\norcid = "0000-0002-1825-0097"\naffiliation = "Brown University"\n'
+ROOT = Path(lp.__file__).parents[1]
+
+
+def state(folder: Path, creators: str = CREATOR) -> Path:
+    """Let a session state its licence and creators."""
+    path = folder / "session.toml"
+    text = path.read_text("utf-8").replace("[session]\n", '[session]\nlicence = "CC-BY-4.0"\n')
+    path.write_text(text + creators, "utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def package(pristine_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small session, published; the package is not changed by a test."""
+    pytest.importorskip("rocrate", reason="the extra publish is not installed")
+    folder = tmp_path_factory.mktemp("package")
+    session = state(Path(shutil.copytree(pristine_session, folder / "session")))
+    assert not lp.publish(session, folder / "package", jobs=0).left_out
+    return folder / "package"
+
+
+@pytest.fixture
+def copied(package: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(package, tmp_path / "copied"))
+
+
+def test_what_is_not_stated_is_asked_for_with_the_line_to_copy(session_copy: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as asked:
+        lp.publish(session_copy, tmp_path / "package")
+    (first, second) = asked.value.problems
+    assert re.match(r"session.toml:1: no creators are stated; .*\n\[\[creators\]\]\nname = ", first)
+    assert re.match(r'session.toml:\d: session: no licence .* the line: licence = "CC-BY-4.0"$', second)
+    assert not (tmp_path / "package").exists()
+    state(session_copy, '\n[[creators]]\nname = "A"\n')
+    with pytest.raises(ConfigError, match=r"creators\[0\]: A has no ORCID; add the line: orcid = "):
+        lp.publish(session_copy, tmp_path / "package")
+    with (session_copy / "session.toml").open("a", encoding="utf-8") as stream:
+        stream.write('orcid = "0000-0002-1825-0096"\n')
+    with pytest.raises(ConfigError, match=r'creators\[0\]: "0000-0002-1825-0096" is no ORCID'):
+        lp.plan(session_copy)
+
+
+def test_a_folder_that_is_there_or_inside_the_session_is_refused(session_copy: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rocrate", reason="the extra publish is not installed")
+    state(session_copy)
+    with pytest.raises(UsageError, match="exists already, or is inside"):
+        lp.publish(session_copy, tmp_path)
+    with pytest.raises(UsageError, match="exists already, or is inside"):
+        lp.publish(session_copy, session_copy / "package")
+
+
+def test_the_crate_reads_back_with_every_file_its_creators_and_its_licence(package: Path) -> None:
+    from rocrate.rocrate import ROCrate
+
+    crate = ROCrate(package)
+    assert crate.license.id == "https://spdx.org/licenses/CC-BY-4.0"
+    assert crate.root_dataset["creator"].id == "https://orcid.org/0000-0002-1825-0097"
+    sums = dict(reversed(line.split("  ", 1)) for line in (package / "SHA256SUMS").read_text("utf-8").splitlines())
+    held = {path.relative_to(package).as_posix() for path in files.files_below(package)}
+    assert set(sums) == held - {"SHA256SUMS"}
+    described = {entity.id: entity["sha256"] for entity in crate.data_entities}
+    assert set(described) == set(sums) - {"ro-crate-metadata.json", "ro-crate-preview.html"}
+    assert all(sums[name] == digest for name, digest in described.items())
+    assert {"methods.md", "references.bib", "data/session.toml", "data/laser/drop_1.csv", "pages/index.html",
+            "pages/reports/drop.html", "pages/reports/guide/limits.html", "results/quantities.csv"} <= held  # fmt: skip
+    raw = (package / "data/laser/drop_1.csv").read_bytes()
+    assert hashlib.sha256(raw).hexdigest() == sums["data/laser/drop_1.csv"]
+    assert f"numpy=={np.__version__}\n" in (package / "requirements.txt").read_text("utf-8")
+    assert "A sphere of radius" in (package / "methods.md").read_text("utf-8")
+    assert 'href="guide/limits.html"' in (package / "pages/reports/drop.html").read_text("utf-8")
+
+
+def test_the_crate_is_accepted_by_the_validator(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It asks the network for the context of RO-Crate; here it gets the one that rocrate brings."""
+    pytest.importorskip("rocrate_validator", reason="roc-validator is not installed; it needs rich < 14")
+    import rdflib.plugins.shared.jsonld.context
+    import requests
+    import rocrate
+    from rocrate_validator import models, services
+    from rocrate_validator.utils.http import HttpRequester
+
+    text = (Path(rocrate.__file__).parent / "data/ro-crate.jsonld").read_bytes()
+    answer = requests.Response()
+    answer.status_code, answer._content, answer.headers["Content-Type"] = 200, text, "application/ld+json"
+    monkeypatch.setattr(HttpRequester, "get", lambda *_, **__: answer, raising=False)
+    context = rdflib.plugins.shared.jsonld.context
+    monkeypatch.setattr(context, "source_to_json", lambda *_, **__: (json.loads(text), None))
+    settings = services.ValidationSettings(
+        rocrate_uri=str(package), profile_identifier="ro-crate-1.1", requirement_severity=models.Severity.REQUIRED
+    )
+    assert [issue.message for issue in services.validate(settings).get_issues()] == []
+
+
+def test_the_numbers_come_out_again_from_the_raw_files(package: Path) -> None:
+    found = lp.verify(package, jobs=0)
+    assert len(found.results) == len(list((package / "results").glob("*.nc"))) > 10
+    assert [(one.deviation, one.differs) for one in found.results] == [(0.0, ())] * len(found.results)
+
+
+def test_a_changed_file_and_a_changed_number_are_found(
+    copied: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, sums = copied / "results/drop.repeats.nc", copied / "SHA256SUMS"
+    before, data = files.digest(path), files.read_dataset(path)
+    data["restitution"].values[0] *= 1.0 + 1e-3
+    files.write_dataset(path, data)
+    (copied / "methods.md").unlink()
+    with pytest.raises(StoreError, match=r"methods.md is missing; results/drop.repeats.nc was changed"):
+        lp.verify(copied)
+    kept = [line for line in sums.read_text("utf-8").splitlines() if not line.endswith("  methods.md")]
+    sums.write_text("\n".join(kept).replace(before, files.digest(path)) + "\n", "utf-8")
+    with pytest.raises(SystemExit) as ended:
+        main(["verify", str(copied), "--jobs", "0", "--json"])
+    assert ended.value.code == 1
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["results"]}
+    assert rows["drop.repeats.nc"]["differs"] == ["restitution"]
+    assert rows["drop.repeats.nc"]["deviation"] == pytest.approx(1e-3, rel=0.2)
+
+
+def test_an_anonymous_package_holds_no_name(session_copy: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rocrate", reason="the extra publish is not installed")
+    state(session_copy)
+    path = session_copy / "session.toml"
+    path.write_text(path.read_text("utf-8") + "# by Josiah Carberry\n", "utf-8")
+    lp.publish(session_copy, tmp_path / "package", anonymous=True, jobs=0)
+    names = [b"Carberry", b"0000-0002-1825-0097", b"Brown", b"the virtual rig", str(session_copy).encode()]
+    for file in files.files_below(tmp_path / "package"):
+        assert [name for name in names if name in file.read_bytes()] == [], file.name
+    path.write_text(path.read_text("utf-8").replace("Brown University", "Mach-1 Motion"), "utf-8")
+    with pytest.raises(ConfigError, match=r'data/mach1/nbr.txt holds "Mach-1 Motion"; replace it in a copy'):
+        lp.publish(session_copy, tmp_path / "other", anonymous=True, jobs=0)
+    assert not (tmp_path / "other").exists()
+
+
+def test_results_follow_the_cf_conventions_and_open_without_labpipe(package: Path) -> None:
+    for path in sorted((package / "results").glob("*.nc")):
+        with xr.open_dataset(path) as found:
+            assert found.attrs["Conventions"] == "CF-1.11"
+            assert {"title", "source"} <= set(found.attrs)
+            for name, variable in found.variables.items():
+                assert re.fullmatch(r"[A-Za-z]\w*", str(name)), (path.name, name)
+                assert variable.attrs["long_name"], (path.name, name)
+                assert "px" not in variable.attrs.get("units", ""), (path.name, name)
+                assert variable.dtype.kind in "UOT" or "units" in variable.attrs or "flag_values" in variable.attrs
+                assert variable.dtype.kind not in "mM"
+    table = pd.read_csv(package / "results/quantities.csv", comment="#")
+    assert {"experiment", "quantity", "value"} <= set(table.columns)
+
+
+def test_results_pass_a_checker_of_the_cf_conventions(package: Path, tmp_path: Path) -> None:
+    runner = pytest.importorskip("compliance_checker.runner", reason="compliance-checker is not installed")
+    runner.CheckSuite.load_all_available_checkers()
+    paths = [str(path) for path in sorted((package / "results").glob("drop.*.nc"))]
+    report = tmp_path / "cf.json"
+    runner.ComplianceChecker.run_checker(paths, ["cf:1.11"], 0, "strict", output_filename=str(report),
+                                         output_format="json_new")  # fmt: skip
+    found = json.loads(report.read_text("utf-8"))
+    assert {p: [one for one in f["cf:1.11"]["high_priorities"] if one["msgs"]] for p, f in found.items()} == {
+        path: [] for path in paths
+    }
+
+
+def test_citations_are_of_this_version_and_of_the_kinds_of_the_session(pristine_session: Path) -> None:
+    def keys(text: str) -> set[str]:
+        assert text.count("{") == text.count("}")
+        return set(re.findall(r"^@\w+\{([\w-]+),$", text, re.M))
+
+    assert keys(lp.cite()) == {"labpipe", "GUM", "GUM-S1"}
+    of_session = keys(lp.cite(pristine_session))
+    assert {"labpipe", "GUM", "thesis", "Ting1966", "Westergaard1939"} <= of_session
+    assert "WLF1955" not in of_session
+    assert f"version = {{{lp.__version__}}}" in lp.cite()
+    assert f"version: {lp.__version__}\n" in (ROOT / ".github/CITATION.cff").read_text("utf-8")
+    assert f"## {lp.__version__} " in (ROOT / "labpipe/documentation/changelog.md").read_text("utf-8")
