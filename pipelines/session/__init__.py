@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         gap_for as gap_for,
         in_unit as in_unit,
         library_names as library_names,
+        template_of as template_of,
     )
     from pipelines.session._inspection import Inspected as Inspected, describe as describe, inspect as inspect
     from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
         verdict as verdict,
         watch as watch,
     )
-    from pipelines.session._proposal import Scan as Scan, init as init
+    from pipelines.session._proposal import Scan as Scan, draft as draft, init as init
     from pipelines.session._recognition import (
         COLUMNS as COLUMNS,
         Surveyed as Surveyed,
