@@ -180,7 +180,7 @@ def load(
     """
     source = Path(path)
     source = source / FILE_NAME if source.is_dir() else source
-    if not source.is_file():
+    if text is None and not source.is_file():
         raise SourceError(source, "there is no such file", hint=f"make one with: labpipe init {source.parent}")
     document = parse(source, text)
     _check_version(document)

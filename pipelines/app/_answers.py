@@ -15,11 +15,11 @@ from starlette.routing import Route
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below, safe_join
 from labpipe.workflow.session import FILE_NAME
-from pipelines.app import _measuring as measuring, _setup as setup
+from pipelines.app import _history as history, _measuring as measuring, _setup as setup
 from pipelines.app._outlook import outlook
 from pipelines.app._pictures import Pictures
 from pipelines.app._runs import Runs
-from pipelines.session import Surveyed
+from pipelines.session import Surveyed, draft
 
 _ASSETS = Path(__file__).parent / "assets"
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
@@ -36,6 +36,7 @@ class Answers:
         self.pictures = Pictures()
         self._writing = threading.Lock()
         self._surveyed: tuple[object, list[Surveyed]] = (None, [])
+        self._drafted: tuple[object, dict[str, str]] = (None, {})
 
     def application(self) -> Starlette:
         """Return the application (ASGI)."""
@@ -55,7 +56,6 @@ class Answers:
         tells["/api/plan"] = lambda request: self.outlook()
         posts: dict[str, Callable[[Told], Told]] = {
             "/api/run": self.run,
-            "/api/init": self.init,
             "/api/check": self.check,
             "/api/write": self.write,
             "/api/length": self.length,
@@ -71,7 +71,7 @@ class Answers:
     def files(self) -> Told:
         """List the files of the folder, and the pages that there are."""
         made = self.folder / "labpipe"
-        pages = sorted(p.relative_to(made).as_posix() for p in made.rglob("*.html")) if made.is_dir() else []
+        pages = sorted(p.relative_to(made).as_posix() for at in ("", "reports/") for p in made.glob(f"{at}*.html"))
         return {
             "folder": self.folder.name,
             "is_session": (self.folder / FILE_NAME).is_file(),
@@ -126,31 +126,33 @@ class Answers:
 
     # --- the session ---
 
-    def init(self, asked: Told) -> Told:
-        """Write a first session.toml; a later one is edited instead."""
-        from pipelines.session import init
-
-        del asked
-        with self._writing:
-            found = init(self.folder)
-        return {"experiments": found.experiments, "gaps": found.gaps, "unused": found.unused}
-
     def session(self) -> Told:
-        """Return the set-up as it is."""
+        """Return the set-up as it is; where there is none, as it is proposed."""
         texts = setup.read(self.folder)
-        return setup.state(self.folder, texts) | {"base": setup.digest(texts), "difference": []}
+        asked = [] if FILE_NAME in texts else [{"op": "propose"}]
+        return self._state(texts, setup.changed(self.folder, texts, asked, self._draft)) | {"edits": asked}
 
     def check(self, asked: Told) -> Told:
         """Return the set-up as changes would make it, with the difference; nothing is written."""
-        texts, new = self._changed(asked)
-        return setup.state(self.folder, new) | {"base": setup.digest(texts), "difference": setup.difference(texts, new)}
+        return self._state(*self._changed(asked))
 
     def write(self, asked: Told) -> Told:
         """Write changes that were looked at, unless the files are others by now."""
         with self._writing:
-            texts, new = self._changed(asked)
-            written = setup.write(self.folder, texts, new)
+            written = history.write(self.folder, *self._changed(asked))
         return self.session() | {"written": written}
+
+    def _state(self, texts: dict[str, str], new: dict[str, str]) -> Told:
+        told = {"base": setup.digest(texts), "versions": history.versions(self.folder)}
+        told |= {"difference": history.difference(texts, new), "words": history.in_words(texts, new)}
+        return setup.state(self.folder, {FILE_NAME: ""} | new) | told
+
+    def _draft(self) -> dict[str, str]:
+        """Propose a session; again only when a file is new, gone or changed."""
+        self._survey()
+        if self._drafted[0] != self._surveyed[0]:
+            self._drafted = (self._surveyed[0], draft(self.folder).texts)
+        return self._drafted[1]
 
     def beside(self, asked: Told) -> Told:
         """Write the page of two experiments side by side."""
@@ -166,7 +168,7 @@ class Answers:
             raise InputError(
                 "the files were changed elsewhere meanwhile; the set-up is read again, your last changes are not in it"
             )
-        return texts, setup.changed(texts, asked.get("edits"))
+        return texts, setup.changed(self.folder, texts, asked.get("edits"), self._draft)
 
     def outlook(self) -> Told:
         """Return the outlook of a run."""

@@ -23,6 +23,7 @@ import tomlkit.items
 
 from labpipe.errors import InputError
 from labpipe.workflow.fields import REFERENCE, ReferenceMark, is_gap, mark, split
+from pipelines.experiments.shared.proposals import listed
 from pipelines.session import bare_type
 
 Place = tuple[str | int, ...]
@@ -61,8 +62,10 @@ def set_values(text: str, changes: Sequence[tuple[Place, Any]]) -> str:
                 node.remove(place[-1]) if place[-1] in node else None
             elif isinstance(value, dict):
                 node[place[-1]] = tomlkit.value(inline(value))
-            else:
-                node[place[-1]] = _listed(value) if isinstance(value, list) else value
+            elif not isinstance(value, list):
+                node[place[-1]] = value
+            elif not _relisted(node.get(place[-1]), value):
+                node[place[-1]] = _listed(value)
         changed = tomlkit.dumps(document)
     except (tomlkit.exceptions.TOMLKitError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise InputError(f"{_shown(place)} cannot be changed here ({error}); change session.toml by hand") from None
@@ -96,6 +99,20 @@ def remove(text: str, name: str) -> str:
         raise InputError("a session needs an experiment; this is the last one")
     kept = "".join(block for path, block in _blocks(text) if path[:2] != (EXPERIMENTS, name))
     return _as_meant(kept, tree, (EXPERIMENTS, name))
+
+
+def replaced(text: str, name: str, tables: str) -> str:
+    """Write other tables of TOML in the place of an experiment's."""
+    tree = _tree(text)
+    _require(tree, name)
+    tree[EXPERIMENTS][name] = _tree(tables)[EXPERIMENTS][name]
+    blocks = _blocks(text)
+    own = [number for number, (path, _) in enumerate(blocks) if path[:2] == (EXPERIMENTS, name)]
+    if not own:
+        raise InputError(f"{EXPERIMENTS}.{name} has no header of its own; change session.toml by hand")
+    end = "\n\n" if blocks[own[-1]][1].endswith("\n\n") else "\n"
+    kept = {own[0]: tables.rstrip("\n") + end} | {n: block for n, (_, block) in enumerate(blocks) if n not in own}
+    return _as_meant("".join(kept[number] for number in sorted(kept)), tree, (EXPERIMENTS, name))
 
 
 def duplicate(text: str, name: str, to: str) -> str:
@@ -276,9 +293,24 @@ def _as_meant(text: str, meant: Mapping[str, Any], place: Place) -> str:
 
 
 def _listed(names: Sequence[Any]) -> Any:
+    if len(names) > 1 and all(isinstance(name, str) for name in names):
+        return tomlkit.parse(f"names = {listed(names)}")["names"]
     array = tomlkit.array()
     array.extend(names)
-    return array.multiline(multiline=len(names) > 1 and all(isinstance(name, str) for name in names))
+    return array
+
+
+def _relisted(array: Any, wanted: Sequence[Any]) -> bool:
+    """Change a list of texts in its place where items only come or go, so that lines of the others stay as they are."""
+    if not isinstance(array, tomlkit.items.Array) or not all(isinstance(item, str) for item in (*array, *wanted)):
+        return False
+    kept = [item for item in array if item in wanted]
+    if kept != list(wanted[: len(kept)]):
+        return False
+    for item in [item for item in array if item not in wanted]:
+        array.remove(item)
+    array.extend(wanted[len(kept) :])
+    return True
 
 
 def _require(tree: Mapping[str, Any], name: str) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import itertools
+import os
 import re
 import typing
-from collections.abc import Mapping
-from datetime import date
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import date, datetime
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -21,28 +21,29 @@ from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
 from labpipe.workflow import config, session as sessions
 from labpipe.workflow.document import dotted, nodes, parse
-from labpipe.workflow.fields import GAP, FileMark, ReferenceMark, describe, is_gap, mark, split
+from labpipe.workflow.fields import GAP, FileMark, describe, is_gap, mark, split
+from labpipe.workflow.graph import OTHER
 from labpipe.workflow.session import FILE_NAME
-from pipelines.app import _edits as edits
-from pipelines.experiments import KINDS
-from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, remedy
+from pipelines.app import _edits as edits, _history as history
+from pipelines.experiments import JUDGEMENT, KINDS, Kind
+from pipelines.experiments.shared.proposals import material_word
+from pipelines.experiments.shared.record_templates import blank_record
+from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, remedy, template_of
 
 Told = dict[str, Any]
 _PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
 
 
 def read(folder: Path) -> dict[str, str]:
-    """Return the texts of session.toml and of every calibration record, by name.
+    """Return the texts of session.toml, if it is there, and of every calibration record, by name.
 
     Raises
     ------
     LabpipeError
-        session.toml is not there, or a link that leads out of the folder.
+        session.toml is a link that leads out of the folder.
     """
     path = safe_join(folder, FILE_NAME)
-    if not path.is_file():
-        raise InputError("there is no session.toml yet; propose a session from the files first")
-    texts = {FILE_NAME: _text(path)}
+    texts = {FILE_NAME: _text(path)} if path.is_file() else {}
     for each in files.files_below(folder):
         name = each.relative_to(folder).as_posix()
         if each.suffix == ".toml" and name != FILE_NAME and not name.startswith((".", "labpipe/", "truth/")):
@@ -63,24 +64,36 @@ def digest(texts: Mapping[str, str]) -> str:
     return hashlib.sha256(files.canonical(dict(texts)).encode()).hexdigest()
 
 
-def changed(texts: Mapping[str, str], asked: Any) -> dict[str, str]:
+def changed(
+    folder: Path, texts: Mapping[str, str], asked: Any, proposed: Callable[[], dict[str, str]]
+) -> dict[str, str]:
     """Apply changes one after the other.
 
     ``texts``: of :func:`read`; ``asked``: ``{"op": "set", "file", "place", "text"}``, ``rename`` (``name``, ``to``),
     ``remove`` (``name``), ``merge`` (``name``, ``other``, ``key``), ``split`` (``name``, ``to``, ``key``, ``names``),
-    ``add`` (``name``, ``key``, ``names``). Raises InputError: a change cannot be made.
+    ``add`` (``name``, ``key``, ``names``), ``kind`` (``name``, ``to``), ``note`` (``name``, ``who``, ``text``),
+    ``record`` (``kind``, ``view``, ``names``: of the experiments that take it), ``propose`` (by
+    :func:`pipelines.session.draft`, where there is no session), and ``restore`` (``version``). Raises InputError: a
+    change cannot be made.
     """
     new = dict(texts)
     if not isinstance(asked, list):
         raise InputError("expected a list of changes")
     try:
         for file, edits_of in itertools.groupby(asked, key=_file_set):
-            if file is None:
-                for edit in edits_of:
-                    _restructure(new, edit)
-            else:
+            for edit in edits_of if file is None else ():
+                if edit["op"] == "restore":
+                    new |= history.version(folder, str(edit["version"]))
+                    new = {name: text for name, text in new.items() if text}
+                elif edit["op"] == "propose" and FILE_NAME not in new:
+                    new |= proposed()
+                elif FILE_NAME not in new:
+                    raise InputError("there is no session.toml yet; propose a session from the files first")
+                else:
+                    _restructure(folder, new, edit)
+            if file is not None:
                 _set(new, file, list(edits_of))
-    except (KeyError, TypeError, AttributeError):
+    except (LookupError, TypeError, AttributeError):
         raise InputError(f"a change that is not understood: {asked!r}"[:300]) from None
     return new
 
@@ -95,17 +108,26 @@ def _set(texts: dict[str, str], name: str, edits_of: list[Any]) -> None:
         raise InputError(f'"{name}" is not part of the set-up')
     changes = []
     for edit in edits_of:
-        place, typed = tuple(edit["place"]), str(edit["text"]).strip()
-        if len(typed) > _LONGEST or not typed.isprintable():
-            raise InputError(f"{place[-1]}: a value is one line of at most {_LONGEST} characters")
+        place = tuple(edit["place"])
+        typed = _one_line(place[-1], edit["text"])
         kind, required = _type_at(texts[name], name, place)
         value = _as_value(kind, typed, _at(texts[name], place)) if typed else gap_for(kind) if required else None
         changes.append((place, value))
     texts[name] = edits.set_values(texts[name], changes)
 
 
-def _restructure(texts: dict[str, str], edit: Any) -> None:
+def _one_line(key: str | int, typed: Any) -> str:
+    text = str(typed).strip()
+    if len(text) > _LONGEST or not text.isprintable():
+        raise InputError(f"{key}: a value is one line of at most {_LONGEST} characters")
+    return text
+
+
+def _restructure(folder: Path, texts: dict[str, str], edit: Any) -> None:
     op = edit["op"]
+    if op == "record":
+        _new_record(folder, texts, str(edit["kind"]), str(edit["view"]), list(map(str, edit["names"])))
+        return
     text, name = texts[FILE_NAME], str(edit["name"])
     if op == "rename":
         text = edits.rename(text, name, str(edit["to"]).strip(), SETTINGS)
@@ -117,9 +139,63 @@ def _restructure(texts: dict[str, str], edit: Any) -> None:
         text = edits.separate(text, name, str(edit["to"]).strip(), str(edit["key"]), list(edit["names"]))
     elif op == "add":
         text = edits.add(text, name, str(edit["key"]), [str(file) for file in edit["names"]])
+    elif op == "note":
+        notes = [*_tree(text)[edits.EXPERIMENTS][name].get("notes", [])]
+        said = {key: _one_line(key, edit[key]) for key in ("who", "text")}
+        notes.append({"on": datetime.now().astimezone().date(), **said})
+        text = edits.set_value(text, (edits.EXPERIMENTS, name, "notes"), notes)
+    elif op == "kind":
+        text = _of_kind(texts, name, str(edit["to"]))
     else:
         raise KeyError(op)
     texts[FILE_NAME] = text
+    if op == "kind" and GAP in str(_at(text, (edits.EXPERIMENTS, name, "camera"))):  # no record of this view yet
+        _new_record(folder, texts, "camera", "", [name])
+
+
+def _of_kind(texts: Mapping[str, str], name: str, to: str) -> str:
+    """Write an experiment as one of another kind: its recordings and all values that both kinds have are kept."""
+    ((template,), _), old = template_of([to]), _tree(texts[FILE_NAME])[edits.EXPERIMENTS][name]
+    lines = "\n".join(line for line in template.splitlines() if not line.startswith("# "))
+    had = {place: value for place, _, value in edits.values(SETTINGS[old["kind"]], old, ()) if GAP not in str(value)}
+    changes = []
+    for place, of, before in list(edits.values(SETTINGS[to], _tree(lines)[edits.EXPERIMENTS][to], ())):
+        key = place[-1]
+        value = had.get(place)
+        if value is None and before is not None:  # at the top in one kind, in a table of each drop in another
+            value = next((v for at, v in had.items() if at[-1] == key and 1 in (len(at), len(place))), None)
+        if key == "camera":  # of the view that the new kind is seen in
+            view = _default(SETTINGS[to], "view")
+            value = next((n for n, text in texts.items() if n != FILE_NAME and _tree(text).get("view") == view), None)
+        if value is None or key in ("kind", "view"):
+            continue
+        is_list = typing.get_origin(split(bare_type(of))[0]) in (list, tuple)
+        if is_list != isinstance(value, list):
+            value = [value] if is_list else value[0]
+        changes.append(((edits.EXPERIMENTS, to, *place), value))
+    own = {f.encode_name for f in msgspec.structs.fields(SETTINGS[to])} - set(_tree(lines)[edits.EXPERIMENTS][to])
+    lists = ((key, value) for key, value in old.items() if key in own and isinstance(value, list))  # such as notes
+    changes += [((edits.EXPERIMENTS, to, key), value) for key, value in lists]
+    tables = edits.set_values(lines, changes)
+    return edits.replaced(texts[FILE_NAME], name, tables if name == to else edits.rename(tables, to, name, SETTINGS))
+
+
+def _default(kind: type[msgspec.Struct], key: str) -> Any:
+    """Return the default of a field of a structure; None where there is no such field or default."""
+    return next((f.default for f in msgspec.structs.fields(kind) if f.encode_name == key and not f.required), None)
+
+
+def _new_record(folder: Path, texts: dict[str, str], kind: str, view: str, names: list[str]) -> None:
+    """Add a calibration record that is to be filled in, and name it in experiments."""
+    tree = _tree(texts[FILE_NAME])[edits.EXPERIMENTS]
+    recordings = [text for name in names for text in nodes(tree[name]) if isinstance(text, str)]
+    taken = [name for name in recordings if name.rpartition(".")[2] != "toml" and safe_join(folder, name).exists()]
+    for name in names:
+        view = view or str(tree[name].get("view") or _default(SETTINGS[tree[name]["kind"]], "view"))
+    made, text = blank_record(folder, kind, view, taken, texts)
+    texts[made] = text
+    key = "camera" if kind == "camera" else "calibration"
+    texts[FILE_NAME] = edits.set_values(texts[FILE_NAME], [((edits.EXPERIMENTS, name, key), made) for name in names])
 
 
 _LONGEST = 2000
@@ -188,82 +264,104 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
     """Return the set-up as texts give it: experiments, records, with their errors and missing values."""
     problems, waiting = _problems(folder, texts)
     tree = _tree(texts[FILE_NAME])
-    records = [name for name in texts if name != FILE_NAME]
+    records = {name: _tree(text) for name, text in texts.items() if name != FILE_NAME}
     tables = tree.get(edits.EXPERIMENTS, {})
-    names = list(tables) if isinstance(tables, dict) else []
+    tables = tables if isinstance(tables, dict) else {}
     experiments, remarks = [], edits.remarks(texts[FILE_NAME])
-    for name in names:
-        table = tables[name] if isinstance(tables[name], dict) else {}
-        kind = KINDS.get(str(table.get("kind")))
+    for name, table in tables.items():
+        kind = KINDS.get(str(table.get("kind"))) if isinstance(table, dict) else None
         place: edits.Place = (edits.EXPERIMENTS, name)
-        experiments.append(
-            {
-                "name": name,
-                "kind": "" if kind is None else kind.name,
-                "title": "no known kind" if kind is None else kind.title,
-                "fields": []
-                if kind is None
-                else _fields(folder, kind.settings, table, place, FILE_NAME, names, records, remarks),
-                "waits": name in waiting or _has_problem(name, table, problems),
-            }
-        )
+        told: Told = {"name": name, "kind": "", "title": "no known kind", "why": "", "kinds": [], "fields": []}
+        if kind is not None:
+            fields = list(_fields(folder, kind.settings, table, place, FILE_NAME, remarks))
+            for field in fields:
+                field["suggestions"] += _suggestions(folder, name, kind, field, tables, records)
+                field["record"] = _record_of(kind, field["place"])
+            told["view"] = str(table.get("view") or _default(kind.settings, "view") or "")
+            told |= {"kind": kind.name, "title": kind.title, "why": remarks.get((*place, "kind"), ""), "fields": fields}
+            told["takes_notes"] = any(f.encode_name == "notes" for f in msgspec.structs.fields(kind.settings))
+            own = set(kind.proposal.contents) if kind.proposal else set()
+            able = [k for k in KINDS.values() if k is kind or (k.proposal and own & set(k.proposal.contents))]
+            told["kinds"] = [[each.name, each.title] for each in able]
+        waits = name in waiting or _has_problem(name, table if isinstance(table, dict) else {}, problems)
+        experiments.append(told | {"waits": waits})
     shown: list[Told] = []
-    for name in records:
-        record = _tree(texts[name])
+    for name, record in records.items():
         kind_of = RECORDS.get(str(record.get("kind")))
         if kind_of is not None:
-            fields = _fields(folder, kind_of, record, (), name, names, records, edits.remarks(texts[name]))
+            fields = list(_fields(folder, kind_of, record, (), name, edits.remarks(texts[name])))
             users = [
                 one["name"] for one in experiments if any(f["text"] == name and not f["files"] for f in one["fields"])
             ]
-            shown.append({"name": name, "kind": record["kind"], "fields": fields, "used_by": users})
-    return {"experiments": experiments, "records": shown, "problems": problems}
+            told = {"name": name, "kind": record["kind"], "view": record.get("view", "")}
+            shown.append(told | {"fields": fields, "used_by": users})
+    session = tree.get("session")
+    operator = session.get("operator") if isinstance(session, dict) else ""
+    person = operator or os.environ.get("USER", os.environ.get("USERNAME", ""))
+    return {"experiments": experiments, "records": shown, "problems": problems, "person": person}
 
 
 def _fields(
-    folder: Path,
-    kind: Any,
-    table: Any,
-    prefix: edits.Place,
-    file: str,
-    names: list[str],
-    records: list[str],
-    remarks: Mapping[edits.Place, str],
-) -> list[Told]:
-    found = []
+    folder: Path, kind: Any, table: Any, prefix: edits.Place, file: str, remarks: Mapping[edits.Place, str]
+) -> Iterator[Told]:
     for place, of, value in edits.values(kind, table, prefix):
         path = place[len(prefix) :]
         if path in (("kind",), ("version",)):
             continue
-        bare, marks = split(bare_type(of))
-        is_list = typing.get_origin(bare) is list
+        bare = split(bare_type(of))[0]
         choices: list[str] = []
         if typing.get_origin(bare) is Literal:
             choices = [str(a).lower() if isinstance(a, bool) else str(a) for a in typing.get_args(bare)]
-        suggestions = list(library_names()) if path[-1] == "material" else []
-        suggestions += records if mark(marks, FileMark) is not None and path[-1] in _RECORD_FIELDS else []
-        suggestions += names if mark(marks, ReferenceMark) is not None else []
-        for option in typing.get_args(bare):  # a word or a table
-            suggestions += map(str, typing.get_args(option)) if typing.get_origin(option) is Literal else []
-        suggestions += _columns_of(folder, table) if path[-1] == "columns" else []
+        options = [typing.get_args(o) for o in typing.get_args(bare) if typing.get_origin(o) is Literal]
+        is_list = typing.get_origin(bare) is list
         is_files = is_list and mark(split(typing.get_args(bare)[0])[1], FileMark) is not None
-        found.append(
-            {
-                "file": file,
-                "place": list(place),
-                "dotted": dotted(place),
-                "label": _label(path),
-                "text": "" if value is None or is_gap(value) else _as_text(value),
-                "files": value if is_files and isinstance(value, list) else None,
-                "expected": _expected(of, path),
-                "remark": remarks.get(place, ""),
-                "required": _is_required(kind, path),
-                "gap": is_gap(value),
-                "choices": choices,
-                "suggestions": suggestions,
-            }
-        )
-    return found
+        yield {
+            "file": file,
+            "place": list(place),
+            "dotted": dotted(place),
+            "label": _label(path),
+            "text": "" if value is None or is_gap(value) else _as_text(value),
+            "files": value if is_files and isinstance(value, list) else None,
+            "expected": _expected(of, path),
+            "remark": remarks.get(place, ""),
+            "required": _is_required(kind, path),
+            "gap": is_gap(value),
+            "choices": choices,
+            "suggestions": [str(word) for words in options for word in words],  # where a word or a table is taken
+            "record": "",
+        }
+
+
+def _record_of(kind: Kind, place: Sequence[str | int]) -> str:
+    """Return the kind of calibration record that a field of an experiment names; "" of other fields."""
+    if len(place) != 3 or place[-1] not in _RECORD_FIELDS:
+        return ""
+    content = kind.proposal.contents[0] if kind.proposal else ""
+    return {"displacement": "laser", "film": "camera"}.get(content, "load_cell")
+
+
+def _suggestions(
+    folder: Path, name: str, kind: Kind, field: Told, tables: Mapping[str, Any], records: Mapping[str, Any]
+) -> list[str]:
+    """Return what fits a field: materials, records of its instrument, or experiments that have the result it needs."""
+    key = field["place"][-1]
+    if key == "material":
+        return list(library_names())
+    if key == "columns":
+        return _columns_of(folder, tables[name])
+    if sort := _record_of(kind, field["place"]):
+        return [record for record, tree in records.items() if tree.get("kind") == sort]
+    stages = {
+        text.rpartition("/")[2]
+        for stage in kind.stages
+        for text in stage.inputs
+        if text.startswith(OTHER) and text.removeprefix(OTHER).rpartition("/")[0].rpartition(".")[2] == key
+    } - {JUDGEMENT}
+    able = [k.name for k in KINDS.values() if stages & {stage.name for stage in k.stages}]
+    fits = [other for other, table in tables.items() if other != name and table.get("kind") in able]
+    polymer = material_word(name)
+    own = [other for other in fits if polymer is not None and material_word(other) == polymer]
+    return own or fits
 
 
 def _has_problem(name: str, table: Mapping[str, Any], problems: list[Told]) -> bool:
@@ -337,6 +435,13 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
         told += error.problems
     except LabpipeError as error:
         told.append(f"{FILE_NAME}:1: {error}")
+    new = [f'there is no file "{name}"' for name in texts if not (folder / name).exists()]  # it will be written too
+
+    def counts(line: str) -> bool:
+        return not any(missing in line for missing in new)
+
+    waiting = {name: lines for name, lines in waiting.items() if any(map(counts, lines))}
+    told = list(filter(counts, told))
     told = [line for line in told if line.startswith(f"{FILE_NAME}:")]  # records are told by themselves
     for name, text in texts.items():
         kind = RECORDS.get(str(_tree(text).get("kind"))) if name != FILE_NAME else None
@@ -365,20 +470,3 @@ def _record_problems(path: Path, kind: Any, text: str) -> list[str]:
     except LabpipeError as error:
         return [f"{path.name}:1: {error}"]
     return gaps
-
-
-def difference(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
-    """Return the lines that a change takes out and puts in, as a unified difference."""
-    lines: list[str] = []
-    for name, text in new.items():
-        before = old.get(name, "").splitlines()
-        lines += difflib.unified_diff(before, text.splitlines(), name, f"{name}, changed", lineterm="", n=2)
-    return lines
-
-
-def write(folder: Path, old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
-    """Write the changed files, session.toml last, and return the names."""
-    names = sorted((name for name in new if new[name] != old.get(name)), key=lambda name: name == FILE_NAME)
-    for name in names:
-        files.write_text(safe_join(folder, name), new[name])
-    return names

@@ -51,9 +51,9 @@ def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...],
     r"""Scan FOLDER and write a commented session.toml.
 
     Instruments are recognised by the content of their files. Values that the files do not contain (mass,
-    radius, material, drop height, inclination of the laser) are asked for; an empty answer leaves a
-    line to fill in, marked with FILL, and its experiment waits until it is filled; the others can be
-    processed. For a missing calibration record a template is written.
+    radius, material, drop height, inclination of the laser) are asked for; once for all experiments
+    of a specimen. An empty answer leaves a line to fill in, marked with FILL, and its experiment waits until it is
+    filled; the others can be processed. For a missing calibration record a template is written.
 
     \b
     Example:
@@ -78,30 +78,37 @@ def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...],
 
 
 class _Asker:
-    """Asks a person; the last answer to the same question is offered for the next one."""
+    """Asks a person; who calibrated is offered again for the next record, and no other answer."""
 
     def __init__(self) -> None:
-        self.last: dict[tuple[str, str, str], str] = {}
-        self.has_begun = False
+        self.who = ""
+        self.has_ended = False
 
     def __call__(self, gap: "Gap") -> str | None:
-        """Ask until the answer fits or is empty."""
+        """Ask until the answer fits or leaves the value open."""
         from pipelines.session import checked
 
-        if not self.has_begun:
-            click.echo("Not in the files: please answer. Enter alone leaves it open, Ctrl-C writes nothing.", err=True)
-            self.has_begun = True
-        while True:
-            default = self.last.get(gap.sort, "")
+        if gap.number == 1:
+            click.echo(
+                "Not in the files: please answer. Enter or - leaves a value open, -- this and all others;", err=True
+            )
+            click.echo("Ctrl-C writes nothing.", err=True)
+        while not self.has_ended:
+            default = self.who if gap.record and gap.key == "who" else ""
             answer = click.prompt(printable(gap.question), default=default, show_default=bool(default), err=True)
-            if not answer.strip():
+            self.has_ended = answer.strip() == "--"
+            if answer.strip() in ("", "-", "--"):
                 return None
             try:
-                self.last[gap.sort] = checked(gap, answer)
+                found = checked(gap, answer)
             except LabpipeError as error:
                 click.echo(f"  {printable(str(error))}", err=True)
                 continue
-            return self.last[gap.sort]
+            if found != answer.strip():
+                click.echo(f"  = {printable(found).replace(' degC', ' °C')}", err=True)
+            self.who = found if gap.key == "who" else self.who
+            return found
+        return None
 
 
 _TO = names_option("--to", "targets", help="Only these stages and what they need.")

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         gap_for as gap_for,
         in_unit as in_unit,
         library_names as library_names,
+        template_of as template_of,
     )
     from pipelines.session._inspection import Inspected as Inspected, describe as describe, inspect as inspect
     from pipelines.session._notes import note as note, with_note as with_note
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
         verdict as verdict,
         watch as watch,
     )
-    from pipelines.session._proposal import Scan as Scan, init as init
+    from pipelines.session._proposal import Scan as Scan, draft as draft, init as init
     from pipelines.session._publication import Published as Published, publish as publish
     from pipelines.session._recognition import (
         COLUMNS as COLUMNS,

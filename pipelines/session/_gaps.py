@@ -3,7 +3,7 @@
 import re
 import types
 import typing
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -15,6 +15,7 @@ from labpipe import installation
 from labpipe.errors import InputError, UsageError
 from labpipe.units import quantity, unit
 from labpipe.workflow.fields import Dimension, FileMark, describe, mark, split, suggest
+from labpipe.workflow.session import FILE_NAME
 from pipelines import experiments
 from pipelines.experiments.shared.proposals import GAP, material_line, material_word
 from pipelines.experiments.shared.settings import MaterialChoice
@@ -24,6 +25,8 @@ NONE = "none"
 _LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: ([^"]*))?"(?:\s*#\s*(.*))?$')
 _TABLE = re.compile(r"^\[{1,2}(?:experiments\.)?([^\]]+)\]{1,2}\s*(?:#.*)?$")
 _BARE_NUMBERS = re.compile(r"(?:[\d\s.,±+-]|(?<=\d)[eE](?=[+-]?\d))+")
+_MATERIAL = re.compile(rf'material(?:_from)? = "(?!{GAP})([^"]+)"')
+_OF_SPECIMEN = ("radius", "mass", "thickness", "temperature")
 _DAYS = ("valid_from", "valid_until", "when")
 _RECORDS = ("calibration", "camera", "record")
 """Fields that name a calibration record."""
@@ -39,7 +42,7 @@ def library_names() -> tuple[str, ...]:
 class Gap:
     """One value that is missing: its line from 1, its table, its key, unit, and explanation.
 
-    ``record`` is true where it belongs to a calibration record.
+    ``record`` is true where it belongs to a calibration record; ``number`` counts the question among ``of``.
     """
 
     line: int
@@ -48,25 +51,20 @@ class Gap:
     unit: str
     remark: str
     record: bool = False
+    number: int = 0
+    of: int = 0
 
     @property
     def question(self) -> str:
         """The question for a person."""
         remark = f" ({self.remark})" if self.remark else ""
-        return f"{self.table}: {self.key.replace('_', ' ')}{remark}"
+        count = f"[{self.number}/{self.of}] " if self.of else ""
+        return f"{count}{self.table}: {self.key.replace('_', ' ')}{remark}"
 
     @property
     def may_be_left_out(self) -> bool:
         """Whether there may be no such value at all."""
         return f'"{NONE}"' in self.remark
-
-    @property
-    def sort(self) -> tuple[str, str, str]:
-        """Key that questions of one sort share; the answer to one is offered for the next.
-
-        A value of a calibration record belongs to its sensor or view, and is offered for no other.
-        """
-        return self.key, self.unit, f"{self.table}: {self.remark}" if self.record and self.unit else self.remark
 
 
 def gaps(text: str) -> Iterator[Gap]:
@@ -140,22 +138,57 @@ def in_unit(answer: str, unit: str) -> str:
     return f"{answer} {unit}" if unit not in ("", "1") and _BARE_NUMBERS.fullmatch(answer) else answer
 
 
-def filled(text: str, ask: Callable[[Gap], str | None], owner: str = "") -> str:
-    """Ask for every gap of a TOML text and write the answers into it; None for an answer leaves a gap open.
+def filled(texts: Mapping[str, str], ask: Callable[[Gap], str | None]) -> dict[str, str]:
+    """Ask for every gap of session.toml and its records, by file, and write the answers; None leaves a gap open.
 
-    An owner stands in the questions instead of the tables' names, where those say too little.
+    Materials are asked for first: what belongs to a specimen, as its radius, is one question for all experiments of
+    one material. A value of a calibration record is named by its file.
     """
-    lines = text.splitlines(keepends=True)
-    for gap in gaps(text):
-        answer = ask(replace(gap, table=owner, record=True) if owner else gap)
-        if answer == NONE and gap.may_be_left_out:
-            lines[gap.line - 1] = f"# {gap.key}: there is none\n"
-        elif answer is not None:
-            old = f'"{GAP} {gap.unit}"' if gap.unit else f'"{GAP}"'
-            # A day is a value of its own in TOML; everything else is a text.
-            new = answer if gap.key in _DAYS else f'"{answer}"'
-            lines[gap.line - 1] = lines[gap.line - 1].replace(old, new, 1)
-    return "".join(lines)
+    lines = {name: text.splitlines(keepends=True) for name, text in texts.items()}
+    left = [(name, gap) for name, text in texts.items() for gap in gaps(text)]
+    left.sort(key=lambda one: (one[0] != FILE_NAME, one[1].key != "material"))
+    asked = 0
+    while left:
+        questions: dict[tuple[str, ...], list[tuple[str, Gap]]] = {}
+        for name, gap in left:
+            material = _specimen(lines[name], gap)
+            key = (name, material, gap.table.rpartition(".")[2], gap.key) if material else (name, str(gap.line))
+            questions.setdefault(key, []).append((name, gap))
+        (_, material, *_), alike = next(iter(questions.items()))
+        (file, gap), asked = alike[0], asked + 1
+        table = gap.table
+        if len(alike) > 1:
+            owners = [one.table.rpartition(".")[0] for _, one in alike]
+            more = f" and {len(owners) - 3} more" if len(owners) > 3 else ""
+            table = f"{gap.table.rpartition('.')[2]} of {material}, in {', '.join(owners[:3])}{more}"
+        is_record = file != FILE_NAME
+        if is_record:
+            table = f"calibration of {Path(file).stem.replace('_', ' ')}"
+        answer = ask(replace(gap, table=table, record=is_record, number=asked, of=asked + len(questions) - 1))
+        for name, one in alike:
+            left.remove((name, one))
+            if answer is not None:
+                lines[name][one.line - 1] = _answered(lines[name][one.line - 1], one, answer)
+    return {name: "".join(of_file) for name, of_file in lines.items()}
+
+
+def _answered(line: str, gap: Gap, answer: str) -> str:
+    if answer == NONE and gap.may_be_left_out:
+        return f"# {gap.key}: there is none\n"
+    old = f'"{GAP} {gap.unit}"' if gap.unit else f'"{GAP}"'
+    # A day is a value of its own in TOML; everything else is a text.
+    return line.replace(old, answer if gap.key in _DAYS else f'"{answer}"', 1)
+
+
+def _specimen(lines: Sequence[str], gap: Gap) -> str:
+    """Return the material of the table of a gap that belongs to a specimen; "" of others and where it is not known."""
+    if gap.key not in _OF_SPECIMEN:
+        return ""
+    is_head = [_TABLE.match(line.strip()) is not None for line in lines]
+    first = max((i for i in range(gap.line) if is_head[i]), default=0)
+    last = next((i for i in range(gap.line, len(lines)) if is_head[i]), len(lines))
+    stated = next(filter(None, map(_MATERIAL.match, lines[first:last])), None)
+    return "" if stated is None else material_word(stated[1]) or stated[1]
 
 
 # --- templates ---

@@ -96,34 +96,10 @@ def init(
     path = folder / FILE_NAME
     if path.exists() and not replace:
         raise UsageError(f"{path} exists already; edit it, or use --force to replace it")
-    records: dict[str, str] = {}
-    begun: dict[str, str] = {}
-    found = Found(folder, {})
-    if kinds := list(template):
-        sections, names = template_of(kinds)
-        text = "\n\n".join([_head(folder), *sections]) + "\n"
-    else:
-        if not folder.is_dir():
-            message = f"{folder}: there is no such folder; with --template one is made for a session to be recorded"
-            raise UsageError(message)
-        found = recognise(folder)
-        there = [n for kind, own in found.names.items() if kind.startswith("record:") for n in own]
-        begun = {n: (folder / n).read_text("utf-8") for n in there}
-        completed = dict(found.names)
-        for call in dict.fromkeys(proposal.records for proposal in _proposals() if proposal.records):
-            for sort, made in function(call)(found).items():
-                completed[sort] = [*completed.get(sort, []), *made]
-                records |= made
-        text, names = propose(with_fields(found, names=completed, texts=records))
-        if not names:
-            raise UsageError(_nothing_proposed(found))
-    texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
-    if ask is not None:
-        # session.toml's tables are named in the questions; a calibration record is named by its file
-        owners = {n: "" if n == FILE_NAME else f"calibration of {Path(n).stem.replace('_', ' ')}" for n in texts}
-        texts = {name: filled(content, ask, owners[name]) for name, content in texts.items()}
+    made = draft(folder, template)
+    texts = made.texts if ask is None else filled(made.texts, ask)
     for name in reversed(texts):  # session.toml last: with it, the folder is a session
-        if texts[name] != begun.get(name):
+        if name in made.written or texts[name] != made.texts[name]:
             files.write_text(folder / name, texts[name])
     gaps = [
         f"{name}:{number}: {line.strip()}"
@@ -131,7 +107,42 @@ def init(
         for number, line in enumerate(content.splitlines(), 1)
         if GAP in line and not line.lstrip().startswith("#")
     ]
-    return Scan(path, names, gaps, [folder / name for name in records], _unused_files(found, text))
+    records = [folder / name for name in made.written[1:]]
+    return Scan(path, made.experiments, gaps, records, _unused_files(made.found, made.texts[FILE_NAME]))
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """Proposed texts by file, session.toml first, and begun records; those to be written, experiments, the scan."""
+
+    texts: dict[str, str]
+    written: list[str]
+    experiments: list[str]
+    found: Found
+
+
+def draft(folder: Path, template: Iterable[str] = ()) -> Draft:
+    """Return the files that :func:`init` would write; nothing is written."""
+    if kinds := list(template):
+        sections, names = template_of(kinds)
+        text = "\n\n".join([_head(folder), *sections]) + "\n"
+        return Draft({FILE_NAME: text}, [FILE_NAME], names, Found(folder, {}))
+    if not folder.is_dir():
+        message = f"{folder}: there is no such folder; with --template one is made for a session to be recorded"
+        raise UsageError(message)
+    found = recognise(folder)
+    there = [n for kind, own in found.names.items() if kind.startswith("record:") for n in own]
+    begun = {n: text for n in there if GAP in (text := (folder / n).read_text("utf-8"))}
+    records: dict[str, str] = {}
+    completed = dict(found.names)
+    for call in dict.fromkeys(proposal.records for proposal in _proposals() if proposal.records):
+        for sort, made in function(call)(found).items():
+            completed[sort] = [*completed.get(sort, []), *made]
+            records |= made
+    text, names = propose(with_fields(found, names=completed, texts=records))
+    if not names:
+        raise UsageError(_nothing_proposed(found))
+    return Draft({FILE_NAME: text, **records, **begun}, [FILE_NAME, *records], names, found)
 
 
 def _proposals() -> list[Proposal]:

@@ -38,8 +38,20 @@ const trying = (work) => async (...given) => {
 };
 
 const views = {};
-let shown = "files";
-function show(name) {
+let shown = "";
+// Every part, and every report, has an address of its own behind the #: Back and a reload find it again.
+const addressed = () => decodeURIComponent(location.hash.slice(1)) || "files";
+let routed = "";
+function route() {
+  routed = addressed();
+  const [part, ...page] = routed.split("/");
+  return show(views[part] ? part : "files", page.join("/"));
+}
+function go(place) {
+  location.hash = place.split("/").map(encodeURIComponent).join("/");
+  return route();
+}
+function show(name, page = "") {
   shown = name;
   for (const button of document.querySelectorAll("nav button")) {
     const isShown = button.dataset.view === name;
@@ -48,7 +60,7 @@ function show(name) {
     else button.removeAttribute("aria-current");
   }
   say("");
-  if (views[name]) trying(views[name])();
+  return trying(views[name])(page || undefined);
 }
 
 // --- files ---
@@ -60,22 +72,23 @@ let isSession = false;
 const size = (n) => (n < 1e3 ? `${n} B` : n < 1e6 ? `${(n / 1e3).toFixed(0)} kB` : n < 1e9 ? `${(n / 1e6).toFixed(1)} MB` : `${(n / 1e9).toFixed(2)} GB`);
 const hasPicture = (file) => ["displacement", "force", "film", "sweep", "picture"].includes(file.content);
 
+function pictureOf(file) {
+  const image = make("img", { loading: "lazy", alt: `${file.kind}: ${file.name}`, src: `api/picture?name=${encodeURIComponent(file.name)}&at=${encodeURIComponent(file.modified)}` });
+  image.addEventListener("error", () => image.remove());
+  return image;
+}
+
 function fileCard(file) {
   const state = file.used_by.length ? "is-ok" : file.copy_of ? "is-warning" : "";
   const card = make("li", {}, make("h3", { textContent: file.name }));
-  if (hasPicture(file)) {
-    const image = make("img", { loading: "lazy", alt: `${file.kind}: ${file.name}`, src: `api/picture?name=${encodeURIComponent(file.name)}&at=${encodeURIComponent(file.modified)}` });
-    image.addEventListener("error", () => image.remove());
-    card.append(image);
-  }
+  if (hasPicture(file)) card.append(pictureOf(file));
   card.append(make("p", { textContent: `${file.kind || "not recognised"} · ${size(file.size)} · ${file.modified}` }));
   const use = file.used_by.length ? `used by ${file.used_by.join(", ")}; ${file.reason}` : isSession || !file.content || file.copy_of || file.content === "picture" ? `not used: ${file.reason}` : file.reason;
   card.append(make("p", { className: state, textContent: use }));
   if (file.content === "picture" || file.content === "film") {
     const button = make("button", { type: "button", textContent: "Measure in it" });
     button.addEventListener("click", () => {
-      show("measure");
-      trying(measureFile)(file.name);
+      go(`measure/${file.name}`);
     });
     card.append(make("p", {}, button));
   }
@@ -106,25 +119,16 @@ async function loadFiles() {
   by("start").disabled = by("watch").disabled = !isSession;
   by("run-hint").hidden = isSession;
   drawFiles();
-  const chosen = by("pages").value;
+  const chosen = by("pages").value || "index.html";
   by("pages").replaceChildren(...found.pages.map((page) => make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") })));
-  by("pages").value = found.pages.includes(chosen) ? chosen : found.pages.includes("index.html") ? "index.html" : found.pages[0] || "";
-  by("report-hint").hidden = found.pages.length > 0;
-  by("page").hidden = by("report-bar").hidden = !found.pages.length;
+  by("pages").value = found.pages.includes(chosen) ? chosen : found.pages[0] || "";
   drawBeside();
   if (shown === "run") await loadOutlook();
 }
 views.files = loadFiles;
 
 by("show-files").addEventListener("change", drawFiles);
-const proposeSession = trying(async () => {
-  say("Looking at every file …");
-  const found = await ask("api/init", {});
-  await loadFiles();
-  show("setup");
-  say(`Proposed: ${found.experiments.join(", ")}; to fill in: ${found.gaps.length}.`);
-});
-by("begin").addEventListener("click", proposeSession);
+by("begin").addEventListener("click", () => go("setup"));
 
 // --- run ---
 
@@ -152,12 +156,12 @@ function experimentCard(name) {
   const bar = make("div", { className: "bar" });
   if (one.page || (ahead && ahead.page)) {
     const button = make("button", { type: "button", textContent: ahead && ahead.to_run && !run.isRunning ? "Last report" : "Report" });
-    button.addEventListener("click", () => openPage(`reports/${name}.html`));
+    button.addEventListener("click", () => go(`report/reports/${name}.html`));
     bar.append(button);
   }
   if (!run.isRunning && ((ahead && (ahead.waits.length || ahead.failed)) || one.failure)) {
     const button = make("button", { type: "button", textContent: "Set-up" });
-    button.addEventListener("click", () => show("setup"));
+    button.addEventListener("click", () => go("setup"));
     bar.append(button);
   }
   if (bar.children.length) card.append(bar);
@@ -281,23 +285,22 @@ for (const [id, action] of [["start", "process"], ["watch", "watch"], ["stop", "
 
 // --- reports ---
 
-function openPage(page) {
-  show("report");
-  by("report-hint").hidden = true;
-  by("page").hidden = by("report-bar").hidden = false;
-  if (page && [...by("pages").options].every((option) => option.value !== page)) by("pages").append(make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") }));
-  if (page) by("pages").value = page;
-  openPageChosen();
-}
-views.report = async () => {
+views.report = async (page) => {
   await loadFiles();
-  if (!by("page").getAttribute("src")) openPageChosen();
-};
-function openPageChosen() {
-  if (by("pages").value) by("page").src = `reports/${by("pages").value.split("/").map(encodeURIComponent).join("/")}`;
+  const names = [...by("pages").options].map((option) => option.value);
+  if (page && !names.includes(page)) by("pages").append(make("option", { value: page, textContent: page.replace(/^reports\/|\.html$/g, "") }));
+  by("pages").value = page || (names.includes("index.html") ? "index.html" : names[0] || "");
+  const isThere = Boolean(by("pages").value);
+  by("report-hint").hidden = isThere;
+  by("page").hidden = by("report-bar").hidden = !isThere;
   drawBeside();
-}
-by("pages").addEventListener("change", openPageChosen);
+  if (!isThere) return;
+  // A frame that is new leaves no step of its own in the history of the window.
+  const frame = by("page").cloneNode();
+  frame.src = `reports/${by("pages").value.split("/").map(encodeURIComponent).join("/")}`;
+  by("page").replaceWith(frame);
+};
+by("pages").addEventListener("change", () => go(`report/${by("pages").value}`));
 
 const experimentOf = (page) => (page.match(/^reports\/(.*)\.html$/) || [])[1];
 function drawBeside() {
@@ -310,12 +313,13 @@ by("beside").addEventListener("change", trying(async () => {
   if (!by("beside").value) return;
   const found = await ask("api/beside", { first: experimentOf(by("pages").value), second: by("beside").value });
   await loadFiles();
-  openPage(found.page);
+  go(`report/${found.page}`);
 }));
 
 // --- beginning ---
 
-for (const button of document.querySelectorAll("nav button")) button.addEventListener("click", () => show(button.dataset.view));
+for (const button of document.querySelectorAll("nav button")) button.addEventListener("click", () => go(button.dataset.view));
+addEventListener("hashchange", () => addressed() !== routed && route());
 let isBusy = false;
 setInterval(async () => {
   if (isBusy || document.hidden) return;
@@ -328,4 +332,4 @@ setInterval(async () => {
   }
   isBusy = false;
 }, 1000);
-show("files");
+addEventListener("load", route);

@@ -25,7 +25,7 @@ function drawMeasure() {
   part.append(
     make("div", { className: "bar" }, make("label", {}, "File ", file), make("label", { id: "measure-frame", hidden: true }, "Frame ", index), make("label", {}, "Tool ", tool), make("label", {}, "Zoom ", zoom)),
     make("div", { id: "stage" }, canvas), make("p", { id: "measure-result", className: "note" }), make("div", { className: "bar", id: "measure-use" }));
-  file.addEventListener("change", trying(() => measureFile(file.value)));
+  file.addEventListener("change", () => go(`measure/${file.value}`));
   index.addEventListener("change", trying(() => loadPicture(stage.name, Math.max(0, Math.floor(Number(index.value) || 0)))));
   tool.addEventListener("change", begin);
   zoom.addEventListener("change", paint);
@@ -142,7 +142,6 @@ async function loadPicture(name, index) {
 }
 
 async function measureFile(name) {
-  await views.measure();
   if (!name) return;
   by("measure-file").value = name;
   await loadPicture(name, 0);
@@ -157,7 +156,6 @@ async function place(point) {
 
 async function sessionFor() {
   await views.setup();
-  if (!setup.data) throw new Error("Propose a session from the files first; a measurement is written into it.");
 }
 
 async function measured() {
@@ -174,18 +172,31 @@ async function measured() {
     by("measure-result").textContent = `${stage.result.text} between ${stage.result.found.join(" and ")}`;
     await sessionFor();
     const records = setup.data.records.filter((record) => record.kind === "camera");
-    const record = make("select", { id: "measure-record" }, ...records.map((one) => make("option", { value: one.name, textContent: one.name })));
+    const fresh = ["under", "front"].filter((view) => records.every((one) => one.view !== view));
+    const record = make("select", { id: "measure-record", ariaLabel: "Record" }, ...records.map((one) => make("option", { value: one.name, textContent: one.name })), ...fresh.map((view) => make("option", { value: view, textContent: `a new record: view ${view}` })));
     const camera = setup.data.experiments.filter(films).flatMap((one) => one.fields).find((field) => field.place.at(-1) === "camera");
-    if (camera && records.some((one) => one.name === camera.text)) record.value = camera.text;
+    const named = records.find((one) => (camera ? one.name === camera.text : stage.name.toLowerCase().includes(one.view)));
+    if (named) record.value = named.name;
     const known = make("input", { id: "measure-length", type: "text", placeholder: "30,00 ± 0,02 mm" });
-    use.replaceChildren(make("label", {}, "This is truly ", known), make("label", {}, "Record ", record), button("Use as scale", () => {
-      const set = (key, text) => setField({ file: record.value, place: ["values", key] }, text);
-      if (!record.value) throw new Error("There is no camera record; propose a session with a film first.");
-      set("reference_length", known.value);
-      set("pixel_length", stage.result.text);
-      set("scale", "");
+    const who = make("input", { id: "measure-who", type: "text", value: setup.data.person });
+    const how = make("input", { id: "measure-how", type: "text", value: `two clicks on ${stage.name}` });
+    use.replaceChildren(make("label", {}, "True length ", known), make("label", {}, "Record ", record), make("label", {}, "By ", who), make("label", {}, "How ", how), button("Use as scale", async () => {
+      let file = record.value;
+      if (fresh.includes(file)) {
+        const own = setup.data.experiments.filter((one) => one.view === file && one.fields.some((field) => field.record === "camera"));
+        await restructure({ op: "record", kind: "camera", view: file, names: own.map((one) => one.name) });
+        file = setup.data.records.find((one) => one.kind === "camera" && one.view === file).name;
+      }
+      const set = (place, text) => text && setField({ file, place }, text);
+      set(["values", "reference_length"], known.value);
+      set(["values", "pixel_length"], stage.result.text);
+      setField({ file, place: ["values", "scale"] }, "");
+      set(["who"], who.value);
+      set(["how"], how.value);
+      if (setup.data.records.some((one) => one.name === file && one.fields.some((field) => field.place[0] === "when" && !field.text))) set(["when"], new Date().toISOString().slice(0, 10));
       return taken();
     }));
+    known.focus();
     say("");
     return;
   }
@@ -231,14 +242,15 @@ const films = (one) => one.fields.some((field) => field.place.at(-1) === "film" 
 
 async function taken() {
   await check(true);
-  show("setup");
+  go("setup");
   by("setup-write").focus();
 }
 
-views.measure = async () => {
+views.measure = async (name) => {
   drawMeasure();
   await loadFiles();
   const names = files.filter((file) => file.content === "film" || file.content === "picture").map((file) => file.name);
   by("measure-file").replaceChildren(make("option", { value: "", textContent: names.length ? "choose …" : "no film or picture here" }), ...names.map((name) => make("option", { value: name, textContent: name })));
   by("measure-file").value = names.includes(stage.name) ? stage.name : "";
+  if (name && name !== stage.name) await measureFile(name);
 };

@@ -54,6 +54,7 @@ function control(field, fields = [field], name = field.label) {
 }
 
 function mark() {
+  const written = new Map([...setup.data.experiments, ...setup.data.records].flatMap((one) => one.fields).map((field) => [keyOf(field), field.text]));
   for (const input of document.querySelectorAll("#setup input, #setup select")) {
     if (!input.fields) continue;
     const problems = [...new Set(input.fields.flatMap(problemsOf))];
@@ -63,7 +64,9 @@ function mark() {
     input.setAttribute("aria-invalid", problems.length > 0 && !isGap ? "true" : "false");
     if (!input.note) continue;
     const { remark, expected } = input.fields[0];
-    input.note.textContent = isGap ? `needed: ${remark || expected}` : problems.join("; ") || remark;
+    const read = written.get(keyOf(input.fields[0])) || "";
+    const echo = input.value.trim() && read !== input.value.trim() ? `read as ${read.replace("degC", "°C")}` : "";
+    input.note.textContent = isGap ? `needed: ${remark || expected}` : problems.join("; ") || [echo, remark].filter(Boolean).join("; ");
     input.note.className = `note ${isGap ? "is-warning" : problems.length ? "is-error" : ""}`;
   }
   const known = new Set([...document.querySelectorAll("#setup input, #setup select")].flatMap((input) => (input.fields || []).flatMap((field) => problemsOf(field))));
@@ -72,14 +75,18 @@ function mark() {
   const n = setup.data.problems.length;
   const all = setup.data.experiments.length;
   const waiting = setup.data.experiments.filter((one) => one.waits).length;
-  by("setup-state").textContent = `${all} experiment${all === 1 ? "" : "s"}, ${waiting || "none"} of them waiting; ${n} value${n === 1 ? "" : "s"} to fill in or correct`;
+  by("setup-state").textContent = `${isSession ? "" : "A proposal, not written yet: "}${all} experiment${all === 1 ? "" : "s"}, ${waiting || "none"} of them waiting; ${n} value${n === 1 ? "" : "s"} to fill in or correct`;
   by("setup-write").disabled = by("setup-undo").disabled = !setup.edits.length;
 }
 
 const row = (field, name = field.label) => {
   const [input, ...more] = control(field, [field], name);
   input.note = make("p", { className: "note" });
-  return make("label", { className: "field" }, make("span", { textContent: field.label + (field.required || field.gap ? "" : " (optional)") }), input, ...more, input.note);
+  const made = make("label", { className: "field" }, make("span", { textContent: field.label + (field.required || field.gap ? "" : " (optional)") }), input, ...more, input.note);
+  if (!["laser", "camera"].includes(field.record)) return made;
+  const fresh = button("New record", () => restructure({ op: "record", kind: field.record, view: "", names: [field.place[1]] }));
+  fresh.setAttribute("aria-label", `New calibration record for ${field.place[1]}`);
+  return make("div", {}, made, fresh);
 };
 
 async function restructure(edit) {
@@ -105,7 +112,15 @@ function experiment(one) {
   const further = one.fields.filter((field) => !field.files && !above.includes(field) && !needed.includes(field));
   const name = make("input", { type: "text", value: one.name, spellcheck: false });
   name.setAttribute("aria-label", `Name of ${one.name}`);
-  const card = make("li", { dataset: { name: one.name } }, make("h3", {}, name), make("p", { textContent: one.title + (one.waits ? " · waits" : "") }));
+  const card = make("li", { dataset: { name: one.name } }, make("h3", {}, name));
+  const recordings = one.fields.flatMap((field) => field.files || [field.text]);
+  const first = files.find((file) => hasPicture(file) && recordings.includes(file.name));
+  if (first) card.append(pictureOf(first));
+  const kind = make("select", {}, ...one.kinds.map(([value, textContent]) => make("option", { value, textContent })));
+  kind.value = one.kind;
+  kind.setAttribute("aria-label", `Kind of ${one.name}`);
+  kind.addEventListener("change", trying(() => restructure({ op: "kind", name: one.name, to: kind.value })));
+  card.append(one.kinds.length > 1 ? make("p", {}, kind) : make("p", { textContent: one.title }), make("p", { textContent: [one.waits ? "waits" : "", one.why].filter(Boolean).join(" · ") }));
   const boxes = [];
   for (const field of lists) {
     const list = make("ul", { className: "note" });
@@ -149,6 +164,11 @@ function experiment(one) {
   }
   card.append(bar, make("div", { className: "fields" }, ...needed.map((field) => row(field))));
   if (above.length) card.append(make("details", {}, make("summary", { textContent: "Its specimen alone" }), make("div", { className: "fields" }, ...above.map((field) => row(field)))));
+  if (one.takes_notes) {
+    const text = make("input", { type: "text" });
+    text.setAttribute("aria-label", `Note on ${one.name}`);
+    card.append(make("div", { className: "bar" }, text, button("Add a note of today", () => text.value.trim() && restructure({ op: "note", name: one.name, who: setup.data.person, text: text.value }))));
+  }
   if (further.length) card.append(make("details", {}, make("summary", { textContent: "More settings" }), make("div", { className: "fields" }, ...further.map((field) => row(field)))));
   return card;
 }
@@ -227,7 +247,15 @@ function drawSetup() {
   write.className = "main";
   const undo = button("Undo all", () => views.setup(true));
   undo.id = "setup-undo";
-  bar.append(write, undo, make("span", { id: "setup-state" }));
+  const versions = make("select", { id: "setup-versions" }, make("option", { value: "", textContent: "Undo a write …" }), ...setup.data.versions.map((value) => make("option", { value, textContent: `back to before ${value.slice(0, 19)} UTC` })));
+  versions.setAttribute("aria-label", "Undo a write");
+  versions.hidden = !setup.data.versions.length;
+  versions.addEventListener("change", trying(async () => {
+    // Every write kept the files that it changed: those after the chosen one are undone first.
+    setup.edits = setup.data.versions.filter((version) => version >= versions.value).map((version) => ({ op: "restore", version }));
+    await look();
+  }));
+  bar.append(write, undo, versions, make("span", { id: "setup-state" }));
   const dialog = make("dialog", { id: "difference" });
   dialog.setAttribute("aria-label", "What changes");
   by("setup").replaceChildren(
@@ -253,35 +281,36 @@ async function look() {
   await check(false);
   const dialog = by("difference");
   const lines = setup.data.difference.map((line) => make("span", { className: line.startsWith("+") ? "plus" : line.startsWith("-") ? "minus" : "", textContent: `${line}\n` }));
-  const put = button("Write", async () => {
+  const writing = async () => {
     dialog.close();
     const found = await ask("api/write", { base: setup.base, edits: setup.edits });
-    Object.assign(setup, { base: found.base, edits: [], data: found });
-    drawSetup();
-    say(`Written: ${found.written.join(", ") || "nothing"}.`);
     await loadFiles();
-  });
+    Object.assign(setup, { base: found.base, edits: found.edits, data: found });
+    drawSetup();
+    say(`Written: ${found.written.join(", ") || "nothing"}. The version before is kept.`);
+  };
+  const put = button("Write", writing);
   put.id = "difference-write";
   put.className = "main";
   const wrong = [...new Set([...document.querySelectorAll("#setup .is-wrong")].flatMap((input) => input.fields.map((field) => `${field.place.join(".")} in ${field.file}`)))];
   const warning = wrong.length ? make("p", { className: "is-error", textContent: `Nothing runs before ${wrong.length === 1 ? "this is" : "these are"} corrected: ${wrong.join(", ")}.` }) : "";
-  dialog.replaceChildren(make("h2", { textContent: "What changes" }), warning, make("pre", {}, ...(lines.length ? lines : ["nothing"])), make("div", { className: "bar" }, put, button("Back", () => dialog.close())));
+  dialog.replaceChildren(make("h2", { textContent: "What changes" }), warning, make("ul", { id: "difference-words" }, ...(lines.length ? setup.data.words : ["nothing"]).map((textContent) => make("li", { textContent }))), make("details", {}, make("summary", { textContent: "The lines" }), make("pre", {}, ...lines)), make("div", { className: "bar" }, put, button("Write and process", async () => {
+    await writing();
+    await go("run");
+    by("start").click();
+  }), button("Back", () => dialog.close())));
   dialog.showModal();
 }
 
 views.setup = async (again = false) => {
   if (setup.data && setup.edits.length && !again) return;
-  if (!isSession) await loadFiles();
-  if (!isSession) {
-    by("setup").replaceChildren(make("p", { textContent: "There is no session here yet. labpipe proposes one from the files; what no file says is asked for then." }), button("Propose a session", proposeSession));
-    return;
-  }
-  if (!setup.data) by("setup").replaceChildren(make("p", { textContent: "Reading the set-up …" }));
+  await loadFiles();
+  if (!setup.data) by("setup").replaceChildren(make("p", { textContent: "Looking at every file …" }));
   const found = await ask("api/session").catch((error) => {
     by("setup").replaceChildren(make("p", { textContent: error.message }));
     throw error;
   });
-  if (!again && setup.data && found.base === setup.base) return;
-  Object.assign(setup, { base: found.base, edits: [], data: found });
+  if (!again && setup.data && found.base === setup.base && isSession) return;
+  Object.assign(setup, { base: found.base, edits: found.edits, data: found });
   drawSetup();
 };

@@ -6,9 +6,11 @@ written as :data:`labpipe.workflow.fields.GAP`; a person is asked for it, and th
 it is filled.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import instruments
 from labpipe.errors import LabpipeError
@@ -23,6 +25,12 @@ MOVING_MASS = f'''mass = "{GAP} g"  # of all that moves, sphere and holder, with
 _HEIGHT = re.compile(r"(?<![\d.,])(\d+(?:[.,p]\d+)?)[ _]*(mm|cm)(?![a-z])", re.IGNORECASE)
 _SHORT_HEIGHT = re.compile(r"(?:^|[_ -])h=?(\d+(?:[.,p]\d+)?)[ _]*(mm|cm)?(?=$|[_ -])", re.IGNORECASE)
 _REPEAT = re.compile(r"[_\- ]*(?:(?<![a-z])r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
+_MARKS = re.compile(
+    r"^(?:kopie|copy)(?:[ _-]*\(\d+\))?[ _-]+(?:von|of)[ _-]+"
+    r"|[ _-]+(?:kopie|copy|neu|new|alt|old|final|wdh)(?=$|[ _-])|[ _-]*\(\d+\)$|[ _]*#(?=\d+$)",
+    re.IGNORECASE,
+)
+"""Marks of a copy or of another try in the name of a file."""
 _DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
@@ -43,15 +51,25 @@ def whole_stem(name: str) -> str:
 
 
 def without_repeat(name: str) -> str:
-    """Return the stem without the number of a repeat at its end."""
-    stem = whole_stem(name)
-    return _REPEAT.sub("", stem) or stem
+    """Return the stem without the number of a repeat at its end, and without marks of a copy or another try.
+
+    Examples
+    --------
+    >>> [without_repeat(name) for name in ("PMMA 1,5mm #2.csv", "Kopie (2) von pmma_7_3 neu.csv")]
+    ['PMMA 1,5mm', 'pmma_7']
+    """
+    return _without(_REPEAT, name)
 
 
 def without_depth(name: str) -> str:
-    """Return the stem without the depth or number at its end."""
-    stem = whole_stem(name)
-    return _DEPTH.sub("", stem) or stem
+    """Return the stem without the depth or number at its end, and without the marks of :func:`without_repeat`."""
+    return _without(_DEPTH, name)
+
+
+def _without(number: re.Pattern[str], name: str) -> str:
+    place, slash, stem = whole_stem(name).rpartition("/")
+    marked = _MARKS.sub(lambda found: " " if "#" in found[0] else "", stem).strip() or stem
+    return place + slash + (number.sub("", marked) or marked)
 
 
 def grouped(names: Iterable[str], stem: Callable[[str], str]) -> Iterator[tuple[str, list[str]]]:
@@ -147,17 +165,39 @@ def dma_of(material: str, found: Found) -> str | None:
     return None if wanted in taken else wanted
 
 
-def height_line(name: str) -> str:
-    """Return the line of the drop height, where a file's name, or else its folder's, tells one length or calls it h."""
+def fall_shown(path: Path) -> float:
+    """Return about how far a body fell along the line of sight [m], from its first to its last level; NaN if unknown.
+
+    The level at the end is the lowest of the last tenth: bodies that still bounce touch the floor there.
+    """
+    import numpy as np  # which a plan does not need
+
+    try:
+        read: Any = instruments.read(path)
+    except LabpipeError:
+        return math.nan
+    if "out1" not in read or read["out1"].attrs.get("units") != "m":
+        return math.nan
+    values = read["out1"].values[np.isfinite(read["out1"].values)]
+    tenth = max(values.size // 10, 1)
+    return abs(float(np.median(values[: max(tenth // 4, 1)]) - values[-tenth:].min())) if values.size else math.nan
+
+
+def height_line(name: str, shown: float = math.nan) -> str:
+    """Return the line of the drop height, where a file's name, or else its folder's, tells one length or calls it h.
+
+    A fall that the record shows [m] is added as a remark: it is no statement of the height.
+    """
+    seen = "" if math.isnan(shown) else f"; the record shows about {shown * 1e3:.2g} mm along the line of sight"
     for part in reversed(Path(whole_stem(name)).parts):
         called, lengths = _SHORT_HEIGHT.search(part), set(_HEIGHT.findall(part))
         if called is not None or len(lengths) == 1:
             number, unit = lengths.pop() if called is None else called.groups()
             number = number.lower().replace("p", ".").replace(",", ".")
-            return f'height = "{number} {(unit or "mm").lower()}"  # proposed from the file name; add ± u'
+            return f'height = "{number} {(unit or "mm").lower()}"  # proposed from the file name; add ± u{seen}'
         if lengths:
             break
-    return f'height = "{GAP} mm"  # fall from release to first touch, with ±, e.g. "1.500 ± 0.005 mm"'
+    return f'height = "{GAP} mm"  # fall from release to first touch, with ±, e.g. "1.500 ± 0.005 mm"{seen}'
 
 
 def sees_plate(name: str) -> bool:

@@ -2,15 +2,15 @@
 
 import tomllib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from datetime import date
 from pathlib import Path
 
 import instruments
-from labpipe.errors import LabpipeError
+from labpipe.errors import InputError, LabpipeError
 from pipelines.experiments._kind import Found
 from pipelines.experiments.shared.film_frames import recorded_on
-from pipelines.experiments.shared.proposals import GAP, quoted, view
+from pipelines.experiments.shared.proposals import GAP, identifier, quoted, view
 
 _HEAD = """\
 # Written by `labpipe init`; complete it before the results are used.
@@ -69,6 +69,22 @@ def camera_records(found: Found) -> dict[str, dict[str, str]]:
     return {"record:camera": made} if made else {}
 
 
+def blank_record(folder: Path, kind: str, view: str, recordings: list[str], taken: Container[str]) -> tuple[str, str]:
+    """Return name and text of a new record of a laser, or of a view of a camera, for the days of recordings.
+
+    It takes the place of no file, nor of one of the names ``taken``. Raises InputError for another kind.
+    """
+    model, days = _about(folder, recordings)
+    seen = identifier(view)
+    if kind == "camera":
+        about = (f"camera_{seen}", kind, "camera", days, seen, "a ruler in the plane of focus", _CAMERA)
+    elif kind == "laser":
+        about = (kind, kind, model or "Keyence laser", days, "", "micrometer steps against the reading", _LASER)
+    else:
+        raise InputError(f'a record of kind "{kind}" is written by hand: the guide says how, For the experimenter')
+    return next(iter(_template(folder, *about, taken).items()))
+
+
 def camera_record(found: Found, film: str) -> str:
     """Return the camera record of a film's view that is valid on its day, or the gap for one."""
     return _fitting(found, "camera", _about(found.folder, [film])[1], view(film)) or _NONE
@@ -121,11 +137,19 @@ def _fitting(
 
 
 def _template(
-    folder: Path, stem: str, kind: str, instrument: str, days: list[date], view: str, how: str, values: str
+    folder: Path,
+    stem: str,
+    kind: str,
+    instrument: str,
+    days: list[date],
+    view: str,
+    how: str,
+    values: str,
+    taken: Container[str] = (),
 ) -> dict[str, str]:
-    """Return text and name of a record, one that no file has."""
+    """Return text and name of a record, one that no file has and that is not ``taken``."""
     name, number = f"calibration/{stem}.toml", 2
-    while (folder / name).exists():
+    while (folder / name).exists() or name in taken:
         name, number = f"calibration/{stem}_{number}.toml", number + 1
     first, last = (min(days), max(days)) if days else (f'"{GAP}"', f'"{GAP}"')
     text = _HEAD.format(

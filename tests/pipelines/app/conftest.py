@@ -55,6 +55,11 @@ class Page:
         assert status == 200, text
         return json.loads(text)
 
+    def propose(self) -> list[str]:
+        """Write the session that is proposed from the files as it is."""
+        found = self.told("api/session")
+        return self.told("api/write", {"base": found["base"], "edits": found["edits"]})["written"]
+
 
 @pytest.fixture
 def serving() -> Iterator[Callable[[Path], Page]]:

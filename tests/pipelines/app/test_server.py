@@ -69,7 +69,7 @@ def test_files_are_told_with_kind_use_and_picture(page: Page, raw: Path) -> None
     assert found["laser/drop_1.csv"]["kind"] == "Keyence storage file"
     assert found["Kopie/drop_1.csv"]["copy_of"] == "laser/drop_1.csv"
     assert found["calibration/laser.toml"]["kind"] == "calibration record of a laser"
-    assert page.told("api/init", {})["experiments"] == ["drop", "nbr"]
+    assert page.propose() == ["session.toml"]
     used = {entry["name"]: entry["used_by"] for entry in page.told("api/files")["files"]}
     assert used["laser/drop_1.csv"] == ["drop"]
     assert used["Kopie/drop_1.csv"] == []
@@ -135,7 +135,7 @@ def edits(*values: tuple[str, str]) -> list[dict[str, object]]:
 
 def test_a_session_is_set_up_and_written_after_its_difference(page: Page, raw: Path) -> None:
     before = contents(raw)
-    page.told("api/init", {})
+    page.propose()
     state = page.told("api/session")
     assert len(state["problems"]) == len(FILLED)
     wrong = page.told("api/check", {"base": state["base"], "edits": edits(*FILLED[:3], ("sphere.mass", "9 mm"))})
@@ -153,8 +153,60 @@ def test_a_session_is_set_up_and_written_after_its_difference(page: Page, raw: P
     assert (status, "changed elsewhere" in json.loads(text)["error"]) == (400, True)
 
 
+def test_nothing_is_written_before_it_was_seen_and_every_write_can_be_undone(page: Page, raw: Path) -> None:
+    before = contents(raw)
+    first = page.told("api/session")
+    assert [one["name"] for one in first["experiments"]] == ["drop", "nbr"]
+    assert not (raw / "session.toml").exists()
+    assert first["words"][:2] == ["session.toml is new", "drop: new, Ball drop"]
+    page.propose()
+    page.told("api/write", {"base": page.told("api/session")["base"], "edits": edits(*FILLED[:1])})
+    state = page.told("api/session")
+    assert len(state["versions"]) == 2
+    back = [{"op": "restore", "version": version} for version in state["versions"]]
+    one = page.told("api/check", {"base": state["base"], "edits": back[:1]})
+    assert one["words"] == ["drop: height: 1,5 ± 0,005 mm → to be filled in"]
+    assert page.told("api/write", {"base": state["base"], "edits": back})["written"] == ["session.toml"]
+    assert not (raw / "session.toml").exists()
+    assert contents(raw) == before
+    assert page.ask("api/check", {"base": one["base"], "edits": [{"op": "restore", "version": "../.."}]})[0] == 400
+
+
+def test_the_kind_of_an_experiment_is_changed_and_it_keeps_what_both_kinds_have(page: Page) -> None:
+    page.propose()
+    base = page.told("api/session")["base"]
+    asked = {"base": base, "edits": [*edits(*FILLED), {"op": "kind", "name": "drop", "to": "plate_vibration"}]}
+    (drop, _) = page.told("api/check", asked)["experiments"]
+    values = {".".join(map(str, field["place"][2:])): field["text"] for field in drop["fields"]}
+    assert (drop["kind"], values["calibration"], values["sphere.mass"]) == (
+        "plate_vibration", "calibration/laser.toml", "505 ± 0,5 g",
+    )  # fmt: skip
+    assert values["drops.0.height"] == "1,5 ± 0,005 mm"
+    assert ["ball_drop", "Ball drop"] in drop["kinds"]
+    asked["edits"].append({"op": "kind", "name": "drop", "to": "ball_drop"})
+    (drop, _) = page.told("api/check", asked)["experiments"]
+    assert next(f["files"] for f in drop["fields"] if f["files"]) == ["laser/drop_1.csv", "laser/drop_2.csv"]
+    assert page.ask("api/check", {"base": base, "edits": [{"op": "kind", "name": "drop", "to": "no"}]})[0] == 400
+
+
+def test_a_calibration_record_is_made_on_the_page_and_lists_offer_what_fits(page: Page, raw: Path) -> None:
+    text = (raw / "calibration/laser.toml").read_text("utf-8")
+    (raw / "calibration/camera.toml").write_text(text.replace("laser", "camera"), "utf-8")
+    page.propose()
+    record = {"op": "record", "kind": "laser", "view": "", "names": ["drop"]}
+    asked = {"base": page.told("api/session")["base"], "edits": [record]}
+    looked = page.told("api/check", asked)
+    fields = {field["dotted"]: field for one in looked["experiments"] for field in one["fields"]}
+    new = fields["experiments.drop.calibration"]
+    assert new["text"] == "calibration/laser_2.toml"
+    assert sorted(new["suggestions"]) == ["calibration/laser.toml", "calibration/laser_2.toml"]
+    assert any(p["file"] == new["text"] and p["place"] == "values.inclination" for p in looked["problems"])
+    assert page.told("api/write", asked)["written"] == [new["text"], "session.toml"]
+    assert "valid_from = 2024-05-14" in (raw / new["text"]).read_text("utf-8")
+
+
 def test_what_is_wrong_is_told_at_its_field_whatever_its_experiment_is_called(page: Page) -> None:
-    page.told("api/init", {})
+    page.propose()
     base = page.told("api/session")["base"]
     rename = {"op": "rename", "name": "drop", "to": "Kugel 7 mm ä"}
     looked = page.told("api/check", {"base": base, "edits": [rename]})
@@ -164,7 +216,7 @@ def test_what_is_wrong_is_told_at_its_field_whatever_its_experiment_is_called(pa
 
 
 def test_a_bare_number_gets_the_unit_that_was_asked_for(page: Page) -> None:
-    page.told("api/init", {})
+    page.propose()
     base = page.told("api/session")["base"]
     bare = edits(("height", "1,5 ± 0,005"), ("sphere.radius", "9,53"), ("sphere.mass", "0.505 kg"))
     looked = page.told("api/check", {"base": base, "edits": bare})
@@ -177,7 +229,7 @@ def test_a_bare_number_gets_the_unit_that_was_asked_for(page: Page) -> None:
 def test_columns_of_an_unknown_table_are_named_on_the_card(page: Page, raw: Path) -> None:
     rows = "".join(f"{k * 1e-4:.4f},{3 - k * k * 5e-8:.6f}\n" for k in range(40))
     (raw / "laser/recorder.csv").write_text(f"Time (s) Run #1,Position (m) Run #1\n{rows}")
-    page.told("api/init", {})
+    page.propose()
     unknown = {entry["name"]: entry for entry in page.told("api/files")["files"]}["laser/recorder.csv"]
     assert (unknown["kind"], "columns = {" in unknown["reason"]) == ("", True)
     add = {"op": "add", "name": "drop", "key": "laser", "names": ["laser/recorder.csv"]}
@@ -196,7 +248,7 @@ def test_columns_of_an_unknown_table_are_named_on_the_card(page: Page, raw: Path
 
 
 def test_before_a_run_it_is_told_what_would_run_and_what_waits_for_which_line(page: Page, raw: Path) -> None:
-    page.told("api/init", {})
+    page.propose()
     (raw / "laser/other_1.csv").write_bytes((raw / "laser/drop_1.csv").read_bytes().replace(b"0", b"1", 1))
     told = page.told("api/plan")
     cards = {card["name"]: card for card in told["experiments"]}
@@ -264,7 +316,7 @@ def until(page: Page, is_so: Callable[[dict], bool]) -> dict:
 
 @pytest.mark.slow
 def test_a_run_is_stopped_and_goes_on_to_its_verdicts(page: Page, raw: Path) -> None:
-    page.told("api/init", {})
+    page.propose()
     base = page.told("api/session")["base"]
     page.told("api/write", {"base": base, "edits": edits(*FILLED)})
     page.told("api/run", {"action": "process"})
@@ -285,7 +337,7 @@ def test_a_run_is_stopped_and_goes_on_to_its_verdicts(page: Page, raw: Path) -> 
 
 
 def fill_in(page: Page) -> None:
-    page.told("api/init", {})
+    page.propose()
     base = page.told("api/session")["base"]
     page.told("api/write", {"base": base, "edits": edits(*FILLED)})
 

@@ -1,6 +1,7 @@
 """Questions for what no file tells, and what is done with the answers."""
 
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -29,8 +30,8 @@ def test_gaps_know_their_table_unit_and_remark() -> None:
 
 
 def test_answers_go_into_their_lines_and_open_ones_stay() -> None:
-    text = filled(TEXT, lambda gap: "9.5 ± 0.1 mm" if gap.unit else None)
-    assert text == TEXT.replace('radius = "FILL mm"', 'radius = "9.5 ± 0.1 mm"')
+    texts = filled({"session.toml": TEXT}, lambda gap: "9.5 ± 0.1 mm" if gap.unit else None)
+    assert texts["session.toml"] == TEXT.replace('radius = "FILL mm"', 'radius = "9.5 ± 0.1 mm"')
 
 
 @pytest.mark.parametrize(
@@ -75,8 +76,37 @@ def test_a_value_that_there_is_not_leaves_its_line_out() -> None:
     assert checked(first, "None") == "none"
     with pytest.raises(InputError):
         checked(second, "none")
-    left = filled(text, lambda gap: "none" if gap.may_be_left_out else "7 mm")
-    assert left == '# wavelength: there is none\nheight = "7 mm"\n'
+    left = filled({"session.toml": text}, lambda gap: "none" if gap.may_be_left_out else "7 mm")
+    assert left["session.toml"] == '# wavelength: there is none\nheight = "7 mm"\n'
+
+
+def test_a_specimen_is_asked_for_once_and_nothing_of_it_is_offered_for_another() -> None:
+    lines = {"a": 'material_from = "pmma_dma"', "b": 'material = "FILL"', "c": 'material = "ptfe"'}
+    spheres = [f'[experiments.{name}.sphere]\nradius = "FILL mm"\n{line}\n' for name, line in lines.items()]
+    asked: list[Gap] = []
+
+    def answer(gap: Gap) -> str | None:
+        asked.append(gap)
+        return {"material": "acrylic", "nu": None}.get(gap.key, f"{len(asked)} mm")
+
+    dma = '[experiments.dma]\nnu = "FILL"\n[experiments.dma2]\nnu = "FILL"\n'
+    tables = tomllib.loads(filled({"session.toml": "".join(spheres) + dma}, answer)["session.toml"])["experiments"]
+    assert [f"{gap.key} {gap.number}/{gap.of}" for gap in asked] == [
+        "material 1/6", "radius 2/5", "radius 3/5", "nu 4/5", "nu 5/5",
+    ]  # fmt: skip
+    assert asked[1].table == "sphere of acrylic, in a, b"
+    assert [tables[name]["sphere"]["radius"] for name in "abc"] == ["2 mm", "2 mm", "3 mm"]
+    assert tables["dma"] == tables["dma2"] == {"nu": "FILL"}
+
+
+def test_a_key_leaves_a_value_open_and_another_all_that_follow(pile: Path) -> None:
+    done = CliRunner().invoke(command, [str(pile), "--ask"], input="-\n505\n--\n")
+    assert done.exit_code == 0, done.output
+    assert "[1/5] acrylic_1p5mm.sphere: radius" in done.output
+    assert "= 505 g" in done.output
+    text = (pile / "session.toml").read_text("utf-8")
+    assert ('radius = "FILL mm"' in text, 'mass = "505 g"' in text) == (True, True)
+    assert 'who = "FILL"' in (pile / "calibration/laser.toml").read_text("utf-8")
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -62,6 +63,25 @@ def test_every_gap_is_listed_and_its_experiment_waits_until_it_is_filled(pile: P
     filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
     found.path.write_text(filled, "utf-8")
     assert set(open_session(pile).experiments) == {"acrylic_7mm", "punch_on_nbr"}
+
+
+def test_repeats_are_grouped_by_what_their_records_show_and_by_names_without_marks(tmp_path: Path) -> None:
+    sample = Path(__file__).parents[3] / "sample_data"
+    for source, name in (
+        ("core/laser/acrylic_10mm_1.csv", "messung #1.csv"),
+        ("core/laser/acrylic_10mm_2.csv", "Kopie (2) von messung_2 neu.csv"),
+        ("thesis-small/laser/nylon_1p5mm_1.csv", "messung_3.csv"),
+        ("thesis-small/laser/ptfe_static.csv", "ptfe weights.csv"),
+    ):
+        shutil.copy(sample / source, tmp_path / name)
+    (tmp_path / "cut.csv").write_bytes((tmp_path / "messung_3.csv").read_bytes()[:20_000])
+    text = init(tmp_path).path.read_text("utf-8")
+    tables = tomllib.loads(text)["experiments"]
+    drops = {tuple(table["laser"]) for table in tables.values() if table["kind"] == "ball_drop"}
+    assert drops == {("Kopie (2) von messung_2 neu.csv", "messung #1.csv"), ("messung_3.csv",), ("cut.csv",)}
+    assert len(tables["ptfe_weights"]["loads"]) == 5
+    assert "the record shows about 1.5 mm along the line of sight" in text
+    assert "no lengths can be read from cut.csv" in text
 
 
 @pytest.mark.parametrize(
@@ -232,7 +252,7 @@ def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questi
     init(filmed, ask=lambda gap: asked.append(gap.question))
     text = (filmed / "calibration/camera_front.toml").read_text("utf-8")
     assert "valid_from = 2024-05-14" in text
-    about_camera = [q for q in asked if q.startswith("calibration of camera front: ")]
+    about_camera = [q for q in asked if "calibration of camera front: " in q]
     assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == ["who", "how", "reference length", "pixel length"]
 
 
