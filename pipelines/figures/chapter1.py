@@ -144,18 +144,16 @@ def polymer_classes() -> Drawing:
         ("c", "elastomer", _polymer(2e6, (-3.0, 1.5e9, 0.9))),
         ("d", "thermoset", _polymer(1.2e9, (2.0, 1.3e9, 1.2))),
     )
-    x = decades(-7, 7)
+    x = decades(-7, 5)
     with panels(2, 2, width=2, aspect=0.56, sharex="all", sharey="all") as (figure, axes):
         others = []
         for place, (name, word, solid) in zip(axes.flat, classes, strict=True):
-            is_right = name in "bd"
-            other = right_axis(place, "loss factor $\\tan\\delta$ (1)" if is_right else "")
-            other.tick_params(labelright=is_right)
+            other = right_axis(place, "loss factor $\\tan\\delta$ (1)", is_named=name in "bd")
             place.loglog(x, solid.complex_modulus(x).real, label="storage $G'$", **_STORAGE)
             other.loglog(x, solid.loss_factor(x), label="loss factor $\\tan\\delta$", **_LOSS)
             letter(place, name, word)
             place.set_ylim(1e4, 1e11)
-            other.set_ylim(1e-4, 1e3)
+            other.set_ylim(1e-6, 1e3)
             others.append(other)
         label_outside(axes, "frequency $\\omega\\tau$ (1)", "storage modulus $G'$ (Pa)")
         legend_above(figure, [axes[0, 0], others[0]])

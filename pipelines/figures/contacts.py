@@ -46,7 +46,13 @@ def _pairs(inputs: Inputs) -> list[tuple[str, str, float]]:
 
 
 def _draw_both(
-    inputs: Inputs, place: Any, pair: tuple[str, str, float], limits: tuple[float, float], highest: float
+    inputs: Inputs,
+    place: Any,
+    pair: tuple[str, str, float],
+    limits: tuple[float, float],
+    highest: float,
+    *,
+    is_named: bool = True,
 ) -> Any:
     """Draw the displacement and, on the right axis, the contact radius of one height."""
     drop, film, _ = pair
@@ -55,8 +61,8 @@ def _draw_both(
     inside = (t >= limits[0]) & (t <= limits[1])
     moved, label = repeats["displacement_mean"].values[inside] * 1e3, f"displacement, laser, {inputs.origin}"
     place.plot(t[inside], moved, label=label, **(line_arguments("measured") | {"linewidth": 0.9}))
-    place.set(xlabel="time $t_c$ (ms)", xlim=limits)
-    other = right_axis(place)
+    place.set(xlabel="time $t_c$ (ms)", ylabel="displacement (mm)", xlim=limits)
+    other = right_axis(place, "contact radius (µm)", is_named=is_named)
     time, a = (seen["time"].values - _first_contact(inputs, film)) * 1e3, seen["radius"].values * 1e6
     shown = seen["in_contact"].values.astype(bool) & np.isfinite(a)
     other.plot(time[shown], a[shown], label=f"contact radius, film, {inputs.origin} (right axis)", **_RADIUS)
@@ -93,8 +99,6 @@ def phases(inputs: Inputs) -> Drawing:
             zip(starts, impacts["peak_radius"].values * 1e6, strict=True), start=1
         ):
             other.annotate("I" * number, (start, radius), (0, 3), textcoords="offset points", ha="center", fontsize=7)
-        place.set_ylabel("displacement (mm)")
-        other.set_ylabel("contact radius (µm)")
         legend_above(figure, [place, other])
     rest = float(impacts["static_radius"]) * 1e6
     u_rest = float(impacts["u_static_radius"]) * 1e6
@@ -129,12 +133,8 @@ def four_heights(inputs: Inputs) -> Drawing:
             place = axes.flat[number]
             # The third impact comes after about five times the first fall.
             end = 1e3 * 6.5 * float(np.sqrt(2 * pair[2] / 9.81))
-            other = _draw_both(inputs, place, pair, (-_BEFORE, end), top)
+            other = _draw_both(inputs, place, pair, (-_BEFORE, end), top, is_named=number % 2 == 1 or pair is pairs[-1])
             letter(place, _LETTERS[number], f"$h_0$ = {pair[2] * 1e3:g} mm")
-            if number % 2 == 0:
-                place.set_ylabel("displacement (mm)")
-            else:
-                other.set_ylabel("contact radius (µm)")
         for unused in axes.flat[len(pairs) :]:
             unused.set_visible(False)
         legend_above(figure, [axes.flat[0], other])

@@ -71,7 +71,7 @@ def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_spli
     x = made["reduced_frequency"].values
     scale = 1.0 / (2.0 * (1.0 + float(made["nu"]))) if is_shear else 1.0
     symbol = "G" if is_shear else "E"
-    right = right_axis(left) if is_split else left
+    right = right_axis(left, "") if is_split else left
     for axes, part, role, dashes in ((left, "storage", "measured", "'"), (right, "loss", "model", "''")):
         look = line_arguments(role)  # type: ignore[arg-type]
         points = line_arguments(role, style="points")  # type: ignore[arg-type]
@@ -113,9 +113,9 @@ def _spectrum(axes: Any, made: xr.Dataset) -> None:
     axes.loglog(tau[inside], weight[inside], label="within the sweeps", **look)
     if (beyond := shown & ~inside).any():
         axes.loglog(tau[beyond], weight[beyond], label="extrapolated", **(look | {"markerfacecolor": "white"}))
-    axes.legend(loc="lower center", frameon=True, framealpha=1.0, edgecolor="none")
+    axes.legend(loc="upper center")
     axes.set(
         xlabel="retardation time $\\tau_k$ (s)",
         ylabel="compliance $C_k$ (1/Pa)",
-        ylim=(weight[shown].min() / 3, weight.max() * 3),
+        ylim=(weight[shown].min() / 3, weight.max() * 50),
     )
