@@ -81,7 +81,6 @@ def one_relaxation_time() -> Drawing:
             "eq. (1.42) with one term. The loss modulus peaks at omega tau = 1, at "
             f"{modulus.imag.max():.4f} (closed form 0.45)."
         ),
-        difference="none; the printed figure is qualitative and says omega tau = 1 too.",
     )
 
 
@@ -132,7 +131,6 @@ def relaxation_processes() -> Drawing:
             "centred at 1, 1e-5 and 10^-8.5 times the alpha time with 2.2, 0.5 and 0.3 GPa, and a flow process of 1 "
             "MPa at 1e6. The values are illustrative; they are no material of the thesis."
         ),
-        difference="the printed figure is a sketch without numbers.",
     )
 
 
@@ -166,7 +164,6 @@ def polymer_classes() -> Drawing:
             "generalised Maxwell models (1.42) with one or two processes that are normal in "
             "log10 of time; the values are illustrative and no material of the thesis."
         ),
-        difference="the printed figure is a sketch without numbers.",
     )
 
 
@@ -203,7 +200,6 @@ def maxwell() -> Drawing:
             "eqs. (1.33), (1.34), (1.36) as the special case of one term without equilibrium "
             f"modulus; the loss modulus peaks at {modulus.imag.max():.4f} E (closed form 0.5)."
         ),
-        difference="both moduli on one axis; printed, the loss modulus has its own on the right.",
     )
 
 
@@ -219,5 +215,4 @@ def standard_linear_solid() -> Drawing:
             "eqs. (1.37), (1.40), (1.42); creep comes from the exact interconversion, whose "
             f"retardation time is {tau[0]:.6f} tau (beta tau = 10 tau by (1.40))."
         ),
-        difference="both moduli on one axis; printed, the loss modulus has its own on the right.",
     )

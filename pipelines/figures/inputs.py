@@ -70,6 +70,12 @@ class Inputs:
         return {self.origin: text}
 
 
+def with_u(table: "xr.Dataset", name: str, scale: float = 1e6, digits: int = 1, **at: int) -> str:
+    """Return ``value ± standard uncertainty`` of a variable, by default in µm."""
+    value, u = (float(table[f"{prefix}{name}"].isel(at)) * scale for prefix in ("", "u_"))
+    return f"{value:.{digits}f} ± {u:.{digits}f}"
+
+
 def solid_or_library(inputs: Inputs | None, polymer: str) -> "tuple[Prony, str]":
     """Return the solid that the session's DMA measured, or else the library's, and words for its origin."""
     from labpipe import materials

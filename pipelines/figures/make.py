@@ -260,7 +260,7 @@ def draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":
     module, name = figure.function.split(":")
     function = getattr(importlib.import_module(module), name)
     if not figure.needs:
-        return function()
+        return function(*figure.arguments)
     if shelf.session is None or shelf.plan is None or not names:
         return function(None)
     experiments = {n: shelf.session.experiments[n].settings for n in names}

@@ -107,6 +107,5 @@ def reference_frame(inputs: Inputs) -> Drawing:
         "which the body's motion is measured (orange).",
         figure,
         computed=(f"{track.sizes['point'] - 1} subsets of {small} px on the line; one of {body} px on the body."),
-        difference="the thesis prints neither the number nor the size of its subsets here.",
         **inputs.data_note(f"the first frame of the film {name}."),
     )
