@@ -14,7 +14,7 @@ from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, decades, label_outside, legend_above, letter, panels, right_axis
-from pipelines.figures.inputs import Inputs, solid_or_library, sweeps_note
+from pipelines.figures.inputs import Inputs, solid_or_library
 
 TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
 DEPTH = TIPS * TIP_DEPTH
@@ -74,7 +74,7 @@ def simulated_front(rubber: Prony, frequency: float) -> float:
 
 def dissipation_map(inputs: Inputs | None) -> Drawing:
     """Figure 2.6: dissipated work over frequency and amplitude, with the detachment front."""
-    rubber, origin = solid_or_library(inputs, "nbr")
+    rubber, origin, sweeps = solid_or_library(inputs, "nbr")
     frequency, amplitude = decades(-2, 10, 20), TIP_RADIUS * decades(-4, -1, 60)
     geometry = (_MEAN, TIP_RADIUS, PERIOD)
     field = contact.dissipation_map(rubber, frequency, amplitude, *geometry, DEPTH)
@@ -99,6 +99,7 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
             place.legend(loc="upper right" if name == "a" else "lower left")
             place.set_xlabel("frequency $\\tilde f = f\\tau_0$ (1)")
     ratio = found / analytic
+    ripple = ", tuned on the thesis's plateaus alone; its one term per decade shows as a ripple"
     return Drawing(
         "(a) Dimensionless work dissipated per cycle, eq. (2.31), over frequency and amplitude at mean indentation "
         "0.05 R; white: the indenter leaves the surface. (b) The same at amplitude 0.005 R; dashed: beyond the front, "
@@ -108,12 +109,7 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
         computed=(
             "map and line from eqs. (2.31) and (2.34); dots from the boundary-element simulator (600 s of rest, then "
             "two cycles), in (a) the amplitude at which its least force falls to zero, in (b) the work of the second "
-            f"cycle. The material is {origin}"
-            + (
-                ", tuned on the thesis's plateaus alone; its one term per decade shows as a ripple."
-                if inputs is None
-                else "."
-            )
+            f"cycle. The material is {origin}{ripple if inputs is None else ''}."
         ),
         difference=(
             f"the simulated front lies at {ratio.min():.2f} to {ratio.max():.2f} times (2.34), which keeps the contact "
@@ -121,7 +117,7 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
             "falls as the frequency rises (from near Delta_0 to Delta_0/beta, as the text itself says further on). "
             "Levels differ from the printed map as far as the thesis's DMA spectrum differs from this one."
         ),
-        **sweeps_note(inputs),
+        **sweeps,
     )
 
 
@@ -150,7 +146,7 @@ def _section_panel(axes: Any, x: Floats, frequency: Floats, rubber: Prony) -> No
 
 def tapping_cycle(inputs: Inputs | None) -> Drawing:
     """Figure 2.7: pressure and surface over one cycle of a large oscillation, and the lag of force and displacement."""
-    rubber, origin = solid_or_library(inputs, "nbr")
+    rubber, origin, sweeps = solid_or_library(inputs, "nbr")
     samples, frequency, kept = 80, 2.0, ""
     for amplitude in _LARGE_AMPLITUDES:
         time, moved = oscillation(0.25 * TIP_RADIUS, amplitude * TIP_RADIUS, frequency, 3, samples)
@@ -192,16 +188,16 @@ def tapping_cycle(inputs: Inputs | None) -> Drawing:
         figure,
         computed=(
             f"boundary-element simulation of a periodic row of circular tips on {origin}, 512 strips per period, after "
-            f"a ramp of 1 mm/s and 600 s of rest. {kept}The force leads the indentation, by their first harmonics "
-            f"by {lead:.0f} degrees ({lead / 360.0:.3f} T), as (a) and (e) show at equal depth; the force "
-            f"reaches {force.max():.0f} N and is 0 in {100 * np.mean(force[1:] == 0.0):.0f} % of the cycle. The kinks "
-            "of (b) to (d) sit at the edge of the contact that has relaxed."
+            f"a ramp of 1 mm/s and 600 s of rest. {kept}By their first harmonics the force leads the indentation by "
+            f"{lead:.0f} degrees ({lead / 360.0:.3f} T), as (a) and (e) show at equal depth. It reaches "
+            f"{force.max():.0f} N, and {100 * np.mean(force[1:] == 0.0):.0f} % of the cycle is without contact. The "
+            "kinks of (b) to (d) sit at the edge of the contact that has relaxed."
         ),
         difference=(
             "the printed caption gives the frequency as 'alpha = 3.12e-10'; that is f tau_0, 2 Hz, and the amplitude "
             "is 0.15 R. The amplitude of first loss follows from the DMA spectrum and lies close to the printed one."
         ),
-        **sweeps_note(inputs),
+        **sweeps,
     )
 
 

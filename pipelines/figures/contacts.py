@@ -11,7 +11,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels, right_axis
-from pipelines.figures.films import around_peak
+from pipelines.figures.films import AROUND_PEAK, around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of, with_u
 
 _IMPACTS = 3
@@ -144,23 +144,20 @@ def spots(inputs: Inputs) -> Drawing:
     size = float(inputs.result(name, "radius")["pixel_size"]) * 1e6
     first = _first_contact(inputs, name)
     chosen = [
-        (_key_at(keys, t), float(r) * 1e6, "I" * (i + 1))
-        for i, (t, r) in enumerate(zip(impacts["peak_time"].values, made["peak_radius_model"].values, strict=False))
+        (_key_at(keys, float(t)), float(r) * 1e6, "I" * number)
+        for number, (t, r) in enumerate(zip(impacts["peak_time"], made["peak_radius_model"], strict=False), start=1)
     ]
     chosen.append((keys.sizes["key"] - 1, float(model["contact_radius"][-1]) * 1e6, "at rest"))
     notes = []
-    share = _shown_share(keys, size)
-    aspect = 0.12 + len(chosen) * (0.09 + 0.86 * share)
+    aspect = 0.12 + len(chosen) * (0.09 + 0.86 * _shown_share(keys, size))
     with panels(len(chosen), 1, width=1, aspect=aspect, sharex="all") as (figure, axes):
         for number, (key, radius, word) in enumerate(chosen):
             at = keys.isel(key=key)
             place = axes[number, 0]
             _spot(place, at, radius, size, float(keys["reduction"]))
             place.set_ylabel("y (µm)")
-            when = (float(at["key_time"]) - first) * 1e3
-            letter(place, _LETTERS[number], f"{word}, $t_c$ = {when:.1f} ms")
-            ours = float(at["circle_radius"]) * size
-            notes.append(f"{word}: {ours:.1f} µm in this frame, model {radius:.1f} µm")
+            letter(place, _LETTERS[number], f"{word}, $t_c$ = {(float(at['key_time']) - first) * 1e3:.1f} ms")
+            notes.append(f"{word}: {float(at['circle_radius']) * size:.1f} µm in this frame, model {radius:.1f} µm")
         axes[-1, 0].set_xlabel("x (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
@@ -218,7 +215,6 @@ def heated(inputs: Inputs) -> Drawing:
         for row, (look, size, (name, label)) in enumerate(zip(looks, sizes, pair, strict=True), start=1):
             for number in range(_IMPACTS):
                 _heated_impact(axes[0, number], inputs, name, label, number, float(rise[number]), look)
-                letter(axes[0, number], _LETTERS[number], "I" * (number + 1))
             _heated_rest(axes[0, _IMPACTS], inputs, name, label, look)
             keys, impacts = inputs.result(name, "keys"), inputs.result(name, "impacts")
             frames = [_key_at(keys, t) for t in impacts["peak_time"].values[:_IMPACTS]] + [keys.sizes["key"] - 1]
@@ -229,23 +225,31 @@ def heated(inputs: Inputs) -> Drawing:
                 for edge in place.spines.values():
                     edge.set(visible=True, color=look["color"], linewidth=1.2)
             axes[row, 0].set_ylabel(label, color=look["color"], rotation=0, ha="right", va="center")
-        label_outside(axes, "x (µm)")
-        axes[0, 0].set_ylabel("contact radius (µm)")
+        warming = _warming(inputs, pair)
+        for number, (impact, film, _, u) in enumerate(warming):
+            letter(axes[0, number], _LETTERS[number], f"{impact}: {film:+.1f} ± {u:.1f} µm")
+        label_outside(axes[1:], "x (µm)")
+        label_outside(axes[:1, :_IMPACTS], "time $t_p$ (ms)", "contact radius (µm)")
         letter(axes[0, _IMPACTS], _LETTERS[_IMPACTS], "at rest")
         axes[0, _IMPACTS].margins(x=0.5, y=0.1)
         axes[0, _IMPACTS].set_ylabel("radius (µm)")
         legend_above(figure, axes[0, 0])
-    warming, larger = _warming(inputs, pair)
+    notes = [f"{impact} {film:+.1f} ± {u:.1f} (model {model:+.1f}) µm" for impact, film, model, u in warming]
+    at_rest = " and ".join(with_u(inputs.result(name, "impacts"), "static_radius") for name, _ in pair)
+    words = ["not distinguished" if abs(d) < 2 * u else "larger" if d > 0 else "smaller" for _, d, _, u in warming]
+    larger = ", ".join(f"{word} in {impact}" for word, (impact, *_) in zip(words, warming, strict=True))
     return Drawing(
         "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
         f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three impacts, over a common "
         "time: from the touch of each impact, with t_p = 0 where the contact at room temperature is largest; (d) at "
         "rest (bars: 95 %; dashes and boxes: the simulation at the end of the film, 95 %). Below: the frame nearest to "
-        "the largest radius and one at rest, with the circle fitted to the fringes.",
+        "the largest radius and one at rest, with the circle fitted to the fringes. Above each impact: the largest "
+        "radius by film, heated minus room temperature, with its standard uncertainty.",
         figure,
         computed=(
             "simulated drops; the heated one with the material shifted by its law. A film is laid on the "
-            "simulation of its own impact in time. " + warming
+            "simulation of its own impact in time. Largest radius, heated minus room temperature (their common scale "
+            f"counts in u, though it cancels): {'; '.join(notes)}; at rest {at_rest} µm."
         ),
         difference=(
             "the thesis prints no radii; it says that the heated contact is larger in every "
@@ -265,12 +269,11 @@ def _heated_impact(
     inside = made["impact_number"].values == number + 1
     late = float(_rises(inputs, name)[number]) - rise
     seen = made["since_peak"].values[inside] + float(made["time_shift"][number]) + late
-    place.plot(
-        seen * 1e3, made["film"].values[inside] * 1e6, label=f"film, {label}", markersize=2.6, linestyle="none", **look
-    )
+    a, u = (made[n].values[inside] * 1e6 for n in ("film", "u_film"))
+    place.errorbar(seen * 1e3, a, 2 * u, label=f"film, {label}", markersize=2.6, linestyle="none", capsize=1.5, **look)
     since, radius = around_peak(model, float(made["model_peak_time"][number]))
     place.plot(since + late * 1e3, radius, color=look["color"], linewidth=0.9, label=f"model, {label}")
-    place.set(xlabel="time $t_p$ (ms)", ylim=(0, None))
+    place.set(xlim=(-AROUND_PEAK, AROUND_PEAK), ylim=(0, None))
 
 
 def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[str, str]) -> None:
@@ -296,19 +299,9 @@ def _temperatures(inputs: Inputs) -> list[tuple[str, str]]:
     return [(cold[0], "room"), (warm, f"{temperature_of(films[warm]):g} °C")]
 
 
-def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> tuple[str, str]:
-    """Say how much larger the heated contact is by film and by model, and in which impacts beyond two u of the film."""
+def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> list[tuple[str, float, float, float]]:
+    """Return, of each impact, its name and the largest radius in µm, heated minus room: film, model, u of the film."""
     cold, warm = (inputs.result(name, "comparison") for name, _ in pair)
-    notes: list[str] = []
-    words: dict[str, list[str]] = {"larger": [], "not told apart": [], "smaller": []}
-    for number in range(_IMPACTS):
-        impact = "I" * (number + 1)
-        film, model = (
-            float(warm[f"peak_radius_{s}"][number] - cold[f"peak_radius_{s}"][number]) * 1e6 for s in ("film", "model")
-        )
-        u = 1e6 * float(np.linalg.norm([float(m["u_peak_radius_difference"][number]) for m in (cold, warm)]))
-        notes.append(f"{impact} {film:+.1f} (model {model:+.1f}) ± {u:.1f} µm")
-        words["not told apart" if abs(film) < 2 * u else "larger" if film > 0 else "smaller"].append(impact)
-    at_rest = " and ".join(with_u(inputs.result(name, "impacts"), "static_radius") for name, _ in pair)
-    larger = ", ".join(f"{word} in {', '.join(found)}" for word, found in words.items() if found)
-    return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm.", larger
+    film, model = (1e6 * (warm[n] - cold[n]).values for n in ("peak_radius_film", "peak_radius_model"))
+    u = 1e6 * np.hypot(cold["u_peak_radius_film"].values, warm["u_peak_radius_film"].values)
+    return [("I" * (n + 1), float(film[n]), float(model[n]), float(u[n])) for n in range(_IMPACTS)]

@@ -14,6 +14,7 @@ _BEFORE, _PAST_REST = 20.0, 1.05
 
 _ZOOM = (-0.5, 2.0)
 _MOST_HEIGHTS = 4
+_MIDDLE = 15  # impacts, later ones run into each other on paper
 _GREEN = "#bfe3c6"
 
 _DRAWN_POINTS = 4000
@@ -43,7 +44,7 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
     return Drawing(
         f"Displacement of {sphere} sphere after drops from {', '.join(w.partition(':')[0] for w in widths)}, from "
         f"{_BEFORE:g} ms before first contact to rest or the end of the recordings (left); green: the penetration, "
-        "magnified in all impacts (middle) and in the first (right).",
+        f"magnified in the first {_MIDDLE} impacts (middle) and in the first (right).",
         figure,
         computed=(
             "lines: drop simulation with the material that the session names. Model against the mean of the repeats: "
@@ -58,7 +59,7 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
 
 
 def _row(places: Any, repeats: xr.Dataset, model: xr.Dataset, origin: str, rest: float) -> str:
-    """Draw one height: the whole drop in mm until all rest [s], all penetrations and the first one in µm.
+    """Draw one height: the whole drop in mm until all rest [s], the first penetrations and one in µm.
 
     Returned is a note on the width of the band of the repeats.
     """
@@ -68,7 +69,8 @@ def _row(places: Any, repeats: xr.Dataset, model: xr.Dataset, origin: str, rest:
     lowest, highest = repeats["displacement"].min("repeat").values, repeats["displacement"].max("repeat").values
     deepest = float(model["displacement"].min()) * 1e6
     end = float(np.fmin(t[-1], 1e3 * _PAST_REST * rest))
-    spans = ((-_BEFORE, end), (-_BEFORE, end), _ZOOM)
+    beyond = 1e3 * float(model["impact_time"][: _MIDDLE + 1][-1] - model["impact_time"][0])
+    spans = ((-_BEFORE, end), (-_BEFORE, min(end, beyond)), _ZOOM)
     for place, factor, limits in zip(places, (1e3, 1e6, 1e6), spans, strict=True):
         place.axhspan(1.3 * deepest * factor * 1e-6, 0.0, color=_GREEN, linewidth=0, zorder=-1, label="penetration")
         shown = np.flatnonzero((t >= limits[0]) & (t <= limits[1]))

@@ -11,7 +11,7 @@ from pipelines.figures.inputs import Inputs, referred, with_u
 
 _IMPACTS = 3
 _MOST_HEIGHTS = 4
-_AROUND_PEAK = 0.8
+AROUND_PEAK = 0.8
 """ms on either side of the largest radius in which the model is drawn."""
 
 
@@ -71,37 +71,31 @@ def contact_radius(inputs: Inputs) -> Drawing:
     with panels(len(chosen), _IMPACTS, width=2, **shape) as (figure, axes):
         for row, (name, settings) in enumerate(chosen.items()):
             made, height = inputs.result(name, "comparison"), f"{settings.height.value * 1e3:g} mm"
-            _impact_row(axes[row], made, inputs.result(name, "model"), inputs.origin)
-            letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height}, I")
-            for number, place in enumerate(axes[row, 1:], start=2):
-                place.set_title("I" * number, loc="left", fontsize=8.0)
+            for number, place in enumerate(axes[row]):
+                inside = made["impact_number"].values == number + 1
+                t, a, u = (made[n].values[inside] for n in ("since_peak", "film", "u_film"))
+                points = line_arguments("measured", style="points") | {"capsize": 1.5}
+                place.errorbar(t * 1e3, a * 1e6, 2e6 * u, label=f"film, {inputs.origin}", **points)
+                peak = float(made["model_peak_time"][number])
+                place.plot(*around_peak(inputs.result(name, "model"), peak), label="model", **line_arguments("model"))
+                place.set_ylim(bottom=0.0)
+                letter(place, "abcd"[row], f"$h_0$ = {height}, {'I' * (number + 1)}")
             gaps = [with_u(made, "peak_radius_difference", impact=number) for number in range(_IMPACTS)]
             notes.append(f"{height}: {', '.join(gaps)} µm")
         label_outside(axes, "time from largest radius $t_p$ (ms)", "contact radius (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
-        "Contact radius of the first impacts (I, II, III) at each drop height, t_p = 0 at the largest radius.",
+        "Contact radius of the first impacts (I, II, III) at each drop height, t_p = 0 at the largest radius; "
+        "bars: two standard uncertainties.",
         figure,
         computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
         **inputs.data_note("contact radius from the interference fringes of films."),
     )
 
 
-def _impact_row(places: Any, made: Any, model: Any, origin: str) -> None:
-    for number, place in enumerate(places, start=1):
-        inside = made["impact_number"].values == number
-        t = made["since_peak"].values[inside] * 1e3
-        place.plot(
-            t, made["film"].values[inside] * 1e6, label=f"film, {origin}", **line_arguments("measured", style="points")
-        )
-        since, radius = around_peak(model, float(made["model_peak_time"][number - 1]))
-        place.plot(since, radius, label="model", **line_arguments("model"))
-        place.set_ylim(bottom=0.0)
-
-
 def around_peak(model: Any, peak: float) -> tuple[Floats, Floats]:
     """Return the simulated contact around one largest radius at ``peak`` s: time in ms, radius in µm."""
     since = (model["time"].values - peak) * 1e3
-    shown = np.abs(since) <= _AROUND_PEAK
+    shown = np.abs(since) <= AROUND_PEAK
     radius = model["contact_radius"].values[shown] * 1e6
     return since[shown], np.where(radius > 0, radius, np.nan)

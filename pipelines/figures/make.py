@@ -41,13 +41,9 @@ DRAWN = "drawn"
 FAILED = "failed"
 
 _IMPORTS = (
-    "netCDF4",
-    "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "scipy.optimize",
-    "labpipe.netcdf",
-    "pipelines.experiments",
     "pipelines.process",
     *dict.fromkeys(figure.function.partition(":")[0] for figure in FIGURES if figure.function),
 )

@@ -51,18 +51,15 @@ def loops(inputs: Inputs) -> Drawing:
         cycles = (loads["time"].values[block] - loads["time"].values[block][0] - begin) * frequency
         inside = (cycles >= 0) & (cycles <= _SHOWN_CYCLES)
         every, line = max(1, inside.sum() // (30 * _SHOWN_CYCLES)), line_arguments("measured", style="points")
-        depth, force, model = (
-            values[block][inside]
-            for values in (
-                (loads["position_z"].values - touch) / radius,
-                loads["force"].values / scale,
-                parts["comparison"]["simulated_force"].values / scale,
-            )
+        t, depth = cycles[inside], (loads["position_z"].values[block][inside] - touch) / radius
+        force, model = (
+            values[block][inside] / scale
+            for values in (loads["force"].values, parts["comparison"]["simulated_force"].values)
         )
-        above.plot(cycles[inside][::every], depth[::every], **line)
+        above.plot(t[::every], depth[::every], label=f"indentation, {inputs.origin}", **line)
         above.set(ylabel="indentation $\\tilde\\Delta = \\Delta/R$ (1)")
-        below.plot(cycles[inside][::every], force[::every], label=f"force, {inputs.origin}", **line)
-        below.plot(cycles[inside], model, label="model", **line_arguments("model"))
+        below.plot(t[::every], force[::every], label=f"force, {inputs.origin}", **line)
+        below.plot(t, model, label="model", **line_arguments("model"))
         below.set(xlabel="time $t f$ (1)", ylabel="force $\\tilde F = F/(E_0\\lambda d)$ (1)")
         drawn = _loop_panel(right, parts, (touch, radius, scale))
         letter(above, "a", f"$\\tilde f = {frequency * _AXIS:.2f}\\times 10^{{-10}}$")

@@ -8,7 +8,7 @@ from matplotlib.patches import Circle
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
-from pipelines.figures.inputs import Inputs
+from pipelines.figures.inputs import Inputs, with_u
 
 _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
 """Depth [m], peak and plateau force [N] of section 2.3.2."""
@@ -22,50 +22,40 @@ def relaxation(inputs: Inputs) -> Drawing:
     files = inputs.experiments[name].mach1[:_MOST_TESTS]
     punch = inputs.experiments[name].punch
     notes: list[str] = []
-    others: list[Any] = []
     with panels(1, len(files), width=2, aspect=0.38) as (figure, axes):
         for place, letter_, file in zip(axes[0], "abc", files, strict=False):
             loads, ramps, made = (inputs.result(name, stage, file) for stage in ("loads", "ramps", "comparison"))
-            at, simulated = ramps.isel(ramp=0), made["simulated_force"].values
-            in_block = loads["block"].values == int(at["block"])
-            since = loads["time"].values - float(at["begin"])
-            inside = in_block & (since > 0) & (loads["time"].values <= float(at["last"]))
+            at, time = ramps.isel(ramp=0), loads["time"].values
+            since = time - float(at["begin"])
+            inside = (loads["block"].values == int(at["block"])) & (since > 0) & (time <= float(at["last"]))
             wanted = np.geomspace(since[inside][0], since[inside][-1], _DRAWN_POINTS)  # equal steps of log time
-            thin = np.unique(np.searchsorted(since[inside], wanted).clip(0, inside.sum() - 1))
-            force, line = (
-                loads["force"].values[inside][thin],
-                line_arguments("measured", style="points") | {"markersize": 2},
-            )
-            place.semilogx(since[inside][thin], force, label=f"force, {inputs.origin}", **line)
-            place.semilogx(since[inside][thin], simulated[inside][thin], label="model", **line_arguments("model"))
-            depth = float(at["depth"])
-            known = next((row[1:] for row in _PRINTED if abs(depth - row[0]) < 0.1 * row[0]), None)
-            printed = "" if known is None else f" (printed {known[0]:g} and {known[1]:g} N)"
-            curves = inputs.result(name, "curves", file)
-            peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
-            clean, u_clean = (float(curves[f"{p}peak_force_unfiltered"][0]) for p in ("", "u_"))
-            moved = loads["position_z"].values - float(ramps["contact_position"])
+            rows = np.flatnonzero(inside)[np.unique(np.searchsorted(since[inside], wanted).clip(0, inside.sum() - 1))]
+            t, points = since[rows], line_arguments("measured", style="points") | {"markersize": 2}
+            place.semilogx(t, loads["force"].values[rows], label=f"force, {inputs.origin}", **points)
+            place.semilogx(t, made["simulated_force"].values[rows], label="model", **line_arguments("model"))
             other = right_axis(place, "indentation (mm)", is_named=file == files[-1])
-            line = line_arguments("reference")
-            other.semilogx(since[inside][thin], moved[inside][thin] * 1e3, label="indentation (right axis)", **line)
+            moved = (loads["position_z"].values[rows] - float(ramps["contact_position"])) * 1e3
+            other.semilogx(t, moved, label="indentation (right axis)", **line_arguments("reference"))
             other.set_ylim(0.0, 0.42)
-            others.append(other)
-            place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.3 * peak))
+            peak, depth = float(at["peak_force"]), float(at["depth"])
+            place.set(xlabel="time since the ramp began (s)", ylabel="force (N)", ylim=(0.0, 1.3 * peak))
+            place.yaxis.label.set_visible(place is axes[0, 0])
             by_radius = "" if punch is None else f", $\\Delta/R$ = {depth / punch.radius.value:.3g}"
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3g} mm{by_radius}")
+            known = next((row[1:] for row in _PRINTED if abs(depth - row[0]) < 0.1 * row[0]), None)
+            clean = with_u(inputs.result(name, "curves", file).isel(ramp=0), "peak_force_unfiltered", 1.0, 2)
             notes.append(
-                f"{depth * 1e3:.2g} mm: peak {clean:.2f} ± {u_clean:.2f} N before the filter and {peak:.2f} N behind "
-                f"it, plateau {plateau:.2f} ± {float(at['u_plateau_force']):.2f} N (model "
-                f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE {100 * float(made['nrmse_all'][0]):.2f} "
-                f"%{printed}"
+                f"{depth * 1e3:.2g} mm: peak {clean} N before the filter and {peak:.2f} N behind it, plateau "
+                f"{with_u(at, 'plateau_force', 1.0, 2)} N (model {float(made['plateau_force_model'][0]):.2f} N), nRMSE "
+                f"{100 * float(made['nrmse_all'][0]):.2f} %"
+                + ("" if known is None else f" (printed {known[0]:g} and {known[1]:g} N)")
             )
-        axes[0, 0].set_ylabel("force (N)")
-        legend_above(figure, [axes[0, 0], others[0]])
+        legend_above(figure, [place, other])
     return Drawing(
         "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
         "indentation from the recorded position.",
         figure,
-        computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
+        computed="boundary-element simulation with the measured displacement, after the load cell's filter.",
         difference=f"{'; '.join(notes)}.",
         **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
     )
@@ -88,16 +78,8 @@ def stepwise_load(inputs: Inputs) -> Drawing:
         raw |= {"markerfacecolor": "#9a9a9a", "markeredgecolor": "#9a9a9a"}
         axes.plot(t, a, label=f"laser, {inputs.origin}", **raw)
         axes.plot(t, model["contact_radius"].values * 1e6, label="viscoelastic", **line_arguments("model"))
-        look = line_arguments("reference")
-        axes.stairs(
-            radii,
-            edges,
-            baseline=None,
-            label=f"Hertz, {model.attrs['reference']}",
-            color="#cc2a1e",
-            linestyle=look["linestyle"],
-            zorder=3,
-        )
+        look: dict[str, Any] = {"color": "#cc2a1e", "linestyle": line_arguments("reference")["linestyle"], "zorder": 3}
+        axes.stairs(radii, edges, baseline=None, label=f"Hertz, {model.attrs['reference']}", **look)
         axes.hlines(means, edges[:-1], edges[1:], colors="#444444", linewidth=0.8, linestyle=(0, (6, 2)), label="means")
         for edge in edges[1:-1]:
             axes.axvline(edge, color="#888888", linewidth=0.6, linestyle="--")
@@ -109,16 +91,10 @@ def stepwise_load(inputs: Inputs) -> Drawing:
         _circles(circles, radii)
         letter(circles, "b")
         legend_above(figure, axes, columns=2)
+    ours, gaps, u = (1e6 * made[n].values for n in ("radius_model", "radius_difference", "u_radius_difference"))
     found = [
-        f"{m:g} kg: {1e6 * float(r + d):.1f} ± {1e6 * float(u):.1f} (model {1e6 * float(r):.1f}, Hertz {h:.1f}) µm"
-        for m, r, d, u, h in zip(
-            masses,
-            made["radius_model"].values,
-            made["radius_difference"].values,
-            made["u_radius_difference"].values,
-            radii,
-            strict=True,
-        )
+        f"{masses[i]:g} kg: {ours[i] + gaps[i]:.1f} ± {u[i]:.1f} (model {ours[i]:.1f}, Hertz {radii[i]:.1f}) µm"
+        for i in range(len(masses))
     ]
     return Drawing(
         "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added (vertical lines), from the "

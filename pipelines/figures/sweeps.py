@@ -21,12 +21,9 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", with_spec
     """
     name = next(iter(inputs.experiments))
     made = inputs.result(name, "master_curve")
-    count = 3 if with_spectrum else 2
     is_shear = inputs.experiments[name].mode in ("shear", "torsion")
-    with panels(1, count, width=2, aspect=0.4, width_ratios=(1.0,) * count if with_spectrum else (1.5, 1.0)) as (
-        figure,
-        axes,
-    ):
+    ratios = (1.0, 1.0, 1.0) if with_spectrum else (1.5, 1.0)
+    with panels(1, len(ratios), width=2, aspect=0.4, width_ratios=ratios) as (figure, axes):
         drawn = _moduli(axes[0, 0], made, inputs.origin, is_shear=is_shear, is_split=not with_spectrum)
         T, shift, u = (made[column].values for column in ("temperature", "log10_aT", "u_log10_aT"))
         axes[0, 1].errorbar(T, shift, _COVERAGE * u, capsize=1.5, **line_arguments("measured", style="both"))
@@ -40,27 +37,22 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", with_spec
     verdict = json.loads(made.attrs["kramers_kronig"])["verdict"]
     residual = [100 * float(np.sqrt(np.nanmean(made[f"{part}_residual"] ** 2))) for part in ("storage", "loss")]
     reference = float(made["T_ref"])
-    difference = (
-        f"printed reference temperature {printed_T_ref:g} degC, here {reference:g} degC; the "
-        "printed curves are of other specimens, so levels cannot be compared"
-    )
+    spectrum = "; (c) creep compliances over retardation times, hollow where no sweep reaches 1/(2 pi tau)"
     return Drawing(
         f"(a) Storage and loss modulus{'' if with_spectrum else ' (right axis)'} in "
-        f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature "
-        f"{reference:g} degC, with the fitted generalised Maxwell model; (b) horizontal shift "
-        "factors with two standard uncertainties, dotted: the reference temperature"
-        + (
-            "; (c) creep compliances over retardation times, hollow where no sweep reaches 1/(2 pi tau)."
-            if with_spectrum
-            else "."
-        ),
+        f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature {reference:g} degC, with the "
+        "fitted generalised Maxwell model; (b) horizontal shift factors with two standard uncertainties, dotted: the "
+        f"reference temperature{spectrum if with_spectrum else ''}.",
         figure,
         computed=(
             f"shifts and spectrum from one joint fit to both moduli; residuals {residual[0]:.2f} % (storage) and "
             f"{residual[1]:.2f} % (loss) rms over {made.sizes['temperature']} isotherms; Kramers-Kronig: {verdict}. "
             "Band: two standard uncertainties."
         ),
-        difference=difference + (f"; {note}." if note else "."),
+        difference=(
+            f"printed reference temperature {printed_T_ref:g} degC, here {reference:g} degC; the printed curves are of "
+            f"other specimens, so levels cannot be compared{note and f'; {note}'}."
+        ),
         **inputs.data_note(f"isothermal frequency sweeps of {name}."),
     )
 
