@@ -235,7 +235,7 @@ def figures(
     for outcome in outcomes if step is not None else ():
         said(outcome)
     if as_json:
-        made = [{"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes]
+        made = [{"id": o.id, "state": o.state, "detail": o.detail, "files": [*o.files]} for o in outcomes]
         emit(as_json, {"out": str(out), "figures": made}, ())
     click.get_current_context().exit(any(o.state == make.FAILED for o in outcomes))
 

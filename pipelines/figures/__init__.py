@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from pipelines.figures._list import FIGURES, Figure, Need
 
 if TYPE_CHECKING:
-    from pipelines.figures.make import Made, Outcome
+    from pipelines.figures.make import Made, State
 
 __all__ = ["FIGURES", "Figure", "Need", "figures"]
 
@@ -29,7 +29,7 @@ def figures(
     out: str | Path = "figures",
     data: bool = False,
     jobs: int = 1,
-    progress: Callable[[Outcome], None] | None = None,
+    progress: Callable[[State], None] | None = None,
 ) -> Made:
     """Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each, as text and as LaTeX.
 

@@ -62,6 +62,10 @@ def _drawn(number: str, title: str, function: str, need: Need | None = None, *al
     return Figure(number, title, f"{_HOME}.{function}", need, also=also)
 
 
+def _springs(number: str, title: str, shows: str, *branches: str) -> Figure:
+    return replace(_drawn(number, title, "schematics:springs_and_dashpots"), arguments=(shows, *branches))
+
+
 def _photograph(number: str, title: str) -> Figure:
     return Figure(number, title, reason=_PHOTOGRAPH)
 
@@ -89,11 +93,14 @@ FIGURES: tuple[Figure, ...] = (
     _drawn("1.3", "Relaxation processes of a polymer", "chapter1:relaxation_processes"),
     _drawn("1.4", "Four classes of polymers", "chapter1:polymer_classes"),
     _drawn("1.5", "Glass transition by volume and molecules", "schematics:glass_transition"),
-    _drawn("1.6", "Maxwell element", "schematics:maxwell_element"),
+    _springs("1.6", "Maxwell element", "Maxwell element: spring E and dashpot mu in series, tau = mu/E.", " "),
     _drawn("1.7", "Maxwell model", "chapter1:maxwell"),
-    _drawn("1.8", "Springs and dashpot of the linear solid", "schematics:standard_linear_solid"),
+    _springs("1.8", "Springs and dashpot of the linear solid",
+             "Standard linear solid: spring E_0 in parallel with a Maxwell element E_1, mu_1.", "E_0", "_1"),
     _drawn("1.9", "Standard linear solid", "chapter1:standard_linear_solid"),
-    _drawn("1.10", "Generalised Maxwell model", "schematics:generalised_maxwell"),
+    _springs("1.10", "Generalised Maxwell model",
+             "Generalised Maxwell (Wiechert) model: spring E_0 in parallel with n Maxwell elements, tau_j = mu_j/E_j.",
+             "E_0", "_1", "_2", "", "_n"),
     _photograph("2.1", "Dynamic mechanical analyser"),
     _photograph("2.2", "Indentation set-up"),
     _swept("2.3", "nbr", "NBR", 20.0, "", True),

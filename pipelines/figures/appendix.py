@@ -1,7 +1,7 @@
 """Figures and tables of the appendices that are computed."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,19 +17,12 @@ from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
-_YIELD_DEPTH = 2.0e-5
+_MODULUS, _YIELD_DEPTH = 3.2e9, 2.0e-5
 _DAMPING = (13_700.0, 16_800.0)
 """Range of c_v in N s/m^1.5; the text does not say which height has which."""
 
 _FITTED_IMPACTS = 4
-_BOUNDS = ((0.0, 5e4), (1e-5, 3e-4), (1.0, 2.0), (1e9, 1e10))
-"""Of c_v [N s/m^1.5], yield depth [m], unloading multiplier and E [Pa] in the fit."""
-
-_START = (0.3, 0.5, 0.05, 0.3)
-"""Of the fit, as parts of the ranges."""
-
-_STEP, _ENOUGH, _RTOL = 1e-3, 1e-4, 1e-6
-"""Of the unknowns in the fit: differences that are taken, and where it ends; of each step of a motion."""
+_RTOL = 1e-6  # of each step of a motion; the fit takes differences of 1e-3
 _SHOWN = (-60.0, 250.0)  # ms
 _FIRST_BOUNCE = 1.7
 """Until which multiple of the fall's time from first contact the first bounce lasts."""
@@ -41,11 +34,10 @@ class _Law:
 
     words: str
     look: Role
-    is_printed: bool
-    damping: float
-    yield_depth: float
-    unloading: float = 1.0
-    modulus: float = 3.2e9
+    is_printed: bool = False
+    damping: float = float(np.mean(_DAMPING))
+    yield_depth: float = np.inf
+    modulus: float = _MODULUS
 
     def run(self, height: float, duration: float, **asked: Any) -> xr.Dataset:
         """Follow a drop from a height [m] for a time [s] from the release."""
@@ -55,7 +47,6 @@ class _Law:
             height,
             damping=self.damping,
             yield_depth=self.yield_depth,
-            unloading_multiplier=self.unloading,
             youngs_modulus=self.modulus,
             as_printed=self.is_printed,
             duration=duration,
@@ -63,37 +54,31 @@ class _Law:
             **asked,
         )
 
-    def impacts(self, height: float) -> xr.Dataset:
-        """Follow the impacts that are fitted."""
-        duration = 2.0 * (_FITTED_IMPACTS + 0.5) * float(np.sqrt(2.0 * height / GRAVITY))  # holds them all
-        return self.run(height, duration, impacts=_FITTED_IMPACTS, time=[0.0])
 
-
-_PRINTED = _Law("as printed", "residual", True, float(np.mean(_DAMPING)), _YIELD_DEPTH)
-_ON_A_FLAT = _Law("sphere on a flat, no yield", "model", False, float(np.mean(_DAMPING)), np.inf)
+_PRINTED = _Law("as printed", "residual", True, yield_depth=_YIELD_DEPTH)
+_ON_A_FLAT = _Law("sphere on a flat, no yield", "model")
 
 
 def collision_model(inputs: Inputs | None) -> Drawing:
     """Figure A.1: the semi-empirical collision model, as printed and fitted to the drops."""
-    measured: dict[int, list[tuple[Floats, Floats]]] = {}  # time in ms and displacement in mm by height in µm
-    if inputs is not None:
-        for name, settings in inputs.experiments.items():
-            repeats = inputs.result(name, "repeats")
-            seen = repeats["time"].values * 1e3, repeats["displacement_mean"].values * 1e3
-            measured.setdefault(round(settings.height.value * 1e6), []).append(seen)
-    laws, said = ({}, "") if inputs is None or not measured else _fitted(inputs)
+    drops: dict[float, list[xr.Dataset]] = {}  # the repeats by height
+    for name, settings in ({} if inputs is None else inputs.of_kind("ball_drop")).items():
+        drops.setdefault(settings.height.value, []).append(inputs.result(name, "repeats"))  # type: ignore[union-attr]
+    laws, said = _fitted(drops) if drops else ({}, "the same E and damping")
     notes: list[str] = []
     with panels(2, 4, width=2, aspect=0.58) as (figure, axes):
         for column, height in enumerate(HEIGHTS):
             for place, limits in zip(axes[:, column], (_SHOWN, (-1.2, 2.4)), strict=True):
-                place.set(xlim=limits, xlabel="time $t_c$ (ms)")
+                place.set(xlim=limits, xlabel="time $t_c$ (ms)", ylabel="displacement (mm)")
+                place.yaxis.label.set_visible(column == 0)
             axes[0, column].set_ylim(-0.25 * height * 1e3, 1.1 * height * 1e3)  # down to where it sinks as printed
             axes[1, column].set_ylim(-0.25, 0.25)
-            nearest = min(laws, key=lambda known: abs(known - height * 1e6)) if laws else None
+            nearest = min(laws, key=lambda known: abs(known - height), default=None)
             law = _ON_A_FLAT if nearest is None else laws[nearest]
             runs = [(one, one.run(height, 0.35)) for one in (_PRINTED, law)]
             _draw_run(axes[:, column], runs[0][1], _PRINTED)
-            for curve in measured.get(round(height * 1e6), ()):
+            for repeats in drops.get(height, ()):
+                curve = repeats["time"].values * 1e3, repeats["displacement_mean"].values * 1e3
                 for place in axes[:, column]:
                     place.plot(*curve, label=f"laser ({inputs.origin if inputs else ''})", **line_arguments("measured"))
                 notes.append(_agreement(height, runs[1][1], curve))
@@ -101,90 +86,60 @@ def collision_model(inputs: Inputs | None) -> Drawing:
             deepest = [-1e3 * float(made["displacement"].min()) for _, made in runs]
             notes.append(f"{height * 1e3:g} mm: it sinks {deepest[0]:.2f} mm as printed, {deepest[1]:.3f} mm here")
             letter(axes[0, column], "abcd"[column], f"$h_0$ = {height * 1e3:g} mm")
-        for row in range(2):
-            axes[row, 0].set_ylabel("displacement (mm)")
         legend_above(figure, axes[0, 0])
     laser = "laser displacement, mean of the repeats at each height, from first contact."
-    of_fit = ""
-    if laws:
-        of_fit = "; with E = 3.2 GPa, which the text takes from the literature, contacts last too long"
-    if len(laws) > 1:
-        of_fit += "; a damping that must differ by height says that the solid is not that of (A.4), whose loss grows "
-        of_fit += "with the fifth root of the speed"
+    of_fit = "; with E = 3.2 GPa, which the text takes from the literature, contacts last too long" if laws else ""
     return Drawing(
         "Displacement of an acrylic sphere after drops from four heights, and the first impact magnified (below).",
         figure,
         computed=(
             "appendix A's model with nu = 0.35, 505 g. As printed: E = 3.2 GPa, the stiffness of two identical "
-            "spheres, the mean of the stated damping range (13 700 to 16 800 N s/m^1.5), yield at 20 µm, "
-            "unloading multiplier 1. The other: the stiffness of a sphere on a rigid flat, twice as much, "
-            f"{said or 'the same damping, no yield'}. {'; '.join(notes)}."
+            "spheres, the mean of the stated damping range (13 700 to 16 800 N s/m^1.5), yield at 20 µm, unloading "
+            f"multiplier 1. The other: the stiffness of a sphere on a rigid flat, twice as much, no yield, {said}. "
+            f"{'; '.join(notes)}."
         ),
         difference=(
-            "the text gives ranges of damping and unloading multiplier, not the values per "
-            f"height, so the printed curves cannot be repeated exactly{of_fit}. The 'yield "
-            "stress of 2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
-            "stays, and the sphere hardly bounces: the printed agreement requires a larger one."
+            "the text gives ranges of damping and unloading multiplier, not the values per height, so the printed "
+            f"curves cannot be repeated exactly{of_fit}. The 'yield stress of 2.0e-5 m' is a depth; taken as the "
+            "update rule says, every overlap beyond 20 µm stays, and the sphere hardly bounces."
         ),
-        **(inputs.data_note(laser) if inputs is not None and measured else {}),
+        **(inputs.data_note(laser) if inputs is not None and drops else {}),
     )
 
 
-def _fitted(inputs: Inputs) -> tuple[dict[int, _Law], str]:
-    """Fit E, yield depth and unloading to all restitutions and contact durations, and the damping to each height's.
+def _fitted(drops: Mapping[float, Sequence[xr.Dataset]]) -> tuple[dict[float, _Law], str]:
+    """Fit one E, and the damping of each height, to all restitutions and contact durations.
 
-    Returned are the laws by height in µm, and what is to be said of them.
+    Returned are the laws by height in m, and a note on them.
     """
     from scipy.optimize import least_squares
 
-    wanted: dict[float, list[xr.Dataset]] = {}
-    for name, settings in inputs.experiments.items():
-        seen = inputs.result(name, "repeats")[["restitution", "contact_duration"]]
-        wanted.setdefault(settings.height.value, []).append(seen.isel(impact=slice(_FITTED_IMPACTS)))
+    def laws(parts: Floats) -> dict[float, _Law]:
+        common = replace(_ON_A_FLAT, words="fitted to the drops", modulus=float(parts[0]) * _MODULUS)
+        dampings = zip(drops, (parts[1:] * _ON_A_FLAT.damping).tolist(), strict=True)
+        return {height: replace(common, damping=damping) for height, damping in dampings}
 
-    def law(unit: Floats) -> _Law:
-        damping, depth, unloading, modulus = (
-            low + float(x) * (high - low) for x, (low, high) in zip(unit, _BOUNDS, strict=True)
-        )
-        return _Law("fitted to the drops", "model", False, damping, depth, unloading, modulus)
+    def misses(parts: Floats) -> Floats:
+        return np.concatenate([_missed(law, height, drops[height]) for height, law in laws(parts).items()])
 
-    def fit(start: Sequence[float], heights: Sequence[float], known: Sequence[float] = ()) -> Any:
-        def misses(unit: Floats) -> Floats:
-            one = law(np.append(unit, known))
-            return np.concatenate([_missed(one, height, wanted[height]) for height in heights])
-
-        return least_squares(misses, start, bounds=(0.0, 1.0), diff_step=_STEP, xtol=_ENOUGH, ftol=_ENOUGH)
-
-    every = fit(_START, list(wanted))
-    common = law(every.x)
-    laws, left = {}, []
-    for height in sorted(wanted):
-        own = fit(every.x[:1], [height], every.x[1:])
-        laws[round(height * 1e6)] = law(np.append(own.x, every.x[1:]))
-        left.append(float(np.mean(own.fun**2)))
-    count = sum(seen.sizes["impact"] for measured in wanted.values() for seen in measured)
-    most = max(float(one.impacts(height * 1e-6)["peak_overlap"].max()) for height, one in laws.items())
-    depth = f"yield depth {common.yield_depth * 1e6:.0f} µm"
-    if common.yield_depth > most:
-        depth += f" (never reached: the overlap is at most {most * 1e6:.0f} µm)"
-    each = ", ".join(f"{one.damping:.0f}" for one in laws.values())
-    one_height = "" if len(laws) > 1 else ", which do not determine all four"
-    return laws, (
-        f"E = {common.modulus / 1e9:.2f} GPa, c_v = {each} N s/m^1.5 from "
-        f"{', '.join(f'{h * 1e-3:g}' for h in laws)} mm, {depth} and unloading multiplier {common.unloading:.3f} "
-        f"by a fit to {count} restitutions and contact durations{one_height}, left {np.sqrt(np.mean(left)):.4f} rms "
-        f"(with one c_v for all heights {np.sqrt(np.mean(every.fun**2)):.4f})"
+    found = least_squares(misses, np.ones(1 + len(drops)), bounds=(0.0, np.inf), diff_step=1e-3, xtol=1e-4, ftol=1e-4)
+    best = laws(found.x)
+    each = ", ".join(f"{law.damping:.0f} ({height * 1e3:g} mm)" for height, law in best.items())
+    return best, (
+        f"E = {found.x[0] * _MODULUS / 1e9:.2f} GPa and c_v = {each} N s/m^1.5 by a fit to {found.fun.size // 2} "
+        f"restitutions and contact durations, left {np.sqrt(np.mean(found.fun**2)):.4f} rms"
     )
 
 
-def _missed(law: _Law, height: float, measured: Sequence[xr.Dataset]) -> Floats:
+def _missed(law: _Law, height: float, repeats: Sequence[xr.Dataset]) -> Floats:
     """Return model minus measured restitution and relative duration (2 impacts,); a missing impact counts as lost."""
-    made = law.impacts(height)
+    duration = 2.0 * (_FITTED_IMPACTS + 0.5) * float(np.sqrt(2.0 * height / GRAVITY))  # holds all that are fitted
+    made = law.run(height, duration, impacts=_FITTED_IMPACTS, time=[0.0])
     found = []
     for name, is_relative in (("restitution", False), ("contact_duration", True)):
         ours = np.nan_to_num(np.pad(made[name].values, (0, _FITTED_IMPACTS - made.sizes["impact"])))
-        for seen in measured:
-            values = seen[name].values
+        for seen in repeats:
+            values = seen[name].values[:_FITTED_IMPACTS]
             found.append((ours[: values.size] - values) / (values if is_relative else 1.0))
     return np.concatenate(found)
 

@@ -13,8 +13,8 @@ from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Drawing, decades, label_outside, letter, panels, right_axis
-from pipelines.figures.inputs import Inputs, solid_or_library, sweeps_note
+from pipelines.figures.drawing import Drawing, decades, label_outside, legend_above, letter, panels, right_axis
+from pipelines.figures.inputs import Inputs, solid_or_library
 
 TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
 DEPTH = TIPS * TIP_DEPTH
@@ -25,6 +25,8 @@ _RAMP, _HOLD = 1e-3, 600.0
 _MEAN = 0.05 * TIP_RADIUS
 _AMPLITUDE = 0.005 * TIP_RADIUS
 _RTOL = 1e-3  # of a dot of figure 2.6; 1e-4 moves none by more than 0.1 %
+_LARGE_AMPLITUDES = (0.15, 0.175, 0.2)
+"""In radii, of figure 2.7: the printed one, and larger ones for a material that keeps contact with it."""
 _FRONT_FREQUENCIES = (1e-1, 1e2, 1e4, 1e6, 1e8, 1e9)
 
 
@@ -72,7 +74,7 @@ def simulated_front(rubber: Prony, frequency: float) -> float:
 
 def dissipation_map(inputs: Inputs | None) -> Drawing:
     """Figure 2.6: dissipated work over frequency and amplitude, with the detachment front."""
-    rubber, origin = solid_or_library(inputs, "nbr")
+    rubber, origin, sweeps = solid_or_library(inputs, "nbr")
     frequency, amplitude = decades(-2, 10, 20), TIP_RADIUS * decades(-4, -1, 60)
     geometry = (_MEAN, TIP_RADIUS, PERIOD)
     field = contact.dissipation_map(rubber, frequency, amplitude, *geometry, DEPTH)
@@ -97,6 +99,7 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
             place.legend(loc="upper right" if name == "a" else "lower left")
             place.set_xlabel("frequency $\\tilde f = f\\tau_0$ (1)")
     ratio = found / analytic
+    ripple = ", tuned on the thesis's plateaus alone; its one term per decade shows as a ripple"
     return Drawing(
         "(a) Dimensionless work dissipated per cycle, eq. (2.31), over frequency and amplitude at mean indentation "
         "0.05 R; white: the indenter leaves the surface. (b) The same at amplitude 0.005 R; dashed: beyond the front, "
@@ -106,12 +109,7 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
         computed=(
             "map and line from eqs. (2.31) and (2.34); dots from the boundary-element simulator (600 s of rest, then "
             "two cycles), in (a) the amplitude at which its least force falls to zero, in (b) the work of the second "
-            f"cycle. The material is {origin}"
-            + (
-                ", tuned on the thesis's plateaus alone; its one term per decade shows as a ripple."
-                if inputs is None
-                else "."
-            )
+            f"cycle. The material is {origin}{ripple if inputs is None else ''}."
         ),
         difference=(
             f"the simulated front lies at {ratio.min():.2f} to {ratio.max():.2f} times (2.34), which keeps the contact "
@@ -119,7 +117,7 @@ def dissipation_map(inputs: Inputs | None) -> Drawing:
             "falls as the frequency rises (from near Delta_0 to Delta_0/beta, as the text itself says further on). "
             "Levels differ from the printed map as far as the thesis's DMA spectrum differs from this one."
         ),
-        **sweeps_note(inputs),
+        **sweeps,
     )
 
 
@@ -147,65 +145,83 @@ def _section_panel(axes: Any, x: Floats, frequency: Floats, rubber: Prony) -> No
 
 
 def tapping_cycle(inputs: Inputs | None) -> Drawing:
-    """Figure 2.7: pressure and surface over one cycle of a large oscillation."""
-    rubber, origin = solid_or_library(inputs, "nbr")
-    samples, frequency = 80, 2.0
-    time, moved = oscillation(0.25 * TIP_RADIUS, 0.15 * TIP_RADIUS, frequency, 3, samples)
-    made = contact.indent(
-        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="circle", elements=512, outputs=("pressure", "surface")
-    )
-    last = made.isel(time=slice(-samples - 1, None))
+    """Figure 2.7: pressure and surface over one cycle of a large oscillation, and the lag of force and displacement."""
+    rubber, origin, sweeps = solid_or_library(inputs, "nbr")
+    samples, frequency, kept = 80, 2.0, ""
+    for amplitude in _LARGE_AMPLITUDES:
+        time, moved = oscillation(0.25 * TIP_RADIUS, amplitude * TIP_RADIUS, frequency, 3, samples)
+        made = contact.indent(
+            rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle", elements=512, outputs=("pressure", "surface")
+        )
+        last = made.isel(time=slice(-samples - 1, None))
+        force, depth = last["force"].values, last["displacement"].values
+        if force.min() == 0.0:
+            break
+        kept += f"At amplitude {amplitude:g} R this material keeps contact, with {force.min():.2f} N at least. "
     x = made["x"].values
     near = np.abs(x) < 0.95 * TIP_RADIUS
     tip = TIP_RADIUS - np.sqrt(TIP_RADIUS**2 - x[near] ** 2)
-    with panels(2, 4, width=2, aspect=0.5, sharex="all", sharey="all") as (figure, axes):
-        others: list[Any] = []
-        for number, place in enumerate(axes.flat):
+    with panels(3, 4, width=2, aspect=0.72, height_ratios=(1.0, 1.0, 0.8)) as (figure, axes):
+        over_time = figure.add_subplot(axes[2, 0].get_gridspec()[2, :])
+        for unused in axes[2]:
+            unused.remove()
+        top = 1.15e-6 * float(last["pressure"].max())
+        for number, place in enumerate(axes[:2].flat):
             state = last.isel(time=number * samples // 8)
-            others.append(_state_panel(place, state, near, tip, is_right=number % 4 == 3))
-            letter(place, "abcdefgh"[number], f"$t/T$ = {number}/8, {float(state['force']):.1f} N")
-        low = min(o.get_ylim()[0] for o in others)
-        for other in others:
-            other.set_ylim(low, -low)
-        label_outside(axes, "position $x$ (mm)", "pressure (MPa)")
-        handles = [axes[0, 0].lines[0], *others[0].lines[:2]]
-        words = ["pressure (left axis)", "surface (right axis)", "indenter (right axis)"]
-        figure.legend(handles, words, loc="outside upper center", ncols=3)
-    force, width = last["force"].values, last["contact_half_width"].values
-    first_harmonic = np.exp(-2j * np.pi * np.arange(samples) / samples)
-    lead = float(
-        np.degrees(np.angle((force[1:] @ first_harmonic) / (last["displacement"].values[1:] @ first_harmonic)))
-    )
+            place.plot(x * 1e3, state["pressure"].values / 1e6, label="pressure", **line_arguments("measured"))
+            other = right_axis(place, "height (mm)", is_named=number % 4 == 3)
+            other.plot(x * 1e3, -state["surface"].values * 1e3, label="surface (right)", **line_arguments("model"))
+            height = (tip - float(state["displacement"])) * 1e3
+            other.plot(x[near] * 1e3, height, label="indenter (right)", **line_arguments("reference"))
+            other.set(xlim=(-2.0, 2.0), ylim=(-0.95, 0.95))
+            place.set(ylim=(-top, top), yticks=np.arange(0.0, top, 2.0))  # the mean surface is where the pressure is 0
+            place.tick_params(labelleft=number % 4 == 0, labelbottom=number > 3)
+            is_lost = "no contact" if float(state["force"]) == 0.0 else f"{float(state['force']):.1f} N"
+            letter(place, "abcdefgh"[number], f"$t/T$ = {number}/8, {is_lost}")
+        label_outside(axes[:2], "position $x$ (mm)", "pressure (MPa)")
+        legend_above(figure, [place, other])
+        lead = _lag_panel(over_time, force, depth / TIP_RADIUS)
     return Drawing(
-        "Contact pressure and height of surface and indenter, upwards positive and from the mean surface, at eight "
-        "moments of the third cycle; mean indentation 0.25 R, amplitude 0.15 R, 2 Hz.",
+        "(a) to (h) Contact pressure and height of surface and indenter, upwards positive and from the mean surface, "
+        f"at eight moments of the third cycle; mean indentation 0.25 R, amplitude {amplitude:g} R, 2 Hz. (i) Force and "
+        "indentation over the cycle; dotted: their largest values, shaded: no contact.",
         figure,
         computed=(
-            f"boundary-element simulation of a periodic row of circular tips on {origin}, "
-            "512 strips per period, after a ramp of 1 mm/s and 600 s of rest. The force "
-            f"leads the displacement by {lead:.0f} degrees ({lead / 360.0:.2f} T), as the two forces at equal "
-            f"depth in (a) and (e) show; it runs from {force.min():.2f} to {force.max():.1f} N, the contact half-width "
-            f"from {width.min() * 1e3:.3f} to {width.max() * 1e3:.3f} mm, so the indenter "
-            + ("leaves the surface. " if width.min() <= 0 else "just keeps contact. ")
-            + "The kinks of (b) to (d) sit at the edge of the contact that has relaxed."
+            f"boundary-element simulation of a periodic row of circular tips on {origin}, 512 strips per period, after "
+            f"a ramp of 1 mm/s and 600 s of rest. {kept}By their first harmonics the force leads the indentation by "
+            f"{lead:.0f} degrees ({lead / 360.0:.3f} T), as (a) and (e) show at equal depth. It reaches "
+            f"{force.max():.0f} N, and {100 * np.mean(force[1:] == 0.0):.0f} % of the cycle is without contact. The "
+            "kinks of (b) to (d) sit at the edge of the contact that has relaxed."
         ),
         difference=(
-            "the printed caption gives the frequency as 'alpha = 3.12e-10'; that is f tau_0, "
-            "2 Hz. The tip leaves the surface or just keeps contact according to the DMA spectrum: the "
-            "figure's amplitude is close to the front of eq. (2.34)."
+            "the printed caption gives the frequency as 'alpha = 3.12e-10'; that is f tau_0, 2 Hz, and the amplitude "
+            "is 0.15 R. The amplitude of first loss follows from the DMA spectrum and lies close to the printed one."
         ),
-        **sweeps_note(inputs),
+        **sweeps,
     )
 
 
-def _state_panel(axes: Any, state: Any, near: Any, tip: Floats, *, is_right: bool) -> Any:
-    x = state["x"].values * 1e3
-    axes.plot(x, state["pressure"].values / 1e6, **line_arguments("measured"))
-    axes.set_xlim(-2.0, 2.0)
-    other = right_axis(axes, "height (mm)" if is_right else "")
-    other.plot(x, -state["surface"].values * 1e3, **line_arguments("model"))
-    depth = float(state["displacement"])
-    other.plot(x[near], (tip - depth) * 1e3, **line_arguments("reference"))
-    other.set(xlim=(-2.0, 2.0), ylim=(-0.85, 0.85))
-    other.tick_params(labelright=is_right)
-    return other
+def _lag_panel(axes: Any, force: Floats, depth: Floats) -> float:
+    """Draw force [N] and indentation [R] over a cycle with the time between their peaks; return the lead in degrees."""
+    phase = np.linspace(0.0, 1.0, force.size)
+    other = right_axis(axes, "indentation $\\Delta/R$ (1)")
+    axes.plot(phase, force, label="force", **line_arguments("measured"))
+    other.plot(phase, depth, label="indentation (right)", **line_arguments("model"))
+    peaks = phase[np.argmax(force)], phase[np.argmax(depth)]
+    for peak in peaks:
+        axes.axvline(peak, **line_arguments("reference"))
+    axes.annotate(f" {peaks[1] - peaks[0]:.2f} T", (peaks[1], 0.25 * force.max()), va="center", fontsize=7)
+    between = {"arrowstyle": "<->", "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (peaks[0], 0.25 * force.max()), (peaks[1], 0.25 * force.max()), arrowprops=between)
+    axes.fill_between(
+        phase, 0.0, 1.2 * force.max(), where=force == 0.0, color="#dddddd", linewidth=0, label="no contact"
+    )
+    axes.set(xlabel="time $t/T$ (1)", ylabel="force (N)", xlim=(0.0, 1.0), ylim=(0.0, 1.5 * force.max()))
+    other.set_ylim(0.0, 1.5 * depth.max())
+    handles, words = (
+        first + second for first, second in zip(*(a.get_legend_handles_labels() for a in (axes, other)), strict=True)
+    )
+    axes.legend(handles, words, loc="upper right", ncols=3)
+    letter(axes, "i")
+    first = [series[1:] @ np.exp(-2j * np.pi * phase[1:]) for series in (force, depth)]
+    return float(np.degrees(np.angle(first[0] / first[1])))

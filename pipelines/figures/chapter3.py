@@ -8,25 +8,24 @@ from matplotlib.patches import Circle, Rectangle
 from labpipe import contact
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, letter, panels
-from pipelines.figures.inputs import Inputs, solid_or_library, sweeps_note
+from pipelines.figures.inputs import Inputs, solid_or_library
 
 SPHERE_RADIUS, MASS, GRAVITY = 9.525e-3, 0.505, 9.81
 HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
 
 _SHOWN_IMPACTS = 3
-_DURATIONS = (0.8, 1.6, 3.2)  # s from the release, until the sphere has come to rest
+_DURATION = 3.2  # s from the release, until the sphere has come to rest
 _AFTER_LIFT_OFF = 1e-4  # s
 
 
 def reduced_gap(inputs: Inputs | None) -> Drawing:
     """Figure 3.3: reduced gap and contact radius of a drop to rest, and what its symbols mean."""
-    (solid, origin), height = solid_or_library(inputs, "acrylic"), HEIGHTS[0]
-    for duration in _DURATIONS:
-        made = contact.drop(solid, SPHERE_RADIUS, MASS, height, duration)
-        if np.isfinite(made["rest_time"]):
-            break
+    (solid, origin, sweeps), height = solid_or_library(inputs, "acrylic"), HEIGHTS[0]
+    made = contact.drop(solid, SPHERE_RADIUS, MASS, height, _DURATION)
     first = float(made["impact_time"][0])
     t = (made["time"].values - first) * 1e3
+    until = 1.2e3 * (float(made["rest_time"]) - first)
+    limits = (-0.05 * until, until) if np.isfinite(until) else (t[0], t[-1])
     rest = float(np.cbrt(0.75 * MASS * GRAVITY * SPHERE_RADIUS * (1 - 0.35**2) / 3.2e9))
     with panels(2, 2, width=2, aspect=0.52, width_ratios=(2.0, 1.0)) as (figure, axes):
         gap, radius, sketch, near = axes[0, 0], axes[1, 0], axes[0, 1], axes[1, 1]
@@ -34,12 +33,12 @@ def reduced_gap(inputs: Inputs | None) -> Drawing:
         gap.plot(t, np.where(under < 0, under, np.nan), label="$z_O - R$ in contact", **line_arguments("model"))
         gap.plot(t, made["reduced_gap"].values * 1e3, label="$g_r$", **line_arguments("measured"))
         gap.axhline(0.0, **line_arguments("reference"))
-        gap.set(ylabel="reduced gap $g_r$ (mm)", xlabel="time since first contact $t_c$ (ms)")
+        gap.set(ylabel="reduced gap $g_r$ (mm)", xlabel="time since first contact $t_c$ (ms)", xlim=limits)
         gap.legend(loc="upper right")
         letter(gap, "a", f"$h_0$ = {height * 1e3:g} mm")
         radius.plot(t, made["contact_radius"].values * 1e6, **line_arguments("measured"))
         radius.axhline(rest * 1e6, label="Hertz at rest", **line_arguments("reference"))
-        radius.set(ylabel="contact radius $a$ (µm)", xlabel=gap.get_xlabel(), ylim=(0, 950))
+        radius.set(ylabel="contact radius $a$ (µm)", xlabel=gap.get_xlabel(), xlim=limits, ylim=(0, 950))
         radius.legend(loc="upper right")
         peaks = _near_peaks(near, made)
         for number in range(_SHOWN_IMPACTS):
@@ -68,7 +67,7 @@ def reduced_gap(inputs: Inputs | None) -> Drawing:
             "the printed figure is a sketch without numbers. The text has g_r negative in contact, by the approach; "
             "with the printed g_r = z_O - R + w it cannot be, as w makes up for it. The approach is drawn beside it."
         ),
-        **sweeps_note(inputs),
+        **sweeps,
     )
 
 

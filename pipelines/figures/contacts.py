@@ -1,5 +1,6 @@
 """Figures 3.13, 3.14, 3.16 and C.1: the contact beside the motion, its spots, the heated sphere."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels, right_axis
-from pipelines.figures.films import around_peak
-from pipelines.figures.inputs import Inputs, is_heated, temperature_of
+from pipelines.figures.films import AROUND_PEAK, around_peak
+from pipelines.figures.inputs import Inputs, is_heated, temperature_of, with_u
 
 _IMPACTS = 3
 _MOST_HEIGHTS = 4
@@ -30,9 +31,13 @@ def _first_contact(inputs: Inputs, film: str) -> float:
     The largest radius of the first impact is seen well; the simulation says how long after first
     contact it comes.
     """
-    made, impacts = inputs.result(film, "comparison"), inputs.result(film, "impacts")
-    rise = float(made["model_peak_time"][0]) - float(inputs.result(film, "model")["impact_time"][0])
-    return float(impacts["peak_time"][0]) - rise
+    return float(inputs.result(film, "impacts")["peak_time"][0] - _rises(inputs, film)[0])
+
+
+def _rises(inputs: Inputs, film: str) -> Floats:
+    """Return the simulated time (impact,) in s from touch to the largest radius."""
+    peaks = inputs.result(film, "comparison")["model_peak_time"].values[:_IMPACTS]
+    return np.asarray(peaks - inputs.result(film, "model")["impact_time"].values[: peaks.size])
 
 
 def _pairs(inputs: Inputs) -> list[tuple[str, str, float]]:
@@ -45,76 +50,60 @@ def _pairs(inputs: Inputs) -> list[tuple[str, str, float]]:
     return pairs
 
 
-def _draw_both(
-    inputs: Inputs, place: Any, pair: tuple[str, str, float], limits: tuple[float, float], highest: float
-) -> Any:
-    """Draw the displacement and, on the right axis, the contact radius of one height."""
+def _draw_both(inputs: Inputs, place: Any, pair: tuple[str, str, float], end: float, *, is_named: bool = True) -> Any:
+    """Draw displacement and, on the right axis, contact radius of one height until ``end`` ms; return that axis."""
     drop, film, _ = pair
     repeats, seen = inputs.result(drop, "repeats"), inputs.result(film, "radius")
     t = repeats["time"].values * 1e3
-    inside = (t >= limits[0]) & (t <= limits[1])
+    inside = (t >= -_BEFORE) & (t <= end)
     moved, label = repeats["displacement_mean"].values[inside] * 1e3, f"displacement, laser, {inputs.origin}"
     place.plot(t[inside], moved, label=label, **(line_arguments("measured") | {"linewidth": 0.9}))
-    place.set(xlabel="time $t_c$ (ms)", xlim=limits)
-    other = right_axis(place)
+    place.set(xlabel="time $t_c$ (ms)", ylabel="displacement (mm)", xlim=(-_BEFORE, end))
+    other = right_axis(place, "contact radius (µm)", is_named=is_named)
     time, a = (seen["time"].values - _first_contact(inputs, film)) * 1e3, seen["radius"].values * 1e6
     shown = seen["in_contact"].values.astype(bool) & np.isfinite(a)
     other.plot(time[shown], a[shown], label=f"contact radius, film, {inputs.origin} (right axis)", **_RADIUS)
-    other.set(ylim=(0, highest), xlim=limits)
+    other.set(ylim=(0, None))
     return other
 
 
 def phases(inputs: Inputs) -> Drawing:
     """Figure 3.13: bouncing, vibration and rest in displacement and contact radius."""
     drop, film, height = pair = _pairs(inputs)[0]
-    impacts, model = inputs.result(film, "impacts"), inputs.result(film, "model")
+    impacts, model, seen = (inputs.result(film, stage) for stage in ("impacts", "model", "radius"))
     events = inputs.result(drop, "bounces", inputs.experiments[drop].laser[0])
-    first = float(events["first_contact_time"])
-    edges = [0.0] + [(float(events[name]) - first) * 1e3 for name in ("settling_time", "rest_time")]
-    time = (inputs.result(film, "radius")["time"].values - _first_contact(inputs, film)) * 1e3
+    settled, rest = ((float(events[f"{n}_time"] - events["first_contact_time"])) * 1e3 for n in ("settling", "rest"))
     recorded = float(inputs.result(drop, "repeats")["time"].max() * 1e3)
-    end = float(max(time.max(), recorded))
-    is_at_rest = np.isfinite(edges[-1])
-    edges = [e for e in edges if np.isfinite(e)] + [end if is_at_rest else recorded]
-    top = 1.25e6 * float(np.nanmax(inputs.result(film, "radius")["radius"]))
+    end = max(float(seen["time"].max() - _first_contact(inputs, film)) * 1e3, recorded)
+    edges = [0.0, settled, rest, end] if np.isfinite(rest) else [0.0, settled, recorded]
     hertz = [float(model[f"static_radius_{name}"]) * 1e6 for name in ("brief", "lasting")]
-    names = signals.PHASES[2 : 2 + len(edges) - 1]
     with panels(1, 1, width=2, aspect=0.42) as (figure, axes):
         place = axes[0, 0]
-        other = _draw_both(inputs, place, pair, (-_BEFORE, end), top)
+        other = _draw_both(inputs, place, pair, end)
+        other.set_ylim(top=1.25e6 * float(np.nanmax(seen["radius"])))
         other.axhspan(*hertz, color="#8a3a6b", alpha=0.3, linewidth=0, label="Hertz at rest")
-        for name, low, high in zip(names, edges[:-1], edges[1:], strict=True):
+        for name, (low, high) in zip(signals.PHASES[2:], pairwise(edges), strict=False):
             place.axvspan(low, high, color=_SHADES[name], linewidth=0, zorder=-1)
-            place.text(
-                0.5 * (low + high), 0.97, name, ha="center", va="top", fontsize=7, transform=place.get_xaxis_transform()
-            )
+            top = {"ha": "center", "va": "top", "fontsize": 7, "transform": place.get_xaxis_transform()}
+            place.text(0.5 * (low + high), 0.97, name, **top)
         starts = (impacts["peak_time"].values - float(impacts["peak_time"][0])) * 1e3
-        for number, (start, radius) in enumerate(
-            zip(starts, impacts["peak_radius"].values * 1e6, strict=True), start=1
-        ):
-            other.annotate("I" * number, (start, radius), (0, 3), textcoords="offset points", ha="center", fontsize=7)
-        place.set_ylabel("displacement (mm)")
-        other.set_ylabel("contact radius (µm)")
+        for number, at in enumerate(zip(starts, impacts["peak_radius"].values * 1e6, strict=True), start=1):
+            other.annotate("I" * number, at, (0, 3), textcoords="offset points", ha="center", fontsize=7)
         legend_above(figure, [place, other])
-    rest = float(impacts["static_radius"]) * 1e6
-    u_rest = float(impacts["u_static_radius"]) * 1e6
-    bounced, until = f"bouncing until {edges[1]:.0f} ms", f"the end of the laser's record at {edges[2]:.0f} ms"
-    if is_at_rest:
-        until = f"{edges[2]:.0f} ms, static from then on"
+    until = f"{rest:.0f} ms, static from then on"
     return Drawing(
         f"Displacement and contact radius of an acrylic sphere dropped from {height * 1e3:g} mm, over time from first "
         "contact; shaded: the phases, found in the laser's record. I, II, III: the impacts that are analysed.",
         figure,
         computed=(
-            f"phases: {bounced} (the last touch after which no flight is resolved), vibration "
-            f"until {until}. Band: Hertz radius under the "
-            f"weight, with the creep from an impact's duration to the film's end, {hertz[0]:.0f} to "
-            f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
+            f"phases: bouncing until {settled:.0f} ms (the last touch after which no flight is resolved), vibration "
+            f"until {until if np.isfinite(rest) else f'the end of the record at {recorded:.0f} ms'}. Band: Hertz "
+            "radius under the weight, with the creep from an impact's duration to the film's end, "
+            f"{hertz[0]:.0f} to {hertz[1]:.0f} µm; the film at rest shows {with_u(impacts, 'static_radius')} µm."
         ),
-        difference="the thesis prints neither the times of the phases nor the radii.",
         **inputs.data_note(
-            f"the laser recordings {drop} and the film {film}. A film of reduced size is "
-            "dense around the first three impacts and at rest only."
+            f"the laser recordings {drop} and the film {film}. A film of reduced size is dense around the first three "
+            "impacts and at rest only."
         ),
     )
 
@@ -129,12 +118,10 @@ def four_heights(inputs: Inputs) -> Drawing:
             place = axes.flat[number]
             # The third impact comes after about five times the first fall.
             end = 1e3 * 6.5 * float(np.sqrt(2 * pair[2] / 9.81))
-            other = _draw_both(inputs, place, pair, (-_BEFORE, end), top)
+            other = _draw_both(inputs, place, pair, end, is_named=number % 2 == 1 or pair is pairs[-1])
+            other.set_ylim(top=top)
+            place.yaxis.label.set_visible(number % 2 == 0)
             letter(place, _LETTERS[number], f"$h_0$ = {pair[2] * 1e3:g} mm")
-            if number % 2 == 0:
-                place.set_ylabel("displacement (mm)")
-            else:
-                other.set_ylabel("contact radius (µm)")
         for unused in axes.flat[len(pairs) :]:
             unused.set_visible(False)
         legend_above(figure, [axes.flat[0], other])
@@ -142,7 +129,6 @@ def four_heights(inputs: Inputs) -> Drawing:
         "Displacement by laser and contact radius by film of an acrylic sphere, over time from first contact.",
         figure,
         computed="each film is aligned with the laser's record at first contact only.",
-        difference="the thesis prints no numbers here.",
         **inputs.data_note(
             "mean of the laser recordings and the radius fitted to the interference fringes; "
             "between the bursts around the impacts a film of reduced size has few frames."
@@ -158,23 +144,20 @@ def spots(inputs: Inputs) -> Drawing:
     size = float(inputs.result(name, "radius")["pixel_size"]) * 1e6
     first = _first_contact(inputs, name)
     chosen = [
-        (_key_at(keys, t), float(r) * 1e6, "I" * (i + 1))
-        for i, (t, r) in enumerate(zip(impacts["peak_time"].values, made["peak_radius_model"].values, strict=False))
+        (_key_at(keys, float(t)), float(r) * 1e6, "I" * number)
+        for number, (t, r) in enumerate(zip(impacts["peak_time"], made["peak_radius_model"], strict=False), start=1)
     ]
     chosen.append((keys.sizes["key"] - 1, float(model["contact_radius"][-1]) * 1e6, "at rest"))
     notes = []
-    share = _shown_share(keys, size)
-    aspect = 0.12 + len(chosen) * (0.09 + 0.86 * share)
+    aspect = 0.12 + len(chosen) * (0.09 + 0.86 * _shown_share(keys, size))
     with panels(len(chosen), 1, width=1, aspect=aspect, sharex="all") as (figure, axes):
         for number, (key, radius, word) in enumerate(chosen):
             at = keys.isel(key=key)
             place = axes[number, 0]
             _spot(place, at, radius, size, float(keys["reduction"]))
             place.set_ylabel("y (µm)")
-            when = (float(at["key_time"]) - first) * 1e3
-            letter(place, _LETTERS[number], f"{word}, $t_c$ = {when:.1f} ms")
-            ours = float(at["circle_radius"]) * size
-            notes.append(f"{word}: {ours:.1f} µm in this frame, model {radius:.1f} µm")
+            letter(place, _LETTERS[number], f"{word}, $t_c$ = {(float(at['key_time']) - first) * 1e3:.1f} ms")
+            notes.append(f"{word}: {float(at['circle_radius']) * size:.1f} µm in this frame, model {radius:.1f} µm")
         axes[-1, 0].set_xlabel("x (µm)")
         legend_above(figure, axes[0, 0])
     return Drawing(
@@ -232,7 +215,6 @@ def heated(inputs: Inputs) -> Drawing:
         for row, (look, size, (name, label)) in enumerate(zip(looks, sizes, pair, strict=True), start=1):
             for number in range(_IMPACTS):
                 _heated_impact(axes[0, number], inputs, name, label, number, float(rise[number]), look)
-                letter(axes[0, number], _LETTERS[number], "I" * (number + 1))
             _heated_rest(axes[0, _IMPACTS], inputs, name, label, look)
             keys, impacts = inputs.result(name, "keys"), inputs.result(name, "impacts")
             frames = [_key_at(keys, t) for t in impacts["peak_time"].values[:_IMPACTS]] + [keys.sizes["key"] - 1]
@@ -243,23 +225,31 @@ def heated(inputs: Inputs) -> Drawing:
                 for edge in place.spines.values():
                     edge.set(visible=True, color=look["color"], linewidth=1.2)
             axes[row, 0].set_ylabel(label, color=look["color"], rotation=0, ha="right", va="center")
-        label_outside(axes, "x (µm)")
-        axes[0, 0].set_ylabel("contact radius (µm)")
+        warming = _warming(inputs, pair)
+        for number, (impact, film, _, u) in enumerate(warming):
+            letter(axes[0, number], _LETTERS[number], f"{impact}: {film:+.1f} ± {u:.1f} µm")
+        label_outside(axes[1:], "x (µm)")
+        label_outside(axes[:1, :_IMPACTS], "time $t_p$ (ms)", "contact radius (µm)")
         letter(axes[0, _IMPACTS], _LETTERS[_IMPACTS], "at rest")
         axes[0, _IMPACTS].margins(x=0.5, y=0.1)
         axes[0, _IMPACTS].set_ylabel("radius (µm)")
         legend_above(figure, axes[0, 0])
-    warming, larger = _warming(inputs, pair)
+    notes = [f"{impact} {film:+.1f} ± {u:.1f} (model {model:+.1f}) µm" for impact, film, model, u in warming]
+    at_rest = " and ".join(with_u(inputs.result(name, "impacts"), "static_radius") for name, _ in pair)
+    words = ["not distinguished" if abs(d) < 2 * u else "larger" if d > 0 else "smaller" for _, d, _, u in warming]
+    larger = ", ".join(f"{word} in {impact}" for word, (impact, *_) in zip(words, warming, strict=True))
     return Drawing(
         "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
         f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three impacts, over a common "
         "time: from the touch of each impact, with t_p = 0 where the contact at room temperature is largest; (d) at "
         "rest (bars: 95 %; dashes and boxes: the simulation at the end of the film, 95 %). Below: the frame nearest to "
-        "the largest radius and one at rest, with the circle fitted to the fringes.",
+        "the largest radius and one at rest, with the circle fitted to the fringes. Above each impact: the largest "
+        "radius by film, heated minus room temperature, with its standard uncertainty.",
         figure,
         computed=(
             "simulated drops; the heated one with the material shifted by its law. A film is laid on the "
-            "simulation of its own impact in time. " + warming
+            "simulation of its own impact in time. Largest radius, heated minus room temperature (their common scale "
+            f"counts in u, though it cancels): {'; '.join(notes)}; at rest {at_rest} µm."
         ),
         difference=(
             "the thesis prints no radii; it says that the heated contact is larger in every "
@@ -271,13 +261,6 @@ def heated(inputs: Inputs) -> Drawing:
     )
 
 
-def _rises(inputs: Inputs, name: str) -> Floats:
-    """Return the time (impact,) in s from touch to the largest radius, simulated."""
-    made, model = inputs.result(name, "comparison"), inputs.result(name, "model")
-    peaks = made["model_peak_time"].values[:_IMPACTS]
-    return np.asarray(peaks - model["impact_time"].values[: peaks.size])
-
-
 def _heated_impact(
     place: Any, inputs: Inputs, name: str, label: str, number: int, rise: float, look: dict[str, str]
 ) -> None:
@@ -286,20 +269,18 @@ def _heated_impact(
     inside = made["impact_number"].values == number + 1
     late = float(_rises(inputs, name)[number]) - rise
     seen = made["since_peak"].values[inside] + float(made["time_shift"][number]) + late
-    place.plot(
-        seen * 1e3, made["film"].values[inside] * 1e6, label=f"film, {label}", markersize=2.6, linestyle="none", **look
-    )
+    a, u = (made[n].values[inside] * 1e6 for n in ("film", "u_film"))
+    place.errorbar(seen * 1e3, a, 2 * u, label=f"film, {label}", markersize=2.6, linestyle="none", capsize=1.5, **look)
     since, radius = around_peak(model, float(made["model_peak_time"][number]))
     place.plot(since + late * 1e3, radius, color=look["color"], linewidth=0.9, label=f"model, {label}")
-    place.set(xlabel="time $t_p$ (ms)", ylim=(0, None))
+    place.set(xlim=(-AROUND_PEAK, AROUND_PEAK), ylim=(0, None))
 
 
 def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[str, str]) -> None:
     """Draw the radius at rest of one film, and for its model a dash with the band of what is uncertain of it."""
-    impacts = inputs.result(name, "impacts")
+    impacts, model = inputs.result(name, "impacts"), inputs.result(name, "model")
     seen, u = (float(impacts[f"{prefix}static_radius"]) * 1e6 for prefix in ("", "u_"))
     place.errorbar([label], [seen], yerr=[2 * u], markersize=3.5, capsize=2, **look)
-    model = inputs.result(name, "model")
     rest = float(model["contact_radius"][-1]) * 1e6
     relative = float(model["u_static_radius_lasting"]) / float(model["static_radius_lasting"])
     box = place.bar(label, 4 * relative * rest, 0.5, (1 - 2 * relative) * rest, color=look["color"], alpha=0.25)
@@ -318,21 +299,9 @@ def _temperatures(inputs: Inputs) -> list[tuple[str, str]]:
     return [(cold[0], "room"), (warm, f"{temperature_of(films[warm]):g} °C")]
 
 
-def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> tuple[str, str]:
-    """Say how much larger the heated contact is by film and by model, and in which impacts beyond two u of the film."""
+def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> list[tuple[str, float, float, float]]:
+    """Return, of each impact, its name and the largest radius in µm, heated minus room: film, model, u of the film."""
     cold, warm = (inputs.result(name, "comparison") for name, _ in pair)
-    notes: list[str] = []
-    words: dict[str, list[str]] = {"larger": [], "not told apart": [], "smaller": []}
-    for number in range(_IMPACTS):
-        film, model = (
-            float(warm[f"peak_radius_{s}"][number] - cold[f"peak_radius_{s}"][number]) * 1e6 for s in ("film", "model")
-        )
-        u = 1e6 * float(np.linalg.norm([float(m["u_peak_radius_difference"][number]) for m in (cold, warm)]))
-        notes.append(f"{'I' * (number + 1)} {film:+.1f} (model {model:+.1f}) ± {u:.1f} µm")
-        words["not told apart" if abs(film) < 2 * u else "larger" if film > 0 else "smaller"].append("I" * (number + 1))
-    rest = [inputs.result(name, "impacts") for name, _ in pair]
-    at_rest = " and ".join(
-        f"{float(r['static_radius']) * 1e6:.1f} ± {float(r['u_static_radius']) * 1e6:.1f}" for r in rest
-    )
-    larger = ", ".join(f"{word} in {', '.join(found)}" for word, found in words.items() if found)
-    return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm.", larger
+    film, model = (1e6 * (warm[n] - cold[n]).values for n in ("peak_radius_film", "peak_radius_model"))
+    u = 1e6 * np.hypot(cold["u_peak_radius_film"].values, warm["u_peak_radius_film"].values)
+    return [("I" * (n + 1), float(film[n]), float(model[n]), float(u[n])) for n in range(_IMPACTS)]

@@ -47,14 +47,6 @@ class Inputs:
             fitted = self.result(referred(body.material_from), "master_curve")
         return resolve(body, file, fitted)
 
-    def dma_solid(self) -> "tuple[Prony, str]":
-        """Return the solid of the figure's DMA experiment at its reference temperature, and words for its origin."""
-        from pipelines.experiments.shared.material_choice import fitted_at
-
-        name = next(n for n, s in self.experiments.items() if s.kind == "dma")
-        curve = self.result(name, "master_curve")
-        return fitted_at(curve, None), f"the DMA experiment {name} at {float(curve['T_ref']):g} degC"
-
     def of_kind(self, kind: str) -> dict[str, Any]:
         """Return the experiments of one kind, from the lowest height."""
         found = {n: s for n, s in self.experiments.items() if s.kind == kind}
@@ -70,16 +62,27 @@ class Inputs:
         return {self.origin: text}
 
 
-def solid_or_library(inputs: Inputs | None, polymer: str) -> "tuple[Prony, str]":
-    """Return the solid that the session's DMA measured, or else the library's, and words for its origin."""
-    from labpipe import materials
+def with_u(table: "xr.Dataset", name: str, scale: float = 1e6, digits: int = 1, **at: int) -> str:
+    """Return ``value ± standard uncertainty`` of a variable, by default in µm."""
+    value, u = (float(table[f"{prefix}{name}"].isel(at)) * scale for prefix in ("", "u_"))
+    return f"{value:.{digits}f} ± {u:.{digits}f}"
 
-    return (materials.load(polymer), f"the library's {polymer}") if inputs is None else inputs.dma_solid()
 
+def solid_or_library(inputs: Inputs | None, polymer: str) -> "tuple[Prony, str, dict[str, str]]":
+    """Return the solid of the figure's DMA experiment at its reference temperature, without one the library's.
 
-def sweeps_note(inputs: Inputs | None) -> dict[str, str]:
-    """Return the caption's entry of a figure that is computed with a session's DMA."""
-    return {} if inputs is None else inputs.data_note("the sweeps that the material follows from.")
+    With it come words for its origin, and the caption's entry on the sweeps.
+    """
+    if inputs is None:
+        from labpipe import materials
+
+        return materials.load(polymer), f"the library's {polymer}", {}
+    from pipelines.experiments.shared.material_choice import fitted_at
+
+    name = next(n for n, s in inputs.experiments.items() if s.kind == "dma")
+    curve = inputs.result(name, "master_curve")
+    words = f"the DMA experiment {name} at {float(curve['T_ref']):g} degC"
+    return fitted_at(curve, None), words, inputs.data_note("the sweeps that the material follows from.")
 
 
 def referred(text: str) -> str:

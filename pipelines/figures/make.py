@@ -12,7 +12,7 @@ import importlib
 import json
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,13 +41,9 @@ DRAWN = "drawn"
 FAILED = "failed"
 
 _IMPORTS = (
-    "netCDF4",
-    "matplotlib.backends.backend_agg",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "scipy.optimize",
-    "labpipe.netcdf",
-    "pipelines.experiments",
     "pipelines.process",
     *dict.fromkeys(figure.function.partition(":")[0] for figure in FIGURES if figure.function),
 )
@@ -59,26 +55,22 @@ _LONG = ("A.1", "2.6", "3.10", "3.11", "3.12", "2.8")
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Whether a figure can be drawn, and why not.
+    """State of one figure, before or after it is drawn.
 
-    ``state`` is one of the words above; ``detail`` what is missing, or the reason; ``experiments`` are those of the
-    session that it shows.
+    ``state`` is one of the words above; ``detail`` says what is missing, or why; ``experiments`` are those of the
+    session that it shows; ``files`` are the digests of what was written, by name.
     """
 
     figure: Figure
     state: str
     detail: str = ""
     experiments: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
 
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What became of one figure."""
-
-    id: str
-    state: str
-    detail: str = ""
-    files: tuple[str, ...] = ()
+    @property
+    def id(self) -> str:
+        """Number of the figure."""
+        return self.figure.id
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -86,9 +78,9 @@ class Made(ShownAsTable):
     """What became of the wanted figures, and the folder that they are in."""
 
     folder: Path
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[State, ...]
 
-    def __iter__(self) -> Iterator[Outcome]:
+    def __iter__(self) -> Iterator[State]:
         return iter(self.outcomes)
 
     def _shown(self) -> Shown:
@@ -184,12 +176,8 @@ def states(shelf: Shelf, figures: Iterable[Figure]) -> tuple[State, ...]:
 
 
 def make(
-    shelf: Shelf,
-    figures: Iterable[Figure],
-    progress: Callable[[Outcome], None] = lambda outcome: None,
-    *,
-    jobs: int = 0,
-) -> tuple[Outcome, ...]:
+    shelf: Shelf, figures: Iterable[Figure], progress: Callable[[State], None] = lambda outcome: None, *, jobs: int = 0
+) -> tuple[State, ...]:
     """Draw what is not up to date; what the figures need of the session is processed first.
 
     Experiments are processed, and figures drawn, side by side in ``jobs`` processes; 0 does all in this one. Every
@@ -197,25 +185,25 @@ def make(
     """
     from labpipe.workflow.engines import Died, choose, side_by_side
 
-    found = {state.figure.id: state for state in states(shelf, figures)}
-    outcomes = {i: Outcome(i, s.state, s.detail) for i, s in found.items() if s.state != READY}
-    for outcome in outcomes.values():
-        progress(outcome)
-    ready = sorted(found.keys() - outcomes.keys(), key=lambda i: (i not in _LONG, list(found).index(i)))
-    shelf, failures = _processed(shelf, [found[i] for i in ready], jobs)
+    found = {state.id: state for state in states(shelf, figures)}
+    for state in found.values():
+        if state.state != READY:
+            progress(state)
+    ready = [state for state in found.values() if state.state == READY]
+    shelf, failures = _processed(shelf, ready, jobs)
     sent = replace(shelf, folder=shelf.folder.absolute())
-    tasks = {i: (sent, i, found[i].experiments, failures) for i in ready}
+    tasks = {s.id: (sent, s, failures) for s in sorted(ready, key=lambda s: s.id not in _LONG)}
     engine = choose(workers if (workers := min(jobs, len(tasks))) > 1 else 0)
     with contextlib.closing(side_by_side(engine, f"{__name__}:drawn", tasks, imports=_IMPORTS)) as answers:
         for i, answer in answers:
-            lost = Outcome(i, FAILED, f"{answer}; too little memory?")
-            outcomes[i], written = (lost, {}) if isinstance(answer, Died) else answer
-            if written:
-                entry = {"key": shelf.key(found[i].figure, found[i].experiments), "files": written}
+            lost = replace(found[i], state=FAILED, detail=f"{answer}; too little memory?")
+            found[i] = lost if isinstance(answer, Died) else answer
+            if found[i].files:
+                entry = {"key": shelf.key(found[i].figure, found[i].experiments), "files": found[i].files}
                 kept = {"labpipe_figures": 1, "figures": shelf.record() | {i: entry}}
                 files.write_text(shelf.folder / RECORD, json.dumps(kept, indent=1, sort_keys=True) + "\n")
-            progress(outcomes[i])
-    return tuple(outcomes[i] for i in found)
+            progress(found[i])
+    return tuple(found.values())
 
 
 def _processed(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[str, str]]:
@@ -236,10 +224,8 @@ def _processed(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict
     return replace(Shelf.of(shelf.folder, root), with_data=shelf.with_data), failures
 
 
-def drawn(
-    shelf: Shelf, name: str, experiments: tuple[str, ...], failures: Mapping[str, str]
-) -> tuple[Outcome, dict[str, str]]:
-    """Draw one figure of some experiments and write it; return what became of it, and the digests of its files by name.
+def drawn(shelf: Shelf, state: State, failures: Mapping[str, str]) -> State:
+    """Draw one figure and write it; return its new state.
 
     The shelf has a plan made after processing, in which experiments may have failed.
     """
@@ -247,22 +233,22 @@ def drawn(
 
     # It remarks on the missing time stamps that make the same figure the same bytes.
     logging.getLogger("fontTools").setLevel(logging.ERROR)
-    (figure,) = chosen([name])
+    name, title = state.id, state.figure.title
     try:
-        drawing = draw(shelf, figure, experiments)
+        drawing = draw(shelf, state.figure, state.experiments)
         paths = [] if drawing.figure is None else save_figure(drawing.figure, shelf.folder / name)
-        texts = {"csv": drawing.table} if drawing.table else {}
-        texts |= {"txt": drawing.caption(name, figure.title), "tex": drawing.latex(name, figure.title)}
-        named = {shelf.folder / f"{name}.{ending}": text for ending, text in texts.items()}
-        if shelf.with_data and drawing.figure is not None:
-            named[shelf.folder / f"{name}-data.csv"] = drawing.data()
-        for path, text in named.items():
+        texts = {".txt": drawing.caption(name, title), ".tex": drawing.latex(name, title)}
+        if drawing.table:
+            texts[".csv"] = drawing.table
+        elif shelf.with_data:
+            texts["-data.csv"] = drawing.data()
+        written = [*paths, *(shelf.folder / f"{name}{ending}" for ending in texts)]
+        for path, text in zip(written[len(paths) :], texts.values(), strict=True):
             files.write_text(path, text)
     except LabpipeError as error:
-        why = next((failures[n] for n in experiments if n in failures), str(error))
-        return Outcome(name, FAILED, why), {}
-    written = {path.name: files.digest(path) for path in (*paths, *named)}
-    return Outcome(name, DRAWN, "", tuple(written)), written
+        why = next((failures[n] for n in state.experiments if n in failures), str(error))
+        return replace(state, state=FAILED, detail=why)
+    return replace(state, state=DRAWN, detail="", files={path.name: files.digest(path) for path in written})
 
 
 def draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":
@@ -270,7 +256,7 @@ def draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":
     module, name = figure.function.split(":")
     function = getattr(importlib.import_module(module), name)
     if not figure.needs:
-        return function()
+        return function(*figure.arguments)
     if shelf.session is None or shelf.plan is None or not names:
         return function(None)
     experiments = {n: shelf.session.experiments[n].settings for n in names}

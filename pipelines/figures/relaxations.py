@@ -1,24 +1,19 @@
 """Figures 2.4 and 3.17: relaxation after a ramp, and a sphere under stepwise load."""
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from matplotlib.patches import Circle
 
-from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.experiments.shared.counter_body import counter_body_of
 from pipelines.figures.drawing import Drawing, legend_above, letter, panels, right_axis
-from pipelines.figures.inputs import Inputs
+from pipelines.figures.inputs import Inputs, with_u
 
 _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
 """Depth [m], peak and plateau force [N] of section 2.3.2."""
 
 _MOST_TESTS, _DRAWN_POINTS = 3, 400
-_CREEP = 1e4
-"""Time in s until which the last load is held in the simulation."""
 
 
 def relaxation(inputs: Inputs) -> Drawing:
@@ -27,51 +22,40 @@ def relaxation(inputs: Inputs) -> Drawing:
     files = inputs.experiments[name].mach1[:_MOST_TESTS]
     punch = inputs.experiments[name].punch
     notes: list[str] = []
-    others: list[Any] = []
     with panels(1, len(files), width=2, aspect=0.38) as (figure, axes):
         for place, letter_, file in zip(axes[0], "abc", files, strict=False):
             loads, ramps, made = (inputs.result(name, stage, file) for stage in ("loads", "ramps", "comparison"))
-            at, simulated = ramps.isel(ramp=0), made["simulated_force"].values
-            in_block = loads["block"].values == int(at["block"])
-            since = loads["time"].values - float(at["begin"])
-            inside = in_block & (since > 0) & (loads["time"].values <= float(at["last"]))
+            at, time = ramps.isel(ramp=0), loads["time"].values
+            since = time - float(at["begin"])
+            inside = (loads["block"].values == int(at["block"])) & (since > 0) & (time <= float(at["last"]))
             wanted = np.geomspace(since[inside][0], since[inside][-1], _DRAWN_POINTS)  # equal steps of log time
-            thin = np.unique(np.searchsorted(since[inside], wanted).clip(0, inside.sum() - 1))
-            force, line = (
-                loads["force"].values[inside][thin],
-                line_arguments("measured", style="points") | {"markersize": 2},
-            )
-            place.semilogx(since[inside][thin], force, label=f"force, {inputs.origin}", **line)
-            place.semilogx(since[inside][thin], simulated[inside][thin], label="model", **line_arguments("model"))
-            depth = float(at["depth"])
-            known = next((row[1:] for row in _PRINTED if abs(depth - row[0]) < 0.1 * row[0]), None)
-            printed = "" if known is None else f" (printed {known[0]:g} and {known[1]:g} N)"
-            curves = inputs.result(name, "curves", file)
-            peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
-            clean, u_clean = (float(curves[f"{p}peak_force_unfiltered"][0]) for p in ("", "u_"))
-            moved = loads["position_z"].values - float(ramps["contact_position"])
-            other = right_axis(place, "indentation (mm)" if file == files[-1] else "")
-            line = line_arguments("reference")
-            other.semilogx(since[inside][thin], moved[inside][thin] * 1e3, label="indentation (right axis)", **line)
+            rows = np.flatnonzero(inside)[np.unique(np.searchsorted(since[inside], wanted).clip(0, inside.sum() - 1))]
+            t, points = since[rows], line_arguments("measured", style="points") | {"markersize": 2}
+            place.semilogx(t, loads["force"].values[rows], label=f"force, {inputs.origin}", **points)
+            place.semilogx(t, made["simulated_force"].values[rows], label="model", **line_arguments("model"))
+            other = right_axis(place, "indentation (mm)", is_named=file == files[-1])
+            moved = (loads["position_z"].values[rows] - float(ramps["contact_position"])) * 1e3
+            other.semilogx(t, moved, label="indentation (right axis)", **line_arguments("reference"))
             other.set_ylim(0.0, 0.42)
-            other.tick_params(labelright=file == files[-1])
-            others.append(other)
-            place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.3 * peak))
+            peak, depth = float(at["peak_force"]), float(at["depth"])
+            place.set(xlabel="time since the ramp began (s)", ylabel="force (N)", ylim=(0.0, 1.3 * peak))
+            place.yaxis.label.set_visible(place is axes[0, 0])
             by_radius = "" if punch is None else f", $\\Delta/R$ = {depth / punch.radius.value:.3g}"
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3g} mm{by_radius}")
+            known = next((row[1:] for row in _PRINTED if abs(depth - row[0]) < 0.1 * row[0]), None)
+            clean = with_u(inputs.result(name, "curves", file).isel(ramp=0), "peak_force_unfiltered", 1.0, 2)
             notes.append(
-                f"{depth * 1e3:.2g} mm: peak {clean:.2f} ± {u_clean:.2f} N before the filter and {peak:.2f} N behind "
-                f"it, plateau {plateau:.2f} ± {float(at['u_plateau_force']):.2f} N (model "
-                f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE {100 * float(made['nrmse_all'][0]):.2f} "
-                f"%{printed}"
+                f"{depth * 1e3:.2g} mm: peak {clean} N before the filter and {peak:.2f} N behind it, plateau "
+                f"{with_u(at, 'plateau_force', 1.0, 2)} N (model {float(made['plateau_force_model'][0]):.2f} N), nRMSE "
+                f"{100 * float(made['nrmse_all'][0]):.2f} %"
+                + ("" if known is None else f" (printed {known[0]:g} and {known[1]:g} N)")
             )
-        axes[0, 0].set_ylabel("force (N)")
-        legend_above(figure, [axes[0, 0], others[0]])
+        legend_above(figure, [place, other])
     return Drawing(
         "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
         "indentation from the recorded position.",
         figure,
-        computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
+        computed="boundary-element simulation with the measured displacement, after the load cell's filter.",
         difference=f"{'; '.join(notes)}.",
         **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
     )
@@ -88,23 +72,14 @@ def stepwise_load(inputs: Inputs) -> Drawing:
     masses = [load.mass.value for load in inputs.experiments[name].loads]
     held = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(masses) - 1)
     means = np.array([float(np.nanmean(a[held == number])) for number in range(len(masses))])
-    later, further = _held_on(inputs, name, steps["force"].values, steps["begin"].values, float(t[-1]) * 60)
-    with panels(3, 1, width=1, aspect=1.75, height_ratios=(2.0, 1.0, 1.2)) as (figure, grid):
-        axes, circles, creep = grid[:, 0]
+    with panels(2, 1, width=1, aspect=1.25, height_ratios=(2.2, 1.0)) as (figure, grid):
+        axes, circles = grid[:, 0]
         raw = line_arguments("measured", style="points") | {"markersize": 1.2, "color": "#9a9a9a"}
         raw |= {"markerfacecolor": "#9a9a9a", "markeredgecolor": "#9a9a9a"}
         axes.plot(t, a, label=f"laser, {inputs.origin}", **raw)
         axes.plot(t, model["contact_radius"].values * 1e6, label="viscoelastic", **line_arguments("model"))
-        look = line_arguments("reference")
-        axes.stairs(
-            radii,
-            edges,
-            baseline=None,
-            label=f"Hertz, {model.attrs['reference']}",
-            color="#cc2a1e",
-            linestyle=look["linestyle"],
-            zorder=3,
-        )
+        look: dict[str, Any] = {"color": "#cc2a1e", "linestyle": line_arguments("reference")["linestyle"], "zorder": 3}
+        axes.stairs(radii, edges, baseline=None, label=f"Hertz, {model.attrs['reference']}", **look)
         axes.hlines(means, edges[:-1], edges[1:], colors="#444444", linewidth=0.8, linestyle=(0, (6, 2)), label="means")
         for edge in edges[1:-1]:
             axes.axvline(edge, color="#888888", linewidth=0.6, linestyle="--")
@@ -115,39 +90,22 @@ def stepwise_load(inputs: Inputs) -> Drawing:
         letter(axes, "a")
         _circles(circles, radii)
         letter(circles, "b")
-        last = t >= edges[-2]
-        creep.semilogx((t[last] - edges[-2]) * 60, a[last], **raw)
-        creep.semilogx(later, further * 1e6, **line_arguments("model"))
-        creep.axhline(radii[-1], color="#cc2a1e", linestyle=look["linestyle"])
-        creep.set(xlabel="time under the last load (s)", ylabel="contact radius (µm)", xlim=(1.0, _CREEP))
-        low, high = float(further[later >= 1.0].min()) * 1e6, float(radii[-1])
-        creep.set_ylim(low - 0.4 * (high - low), high + 0.4 * (high - low))
-        letter(creep, "c")
         legend_above(figure, axes, columns=2)
-    grown = np.interp([10.0, _CREEP], later, further) * 1e6
+    ours, gaps, u = (1e6 * made[n].values for n in ("radius_model", "radius_difference", "u_radius_difference"))
     found = [
-        f"{m:g} kg: {1e6 * float(r + d):.1f} ± {1e6 * float(u):.1f} (model {1e6 * float(r):.1f}, Hertz {h:.1f}) µm"
-        for m, r, d, u, h in zip(
-            masses,
-            made["radius_model"].values,
-            made["radius_difference"].values,
-            made["u_radius_difference"].values,
-            radii,
-            strict=True,
-        )
+        f"{masses[i]:g} kg: {ours[i] + gaps[i]:.1f} ± {u[i]:.1f} (model {ours[i]:.1f}, Hertz {radii[i]:.1f}) µm"
+        for i in range(len(masses))
     ]
     return Drawing(
         "(a) Contact radius of a PTFE sphere on a flat while masses are added (vertical lines), from the "
         "approach by a = sqrt(R delta): readings and the mean of every load (horizontal); inset: radius over Hertz's "
-        "of the same load, which shows the creep; (b) Hertz contact circles to scale; (c) creep under the last load, "
-        "the simulation until 10^4 s.",
+        "of the same load, which shows the creep; (b) Hertz contact circles to scale.",
         figure,
         computed=(
             f"quasi-static viscoelastic contact, and Hertz with the {model.attrs['reference']}. Radius at the end of "
             f"each load: {'; '.join(found)}. nRMSE of the model {100 * float(made['nrmse_contact_radius_model']):.2f} "
             f"%, of Hertz {100 * float(made['nrmse_contact_radius_hertz']):.2f} %. Means over the loads: "
-            f"{', '.join(f'{m:.1f}' for m in means)} µm. Between 10 s and 10^4 s under the last load the simulated "
-            f"radius grows from {grown[0]:.1f} to {grown[1]:.1f} µm, towards Hertz's {radii[-1]:.1f} µm."
+            f"{', '.join(f'{m:.1f}' for m in means)} µm."
         ),
         difference=(
             "the thesis prints the loads and times, not the radii. The first load is held 3 "
@@ -160,32 +118,12 @@ def stepwise_load(inputs: Inputs) -> Drawing:
 def _creep_inset(axes: Any, time: Floats, measured: Floats, model: Floats, raw: dict[str, Any]) -> None:
     """Draw radius over Hertz's of the same load (time in min) where the panel has room."""
     inset = axes.inset_axes((0.42, 0.12, 0.55, 0.36))
-    inset.plot(time, measured, **raw)
-    inset.plot(time, model, **(line_arguments("model") | {"linewidth": 1.0}))
+    inset.plot(time, measured, label="laser over Hertz", **raw)
+    inset.plot(time, model, label="viscoelastic over Hertz", **(line_arguments("model") | {"linewidth": 1.0}))
     low = float(np.nanquantile(model, 0.02))
     inset.set(ylim=(1.0 - 1.5 * (1.0 - low), 1.0), ylabel="$a/a_\\mathrm{Hertz}$")
     inset.tick_params(labelsize=6)
     inset.yaxis.label.set_size(7)
-
-
-def _held_on(inputs: Inputs, name: str, force: Floats, begin: Floats, end: float) -> tuple[Floats, Floats]:
-    """Simulate the loads with the last one held on; return times [s] under it and radii [m]."""
-    settings = inputs.experiments[name]
-    solid = inputs.solid_of(settings.sphere)
-    edges = np.append(begin, max(end, begin[-1] + _CREEP))
-    stretches = [
-        start + np.concatenate([[0.0], np.geomspace(0.5, stop - start, 100)]) for start, stop in pairwise(edges)
-    ]
-    made = contact.load_sphere(
-        solid,
-        settings.sphere.radius.value,
-        np.concatenate(stretches),
-        np.repeat(force, [stretch.size for stretch in stretches]),
-        profile=settings.model.profile,
-        substrate=counter_body_of(settings.counter_body),
-    )
-    count = stretches[-1].size
-    return stretches[-1] - begin[-1], made["contact_radius"].values[-count:]
 
 
 def _circles(axes: Any, radii: Floats) -> None:

@@ -40,9 +40,8 @@ def _reference(place: Any, keys: Any, track: Any, *, squares: bool) -> None:
     if squares:
         for size, cx, cy in zip(track["subset"].values, track["x"].values, track["y"].values, strict=True):
             colour = _POINT if size == track["subset"].values[-1] else "#cc4e00"
-            place.add_patch(
-                Rectangle((cx - size / 2, cy - size / 2), size, size, fill=False, edgecolor=colour, linewidth=0.7)
-            )
+            corner = cx - size / 2, cy - size / 2
+            place.add_patch(Rectangle(corner, size, size, fill=False, edgecolor=colour, linewidth=0.7))
     place.set(xlabel="column (px)", ylabel="row (px)")
     place.grid(visible=False)
 
@@ -69,15 +68,8 @@ def falling_line(inputs: Inputs) -> Drawing:
         for shade, frame in zip(shades, chosen, strict=True):
             at = track.isel(frame=frame, point=slice(1, None))
             x = (at["x"] + at["dx"]).values * size
-            place.plot(
-                x,
-                -at["dy"].values * size,
-                marker="o",
-                markersize=2.0,
-                linewidth=1.0,
-                color=shade,
-                label=f"{abs(since[frame]):.3f} s",
-            )
+            look = {"marker": "o", "markersize": 2.0, "linewidth": 1.0, "color": shade}
+            place.plot(x, -at["dy"].values * size, label=f"{abs(since[frame]):.3f} s", **look)
         place.set(xlabel="along the line (mm)", ylabel="displacement (mm)")
         place.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="from release")
         letter(place, "b")
@@ -107,6 +99,5 @@ def reference_frame(inputs: Inputs) -> Drawing:
         "which the body's motion is measured (orange).",
         figure,
         computed=(f"{track.sizes['point'] - 1} subsets of {small} px on the line; one of {body} px on the body."),
-        difference="the thesis prints neither the number nor the size of its subsets here.",
         **inputs.data_note(f"the first frame of the film {name}."),
     )

@@ -21,12 +21,9 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", with_spec
     """
     name = next(iter(inputs.experiments))
     made = inputs.result(name, "master_curve")
-    count = 3 if with_spectrum else 2
     is_shear = inputs.experiments[name].mode in ("shear", "torsion")
-    with panels(1, count, width=2, aspect=0.4, width_ratios=(1.0,) * count if with_spectrum else (1.5, 1.0)) as (
-        figure,
-        axes,
-    ):
+    ratios = (1.0, 1.0, 1.0) if with_spectrum else (1.5, 1.0)
+    with panels(1, len(ratios), width=2, aspect=0.4, width_ratios=ratios) as (figure, axes):
         drawn = _moduli(axes[0, 0], made, inputs.origin, is_shear=is_shear, is_split=not with_spectrum)
         T, shift, u = (made[column].values for column in ("temperature", "log10_aT", "u_log10_aT"))
         axes[0, 1].errorbar(T, shift, _COVERAGE * u, capsize=1.5, **line_arguments("measured", style="both"))
@@ -40,27 +37,22 @@ def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", with_spec
     verdict = json.loads(made.attrs["kramers_kronig"])["verdict"]
     residual = [100 * float(np.sqrt(np.nanmean(made[f"{part}_residual"] ** 2))) for part in ("storage", "loss")]
     reference = float(made["T_ref"])
-    difference = (
-        f"printed reference temperature {printed_T_ref:g} degC, here {reference:g} degC; the "
-        "printed curves are of other specimens, so levels cannot be compared"
-    )
+    spectrum = "; (c) creep compliances over retardation times, hollow where no sweep reaches 1/(2 pi tau)"
     return Drawing(
         f"(a) Storage and loss modulus{'' if with_spectrum else ' (right axis)'} in "
-        f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature "
-        f"{reference:g} degC, with the fitted generalised Maxwell model; (b) horizontal shift "
-        "factors with two standard uncertainties, dotted: the reference temperature"
-        + (
-            "; (c) creep compliances over retardation times, hollow where no sweep reaches 1/(2 pi tau)."
-            if with_spectrum
-            else "."
-        ),
+        f"{'shear' if is_shear else 'tension'}, shifted to the reference temperature {reference:g} degC, with the "
+        "fitted generalised Maxwell model; (b) horizontal shift factors with two standard uncertainties, dotted: the "
+        f"reference temperature{spectrum if with_spectrum else ''}.",
         figure,
         computed=(
             f"shifts and spectrum from one joint fit to both moduli; residuals {residual[0]:.2f} % (storage) and "
             f"{residual[1]:.2f} % (loss) rms over {made.sizes['temperature']} isotherms; Kramers-Kronig: {verdict}. "
             "Band: two standard uncertainties."
         ),
-        difference=difference + (f"; {note}." if note else "."),
+        difference=(
+            f"printed reference temperature {printed_T_ref:g} degC, here {reference:g} degC; the printed curves are of "
+            f"other specimens, so levels cannot be compared{note and f'; {note}'}."
+        ),
         **inputs.data_note(f"isothermal frequency sweeps of {name}."),
     )
 
@@ -71,7 +63,7 @@ def _moduli(left: Any, made: xr.Dataset, origin: str, *, is_shear: bool, is_spli
     x = made["reduced_frequency"].values
     scale = 1.0 / (2.0 * (1.0 + float(made["nu"]))) if is_shear else 1.0
     symbol = "G" if is_shear else "E"
-    right = right_axis(left) if is_split else left
+    right = right_axis(left, "") if is_split else left
     for axes, part, role, dashes in ((left, "storage", "measured", "'"), (right, "loss", "model", "''")):
         look = line_arguments(role)  # type: ignore[arg-type]
         points = line_arguments(role, style="points")  # type: ignore[arg-type]
@@ -113,9 +105,9 @@ def _spectrum(axes: Any, made: xr.Dataset) -> None:
     axes.loglog(tau[inside], weight[inside], label="within the sweeps", **look)
     if (beyond := shown & ~inside).any():
         axes.loglog(tau[beyond], weight[beyond], label="extrapolated", **(look | {"markerfacecolor": "white"}))
-    axes.legend(loc="lower center", frameon=True, framealpha=1.0, edgecolor="none")
+    axes.legend(loc="upper center")
     axes.set(
         xlabel="retardation time $\\tau_k$ (s)",
         ylabel="compliance $C_k$ (1/Pa)",
-        ylim=(weight[shown].min() / 3, weight.max() * 3),
+        ylim=(weight[shown].min() / 3, weight.max() * 50),
     )

@@ -3,9 +3,10 @@
 import numpy as np
 
 from labpipe.report import line_arguments, value_with_uncertainty
-from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels, spelled
+from pipelines.figures.drawing import Drawing, label_outside, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
+_ABBREVIATIONS = ("nbr", "peek", "ptfe")
 _MOST_HEIGHTS = 4
 _SHOWN = (-3.0, 60.0)  # ms around the blow
 _BARS, _BAR_STEP = -10.0, 1.5  # ms, where the amplitudes stand
@@ -18,6 +19,7 @@ def plate_vibration(inputs: Inputs) -> Drawing:
     plate = inputs.result(name, "plate")
     heights = np.unique(table["height"].values)[:_MOST_HEIGHTS]
     kinds = list(dict.fromkeys(table["material"].values.tolist()))
+    spelled = {kind: kind.upper() if kind in _ABBREVIATIONS else kind for kind in kinds}
     time = made["time"].values * 1e3
     inside = (time >= _SHOWN[0]) & (time <= _SHOWN[1])
     rows, columns = (len(heights) + 1) // 2, min(2, len(heights))
@@ -27,7 +29,7 @@ def plate_vibration(inputs: Inputs) -> Drawing:
             for i in np.flatnonzero(table["height"].values == height):
                 material = str(table["material"].values[i])
                 look = line_arguments(None, count=kinds.index(material)) | {"linewidth": 0.9}
-                place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=spelled(material), **look)
+                place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=spelled[material], **look)
                 # a bar before the blow: lines of like spheres cover each other
                 at, amplitude = _BARS + _BAR_STEP * kinds.index(material), float(table["amplitude"].values[i]) * 1e6
                 bar = {"color": look["color"], "linestyle": "-", "linewidth": 2.5, "solid_capstyle": "butt"}
@@ -39,12 +41,12 @@ def plate_vibration(inputs: Inputs) -> Drawing:
     for kind in kinds:
         chosen = np.flatnonzero(table["material"].values == kind)
         values = table["amplitude"].values[chosen[np.argsort(table["height"].values[chosen], kind="stable")]] * 1e6
-        notes.append(f"{spelled(kind)} {', '.join(f'{value:.2f}' for value in values)}")
+        notes.append(f"{spelled[kind]} {', '.join(f'{value:.2f}' for value in values)}")
     worst = 100 * float(made["nrmse"].max())
     chance = float(table["probability_natural_frequency"])
     return Drawing(
         "Displacement of the plate beside the disc after the first contact of spheres of "
-        f"{', '.join(map(spelled, kinds))}, mean of the repeats; bars before the blow: amplitudes at impact, in "
+        f"{', '.join(spelled.values())}, mean of the repeats; bars before the blow: amplitudes at impact, in "
         "this order.",
         figure,
         computed=(

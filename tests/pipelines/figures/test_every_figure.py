@@ -14,6 +14,15 @@ from pipelines.figures.inputs import matching
 
 CAMPAIGN = Path(__file__).parents[3] / "sample_data/thesis-small"
 DRAWN = tuple(figure for figure in FIGURES if figure.function)
+MESSAGES = {
+    "2.3": "hollow where no sweep reaches",
+    "2.6": "The material is the DMA experiment nbr_dma",
+    "2.7": "of the cycle is without contact",
+    "3.3": "drop simulation with the DMA experiment acrylic_dma",
+    "3.16": "Here larger in I, ",
+    "A.1": "GPa and c_v",
+}
+"""Parts of captions that say what a figure is for."""
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +52,7 @@ def test_it_is_drawn_with_all_that_a_caption_says(shelf: make.Shelf, figure: Fig
     text = drawing.caption(figure.id, figure.title)
     assert "nan" not in text.split()
     assert "None" not in text
+    assert MESSAGES.get(figure.id, "") in " ".join(text.split())
     if drawing.figure is None:
         assert len(drawing.table.splitlines()) > 1
         return
