@@ -22,7 +22,7 @@ from math import pi, sqrt
 from typing import Any, Literal
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import brentq, nnls
 
 from calibration.camera import pixel_size
 from labpipe import contact, materials
@@ -123,16 +123,37 @@ def _conventions() -> Iterator[Row]:
     yield Row("A.1 text", "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)", 1, 0, "1", 0, why)
     why = "mm over s is mm/s, not um/s; the /1000 is right"
     yield Row("3.14 (eq.)", "velocity unit before /1000, in m/s", 1e-6, 1e-3, "m/s", 0, why)
-    lead = float(np.abs(np.exp(1j * (1.0 + 1.0))))
+    modulus, angle = complex(solid.complex_modulus(0.5)), 0.5 * np.linspace(0.0, 40.0 * pi, 4001)
+    stress = materials.respond(solid, angle / 0.5, np.sin(angle))["stress"].values[-201:-1]  # the last whole cycle
+    found = 2.0 * abs(np.mean(stress * np.exp(1j * angle[:200]))) / abs(modulus)
+    printed = abs(np.exp(1j * angle[0] + np.angle(modulus)))
     why = "brackets are missing: exp(i (omega t + delta)); as printed the amplitude grows with the phase"
-    yield Row("1.15", "|sigma| over |G*| epsilon_0 at delta = 1", float(np.exp(1.0)), lead, "1", 1e-9, why)
-    why = "the dot belongs to the entropy: rho theta ds/dt"
-    yield Row("1.17", "factor of ds/dt over rho theta", 0, 1, "1", 0, why)
-    why = "(1.26) multiplies the time by a, (2.35) the frequency; of a material that softens one rises, one falls"
-    yield Row("1.26, 2.35", "sign of d log a_T / d T by both", 1, -1, "1", 0, why, _CONTRADICTS)
-    why = "no unit is printed; as a yield strain of E = 3.2 GPa it would be 64 to 128 MPa"
-    yield Row("A.1 text", "is the 'yield stress range of 0.02-0.04' a stress? (1 yes)", 1, 0, "1", 0, why)
+    yield Row("1.15", "amplitude of the stress over |G*| epsilon_0", float(printed), float(found), "1", 1e-3, why)
+    yield _entropy(solid)
+    yield _shifts(solid)
     yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
+
+
+def _entropy(solid: materials.Prony) -> Row:
+    """Compare (1.17) with (1.22) for an ideal rubber, whose stored energy is -theta times its entropy."""
+    time = np.linspace(0.0, 4.0, 4001)
+    made = materials.respond(solid, time, np.minimum(time, 1.0))
+    work = float(np.trapezoid(made["stress"], made["strain"]))
+    stored, heat = float(made["stored_energy"][-1]), -float(made["stored_energy"][-1])  # theta s, at constant theta
+    left, lost = work - stored - heat, float(made["dissipated_energy"][-1])  # of (1.16): all but the term of (1.17)
+    why = "the dot belongs to the entropy, rho theta ds/dt: as printed (1.22) does not follow at constant temperature"
+    name = "dissipation by (1.16), (1.17) over (1.22), rubber"
+    return Row("1.17", name, left / lost, (left + heat) / lost, "1", 1e-3, why)
+
+
+def _shifts(solid: materials.Prony) -> Row:
+    """Return the signs that log a_T of a warmer, softer solid has as factor of time and of frequency."""
+    warm, decades = solid.shifted(10.0 ** float(materials.wlf(15.0, 250.0, 20.0).log10_aT(30.0))), (-6.0, 6.0)
+    of_time = brentq(lambda x: float(solid.relaxation(10.0**x) - warm.relaxation(1.0)), *decades)
+    of_frequency = brentq(lambda x: (solid.complex_modulus(10.0**x) - warm.complex_modulus(1.0)).real, *decades)
+    why = "(1.26) multiplies the time by a, (2.35) the frequency; of a material that softens one rises, one falls"
+    name, signs = "sign of d log a_T / d T by both", np.sign([of_time, of_frequency])
+    return Row("1.26, 2.35", name, float(signs[0]), float(signs[1]), "1", 0, why, _CONTRADICTS)
 
 
 def _indenter() -> Iterator[Row]:
@@ -242,11 +263,21 @@ def _impacts() -> Iterator[Row]:
     load = hertz.static_load(MASS * GRAVITY, SPHERE_RADIUS, modulus)
     yield Row("reference", "Hertz radius at rest, E = 3.2 GPa", 0.213, float(load.contact_radius) * 1e3, "mm", 5e-4)
     fall = (materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.5)
-    coarse, converged = contact.drop(*fall, solver="thesis", time_step=2e-4), contact.drop(*fall)
-    bounces = coarse.sizes["impact"] / converged.sizes["impact"]
+    coarse = contact.drop(*fall, solver="thesis", ring_width=4e-5, time_step=2e-4)
+    bounces = coarse.sizes["impact"] / contact.drop(*fall).sizes["impact"]
     why = "a contact of 1 ms has five such steps; the thesis's scheme agrees with the solution at steps of some us"
     yield Row("3.3.3", "bounces by steps of 0.2 ms over the true number", 1.0, bounces, "1", 0.05, why, _CONTRADICTS)
+    for step, name in ((2e-4, "0.2 ms"), (4e-6, "4 us, not printed")):
+        first = contact.drop(*fall[:-1], 0.02, solver="thesis", ring_width=4e-5, time_step=step)
+        ratio = float(first["peak_force"][0] / acrylic["peak_force"][0])
+        text = f"peak force by lambda = 40 um, dt = {name}"
+        yield Row("3.3.3", text, 1.0, ratio, "1", 0.01, why, _CONTRADICTS)
     elastic = hertz.impact(sqrt(2 * GRAVITY * HEIGHTS[0]), SPHERE_RADIUS, MASS, modulus)
+    # Hertz's peak pressure at the yield depth of 20 um is 1.6 times the yield stress
+    stress = float(hertz.static_approach(20e-6, SPHERE_RADIUS, modulus).peak_pressure) / 1.6
+    why = "no unit is printed; by Hertz the yield depth of 20 um belongs to this stress: the range is a yield strain"
+    yield Row("A.1 text", "'yield stress range of 0.02-0.04', as a stress", 0.03, stress, "Pa", 0.01, why)
+    yield Row("A.1 text", "the same range as a strain, yield stress over E", 0.03, stress / 3.2e9, "1", 0.01)
     yield Row("reference", "Hertz approach, acrylic from 1.5 mm", 69.0, float(elastic.peak_approach) * 1e6, "um", 0.5)
     yield Row("3.1", "radius of a 3/4 inch sphere", 9.525, 0.75 * 25.4 / 2, "mm", 1e-9)
     sphere = 1180 * 4 / 3 * pi * SPHERE_RADIUS**3

@@ -11,6 +11,7 @@ from labpipe.errors import InputError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.fields import suggest
 from labpipe.workflow.session import Experiment, Session
+from pipelines.experiments import KINDS
 from pipelines.session._processing import verdict
 from pipelines.session._results import reopen_session, result, results
 from pipelines.session._session_checks import CONFIGURATION, named_files
@@ -89,14 +90,21 @@ class OpenSession(ShownAsTable):
         return result(self.folder, experiment, stage, recording)
 
     def plot(
-        self, experiment: str, stage: str, variable: str, recording: str | None = None, *, ax: Axes | None = None
+        self,
+        experiment: str,
+        stage: str | None = None,
+        variable: str | None = None,
+        recording: str | None = None,
+        *,
+        ax: Axes | None = None,
     ) -> Axes:
         """Draw one variable of a result with its 95 % band.
 
         Parameters
         ----------
         experiment, stage, variable : str
-            Names, for example ``"acrylic_7mm"``, ``"repeats"`` and ``"restitution"``.
+            Names, for example ``"acrylic_7mm"``, ``"repeats"`` and ``"restitution"``. Without stage and variable,
+            the main curve of the experiment, as on the session's page.
         recording : str, optional
             The file, for stages that run once per recording.
         ax : matplotlib Axes, optional
@@ -116,17 +124,30 @@ class OpenSession(ShownAsTable):
         """
         import matplotlib.pyplot as plt
 
+        axis, scale = None, "linear"
+        if stage is None:
+            if experiment not in self.experiments:
+                raise UsageError(f'no experiment "{experiment}"{suggest(experiment, list(self.experiments))}')
+            source = KINDS[self.experiments[experiment].kind].picture
+            if source is None:
+                raise UsageError(f"{experiment} has no main curve: name a stage and a variable")
+            stage, variable, axis, scale = source.stage, source.y, source.x, source.scale
+            node = self.results(experiment)
+            recording = recording or next(iter(node[stage].children if stage in node else ()), None)
         found = self.result(experiment, stage, recording)
         if variable not in found:
             known = list(map(str, found.data_vars))
-            raise UsageError(
-                f'{stage} has no variable "{variable}"{suggest(variable, known)}; it has {", ".join(known)}'
+            missing = (
+                f'{stage} has no variable "{variable}"{suggest(variable, known)}' if variable else "name a variable"
             )
-        curve = found[variable]
-        if curve.ndim != 1:
+            raise UsageError(f"{missing}; {stage} has {', '.join(known)}")
+        curve = found[variable] if axis is None else found.set_coords(axis)[variable]
+        if curve.ndim != 1 and axis is None:
             raise InputError(f"{variable} is over {curve.dims}; choose one curve of it with result(...) and plot that")
         axes = plt.subplots()[1] if ax is None else ax
-        (line,) = curve.plot.line(ax=axes, x=curve.dims[0], label=experiment, add_legend=False)
+        each = {"hue": curve.dims[0]} if curve.ndim > 1 else {"label": experiment}  # a loop for each frequency
+        line, *_ = curve.plot.line(ax=axes, x=axis or curve.dims[0], add_legend=False, **each)
+        axes.set(xscale=scale, yscale=scale)
         if (u := found.get(f"u_{variable}")) is not None and u.shape == curve.shape:
             low, high = curve.values - _BAND * u.values, curve.values + _BAND * u.values
             axes.fill_between(line.get_xdata(), low, high, color=line.get_color(), alpha=0.25, linewidth=0.0)

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from pipelines.cli import main
@@ -39,6 +40,12 @@ def test_no_spectrum_gives_the_printed_peaks(table: Rows) -> None:
         ("table D.1", "uncertainty of the front camera, 2 px", 200 / 386),
         ("2.5", "f tau_0 at 0.5 Hz", 0.5 * 1.56e-10),
         ("3.3.4", "load 5 from the masses of 3.1", 5.505),
+        # p0 / 1.6 at an approach of 20 um, p0 = 2 E* (20 um / R)^(1/2) / pi
+        (
+            "A.1 text",
+            "'yield stress range of 0.02-0.04', as a stress",
+            2 * 3.2e9 / (1 - 0.35**2) / 3.141592653589793 * (20e-6 / 9.525e-3) ** 0.5 / 1.6,
+        ),
         # (3 F R / 4 E*)^(1/3) with F = 0.505 kg g, R = 9.525 mm, E* = 3.2 GPa / (1 - 0.35^2)
         (
             "reference",
@@ -49,6 +56,20 @@ def test_no_spectrum_gives_the_printed_peaks(table: Rows) -> None:
 )
 def test_ours_is_the_hand_computed_number(table: Rows, place: str, quantity: str, expected: float) -> None:
     assert table[place, quantity].ours == pytest.approx(expected, rel=1e-6)
+
+
+def test_misprints_are_found_by_what_the_equations_give(table: Rows) -> None:
+    amplitude = table["1.15", "amplitude of the stress over |G*| epsilon_0"]
+    # a standard linear solid, 1 and 3, at omega tau = 0.5: tan delta = 0.5 * 3 / (1 + 0.25 * 4)
+    assert np.log(amplitude.printed) == pytest.approx(np.arctan2(1.2, 1.6), rel=1e-9)
+    assert amplitude.ours == pytest.approx(1.0, abs=1e-4)
+    entropy = table["1.17", "dissipation by (1.16), (1.17) over (1.22), rubber"]
+    assert entropy.ours == pytest.approx(1.0, abs=1e-5)
+    verdicts = {(row.place, row.quantity): row.verdict for row in table.values()}
+    assert verdicts["1.17", entropy.quantity] == verdicts["1.15", amplitude.quantity] == "misprint"
+    assert verdicts["1.26, 2.35", "sign of d log a_T / d T by both"] == "inconsistent"
+    assert verdicts["3.3.3", "peak force by lambda = 40 um, dt = 0.2 ms"] == "inconsistent"
+    assert verdicts["3.3.3", "peak force by lambda = 40 um, dt = 4 us, not printed"] == "agrees"
 
 
 def test_the_command_prints_the_table_as_json(table: Rows, capsys: pytest.CaptureFixture[str]) -> None:

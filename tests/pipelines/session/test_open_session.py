@@ -35,6 +35,9 @@ def test_a_variable_is_drawn_with_its_band(session) -> None:
     heights = axes.collections[0].get_paths()[0].vertices[:, 1]
     assert heights.max() == pytest.approx(float((found["restitution"] + 2.0 * found["u_restitution"]).max()))
     plt.close(axes.figure)
+    (main,) = session.plot("drop").lines
+    np.testing.assert_array_equal(main.get_ydata(), found["displacement_mean"])
+    plt.close(main.figure)
 
 
 def test_what_was_mistyped_or_left_out_is_said(session) -> None:
@@ -42,5 +45,7 @@ def test_what_was_mistyped_or_left_out_is_said(session) -> None:
         session.plot("drop", "repeats", "restitutoin")
     with pytest.raises(UsageError, match='did you mean "drop"'):
         session.readings("dropp")
+    with pytest.raises(UsageError, match='did you mean "drop"'):
+        session.plot("dropp")
     with pytest.raises(UsageError, match="name a stage of drop: readings, "):
         lp.result(session.folder, "drop")
