@@ -10,7 +10,6 @@ Versions of the file, newest first:
    change, ``sphere = { from = "A3", mass = "506 g" }``.
 """
 
-import itertools
 import re
 import unicodedata
 from collections.abc import Collection, Iterator, Mapping
@@ -59,8 +58,8 @@ class Experiment:
     @property
     def refers_to(self) -> tuple[str, ...]:
         """Names of the experiments that its settings name, as one has its material from another."""
-        texts = (node for node in nodes(msgspec.to_builtins(self.settings)) if isinstance(node, str))
-        texts = itertools.chain([REFERENCE + self.base] if self.base else [], texts)
+        texts = [node for node in nodes(msgspec.to_builtins(self.settings)) if isinstance(node, str)]
+        texts += [REFERENCE + self.base] if self.base else []
         return tuple(dict.fromkeys(text.removeprefix(REFERENCE) for text in texts if text.startswith(REFERENCE)))
 
 
@@ -194,14 +193,14 @@ def load(
     laboratory = _laboratory(document, root, kinds)
     if not tables and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
-    every = {("defaults", kind): table for kind, table in defaults.items()}
+    every: dict[Place, Any] = {("defaults", kind): table for kind, table in defaults.items()}
     every |= {(LABORATORY, "defaults", kind): table for kind, table in laboratory.get("defaults", {}).items()}
     for place, table in every.items():
-        if place[-1] not in kinds:
-            document.report(place, f"unknown kind{suggest(str(place[-1]), kinds)}")
+        if (kind := str(place[-1])) not in kinds:
+            document.report(place, f"unknown kind{suggest(kind, kinds)}")
         else:
             checker = Checker(document, root, may_wait=may_wait, gaps=[], laboratory=laboratory.get("folder"))
-            checker.structure(kinds[str(place[-1])], table, place, partial=True)
+            checker.structure(kinds[kind], table, place, partial=True)
     variants = _tables(document, "variants")
     places = _places(document, tables, variants)
     _check_names(document, root, places)
@@ -311,8 +310,8 @@ def _with_laboratory(
     """Put below the tables of an experiment those of the laboratory's file, of its kind and of the parts it names."""
     kind = str(list(layers)[-1][1])
     made: dict[Place, dict[str, Any]] = {}
-    lowest = {(LABORATORY, "defaults", kind): laboratory.get("defaults", {}).get(kind, {})}
-    for place, table in {**layers, **lowest}.items():
+    lowest: dict[Place, dict[str, Any]] = {(LABORATORY, "defaults", kind): laboratory.get("defaults", {}).get(kind, {})}
+    for place, table in (*layers.items(), *lowest.items()):
         own, parts = dict(table), dict[Place, dict[str, Any]]()
         for info in fields_of(kinds[kind]):
             key = info.encode_name

@@ -68,7 +68,7 @@ def beside(folder: str | Path, first: str, second: str) -> Path:
     pair = next((n for n in ((first, second), (second, first)) if session.experiments[n[1]].base == n[0]), None)
     if pair is not None:
         (one,) = side_by_side(replace(session, experiments={pair[1]: session.experiments[pair[1]]}), (*own, *others))
-        said = Notice("info", f"{one.name} is a variant of {one.base}: {one.changes}.")
+        said: Block = Notice("info", f"{one.name} is a variant of {one.base}: {one.changes}.")
         difference: Sequence[Block] = beside_base(one)
     else:
         said, *difference = _difference(own, others, first, second)
