@@ -35,7 +35,12 @@ def publish(session: Path, out: Path, as_json: bool, **options: Any) -> None:
 
     with watching(enabled=not as_json) as progress:
         done = verb(session, out, progress=progress, **options)
-    document = {"folder": str(done.folder), "files": done.sizes, "left_out": list(done.left_out)}
+    document = {
+        "folder": str(done.folder),
+        "files": done.sizes,
+        "left_out": list(done.left_out),
+        "struck": list(done.struck),
+    }
     emit(as_json, document, [repr(done), f"then: labpipe verify {out}"])
     click.get_current_context().exit(1 if done.left_out else 0)
 

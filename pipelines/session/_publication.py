@@ -36,7 +36,7 @@ from pipelines.session._export import Writer, export_results, export_table
 from pipelines.session._overview import COMPARISON_PAGE, PAGE
 from pipelines.session._processing import process
 from pipelines.session._results import opened, reopen_session
-from pipelines.session._session_checks import CONFIGURATION, named_files
+from pipelines.session._session_checks import named_files
 
 if TYPE_CHECKING:
     from labpipe.workflow.run_result import Event
@@ -50,20 +50,23 @@ _CONTENT = {
     "pages": "reports",
     "figures": "figures and their numbers",
 }
+_CODES = ("utf-8", "latin-1", "utf-16-le")
 _TYPES = {".nc": "application/netcdf", ".md": "text/markdown", ".bib": "application/x-bibtex", ".toml": "text/toml"}
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Published:
-    """A package: its folder, the size of each file by name, and the experiments and results that it lacks."""
+    """A package: its folder, the size of each file by name, what it lacks, and the files in which a name was struck."""
 
     folder: Path
     sizes: dict[str, int]
     left_out: tuple[str, ...]
+    struck: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         head = f"{self.folder}: {len(self.sizes)} files, {sum(self.sizes.values()) / 1e6:.1f} MB"
-        return "\n".join([head, *(f"left out: {line}" for line in self.left_out)])
+        lines = [f"left out: {line}" for line in self.left_out] + [f"name struck: {name}" for name in self.struck]
+        return "\n".join([head, *lines])
 
 
 def publish(
@@ -84,8 +87,8 @@ def publish(
     out : path-like
         Folder to be made, outside the session.
     anonymous : bool
-        For a blind review: leave out operator, creators and paths of this machine. All is processed again
-        without them.
+        For a blind review: leave out operator, creators and paths of this machine. They are struck from the copies
+        of raw files too, from which all is processed again.
     figures : path-like, optional
         A folder that ``labpipe figures --data`` wrote, to be included.
     jobs : int
@@ -100,8 +103,8 @@ def publish(
     Raises
     ------
     ConfigError
-        The session states no licence or no creators (the line to add is given), or a name that is to be left out
-        is in a raw file.
+        The session states no licence or no creators (the line to add is given), or a file has the name of a person
+        that is to be left out.
     UsageError
         The folder exists already, or the library ``rocrate`` is not installed.
 
@@ -111,6 +114,7 @@ def publish(
     """
     found, place = reopen_session(session), Path(out).absolute()
     _require_statements(found, anonymous)
+    struck: list[str] = []
     if importlib.util.find_spec("rocrate") is None:
         raise UsageError("publishing needs the library rocrate; run: pip install 'labpipe[publish]'")
     if place.exists() or place.resolve().is_relative_to(found.root):
@@ -120,9 +124,11 @@ def publish(
     place.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".publish-", dir=place.parent) as scratch:
         folder = Path(scratch) / "package"
-        names = _names(found) if anonymous else []
-        _copy(found, folder / DATA, names)
+        _copy(found, folder / DATA)
+        if figures is not None:
+            shutil.copytree(figures, folder / "figures")
         if anonymous:
+            struck = _strike(found, folder)
             found = reopen_session(folder / DATA)
         run = process(found.root, jobs=jobs, progress=progress)
         writer = Writer(folder / RESULTS, "nc", may_replace=True)
@@ -132,20 +138,17 @@ def publish(
         for page in (PAGE, COMPARISON_PAGE, f"reports/{LIMITS}", *map(page_name, found.experiments)):
             if (found.folder / page).is_file():
                 files.write_bytes(folder / "pages" / page, (found.folder / page).read_bytes())
-        if figures is not None:
-            shutil.copytree(figures, folder / "figures")
         if anonymous:
             shutil.rmtree(found.folder)
         _write_texts(found, folder)
         _write_crate(found, folder)
-        _refuse(folder, names)
         digests = {p.relative_to(folder).as_posix(): files.digest(p) for p in files.files_below(folder)}
         files.write_text(folder / SUMS, "".join(f"{digest}  {name}\n" for name, digest in digests.items()))
         sizes = {name: (folder / name).stat().st_size for name in (*digests, SUMS)}
         folder.rename(place)
     left_out = [f"{one.task}: {one.message}" for one in run.failures] + writer.left_out
     left_out += [f"{name} waits: {lines[0]}" for name, lines in found.waiting.items()]
-    return Published(Path(out), sizes, tuple(left_out))
+    return Published(Path(out), sizes, tuple(left_out), tuple(struck))
 
 
 def _require_statements(session: Session, anonymous: bool) -> None:
@@ -164,15 +167,8 @@ def _require_statements(session: Session, anonymous: bool) -> None:
     document.finish()
 
 
-def _names(session: Session) -> list[str]:
-    """Return what an anonymous package must not hold, the longest first."""
-    of_persons = [text or "" for one in session.creators for text in (one.name, one.orcid, one.affiliation)]
-    names = {session.operator, *of_persons, str(session.root), f"{Path.home()}/"} - {""}
-    return sorted(names, key=len, reverse=True)
-
-
-def _copy(session: Session, data: Path, names: list[str]) -> None:
-    """Copy session.toml and the files that it names; strike names from those that are settings or records."""
+def _copy(session: Session, data: Path) -> None:
+    """Copy session.toml and the files that it names."""
     held = [session.root / FILE_NAME]
     for named in named_files(session):
         held += files.files_below(named.path) if named.path.is_dir() else [named.path] * named.path.is_file()
@@ -181,41 +177,42 @@ def _copy(session: Session, data: Path, names: list[str]) -> None:
         target = data / path.relative_to(session.root)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, target)
-        if names and path.suffix == CONFIGURATION:
-            text = path.read_text("utf-8-sig")
-            if path.name == FILE_NAME:
-                text = _without_persons(session, text)
-            for name in names:
-                text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", "(left out)", text)
-            files.write_text(target, text)
 
 
-def _without_persons(session: Session, text: str) -> str:
-    """Blank operator and creators, and what follows them up to the next key: lines keep their numbers."""
-    lines, places = text.splitlines(), parse(session.root / FILE_NAME).lines
+def _strike(session: Session, folder: Path) -> list[str]:
+    """Overwrite names in the files of a package with as many x, and return the files that held one.
+
+    Lines and places keep their numbers: operator and creators are blank lines of session.toml. Initials are not looked
+    for elsewhere: a film holds any three bytes by chance.
+
+    Raises
+    ------
+    ConfigError
+        A file has a person's name.
+    """
+    of_persons = [text or "" for one in session.creators for text in (one.name, one.orcid, one.affiliation)]
+    wanted = {session.operator, *of_persons, str(session.root), f"{Path.home()}/"}
+    names = sorted((name for name in wanted if len(name) > 5), key=len, reverse=True)
+    path = folder / DATA / FILE_NAME
+    lines, places = path.read_text("utf-8-sig").splitlines(), parse(path).lines
     persons = {place for place in places if place[:1] == ("creators",) or place == ("session", "operator")}
     others = sorted(line for place, line in places.items() if place and place not in persons)
     for first in {places[place] for place in persons}:
         last = next((line for line in others if line > first), len(lines) + 1)
         lines[first - 1 : last - 1] = [""] * (last - first)
-    return "\n".join(lines) + "\n"
-
-
-def _refuse(folder: Path, names: list[str]) -> None:
-    """Raise ConfigError where a file of a package holds a name, as text of 8 or 16 bits.
-
-    Initials are not looked for: a film holds any three bytes by chance.
-    """
-    codes, problems = ("utf-8", "latin-1", "utf-16-le"), []
-    for path in files.files_below(folder) if names else ():
-        with path.open("rb") as stream:
-            data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) if path.stat().st_size else b""
-            for name in names:
-                if len(name) > 5 and any(data.find(name.encode(code, "replace")) >= 0 for code in codes):
-                    where = f'{path.relative_to(folder).as_posix()} holds "{name}"'
-                    problems.append(f"{where}; replace it in a copy of the session, and publish that")
-    if problems:
-        raise ConfigError(problems)
+    files.write_text(path, "\n".join(lines) + "\n")
+    held = {p.relative_to(folder).as_posix(): p for p in files.files_below(folder) if p.stat().st_size}
+    if called := [f'{file} has "{name}" in its name; rename it' for file in held for name in names if name in file]:
+        raise ConfigError([f"{text} in a copy of the session, and publish that" for text in called])
+    struck = []
+    for file, path in held.items():
+        with path.open("r+b") as stream, mmap.mmap(stream.fileno(), 0) as data:
+            for form, fill in ((n.encode(c, "replace"), "x".encode(c)) for n in names for c in _CODES):
+                at = -1
+                while (at := data.find(form, at + 1)) >= 0:
+                    data[at : at + len(form)] = fill * (len(form) // len(fill))
+                    struck.append(file)
+    return list(dict.fromkeys(struck))
 
 
 def _write_texts(session: Session, folder: Path) -> None:
