@@ -81,10 +81,10 @@ def _swept(number: str, material: str, word: str, printed_T_ref: float, *more: s
     return replace(needed, arguments=(printed_T_ref, *more))
 
 
-def _dropped(number: str, material: str, word: str, article: str = "a") -> Figure:
+def _dropped(number: str, material: str, word: str) -> Figure:
     need = Need("ball_drop", _DROP, material)
     needed = _drawn(number, f"{word[:1].upper()}{word[1:]} sphere from four heights", "drops:heights", need)
-    return replace(needed, arguments=(f"{article} {word}",))
+    return replace(needed, arguments=(word,))
 
 
 FIGURES: tuple[Figure, ...] = (
@@ -123,7 +123,7 @@ FIGURES: tuple[Figure, ...] = (
            Need("dic_validation", ("track", "motion", "bounces", "keys"))),
     _drawn("3.9", "Laser against image correlation", "films:laser_and_film",
            Need("dic_validation", ("bounces", "velocity", "comparison"))),
-    _dropped("3.10", "acrylic", "acrylic", "an"),
+    _dropped("3.10", "acrylic", "acrylic"),
     _dropped("3.11", "nylon", "nylon"),
     _dropped("3.12", "peek", "PEEK"),
     _drawn("3.13", "Bouncing, vibration and rest", "contacts:phases",

@@ -75,7 +75,7 @@ def phases(inputs: Inputs) -> Drawing:
     settled, rest = ((float(events[f"{n}_time"] - events["first_contact_time"])) * 1e3 for n in ("settling", "rest"))
     recorded = float(inputs.result(drop, "repeats")["time"].max() * 1e3)
     end = max(float(seen["time"].max() - _first_contact(inputs, film)) * 1e3, recorded)
-    edges = [0.0, settled, rest, end] if np.isfinite(rest) else [0.0, settled, recorded]
+    edges = [e for e in (0.0, settled, rest, end if np.isfinite(rest) else recorded) if np.isfinite(e)]
     hertz = [float(model[f"static_radius_{name}"]) * 1e6 for name in ("brief", "lasting")]
     with panels(1, 1, width=2, aspect=0.42) as (figure, axes):
         place = axes[0, 0]

@@ -49,7 +49,7 @@ _IMPORTS = (
 )
 """What drawing needs, for workers to share."""
 
-_LONG = ("A.1", "2.6", "3.10", "3.11", "3.12", "2.8")
+_LONG = ("A.1", "2.6", "3.10", "3.11", "3.12")
 """Figures that take longest: begun last, they would be waited for alone."""
 
 
