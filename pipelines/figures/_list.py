@@ -1,4 +1,4 @@
-"""The list of the thesis's figures: number, title, function that draws it, and what it needs of a session."""
+"""The list of the thesis's figures: number, title, function that draws it, and its needs of a session."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ _HOME = "pipelines.figures"
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """What a figure reads of the results of a session.
+    """Results of a session that a figure reads.
 
     ``kind`` is that of the experiments, as in session.toml; ``stages`` are those whose results are read. Only
     experiments on this ``material`` count. ``is_optional``: the figure is drawn without them too, and then says so.
@@ -29,10 +29,10 @@ class Need:
 class Figure:
     """One figure or table of the thesis.
 
-    ``id`` is its number, for example ``2.6``; ``title`` what it shows; ``function`` the ``module:function`` that draws
-    it, "" when none does, called with the inputs and with ``arguments``; ``need`` what it needs of a session, None when
-    it is computed, and ``also`` what it needs beside that; ``reason`` why it cannot be regenerated, "" for one that
-    this version does not draw.
+    ``id`` is its number, for example ``2.6``; ``title`` its subject; ``function`` the ``module:function`` that draws
+    it, "" when none does, called with the inputs and with ``arguments``; ``need`` the results that it needs of a
+    session, None when it is computed, and ``also`` further ones; ``reason`` why it cannot be regenerated, "" for one
+    that this version does not draw.
     """
 
     id: str

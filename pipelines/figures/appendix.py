@@ -147,7 +147,7 @@ def _missed(law: _Law, height: float, repeats: Sequence[xr.Dataset]) -> Floats:
 
 
 def _agreement(made: xr.Dataset, since: Floats, moved: Floats, until: float) -> float:
-    """Return the nRMSE in % of a run against a curve in ms and mm, over what is drawn until a time in ms."""
+    """Return the nRMSE in % of a run against a curve in ms and mm, over the drawn part until a time in ms."""
     time = (made["time"].values - float(made["impact_time"][0])) * 1e3
     inside = (since >= _SHOWN[0]) & (since <= min(until, time[-1])) & np.isfinite(moved)
     return 100 * nrmse(moved[inside], np.interp(since[inside], time, made["displacement"].values * 1e3))
