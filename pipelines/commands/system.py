@@ -198,7 +198,7 @@ def figures(
     \b
     Example:
       labpipe figures 2.6 --out FIGURES
-      labpipe figures --session my-session --out FIGURES
+      labpipe figures --session my-session --out FIGURES --data
     """
     from pipelines.commands.progress import counted
     from pipelines.figures import figures as verb, make

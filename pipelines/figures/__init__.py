@@ -1,7 +1,7 @@
 """The figures of the thesis by number: titles, inputs and drawing functions.
 
 One explicit tuple, :data:`FIGURES`; a figure names its function as text, so that listing imports
-no numerical library. :mod:`pipelines.figures.make` decides what to draw and writes it,
+no numerical library. :mod:`pipelines.figures.make` decides which figures to draw and writes them,
 :mod:`pipelines.figures.inputs` finds the experiments of a session that a figure shows,
 :mod:`pipelines.figures.drawing` holds what all figures share, and one or more modules per chapter
 draw. :mod:`pipelines.figures.check` compares the thesis's printed numbers with ours.
@@ -38,10 +38,10 @@ def figures(
     ids : str or iterable of str
         Numbers, ``"2.6"``; all by default.
     session : path-like, optional
-        Session folder for the figures that show experiments; what they need of it is processed
+        Session folder for the figures that show experiments; the results that they need are processed
         first. Without it only computed figures are drawn.
     out : path-like
-        Folder to write into; what is up to date there is not drawn again.
+        Folder to write into; figures that are up to date there are not drawn again.
     data : bool
         Write the numbers that each figure draws too, as ``ID-data.csv``.
     jobs : int
@@ -52,7 +52,7 @@ def figures(
     Returns
     -------
     Made
-        What became of every figure, and its files.
+        The state of every figure, and its files.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The list of the thesis's figures: number, title, function that draws it, and what it needs of a session."""
+"""The list of the thesis's figures: number, title, function that draws it, and its needs of a session."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,7 @@ _HOME = "pipelines.figures"
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """What a figure reads of the results of a session.
+    """Results of a session that a figure reads.
 
     ``kind`` is that of the experiments, as in session.toml; ``stages`` are those whose results are read. Only
     experiments on this ``material`` count. ``is_optional``: the figure is drawn without them too, and then says so.
@@ -29,10 +29,10 @@ class Need:
 class Figure:
     """One figure or table of the thesis.
 
-    ``id`` is its number, for example ``2.6``; ``title`` what it shows; ``function`` the ``module:function`` that draws
-    it, "" when none does, called with the inputs and with ``arguments``; ``need`` what it needs of a session, None when
-    it is computed, and ``also`` what it needs beside that; ``reason`` why it cannot be regenerated, "" for one that
-    this version does not draw.
+    ``id`` is its number, for example ``2.6``; ``title`` its subject; ``function`` the ``module:function`` that draws
+    it, "" when none does, called with the inputs and with ``arguments``; ``need`` the results that it needs of a
+    session, None when it is computed, and ``also`` further ones; ``reason`` why it cannot be regenerated, "" for one
+    that this version does not draw.
     """
 
     id: str
@@ -81,10 +81,10 @@ def _swept(number: str, material: str, word: str, printed_T_ref: float, *more: s
     return replace(needed, arguments=(printed_T_ref, *more))
 
 
-def _dropped(number: str, material: str, word: str, article: str = "a") -> Figure:
+def _dropped(number: str, material: str, word: str) -> Figure:
     need = Need("ball_drop", _DROP, material)
     needed = _drawn(number, f"{word[:1].upper()}{word[1:]} sphere from four heights", "drops:heights", need)
-    return replace(needed, arguments=(f"{article} {word}",))
+    return replace(needed, arguments=(word,))
 
 
 FIGURES: tuple[Figure, ...] = (
@@ -123,7 +123,7 @@ FIGURES: tuple[Figure, ...] = (
            Need("dic_validation", ("track", "motion", "bounces", "keys"))),
     _drawn("3.9", "Laser against image correlation", "films:laser_and_film",
            Need("dic_validation", ("bounces", "velocity", "comparison"))),
-    _dropped("3.10", "acrylic", "acrylic", "an"),
+    _dropped("3.10", "acrylic", "acrylic"),
     _dropped("3.11", "nylon", "nylon"),
     _dropped("3.12", "peek", "PEEK"),
     _drawn("3.13", "Bouncing, vibration and rest", "contacts:phases",

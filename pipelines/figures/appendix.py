@@ -81,7 +81,9 @@ def collision_model(inputs: Inputs | None) -> Drawing:
                 curve = repeats["time"].values * 1e3, repeats["displacement_mean"].values * 1e3
                 for place in axes[:, column]:
                     place.plot(*curve, label=f"laser ({inputs.origin if inputs else ''})", **line_arguments("measured"))
-                notes.append(_agreement(height, runs[1][1], curve))
+                bounce = _FIRST_BOUNCE * 1e3 * float(np.sqrt(2.0 * height / GRAVITY))
+                whole, first = (_agreement(runs[1][1], *curve, until) for until in (_SHOWN[1], bounce))
+                notes.append(f"{height * 1e3:g} mm: nRMSE {whole:.1f} % over all, {first:.1f} % in the first bounce")
             _draw_run(axes[:, column], runs[1][1], law)
             deepest = [-1e3 * float(made["displacement"].min()) for _, made in runs]
             notes.append(f"{height * 1e3:g} mm: it sinks {deepest[0]:.2f} mm as printed, {deepest[1]:.3f} mm here")
@@ -144,18 +146,11 @@ def _missed(law: _Law, height: float, repeats: Sequence[xr.Dataset]) -> Floats:
     return np.concatenate(found)
 
 
-def _agreement(height: float, made: xr.Dataset, curve: tuple[Floats, Floats]) -> str:
-    """Say how well a run agrees with a measured curve over what is drawn, and in the first contact."""
-    since, moved = curve
-    fall = 1e3 * float(np.sqrt(2.0 * height / GRAVITY))
+def _agreement(made: xr.Dataset, since: Floats, moved: Floats, until: float) -> float:
+    """Return the nRMSE in % of a run against a curve in ms and mm, over the drawn part until a time in ms."""
     time = (made["time"].values - float(made["impact_time"][0])) * 1e3
-    notes = []
-    spans = ((*_SHOWN, "over all"), (0.0, _FIRST_BOUNCE * fall, "in the first bounce"))
-    for low, high, words in spans:
-        inside = (since >= low) & (since <= min(high, time[-1])) & np.isfinite(moved)
-        ours = np.interp(since[inside], time, made["displacement"].values * 1e3)
-        notes.append(f"{100 * nrmse(moved[inside], ours):.1f} % {words}")
-    return f"{height * 1e3:g} mm: nRMSE {', '.join(notes)}"
+    inside = (since >= _SHOWN[0]) & (since <= min(until, time[-1])) & np.isfinite(moved)
+    return 100 * nrmse(moved[inside], np.interp(since[inside], time, made["displacement"].values * 1e3))
 
 
 def _draw_run(places: Any, made: xr.Dataset, law: _Law) -> None:

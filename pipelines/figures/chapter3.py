@@ -19,7 +19,7 @@ _AFTER_LIFT_OFF = 1e-4  # s
 
 
 def reduced_gap(inputs: Inputs | None) -> Drawing:
-    """Figure 3.3: reduced gap and contact radius of a drop to rest, and what its symbols mean."""
+    """Figure 3.3: reduced gap and contact radius of a drop to rest, with the symbols explained."""
     (solid, origin, sweeps), height = solid_or_library(inputs, "acrylic"), HEIGHTS[0]
     made = contact.drop(solid, SPHERE_RADIUS, MASS, height, _DURATION)
     first = float(made["impact_time"][0])

@@ -2,7 +2,7 @@
 
 A row agrees when ours lies within the stated distance of the printed value: half of the last
 printed digit, or what the text's "about" allows; where ours was chosen so that it does, the row says
-so. Otherwise it carries a reason: a misprint (a slip of print, which the context corrects), a
+so. Otherwise it carries a reason: a misprint (an error of print, which the context corrects), a
 statement that contradicts another one or the equations, a number that no linear viscoelastic solid
 gives, or data that only the thesis's author has (the DMA spectra, the recordings).
 
@@ -57,7 +57,7 @@ _PLATEAUS, _PEAKS = (12.2, 31.0, 55.5), (23.1, 44.7, 80.6)  # N, of section 2.3.
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One printed number beside ours.
+    """One printed number and ours.
 
     ``place`` is a section, figure, table or equation of the thesis, or "reference" for a number that follows from its
     inputs but is not printed; ``printed`` and ``ours`` are in ``unit``, and ``within`` is the distance that still
@@ -203,7 +203,7 @@ def left_of_terms(rho: Floats) -> Floats:
 
 
 def best_excesses(excess: tuple[float, ...]) -> tuple[float, ...]:
-    """Return what the best spectrum without negative weights, of any number of terms, gives for the peaks' excess.
+    """Return the peaks' excess by the best spectrum without negative weights, of any number of terms.
 
     Excess is F_peak / F_plateau - 1 at the three depths of section 2.3.2, reached at 1 mm/s.
     """

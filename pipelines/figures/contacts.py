@@ -1,4 +1,4 @@
-"""Figures 3.13, 3.14, 3.16 and C.1: the contact beside the motion, its spots, the heated sphere."""
+"""Figures 3.13, 3.14, 3.16 and C.1: contact and motion, contact spots, the heated sphere."""
 
 from itertools import pairwise
 from typing import Any
@@ -75,7 +75,7 @@ def phases(inputs: Inputs) -> Drawing:
     settled, rest = ((float(events[f"{n}_time"] - events["first_contact_time"])) * 1e3 for n in ("settling", "rest"))
     recorded = float(inputs.result(drop, "repeats")["time"].max() * 1e3)
     end = max(float(seen["time"].max() - _first_contact(inputs, film)) * 1e3, recorded)
-    edges = [0.0, settled, rest, end] if np.isfinite(rest) else [0.0, settled, recorded]
+    edges = [e for e in (0.0, settled, rest, end if np.isfinite(rest) else recorded) if np.isfinite(e)]
     hertz = [float(model[f"static_radius_{name}"]) * 1e6 for name in ("brief", "lasting")]
     with panels(1, 1, width=2, aspect=0.42) as (figure, axes):
         place = axes[0, 0]
@@ -179,7 +179,7 @@ def _key_at(keys: Any, time: float) -> int:
 
 
 def _shown_share(keys: Any, size: float) -> float:
-    """Return height over width of what is shown of a frame."""
+    """Return height over width of the shown part of a frame."""
     rows, columns = keys["image"].shape[-2:]
     scale = size * float(keys["reduction"])
     return rows * scale / min(columns * scale, 2 * _SHOWN_RADIUS)
@@ -277,7 +277,7 @@ def _heated_impact(
 
 
 def _heated_rest(place: Any, inputs: Inputs, name: str, label: str, look: dict[str, str]) -> None:
-    """Draw the radius at rest of one film, and for its model a dash with the band of what is uncertain of it."""
+    """Draw the radius at rest of one film, and for its model a dash with its 95 % band."""
     impacts, model = inputs.result(name, "impacts"), inputs.result(name, "model")
     seen, u = (float(impacts[f"{prefix}static_radius"]) * 1e6 for prefix in ("", "u_"))
     place.errorbar([label], [seen], yerr=[2 * u], markersize=3.5, capsize=2, **look)

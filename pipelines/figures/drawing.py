@@ -20,17 +20,17 @@ from labpipe.report import figure_style
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A drawn figure, or a table as text, with what a reader must know about it.
+    """A drawn figure, or a table as text, with the notes that its caption needs.
 
     Attributes
     ----------
     shows : str
-        What is drawn.
+        Contents of the panels.
     figure : Figure or None
     measured, synthetic, computed : str
         Which curves come from where; empty is "nothing".
     difference : str
-        Ours against what the thesis prints of this figure; by default it prints no numbers.
+        Ours against the thesis's printed figure; by default it prints no numbers.
     table : str
         Instead of a figure.
     """
@@ -68,7 +68,7 @@ class Drawing:
     def data(self) -> str:
         """Return the numbers that the figure draws as csv: panel, curve, axes with units, x and y of every point."""
         tables: list[pd.DataFrame] = []
-        outer = [] if self.figure is None else self.figure.axes
+        outer: list[Any] = [] if self.figure is None else self.figure.axes
         for number, axes in enumerate(
             (panel for one in outer if one.get_label() != "<colorbar>" for panel in (one, *one.child_axes)), 1
         ):

@@ -21,11 +21,8 @@ _DRAWN_POINTS = 4000
 """Of a band; a panel is some 800 points of a printer wide."""
 
 
-def heights(inputs: Inputs, sphere: str) -> Drawing:
-    """Draw displacement and first penetration of each drop height, of more than four the four lowest, lowest first.
-
-    The caption names the sphere with its article.
-    """
+def heights(inputs: Inputs, material: str) -> Drawing:
+    """Draw displacement and first penetration of each drop height, of more than four the four lowest, lowest first."""
     chosen = dict(list(inputs.of_kind("ball_drop").items())[:_MOST_HEIGHTS])
     agreement, widths = [], []
     aspect = 0.1 + 0.25 * len(chosen)
@@ -42,18 +39,18 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
         label_outside(axes, "time $t_c$ (ms)")
         legend_above(figure, axes[0, 0])
     return Drawing(
-        f"Displacement of {sphere} sphere after drops from {', '.join(w.partition(':')[0] for w in widths)}, from "
+        f"Displacement of a sphere of {material} dropped from {', '.join(w.partition(':')[0] for w in widths)}, from "
         f"{_BEFORE:g} ms before first contact to rest or the end of the recordings (left); green: the penetration, "
         f"magnified in the first {_MIDDLE} impacts (middle) and in the first (right).",
         figure,
         computed=(
             "lines: drop simulation with the material that the session names. Model against the mean of the repeats: "
-            f"{'; '.join(agreement)}."
+            f"{'; '.join(agreement)}. Bands: {'; '.join(widths)}; the left panels hold them within the line's width "
+            "until the bounces run apart."
         ),
         **inputs.data_note(
             f"bands: the envelope of {repeats.sizes['repeat']} laser recordings per height, from the lowest to the "
-            f"highest at each time ({'; '.join(widths)}; the left panels hold it within the line's width until the "
-            "bounces run apart)."
+            "highest at each time."
         ),
     )
 

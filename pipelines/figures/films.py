@@ -19,7 +19,7 @@ def laser_and_film(inputs: Inputs) -> Drawing:
     """Figure 3.9: displacement and velocity by image correlation and by laser."""
     name = next(n for n, s in inputs.experiments.items() if s.laser_experiment)
     drop = referred(inputs.experiments[name].laser_experiment)
-    height: Any = inputs.plan.session.experiments[drop].settings.height
+    dropped: Any = inputs.plan.session.experiments[drop].settings
     made, speed, repeats = (
         inputs.result(name, "comparison"),
         inputs.result(name, "velocity"),
@@ -56,8 +56,8 @@ def laser_and_film(inputs: Inputs) -> Drawing:
         difference=(
             "the thesis gives no number for the agreement. First contact is printed as about 0.04 s for 7 mm (37.8 ms "
             f"of free fall); here it comes at {touch * 1e3:.2f} ms of a recording that begins before the release, from "
-            f"{height.value * 1e3:g} mm. The text counts displacement from the release, -7 mm at first contact; here "
-            "it is 0 there."
+            f"{dropped.height.value * 1e3:g} mm. The text counts displacement from the release, -7 mm at first "
+            "contact; here it is 0 there."
         ),
         **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
     )
@@ -67,7 +67,7 @@ def contact_radius(inputs: Inputs) -> Drawing:
     """Figure 3.15: contact radius of the first impacts at each height, film and model."""
     chosen = dict(list(inputs.of_kind("contact_area").items())[:_MOST_HEIGHTS])
     notes = []
-    shape = {"aspect": 0.1 + 0.26 * len(chosen), "sharex": "all", "sharey": "row"}
+    shape: dict[str, Any] = {"aspect": 0.1 + 0.26 * len(chosen), "sharex": "all", "sharey": "row"}
     with panels(len(chosen), _IMPACTS, width=2, **shape) as (figure, axes):
         for row, (name, settings) in enumerate(chosen.items()):
             made, height = inputs.result(name, "comparison"), f"{settings.height.value * 1e3:g} mm"

@@ -1,6 +1,6 @@
-"""Decide which figures to draw, run what they need, draw, and write them.
+"""Decide which figures to draw, process the results that they need, draw, and write them.
 
-A figure is up to date when its key is the one in ``figures.json`` beside it and its files are as
+A figure is up to date when its key is the one in ``figures.json`` in its folder and its files are as
 they were written. The key is made of the figure's id, the content keys of the results it reads, and
 a digest of the code that its function belongs to. Nothing numerical is imported before a
 figure is drawn.
@@ -49,7 +49,7 @@ _IMPORTS = (
 )
 """What drawing needs, for workers to share."""
 
-_LONG = ("A.1", "2.6", "3.10", "3.11", "3.12", "2.8")
+_LONG = ("A.1", "2.6", "3.10", "3.11", "3.12")
 """Figures that take longest: begun last, they would be waited for alone."""
 
 
@@ -57,8 +57,8 @@ _LONG = ("A.1", "2.6", "3.10", "3.11", "3.12", "2.8")
 class State:
     """State of one figure, before or after it is drawn.
 
-    ``state`` is one of the words above; ``detail`` says what is missing, or why; ``experiments`` are those of the
-    session that it shows; ``files`` are the digests of what was written, by name.
+    ``state`` is one of the words above; ``detail`` names a missing result or the reason; ``experiments`` are those of
+    the session that it shows; ``files`` are the digests of the written files, by name.
     """
 
     figure: Figure
@@ -75,7 +75,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Made(ShownAsTable):
-    """What became of the wanted figures, and the folder that they are in."""
+    """States of the wanted figures, and the folder that they are in."""
 
     folder: Path
     outcomes: tuple[State, ...]
@@ -133,7 +133,7 @@ class Shelf:
         return cls(folder, made.session, made)
 
     def record(self) -> dict[str, Any]:
-        """Return what was drawn before; a damaged record is an empty one."""
+        """Return the record of earlier drawings; a damaged one is empty."""
         try:
             found = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
             return dict(found["figures"])
@@ -178,7 +178,7 @@ def states(shelf: Shelf, figures: Iterable[Figure]) -> tuple[State, ...]:
 def make(
     shelf: Shelf, figures: Iterable[Figure], progress: Callable[[State], None] = lambda outcome: None, *, jobs: int = 0
 ) -> tuple[State, ...]:
-    """Draw what is not up to date; what the figures need of the session is processed first.
+    """Draw the figures that are not up to date; the results that they need are processed first.
 
     Experiments are processed, and figures drawn, side by side in ``jobs`` processes; 0 does all in this one. Every
     outcome is given to ``progress`` as it comes: drawn, up to date, needs a session, cannot be regenerated, failed.
@@ -209,7 +209,7 @@ def make(
 def _processed(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict[str, str]]:
     """Run the stages behind the figures that have no result, and no other.
 
-    Returned is a shelf with a plan of what there is now, and what failed, by experiment.
+    Returned are a shelf with a new plan, and the failures by experiment.
     """
     needs = [need for state in ready for need in state.figure.needs]
     targets = {(name, stage) for need in needs for name in matching(shelf.session, need) for stage in need.stages}

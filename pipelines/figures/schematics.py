@@ -93,7 +93,7 @@ def ruler_on_disc() -> Drawing:
 def springs_and_dashpots(shows: str, *branches: str) -> Drawing:
     """Draw branches side by side from the top: "E" and an index for a lone spring, a bare index for a Maxwell element.
 
-    An empty text leaves out what lies between its neighbours.
+    An empty text marks omitted branches.
     """
     levels = [1.1 * (len(branches) - 1 - number) for number in range(len(branches))]
     middle = levels[0] / 2
@@ -139,7 +139,7 @@ def _dashpot(axes: Any, x: float, y: float, label: str) -> None:
 
 
 def ringing_plate() -> Drawing:
-    """Figure B.1b: what a plate does after an impact, in units of its own."""
+    """Figure B.1b: motion of a plate after an impact, dimensionless."""
     t, damping = np.linspace(0.0, 10.0, 1001), 0.05
     envelope = np.exp(-damping * 2 * np.pi * t)
     motion = envelope * np.sin(2 * np.pi * np.sqrt(1 - damping**2) * t)

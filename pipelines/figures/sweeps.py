@@ -15,9 +15,10 @@ _LEAST_DECADES = 0.5
 
 
 def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", with_spectrum: bool = False) -> Drawing:
-    """Draw the master curve and the shift factors of the first fitting experiment, beside the caption's T_ref [degC].
+    """Draw the master curve and the shift factors of the first fitting experiment.
 
-    A note is a remark on the printed figure; with the spectrum the compliances over the retardation times are shown.
+    The printed caption's T_ref [degC] is compared with ours, a note is a remark on the printed figure; with the
+    spectrum the compliances over the retardation times are shown.
     """
     name = next(iter(inputs.experiments))
     made = inputs.result(name, "master_curve")
