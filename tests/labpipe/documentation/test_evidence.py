@@ -9,7 +9,7 @@ PAGE = Path(__file__).parents[3] / "labpipe/documentation/evidence.md"
 
 
 def rows() -> list[list[str]]:
-    lines = PAGE.read_text("utf-8").split("rms error / u |\n")[1].split("\n\n")[0].splitlines()[1:]
+    lines = PAGE.read_text("utf-8").split("rms error / u|\n")[1].split("\n\n")[0].splitlines()[1:]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
