@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import getpass
 import hashlib
 import itertools
-import os
 import re
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -296,8 +297,9 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
             told = {"name": name, "kind": record["kind"], "view": record.get("view", "")}
             shown.append(told | {"fields": fields, "used_by": users})
     session = tree.get("session")
-    operator = session.get("operator") if isinstance(session, dict) else ""
-    person = operator or os.environ.get("USER", os.environ.get("USERNAME", ""))
+    person = session.get("operator") if isinstance(session, dict) else ""
+    with contextlib.suppress(KeyError, OSError):
+        person = person or getpass.getuser()
     return {"experiments": experiments, "records": shown, "problems": problems, "person": person}
 
 

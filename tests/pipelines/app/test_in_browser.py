@@ -315,6 +315,8 @@ class Stopwatch(Person):
     def fill(self, label: str, text: str, card: str = "") -> None:
         within = f'#setup-experiments > [data-name="{card}"]' if card else "#setup"
         self.click(f"document.querySelector({json.dumps(within)}).querySelector('[aria-label^=\"{label}\"]')")
+        self.window.run("document.activeElement.select()")  # Ctrl+A, one key
+        self.keys += 1
         self.type(text)
 
 
