@@ -352,12 +352,8 @@ def _suggestions(
         return _columns_of(folder, tables[name])
     if sort := _record_of(kind, field["place"]):
         return [record for record, tree in records.items() if tree.get("kind") == sort]
-    stages = {
-        text.rpartition("/")[2]
-        for stage in kind.stages
-        for text in stage.inputs
-        if text.startswith(OTHER) and text.removeprefix(OTHER).rpartition("/")[0].rpartition(".")[2] == key
-    } - {JUDGEMENT}
+    inputs = [text.split("/") for stage in kind.stages for text in stage.inputs if text.startswith(OTHER)]
+    stages = {name for at, name in inputs if at.rpartition(".")[2].removeprefix(OTHER) == key} - {JUDGEMENT}
     able = [k.name for k in KINDS.values() if stages & {stage.name for stage in k.stages}]
     fits = [other for other, table in tables.items() if other != name and table.get("kind") in able]
     polymer = material_word(name)
