@@ -228,7 +228,7 @@ def inline(value: Any) -> str:
     { time = "t (s)", force = { column = 2, unit = "N" } }
     """
     if not isinstance(value, dict):
-        return json.dumps(value, ensure_ascii=False)
+        return value.isoformat() if isinstance(value, datetime.date) else json.dumps(value, ensure_ascii=False)
     keys = (key if _NAME.fullmatch(key) else json.dumps(key, ensure_ascii=False) for key in value)
     return "{ " + ", ".join(f"{key} = {inline(one)}" for key, one in zip(keys, value.values(), strict=True)) + " }"
 
@@ -296,7 +296,7 @@ def _listed(names: Sequence[Any]) -> Any:
     if len(names) > 1 and all(isinstance(name, str) for name in names):
         return tomlkit.parse(f"names = {listed(names)}")["names"]
     array = tomlkit.array()
-    array.extend(names)
+    array.extend(tomlkit.value(inline(name)) if isinstance(name, dict) else name for name in names)
     return array
 
 

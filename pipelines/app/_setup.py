@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import getpass
 import hashlib
 import itertools
-import os
 import re
 import typing
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -296,8 +297,9 @@ def state(folder: Path, texts: Mapping[str, str]) -> Told:
             told = {"name": name, "kind": record["kind"], "view": record.get("view", "")}
             shown.append(told | {"fields": fields, "used_by": users})
     session = tree.get("session")
-    operator = session.get("operator") if isinstance(session, dict) else ""
-    person = operator or os.environ.get("USER", os.environ.get("USERNAME", ""))
+    person = session.get("operator") if isinstance(session, dict) else ""
+    with contextlib.suppress(KeyError, OSError):
+        person = person or getpass.getuser()
     return {"experiments": experiments, "records": shown, "problems": problems, "person": person}
 
 
@@ -351,12 +353,8 @@ def _suggestions(
         return _columns_of(folder, tables[name])
     if sort := _record_of(kind, field["place"]):
         return [record for record, tree in records.items() if tree.get("kind") == sort]
-    stages = {
-        text.rpartition("/")[2]
-        for stage in kind.stages
-        for text in stage.inputs
-        if text.startswith(OTHER) and text.removeprefix(OTHER).rpartition("/")[0].rpartition(".")[2] == key
-    } - {JUDGEMENT}
+    inputs = [text.split("/") for stage in kind.stages for text in stage.inputs if text.startswith(OTHER)]
+    stages = {name for at, name in inputs if at.rpartition(".")[2].removeprefix(OTHER) == key} - {JUDGEMENT}
     able = [k.name for k in KINDS.values() if stages & {stage.name for stage in k.stages}]
     fits = [other for other, table in tables.items() if other != name and table.get("kind") in able]
     polymer = material_word(name)

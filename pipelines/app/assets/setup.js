@@ -241,6 +241,7 @@ function records() {
 }
 
 function drawSetup() {
+  const held = document.activeElement?.ariaLabel; // who goes by keyboard stays where they were
   const bar = make("div", { className: "bar" });
   const write = button("Look at the difference and write", () => look());
   write.id = "setup-write";
@@ -261,6 +262,7 @@ function drawSetup() {
   by("setup").replaceChildren(
     ...[bar, make("ul", { id: "setup-problems", className: "note is-error" }), specimens(), records(), make("h2", { textContent: "Experiments" }), make("ul", { className: "cards", id: "setup-experiments" }, ...setup.data.experiments.map(experiment)), dialog].filter(Boolean));
   mark();
+  if (held) [...document.querySelectorAll("#setup [aria-label]")].find((element) => element.ariaLabel === held)?.focus();
 }
 
 async function check(mustDraw) {
@@ -298,7 +300,11 @@ async function look() {
     await writing();
     await go("run");
     by("start").click();
-  }), button("Back", () => dialog.close())));
+  }), button("Back", () => {
+    dialog.close();
+    if (setup.edits.some((edit) => edit.op === "restore")) return views.setup(true);
+    return undefined;
+  })));
   dialog.showModal();
 }
 

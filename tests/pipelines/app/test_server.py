@@ -98,6 +98,9 @@ def test_reports_and_nothing_else_of_labpipe_are_shown(page: Page, raw: Path) ->
     (raw / "labpipe/reports").mkdir(parents=True)
     (raw / "labpipe/reports/drop.html").write_text("<p>page</p>")
     (raw / "labpipe/run.jsonl").write_text("{}")
+    (raw / "labpipe/store/31").mkdir(parents=True)
+    (raw / "labpipe/store/31/page.html").write_text("<p>part of a page</p>")
+    assert page.told("api/files")["pages"] == ["reports/drop.html"]
     assert page.ask("reports/reports/drop.html") == (200, b"<p>page</p>")
     assert "frame-ancestors 'self'" in page.headers["content-security-policy"]
     assert page.ask("reports/run.jsonl")[0] == 400
