@@ -5,9 +5,9 @@
 
 ``lp.read`` and ``lp.inspect`` a file; ``lp.init``, ``lp.plan``, ``lp.process`` and ``lp.watch`` a
 session, or ``lp.open`` it in a local page; look at it with ``lp.open_session``, ``lp.result``, ``lp.results``,
-``lp.report``, ``lp.compare``, ``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue``
-and ``lp.export``; make a synthetic one with ``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``,
-``lp.indent`` and ``lp.sweep``.
+``lp.report``, ``lp.compare``, ``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.export`` and ``lp.bundle``,
+at many with ``lp.catalogue`` and ``lp.trend``; make a synthetic one with ``lp.sample`` or ``lp.demo``; simulate
+with ``lp.drop``, ``lp.indent`` and ``lp.sweep``.
 
 Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`,
 :mod:`labpipe.contact`, :mod:`labpipe.imaging`, :mod:`labpipe.identification`; next to them
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pipelines.identify import identify
     from pipelines.rig import demo, sample
     from pipelines.session import (
+        bundle,
         catalogue,
         compare,
         doctor,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         result,
         results,
         sensitivity,
+        trend,
         verdict,
         watch,
     )
@@ -57,6 +59,7 @@ else:
 __all__ = [
     "MasterCurve",
     "Prony",
+    "bundle",
     "catalogue",
     "compare",
     "contact_radius",
@@ -83,6 +86,7 @@ __all__ = [
     "sensitivity",
     "sweep",
     "track",
+    "trend",
     "velocity",
     "verdict",
     "watch",

@@ -2,7 +2,7 @@
 
 Versions of the file, newest first:
 
-1. ``[session]`` with title, operator, notes, synthetic; ``[defaults.KIND]``; ``[experiments.NAME]``
+1. ``[session]`` with title, operator, notes, synthetic, files; ``[defaults.KIND]``; ``[experiments.NAME]``
    with ``kind`` and the fields of that kind.
 """
 
@@ -53,7 +53,8 @@ class Session(ShownAsTable):
     """A session folder and everything that its ``session.toml`` says.
 
     ``experiments`` are complete; ``waiting`` are those with values still to come or to be
-    corrected, each with the lines that it waits for.
+    corrected, each with the lines that it waits for. ``archive`` holds the files of a session whose
+    ``session.toml`` and results lie elsewhere.
     """
 
     root: Path
@@ -63,6 +64,16 @@ class Session(ShownAsTable):
     synthetic: bool
     experiments: Mapping[str, Experiment]
     waiting: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    archive: Path | None = None
+
+    @property
+    def files(self) -> Path:
+        """Folder that holds the raw files and records: that of ``session.toml``, unless it names another one."""
+        return self.archive or self.root
+
+    def path(self, name: str) -> Path:
+        """Return where ``session.toml``, or a file that it names, lies."""
+        return (self.root if name == FILE_NAME else self.files) / name
 
     @property
     def folder(self) -> Path:
@@ -84,12 +95,13 @@ class Session(ShownAsTable):
 
 
 class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The table ``[session]``."""
+    """The table ``[session]``; ``files`` is the folder of the raw files, where it is another one."""
 
     title: str = ""
     operator: str = ""
     notes: str = ""
     synthetic: bool = False
+    files: str = ""
 
 
 def load(
@@ -137,6 +149,10 @@ def load(
     _check_version(document)
     root = source.parent.resolve()
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
+    archive = (root / head.files).resolve() if head.files else None
+    if archive is not None and not archive.is_dir():
+        document.report(("session", "files"), f"there is no folder {archive}; correct the path, or mount the disk")
+        document.finish()
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
     tables, defaults = _tables(document, "experiments"), _tables(document, "defaults")
@@ -146,7 +162,7 @@ def load(
         if kind not in kinds:
             document.report(("defaults", kind), f"unknown kind{suggest(kind, kinds)}")
         else:
-            checker = Checker(document, root, may_wait=may_wait, gaps=[])
+            checker = Checker(document, archive or root, may_wait=may_wait, gaps=[])
             checker.structure(kinds[kind], table, ("defaults", kind), partial=True)
     _check_names(document, root, list(tables))
     experiments: dict[str, Experiment] = {}
@@ -155,7 +171,7 @@ def load(
     for name in tables:
         alone = replace(document, problems={})  # the mistakes of an experiment stop it, and no other
         gaps: list[str] = []
-        one = _experiment(alone, root, kinds, defaults, tables, name, may_wait or name in may_lack, gaps)
+        one = _experiment(alone, archive or root, kinds, defaults, tables, name, may_wait or name in may_lack, gaps)
         problems = alone.problems | dict.fromkeys(gaps, document.line(("experiments", name)))
         if one is not None and not problems:
             experiments[name] = one
@@ -172,7 +188,8 @@ def load(
         document.problems.update(own_problems)
     document.finish()
     waiting = {name: waiting[name] for name in tables if name in waiting}
-    return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments, waiting)
+    title = head.title or (archive or root).name
+    return Session(root, title, head.operator, head.notes, head.synthetic, experiments, waiting, archive)
 
 
 def _of_line(problem: str) -> tuple[bool, str, int]:
