@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from pipelines.session._sensitivity import Sensitivity as Sensitivity, sensitivity as sensitivity
     from pipelines.session._session_checks import stated_as_exact as stated_as_exact
     from pipelines.session._together import beside as beside
-    from pipelines.session._trend import Trend as Trend, trend as trend
+    from pipelines.session._trend import trend as trend
     from pipelines.session._verdicts import (
         Verdict as Verdict,
         Verdicts as Verdicts,

@@ -14,7 +14,7 @@ from pipelines.session._overview import PAGE as SESSION_PAGE
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pipelines.session._catalogue import Opened
+    from pipelines.session._catalogue_query import Opened
 
 _TIED = "\N{NON-BREAKING HYPHEN}"
 TREND_PAGE = "trend.html"
@@ -57,7 +57,7 @@ def _answer(opened: Opened, experiments: pd.DataFrame, sessions: pd.DataFrame) -
 def _table(opened: Opened, kind: str, own: pd.DataFrame) -> IndexTable:
     """List the experiments of a kind, the latest first."""
     own = own.sort_values("recorded", ascending=False, kind="stable", na_position="last")
-    named = [n for n in ("recorded", "material", "height") if n in own and own[n].notna().any()]
+    named = ["recorded", *(n for n in ("material", "height") if n in own and own[n].notna().any())]
     own = own.assign(recorded=[day and day.replace("-", _TIED) for day in own["recorded"]])
     columns = [Listed(name, own[name].tolist(), own.attrs["units"].get(name, "")) for name in named]
     for key in KINDS[kind].key_numbers if kind in KINDS else ():

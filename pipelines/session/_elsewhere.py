@@ -100,8 +100,8 @@ def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = 
         raise InputError(f"{session.root}: there is no page yet; run: labpipe process {session.root}")
     name = session.root.name
     path = session.folder / f"{name}.zip" if out is None else Path(out)
-    kinds = {one.kind for one in session.experiments.values()}
-    whole = {s.name for kind in kinds for s in STAGES[kind] if s.per == "experiment" and s.output == "dataset"}
+    stages = [s for kind in {one.kind for one in session.experiments.values()} for s in STAGES[kind]]
+    whole = {s.name for s in stages if s.output == "dataset"} - {s.name for s in stages if s.per != "experiment"}
 
     def contents(tables: Path) -> Iterator[tuple[str, bytes]]:
         yield FILE_NAME, session.path(FILE_NAME).read_bytes()

@@ -24,11 +24,11 @@ from labpipe.report import (
 )
 from pipelines.experiments.shared.judgements import probability
 from pipelines.experiments.shared.pages import SYNTHETIC, counted
-from pipelines.session._catalogue import PAGE as CATALOGUE_PAGE
-from pipelines.session._trend import GROUPS, RARE, ControlChart, Trend
+from pipelines.session._catalogue_query import PAGE as CATALOGUE_PAGE
+from pipelines.session._control_chart import GROUPS, RARE, ControlChart, Trend
 
 if TYPE_CHECKING:
-    from pipelines.session._catalogue import Opened
+    from pipelines.session._catalogue_query import Opened
 
 _METHOD = (
     "Each point is one session: the mean of its experiments with the mean of their standard uncertainties. Centre "

@@ -51,7 +51,7 @@ def test_a_bundle_holds_pages_that_lead_to_each_other_and_results(processed_sess
     shown = dict(zip(head, first, strict=True))["restitution"]
     expected = float(lp.result(processed_session, "drop", "repeats")["restitution"][0])
     assert float(shown.replace(",", ".")) == expected
-    assert not list(folder.rglob("*.readings.*"))
+    assert not list(folder.rglob("drop.displacement.*"))
 
 
 def test_the_table_of_quantities_has_a_decimal_comma_on_request(processed_session: Path, tmp_path: Path) -> None:

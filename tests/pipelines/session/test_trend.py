@@ -21,8 +21,8 @@ from pipelines.commands.results import trend as command
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
-from pipelines.session._catalogue import CATALOGUE
-from pipelines.session._trend import control_charts
+from pipelines.session._catalogue_query import CATALOGUE
+from pipelines.session._control_chart import control_charts
 
 MONTHS = 10
 
