@@ -5,9 +5,9 @@
 
 ``lp.read`` and ``lp.inspect`` a file; ``lp.init``, ``lp.plan``, ``lp.process`` and ``lp.watch`` a
 session, or ``lp.open`` it in a local page; look at it with ``lp.open_session``, ``lp.result``, ``lp.results``,
-``lp.report``, ``lp.compare``, ``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue``
-and ``lp.export``; archive it with ``lp.publish``, ``lp.verify`` and ``lp.cite``; make a synthetic one with
-``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``, ``lp.indent`` and ``lp.sweep``.
+``lp.report``, ``lp.compare``, ``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.export`` and ``lp.bundle``,
+at many with ``lp.catalogue`` and ``lp.trend``; archive it with ``lp.publish``, ``lp.verify`` and ``lp.cite``; make a
+synthetic one with ``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``, ``lp.indent`` and ``lp.sweep``.
 
 Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`,
 :mod:`labpipe.contact`, :mod:`labpipe.imaging`, :mod:`labpipe.identification`; next to them
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pipelines.identify import identify
     from pipelines.rig import demo, sample
     from pipelines.session import (
+        bundle,
         catalogue,
         cite,
         compare,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
         result,
         results,
         sensitivity,
+        trend,
         verdict,
         verify,
         watch,
@@ -61,6 +63,7 @@ else:
 __all__ = [
     "MasterCurve",
     "Prony",
+    "bundle",
     "catalogue",
     "cite",
     "compare",
@@ -90,6 +93,7 @@ __all__ = [
     "sensitivity",
     "sweep",
     "track",
+    "trend",
     "velocity",
     "verdict",
     "verify",

@@ -16,6 +16,7 @@ from pipelines.session import (
     verdict,
     verdicts_of,
     watch,
+    work_folder,
 )
 
 __all__ = [
@@ -34,4 +35,5 @@ __all__ = [
     "verdict",
     "verdicts_of",
     "watch",
+    "work_folder",
 ]

@@ -110,9 +110,9 @@ def work(job: Job) -> list[Outcome]:
     StorageError
         The log cannot be written.
     """
-    if not job.session.root.is_dir():
+    if not job.session.files.is_dir():
         raise InputError(
-            f"{platform.node()} sees no folder {job.session.root}; "
+            f"{platform.node()} sees no folder {job.session.files}; "
             "a session must lie under the same path on every machine"
         )
     ended: dict[TaskId, Outcome] = {}
@@ -211,7 +211,7 @@ class _Run:
 
     def _relative(self, text: str) -> str:
         """Write paths relative to the session, so that a moved folder gives the same text."""
-        return text.replace(f"{self.job.session.root}/", "")
+        return text.replace(f"{self.job.session.files}/", "").replace(f"{self.job.session.root}/", "")
 
     def _made(self, task: Task) -> str | None:
         """Return the key of a result, made or found now; None where it rests on failures and is not kept."""
@@ -293,7 +293,7 @@ class _Run:
 
     def _refuse_changed(self, task: Task, key: Key) -> None:
         for known in (file for argument in key.ingredients["inputs"] for file in argument.get("files", ())):
-            if describe_file(self.job.session.root, known["name"], self.store.index) == known:
+            if describe_file(self.job.session.files, known["name"], self.store.index) == known:
                 continue
             if task.id not in self.retried:
                 raise _StartAgain(task.id)
@@ -305,7 +305,7 @@ class _Run:
     def _value(self, task: Task, slot: TaskId | str) -> Any:
         """Return the value of a slot for the function of a task; None for a result that is not there."""
         if isinstance(slot, str):
-            return self.job.session.root / slot
+            return self.job.session.files / slot
         value, result = self.plan.keys[slot].value, self.passed.get(slot)
         if result is None and slot not in self.failures and value is not None:
             result = self._read(task, value)

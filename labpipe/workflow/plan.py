@@ -268,9 +268,9 @@ def _key(session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key]
             entry["keys"] = [keys[slot].value if isinstance(slot, TaskId) else None for slot in argument.slots]
         try:
             if argument.files:
-                entry["files"] = [describe_file(session.root, n, store.index) for n in argument.files]
+                entry["files"] = [describe_file(session.files, n, store.index) for n in argument.files]
         except SourceError as error:
-            problem = str(error).replace(f"{session.root}/", "")
+            problem = str(error).replace(f"{session.files}/", "")
         inputs.append(entry)
     ingredients: dict[str, Any] = {
         "kind": session.experiments[task.id.experiment].kind,
@@ -344,7 +344,10 @@ def _kept(store: Store, task: Task, key: Key, *, was_taken: bool) -> Key:
         return key
     record = store.record(last.key)
     old, new = {} if record is None else record.ingredients, key.ingredients
-    if any(old.get(name) != new.get(name) for name in (old.keys() | new.keys()) - _CODE):
+    # a result that only reports which results behind it were kept is as true as they are
+    apart = (old.keys() | new.keys()) - {*_CODE, "kept"}
+    # as text: stored ingredients have lists where the settings have tuples
+    if any(files.canonical(old.get(name)) != files.canonical(new.get(name)) for name in apart):
         return key
     return Key(last.key, old, "", tuple(_code_changes(old, new)), key.value)
 

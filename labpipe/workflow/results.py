@@ -89,7 +89,7 @@ class Results:
         """Return the arguments of a function: Datasets and paths, lists of them, or None."""
 
         def value(slot: TaskId | str) -> Any:
-            return self.folder / slot if isinstance(slot, str) else self.result(*slot)
+            return self.plan.session.files / slot if isinstance(slot, str) else self.result(*slot)
 
         return [argument.arranged(value) for argument in arguments]
 

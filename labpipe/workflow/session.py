@@ -2,7 +2,7 @@
 
 Versions of the file, newest first:
 
-1. ``[session]`` with title, operator, notes, synthetic, licence; ``[[creators]]`` with name, orcid, affiliation;
+1. ``[session]`` with title, operator, notes, synthetic, licence, files; ``[[creators]]`` with name, orcid, affiliation;
    ``[defaults.KIND]``; ``[experiments.NAME]``
    with ``kind`` and the fields of that kind; ``[variants.NAME]`` with ``base``, an experiment, and the fields that
    differ from it; ``laboratory``, the name of the laboratory's file in a folder above, which has ``[defaults.KIND]``
@@ -83,7 +83,8 @@ class Session(ShownAsTable):
     """A session folder and everything that its ``session.toml`` says.
 
     ``experiments`` are complete; ``waiting`` are those with values still to come or to be
-    corrected, each with the lines that it waits for.
+    corrected, each with the lines that it waits for. ``archive`` holds the files of a session whose
+    ``session.toml`` and results lie elsewhere.
     """
 
     root: Path
@@ -95,6 +96,16 @@ class Session(ShownAsTable):
     waiting: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     licence: str = ""
     creators: tuple[Creator, ...] = ()
+    archive: Path | None = None
+
+    @property
+    def files(self) -> Path:
+        """Folder that holds the raw files and records: that of ``session.toml``, unless it names another one."""
+        return self.archive or self.root
+
+    def path(self, name: str) -> Path:
+        """Return where ``session.toml``, or a file that it names, lies."""
+        return (self.root if name == FILE_NAME else self.files) / name
 
     @property
     def variants(self) -> dict[str, Experiment]:
@@ -125,13 +136,14 @@ class Session(ShownAsTable):
 
 
 class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The table ``[session]``."""
+    """The table ``[session]``; ``files`` is the folder of the raw files, where it is another one."""
 
     title: str = ""
     operator: str = ""
     notes: str = ""
     synthetic: bool = False
     licence: str = ""
+    files: str = ""
 
 
 class _CreatorsTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -185,8 +197,12 @@ def load(
     _check_version(document)
     root = source.parent.resolve()
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
-    named = {key: value for key, value in document.tree.items() if key == "creators"}
-    authors = Checker(document, root).structure(_CreatorsTable, named, ())
+    creators = {key: value for key, value in document.tree.items() if key == "creators"}
+    authors = Checker(document, root).structure(_CreatorsTable, creators, ())
+    archive = (root / head.files).resolve() if head.files else None
+    if archive is not None and not archive.is_dir():
+        document.report(("session", "files"), f"there is no folder {archive}; correct the path, or mount the disk")
+        document.finish()
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
     tables, defaults = _tables(document, "experiments"), _tables(document, "defaults")
@@ -199,7 +215,9 @@ def load(
         if (kind := str(place[-1])) not in kinds:
             document.report(place, f"unknown kind{suggest(kind, kinds)}")
         else:
-            checker = Checker(document, root, may_wait=may_wait, gaps=[], laboratory=laboratory.get("folder"))
+            checker = Checker(
+                document, archive or root, may_wait=may_wait, gaps=[], laboratory=laboratory.get("folder")
+            )
             checker.structure(kinds[kind], table, place, partial=True)
     variants = _tables(document, "variants")
     places = _places(document, tables, variants)
@@ -212,8 +230,8 @@ def load(
         gaps: list[str] = []
         layers = _layers(alone, kinds, defaults, tables, variants.get(name), place)
         layers = _with_laboratory(alone, kinds, laboratory, layers) if layers and laboratory else layers
-        waits = may_wait or name in may_lack
-        one = _experiment(alone, root, kinds, layers, places, waits, gaps, laboratory.get("folder")) if layers else None
+        known = (kinds, layers, places, may_wait or name in may_lack, gaps, laboratory.get("folder"))
+        one = _experiment(alone, archive or root, *known) if layers else None
         if one is not None and place[0] == "variants":
             base = experiments.get(variants[name]["base"])
             changed = {} if base is None else _changed(base.settings, one.settings)
@@ -235,9 +253,9 @@ def load(
     if document.problems or not experiments:
         document.problems.update(own_problems)
     document.finish()
-    waiting = {name: waiting[name] for name in places if name in waiting}
-    told = (head.title or root.name, head.operator, head.notes, head.synthetic)
-    return Session(root, *told, experiments, waiting, head.licence, authors.creators)
+    told = (head.title or (archive or root).name, head.operator, head.notes, head.synthetic)
+    waits_of = {name: waiting[name] for name in places if name in waiting}
+    return Session(root, *told, experiments, waits_of, head.licence, authors.creators, archive)
 
 
 def _of_line(problem: str) -> tuple[bool, str, int]:

@@ -151,7 +151,7 @@ class Watcher:
         for name in dict.fromkeys(task.experiment for task in tasks):
             own = [task for task in tasks if task.experiment == name]
             behind = [file for task in (*ancestors(tasks, *own), *own) for file in tasks[task].files]
-            needs[name] = [session.root / file for file in dict.fromkeys(behind)]
+            needs[name] = [session.files / file for file in dict.fromkeys(behind)]
         for file in sorted({file for files in needs.values() for file in files}):
             self.settling.look(file)
         for name, paths in needs.items():
@@ -173,11 +173,11 @@ class Watcher:
         absent = [p for p in paths if not self.settling.stamp(p)]
         if absent:
             there = len(paths) - len(absent)
-            shown = absent[0].relative_to(session.root).as_posix()
+            shown = absent[0].relative_to(session.files).as_posix()
             return News(name, WAITING, f"{there} of {len(paths)} files are there; next: {shown}")
         for path in paths:
             if not self.settling.is_at_rest(path):
-                return News(name, ARRIVING, f"{path.relative_to(session.root).as_posix()} is still changing")
+                return News(name, ARRIVING, f"{path.relative_to(session.files).as_posix()} is still changing")
         for path in paths:
             stamp = self.settling.stamp(path)
             known = self.verdicts.get((name, path))

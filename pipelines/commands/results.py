@@ -1,5 +1,6 @@
-"""Commands on files and results: inspect, export, compare, catalogue, sensitivity, identify."""
+"""Commands on files and results: inspect, export, bundle, compare, catalogue, trend, sensitivity, identify."""
 
+import shutil
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,8 @@ from pipelines.session import FORMATS
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_LONGEST = 28  # characters of a text in a table of the terminal
 
 
 @click.command()
@@ -69,6 +72,7 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bo
     type=click.Choice(["constant", "relaxing", "incompressible"]),
     help="Bulk modulus of a material for a simulation code; default: Poisson's ratio is constant.",
 )
+@click.option("--decimal", type=click.Choice([".", ","]), default=".", help="Of csv; with a comma, columns end at ;.")
 @click.option("--force", is_flag=True, help="Replace files of the same name.")
 @reading_options
 @json_option
@@ -85,6 +89,7 @@ def export(source: Path, kind: str, stages: list[str] | None, force: bool, as_js
     Example:
       labpipe export my-session --stage bounces --format csv
       labpipe export my-session --format xlsx
+      labpipe export my-session --decimal ,
       labpipe export my-session --experiment nbr_dma --format abaqus --bulk constant
       labpipe export my-session/laser/drop_1.csv --format mat
     """
@@ -94,6 +99,29 @@ def export(source: Path, kind: str, stages: list[str] | None, force: bool, as_js
     emit(as_json, {"files": [str(p) for p in done.paths], "left_out": list(done.left_out)}, map(str, done.paths))
     for line in done.left_out if not as_json else ():
         click.echo(f"left out: {line}", err=True)
+
+
+@click.command()
+@session_argument
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Default SESSION/labpipe/NAME.zip.")
+@click.option("--decimal", type=click.Choice([".", ","]), default=".", help="Of csv; with a comma, columns end at ;.")
+@json_option
+def bundle(session: Path, out: Path | None, decimal: str, as_json: bool) -> None:
+    r"""Pack pages, results, settings and calibration records of SESSION into one zip to be mailed.
+
+    The pages hold all that they show and open without labpipe, from labpipe/index.html in the unpacked folder; a
+    report prints as PDF from the browser. Nothing is processed.
+
+    \b
+    Example:
+      labpipe bundle my-session
+      labpipe bundle my-session --decimal , --out acrylic.zip
+    """
+    from pipelines.session import bundle as verb
+
+    path = verb(session, out, decimal=decimal)
+    size = path.stat().st_size
+    emit(as_json, {"path": str(path), "bytes": size}, [f"{path}: {size / 1e6:.1f} MB"])
 
 
 @click.command()
@@ -149,17 +177,22 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
     click.get_current_context().exit(1 if found.failed else 0)
 
 
-@click.command()
-@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=FOLDER)
-@click.option(
+_FOLDERS = click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=FOLDER)
+_DATABASE = click.option(
     "--database",
     type=click.Path(dir_okay=False, path_type=Path),
     help="SQLite file; by default labpipe/catalogue.sqlite in the first FOLDER.",
 )
-@click.option(
+_WHERE = click.option(
     "--where", default="", show_default=False, help="Only rows for which this SQL expression is true; SI units."
 )
-@names_option("--columns", help="Only these columns.")
+
+
+@click.command()
+@_FOLDERS
+@_DATABASE
+@_WHERE
+@names_option("--columns", help="Only these columns, in full.")
 @click.option("--table", default="experiments", type=click.Choice(["experiments", "results", "sessions", "columns"]))
 @json_option
 def catalogue(
@@ -169,8 +202,9 @@ def catalogue(
 
     `believable`, `model`, `checks`, `findings` and `cause` hold the verdict of what is processed.
     The table is brought up to date first; only sessions that changed are read again, and none is
-    processed. Columns with the same value in all rows are hidden unless named with --columns. The
-    table `results` has every short result, `columns` every column with its unit.
+    processed. The terminal shows columns that differ between rows, as many as its width holds; --columns
+    and --json show all. The page is FOLDER/catalogue.html. The table `results` has every short result,
+    `columns` every column with its unit.
 
     \b
     Example:
@@ -186,16 +220,67 @@ def catalogue(
     records = frame.astype(object).where(frame.notna(), None).to_dict("records")
     rows = [{str(name): value for name, value in row.items() if value is not None} for row in records]
     names = ("renewed", "unchanged", "removed", "problems")
-    document = {"database": str(done.path), **{name: getattr(done, name) for name in names}}
+    document = {"database": str(done.path), "page": str(done.page)}
+    document |= {name: getattr(done, name) for name in names}
     shown = frame if columns else _varied(frame)
     shown = shown.rename(columns={name: f"{name} [{unit}]" for name, unit in units.items()})
-    text = shown.to_string(index=False, na_rep="", float_format="{:.5g}".format) if len(frame) else ""
+    lines, hidden = ([], []) if not len(frame) else _narrow(shown, whole=bool(columns))
+    lines += [f"not shown: {', '.join(hidden)} (name some with --columns)"] if hidden else []
     counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged, {len(done.removed)} gone"
-    lines = [*map(str.rstrip, text.splitlines()), f"{len(frame)} rows; {counts}; {done.path}"]
+    lines += [f"{len(frame)} rows; {counts}; {done.path}", f"page: {done.page}"]
     emit(as_json, document | {"units": units, "rows": rows}, lines)
     for name, problem in done.problems.items() if not as_json else ():
         click.echo(f"{name}: {problem}", err=True)
     click.get_current_context().exit(1 if done.problems else 0)
+
+
+def _narrow(frame: "pd.DataFrame", *, whole: bool) -> tuple[list[str], list[str]]:
+    """Write as many columns as the terminal holds, long texts cut; return lines and names of the columns left out."""
+    texts = frame.map(lambda v: f"{v:.5g}" if isinstance(v, float) else "" if v is None else str(v)).replace("nan", "")
+    width = 10**9 if whole else shutil.get_terminal_size((100, 24)).columns
+    columns, hidden = [], []
+    for name in map(str, frame.columns):
+        cells = [name, *texts[name]]
+        cells = cells if whole else [c if len(c) <= _LONGEST else f"{c[: _LONGEST - 1]}…" for c in cells]
+        wide = max(map(len, cells))
+        if wide + 2 > width:
+            hidden.append(name)
+            continue
+        width -= wide + 2
+        is_number = frame[name].map(lambda v: isinstance(v, int | float | None)).all()
+        columns.append([f"{cell:>{wide}}" if is_number else f"{cell:{wide}}" for cell in cells])
+    return ["  ".join(row).rstrip() for row in zip(*columns, strict=True)], hidden
+
+
+@click.command()
+@_FOLDERS
+@_DATABASE
+@_WHERE
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="The page; default FOLDER/trend.html.")
+@json_option
+def trend(folders: tuple[Path, ...], database: Path | None, where: str, out: Path | None, as_json: bool) -> None:
+    r"""Chart the quantities of all sessions below FOLDER over time: mean, limits, drift.
+
+    Individuals charts of every key number and of the ratios observed/expected of every sensor, with limits from the
+    moving range and from the stated uncertainties; comparison by calibration record, operator and specimen. From the
+    catalogue, which is brought up to date first; nothing is processed.
+
+    \b
+    Example:
+      labpipe trend sessions
+      labpipe trend sessions --where "material = 'acrylic'" --out acrylic.html
+    """
+    from pipelines.session import trend as verb
+
+    found = verb(folders, database, where=where, out=out)
+    lines = [f"{owner} drifts: {text}" for owner, texts in found.drifts.items() for text in texts]
+    lines += [*repr(found).splitlines(), f"page: {found.page}"]
+    names = ("drifts", "undated", "problems")
+    document = {"page": str(found.page), **{name: getattr(found, name) for name in names}}
+    emit(as_json, document | {"charts": found.documents()}, lines)
+    for name, problem in found.problems.items() if not as_json else ():
+        click.echo(f"{name}: {problem}", err=True)
+    click.get_current_context().exit(1 if found.problems else 0)
 
 
 def _varied(frame: "pd.DataFrame") -> "pd.DataFrame":

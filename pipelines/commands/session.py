@@ -184,10 +184,15 @@ def _steps(rows: "list[Row]") -> Iterator[str]:
 @_ONLY
 @_FULL
 @keep_option
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Work folder for the results of one SESSION in which nothing may be written; later commands take it instead.",
+)
 @jobs_option
 @cluster_option
 @json_option
-def process(sessions: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+def process(sessions: tuple[Path, ...], out: Path | None, as_json: bool, **options: Any) -> None:
     r"""Process session folders: results and one report per experiment.
 
     Results that are still true are kept. A failed experiment does not stop the others, nor
@@ -197,10 +202,15 @@ def process(sessions: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     Example:
       labpipe process my-session
       labpipe process sessions/* --cluster tcp://head:8786
+      labpipe process /archive/2024-05 --out 2024-05    # then: labpipe compare 2024-05
     """
     from pipelines import process as verbs
     from pipelines.commands.progress import watching
 
+    if out is not None:
+        if len(sessions) > 1:
+            raise click.UsageError("--out is the work folder of one session; process each by itself")
+        sessions = (verbs.work_folder(sessions[0], out),)
     folders = list({folder.resolve(): folder for folder in sessions}.values())
     with watching(enabled=not as_json) as progress:
         ended = dict(verbs.process_all(folders, progress=progress, **options))

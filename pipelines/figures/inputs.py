@@ -41,7 +41,7 @@ class Inputs:
         """Return the solid that a sphere or a substrate of session.toml names, at its temperature."""
         from pipelines.experiments.shared.material_choice import resolve
 
-        file = None if body.material_file is None else self.plan.session.root / body.material_file
+        file = None if body.material_file is None else self.plan.session.files / body.material_file
         fitted = None
         if body.material_from is not None:
             fitted = self.result(referred(body.material_from), "master_curve")

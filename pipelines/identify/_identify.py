@@ -22,10 +22,10 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.material_evidence import MaterialEvidence
-from pipelines.identify._materials import choice, derived_of, material_name, of_temperature, prior_of
+from pipelines.identify._materials import choice, derived_of, material_name, of_temperature, prior_of, stated_solid
 from pipelines.identify._page import relaxed_text, render, statements
 from pipelines.identify._result import Identified, dataset, document
-from pipelines.session import derive, processed_for, reopen_session
+from pipelines.session import derive, opened, processed_for, reopen_session
 
 
 @dataclass(slots=True)
@@ -129,7 +129,8 @@ def _identified(
     if group.prior is not None:
         before = identification.posterior(identification.fit(problem.only(prior=True)))
     said = [*remarks, *filter(None, [of_temperature(group.experiments)])]
-    return Identified(material, known, identification.long_time_modulus(known), before, tuple(said))
+    stated = stated_solid(opened(results.folder), group.experiments[0])
+    return Identified(material, known, identification.long_time_modulus(known), before, tuple(said), stated)
 
 
 @dataclass(frozen=True, eq=False)

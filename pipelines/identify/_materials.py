@@ -3,10 +3,13 @@
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from labpipe.errors import UsageError
+from labpipe.errors import LabpipeError, UsageError
+from labpipe.materials import Prony
 from labpipe.workflow.fields import REFERENCE
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from pipelines.experiments import KINDS, Derived
+from pipelines.experiments.shared.material_choice import resolve
 
 
 def choice(experiment: Experiment) -> Any:
@@ -31,6 +34,20 @@ def of_temperature(experiments: Sequence[Experiment]) -> str:
         f"moduli are those at the temperature that the specimen had, stated as {each}: how well that is known is in no "
         "uncertainty here, and a rheometer's moduli at exactly this temperature may differ by what it changes"
     )
+
+
+def stated_solid(results: Results, experiment: Experiment) -> tuple[str, Prony] | None:
+    """Return the source of the moduli that an experiment names, and its material; None if its DMA is not processed."""
+    chosen = choice(experiment)
+    file = None if chosen.material_file is None else results.plan.session.files / chosen.material_file
+    dma = (chosen.material_from or "").removeprefix(REFERENCE)
+    fitted = results.first(dma, "master_curve") if dma else None
+    if dma and fitted is None:
+        return None
+    try:
+        return f"DMA, {dma}" if dma else f"stated: {chosen.source}", resolve(chosen, file, fitted)
+    except LabpipeError:  # the temperature is out of reach of its shifts
+        return None
 
 
 def derived_of(experiment: Experiment, use: Literal["evidence", "prior"]) -> Derived:

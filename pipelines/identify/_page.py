@@ -12,6 +12,7 @@ from labpipe.report import (
     Block,
     Column,
     KeyValues,
+    Level,
     LineChart,
     Notice,
     Paragraph,
@@ -21,6 +22,7 @@ from labpipe.report import (
     quantity,
 )
 from labpipe.workflow.session import Session
+from pipelines.experiments.shared.judgements import with_minus
 from pipelines.experiments.shared.material_evidence import CONTACT_MODULUS
 from pipelines.experiments.shared.pages import log_log, session_document, spanned, synthetic_notice
 from pipelines.identify._result import UNCHANGED, Identified, dataset
@@ -37,9 +39,16 @@ _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior witho
 def render(session: Session, found: Identified) -> str:
     """Return the page as HTML text."""
     made = dataset(found)
+    storage, loss = _curves(found, made)
+    first, *further = (f"{text[0].upper()}{text[1:]}." for text in statements(found, made))
+    level: Level = "ok" if made["is_determined"].values.any() else "warning"
+    answer: list[Block] = [Notice(level, first), *_against_stated(found, made), *synthetic_notice(session), storage]
+    rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
+    relaxed = Notice("ok" if found.relaxed.verdict == "identified" else "info", f"{relaxed_text(found)}.")
     sections = (
-        Section("Answer", (*_answer(found, made), *synthetic_notice(session))),
-        Section("Moduli over frequency", _curves(found, made)),
+        Section("Answer", answer),
+        Section("Loss factor and long times", (loss, relaxed)),
+        Section("Limits of the result", (KeyValues(rows), *map(Paragraph, further))),
         Section("Fit and residuals", _fits(found)),
         Section("Unknowns", _unknowns(found, made)),
         Section("Method", _method(found)),
@@ -64,22 +73,20 @@ def relaxed_text(found: Identified) -> str:
     end, high = quantity(said.end, "s"), quantity(said.high, "Pa", _DIGITS)
     if said.verdict == "not identifiable":
         return (
-            f"E_relaxed is not identifiable from these experiments: the modulus at {end}, the longest time they "
+            f"E∞ is not identifiable from these experiments: the modulus at {end}, the longest time they "
             f"cover, is not known to within a factor of two"
         )
     fall, most = (_percent(share) for share in (said.fall, said.most_fall))
     fell = fall + (f" (at most {most})" if most != fall else "")
     if said.verdict == "identified":
         return (
-            f"E_relaxed is {quantity(said.low, 'Pa', _DIGITS)} to {high} (95 %): at {end} there is a plateau, for over "
-            f"the decade of time before it the modulus fell by {fell}; the lower end is the modulus that is left if it "
-            "falls by as much in every further decade, for thirty years"
+            f"E∞ is {quantity(said.low, 'Pa', _DIGITS)} to {high} (95 %): at {end} there is a plateau, for over the "
+            f"decade of time before it the modulus fell by {fell}; the lower end allows for as much in further decades"
         )
-    left = f"{quantity(said.left, 'Pa', _DIGITS)} is" if said.left > 0.0 else "nothing is"
     return (
-        f"E_relaxed is bounded from above only: it is below {high} (95 %). There is no plateau: over the last decade "
-        f"of time that these experiments cover, up to {end}, the modulus fell by {fell}; if it falls by as much in "
-        f"every further decade, {left} left after thirty years"
+        f"E∞ is bounded from above only: it is below {high} (95 %), the modulus at {end}. There is no plateau: over "
+        f"the last decade of time that these experiments cover the modulus fell by {fell}; of longer times they say "
+        "nothing"
     )
 
 
@@ -146,11 +153,11 @@ def _found(found: Identified, made: xr.Dataset) -> list[str]:
     by_ratio = 2.0 * nu / (1.0 - nu**2)
     known = next((p for p in problem.nuisances if p.name == CONTACT_MODULUS), None)
     texts.append(
-        f"contacts show moduli over 1 - nu²: Poisson's ratio was taken as exactly {nu:.3g}, and were it "
+        f"contacts show moduli over 1 − ν²: Poisson's ratio was taken as exactly {nu:.3g}, and were it "
         f"{_NU_STEP:g} larger, every modulus would be {100 * by_ratio * _NU_STEP:.2g} % smaller, which no "
         "uncertainty here contains"
         if known is None
-        else f"contacts show moduli over 1 - nu²: Poisson's ratio is stated as {nu:.3g} ± {known.sd / by_ratio:.2g}, "
+        else f"contacts show moduli over 1 − ν²: Poisson's ratio is stated as {nu:.3g} ± {known.sd / by_ratio:.2g}, "
         f"which makes {100 * known.sd:.2g} % of every modulus and is included in these uncertainties"
     )
     if found.known.structures:
@@ -166,22 +173,33 @@ def _found(found: Identified, made: xr.Dataset) -> list[str]:
     return texts
 
 
-def _answer(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
-    """Show the determined range, the long-time modulus, and the remarks on both."""
-    first, *further = (f"{text[0].upper()}{text[1:]}." for text in statements(found, made))
-    notices = (
-        Notice("ok" if made["is_determined"].values.any() else "warning", first),
-        Notice("ok" if found.relaxed.verdict == "identified" else "info", f"{relaxed_text(found)}."),
+def _against_stated(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
+    """Hold the storage modulus, where it is determined, against that of the material that the session names."""
+    inside = made["is_determined"].values.astype(bool)
+    if found.stated is None or found.prior is not None or not inside.any():
+        return ()
+    source, solid = found.stated
+    frequency = made["frequency"].values[inside]
+    expected = solid.complex_modulus(2.0 * np.pi * frequency).real
+    apart = np.log(made["storage"].values[inside] / expected)
+    deviations = np.abs(apart / made["u_ln_storage"].values[inside])
+    low, high = (quantity(float(f), "Hz") for f in (frequency.min(), frequency.max()))
+    text = (
+        f"From {low} to {high} the storage modulus lies {spanned(100.0 * np.expm1(apart), '+.2g')} % from that of the "
+        f"material that the session names ({source}): at most {deviations.max():.2g} standard uncertainties of the "
+        "identification; those of the other are not counted."
     )
-    rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
-    return *notices, KeyValues(rows), *map(Paragraph, further)
+    return (Notice("ok" if deviations.max() < _REACH else "info", with_minus(text)),)
 
 
-def _curves(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
+def _curves(found: Identified, made: xr.Dataset) -> list[LineChart]:
+    """Draw storage modulus and loss factor over frequency, against those that are known otherwise."""
     frequency = made["frequency"].values
     low, high = float(made["lowest_frequency"]), float(made["highest_frequency"])
     marks = (("data begin", low), ("data end", high))
-    charts: list[Block] = []
+    charts: list[LineChart] = []
+    stated = None if found.stated is None else found.stated[1].complex_modulus(2.0 * np.pi * frequency)
+    text = "Outside the two marks there are no data: curves and bands follow from the assumptions about polymers."
     for name, title, label, unit in (
         ("storage", "Storage modulus", "storage modulus / MPa", 1e6),
         ("loss_factor", "Loss factor", "loss factor", 1.0),
@@ -196,9 +214,11 @@ def _curves(found: Identified, made: xr.Dataset) -> tuple[Block, ...]:
             before = moduli(found.prior, frequency)
             values = before.storage if name == "storage" else before.loss_factor
             series.append(Series("rheometer alone", frequency, values / unit, role="reference"))
-        charts.append(log_log(title, "frequency / Hz", label, series, group="frequency", vlines=marks))
-    text = "Outside the two marks there are no data: curves and bands follow from the assumptions about polymers."
-    return Paragraph(text), *charts
+        elif found.stated is not None and stated is not None:
+            values = stated.real if name == "storage" else stated.imag / stated.real
+            series.append(Series(found.stated[0], frequency, values / unit, role="reference"))
+        charts.append(log_log(title, "frequency / Hz", label, series, group="frequency", vlines=marks, caption=text))
+    return charts
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
@@ -259,8 +279,8 @@ def _method(found: Identified) -> tuple[Block, ...]:
         "Least squares in coordinates in which the prior is standard normal, from several "
         "starts; more expensive models (finite amplitude, a vibrating plate, finer steps) "
         "correct the fast ones until convergence. Intervals follow from Laplace's approximation. The long-time "
-        "modulus is bounded by the modulus at the longest time of the data, and stated only where at most 5 % of "
-        "it would relax within thirty years at the rate of the last decade. Assumptions about the spectrum: its "
+        "modulus is bounded by the modulus at the longest time of the data, and stated only where the data end in a "
+        "plateau. Assumptions about the spectrum: its "
         "weight per decade of time is a random walk over the decades, in which a factor of ten per decade is two "
         "standard deviations; its slope has a correlation length of two decades (smooth) or of half a decade "
         "(uneven), each with a probability of one half before the data, and the curves are averages over "

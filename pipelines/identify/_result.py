@@ -9,6 +9,7 @@ import xarray as xr
 from scipy.special import ndtri
 
 from labpipe.identification import DETERMINED, LongTimeModulus, Posterior, informative_range, moduli, predictive_bands
+from labpipe.materials import Prony
 from labpipe.variables import described
 
 _PER_DECADE = 6
@@ -24,7 +25,8 @@ class Identified:
 
     ``material`` is its name in the session, ``known`` the posterior (its fit is ``known.fit``), ``relaxed`` the
     limits of the long-time modulus. ``prior`` is the posterior of the rheometer alone, when it was taken as prior;
-    ``remarks`` name omitted data and the reasons.
+    ``remarks`` name omitted data and the reasons; ``stated`` is the material that the session names, with the source of
+    its moduli, where they are known.
     """
 
     material: str
@@ -32,6 +34,7 @@ class Identified:
     relaxed: LongTimeModulus
     prior: Posterior | None
     remarks: tuple[str, ...]
+    stated: tuple[str, Prony] | None = None
 
 
 def dataset(found: Identified) -> xr.Dataset:
@@ -176,7 +179,7 @@ def document(found: Identified) -> dict[str, Any]:
     return {
         "material": found.material,
         "experiments": json.loads(made.attrs["experiments"]),
-        "E_relaxed": rows[0] | limits | {"after_thirty_years": said.left},
+        "E_relaxed": rows[0] | limits,
         "unknowns": rows[1:],
         "structure": structure(found),
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pipelines.session._comparison import Comparison as Comparison, comparison_text as comparison_text
     from pipelines.session._contact_sheet import write_sheet as write_sheet
     from pipelines.session._doctor import Health as Health, doctor as doctor
+    from pipelines.session._elsewhere import bundle as bundle, work_folder as work_folder
     from pipelines.session._export import FORMATS as FORMATS, Exported as Exported, export as export
     from pipelines.session._gaps import (
         Gap as Gap,
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from pipelines.session._sensitivity import Sensitivity as Sensitivity, sensitivity as sensitivity
     from pipelines.session._session_checks import stated_as_exact as stated_as_exact
     from pipelines.session._together import beside as beside
+    from pipelines.session._trend import trend as trend
     from pipelines.session._verdicts import (
         Verdict as Verdict,
         Verdicts as Verdicts,

@@ -8,10 +8,12 @@ only when its plan says that something changed. Conditions are asked of the data
 from __future__ import annotations
 
 import hashlib
+import json
 import os
+import re
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,12 +24,14 @@ from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.notebook import html_table
 from labpipe.units import Quantity
-from labpipe.workflow.fields import REFERENCE, suggest
+from labpipe.workflow.fields import REFERENCE
 from labpipe.workflow.plan import KEPT, READY, Plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
-from pipelines.experiments import KINDS
+from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.proposals import material_word
+from pipelines.session._catalogue_page import catalogue_page
+from pipelines.session._catalogue_query import CATALOGUE, PAGE, Opened, base_of, relative
 from pipelines.session._processing import plan as plan_session
 from pipelines.session._verdicts import Verdict, stored_verdicts, waiting_verdicts
 
@@ -35,24 +39,32 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-CATALOGUE = "labpipe/catalogue.sqlite"
 TABLES = {
     "experiments": (
         "session", "experiment", "kind", "state", "believable", "model", "checks", "findings", "cause",
+        "operator", "recorded", "record", "sensor",
     ),
     "results": ("session", "experiment", "stage", "recording", "variable", "item", "value", "u", "unit"),
     "sessions": ("session", "title", "operator", "synthetic", "digest", "problem"),
     "columns": ("name", "unit"),
 }  # fmt: skip
-"""Tables and the columns that they always have; experiments have one more for each setting and key number."""
+"""Tables and the columns that they always have; experiments have one more for each setting and key number.
+
+``recorded`` is the first day of the recordings, ``record`` the calibration record by its ``id``, ``sensor`` what it
+calibrates: instrument and serial number or, without a number, the name of the record's file without its date.
+"""
+
+CHECKS = "checks"
+"""Stage of the results that are checks: observed over expected, under the name of the check."""
 
 _APPLICATION = 0x6C706361  # "lpca": marks our databases
-_LAYOUT = 3
+_LAYOUT = 4
 """Raised when the tables change; a catalogue of another layout is made anew."""
 _LONGEST_RESULT = 64
 """Values of one variable that are listed; longer ones are curves, which ``export`` writes."""
 _BODIES = ("sphere", "punch", "substrate")
 """Their fields have no name of a table before them: ``radius``, not ``sphere_radius``."""
+_DATE = re.compile(r"[ _.-]*(19|20)\d\d([-_.]?\d\d){0,2}$")
 _MOST_SHOWN = 60
 """Rows of a table in a notebook; the middle of a longer one is left out."""
 
@@ -65,6 +77,8 @@ class Catalogued:
     ----------
     path : Path
         The database.
+    page : Path
+        The page of all its experiments.
     renewed, unchanged, removed : tuple of str
         Sessions read again, left as they were, and gone from below the searched folders.
     problems : dict
@@ -72,6 +86,7 @@ class Catalogued:
     """
 
     path: Path
+    page: Path
     renewed: tuple[str, ...]
     unchanged: tuple[str, ...]
     removed: tuple[str, ...]
@@ -136,10 +151,17 @@ def catalogue(
     --------
     >>> catalogue("sessions", where="material = 'acrylic'").table  # doctest: +SKIP
     """
-    import pandas as pd
-
     if table not in TABLES:
         raise UsageError(f'unknown table "{table}"; expected one of {", ".join(TABLES)}')
+    with open_catalogue(folders, database) as opened:
+        return Catalogued(
+            opened.path, opened.page_folder / PAGE, **opened.done, table=opened.select(table, where, columns)
+        )
+
+
+@contextmanager
+def open_catalogue(folders: str | Path | Iterable[str | Path], database: str | Path | None = None) -> Iterator[Opened]:
+    """Bring the catalogue of all sessions below some folders, and its page, up to date; as :func:`catalogue`."""
     roots = [Path(folder).resolve() for folder in ([folders] if isinstance(folders, str | Path) else folders)]
     if not roots:
         raise InputError("no folder to search; give at least one")
@@ -151,25 +173,12 @@ def catalogue(
             frame.to_sql(name, connection, index=False)
         connection.execute(f"PRAGMA application_id = {_APPLICATION}")
         connection.execute(f"PRAGMA user_version = {_LAYOUT}")
-        if done["renewed"] or done["removed"] or done["problems"] or not path.exists():
+        opened = Opened(path, done, tables, connection)
+        page = opened.page_folder / PAGE
+        if done["renewed"] or done["removed"] or done["problems"] or not (path.exists() and page.exists()):
             files.write_bytes(path, connection.serialize())
-        source = "results NATURAL JOIN experiments" if table == "results" else table
-        known = [column[0] for column in connection.execute(f"SELECT * FROM {source} LIMIT 0").description]  # noqa: S608
-        for name in columns:
-            if name not in known:
-                raise UsageError(f'no column "{name}"{suggest(name, known)}; there are {", ".join(known)}')
-        selected = ", ".join(f'"{name}"' for name in columns) or "*"
-        order = '"session", "experiment"' if "experiment" in known else "1"
-        condition = f"WHERE ({where})" if where.strip() else ""
-        statement = f"SELECT {selected} FROM {source} {condition} ORDER BY {order}"  # noqa: S608 (of a copy in memory)
-        try:
-            rows = connection.execute(statement).fetchall()
-        except (sqlite3.Error, sqlite3.Warning) as error:
-            raise UsageError(f"--where {where!r}: {error}; the columns are {', '.join(known)}") from error
-    frame = pd.DataFrame(rows, columns=list(columns) or known)
-    units = dict(zip(tables["columns"]["name"], tables["columns"]["unit"], strict=True))
-    frame.attrs["units"] = {name: units[name] for name in frame.columns if units.get(name)}
-    return Catalogued(path, **done, table=frame)
+            files.write_text(page, catalogue_page(opened))
+        yield opened
 
 
 def _tables(path: Path) -> dict[str, pd.DataFrame]:
@@ -207,15 +216,14 @@ def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) 
 
     known = dict(zip(tables["sessions"]["session"], tables["sessions"]["digest"], strict=True))
     units = dict(zip(tables["columns"]["name"], tables["columns"]["unit"], strict=True))
-    # names start from the folder of the catalogue, or from the one that holds its "labpipe/"
-    base = path.parents[1] if path.parts[-2:] == Path(CATALOGUE).parts else path.parent
+    base = base_of(path)
     new: dict[str, list[dict[str, Any]]] = {name: [] for name in TABLES}
     renewed, unchanged = [], []
     problems: dict[str, str] = {}
     for folder in _sessions(roots):
-        name = _relative(folder, base)
+        name = relative(folder, base)
         try:
-            plan = plan_session(folder)
+            plan = plan_session(folder, keep=True)  # years of sessions outlive the code that processed them
         except LabpipeError as error:
             problems[name] = str(error)
             continue
@@ -227,7 +235,7 @@ def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) 
         new["sessions"].append({**head, "synthetic": int(session.synthetic), "digest": digest})
         _add(new, units, name, plan)
         renewed.append(name)
-    below = [_relative(root, base) for root in roots]
+    below = [relative(root, base) for root in roots]
     found = {*renewed, *unchanged, *problems}
     gone = [
         name
@@ -250,13 +258,6 @@ def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) 
             "problems": problems}  # fmt: skip
 
 
-def _relative(folder: Path, start: Path) -> str:
-    try:
-        return Path(os.path.relpath(folder, start)).as_posix()
-    except ValueError:  # another drive
-        return folder.as_posix()
-
-
 def _digest(plan: Plan) -> str:
     session = plan.session
     # findings name lines, so that a line more is a change
@@ -277,6 +278,7 @@ def _add(new: dict[str, list[dict[str, Any]]], units: dict[str, str], name: str,
         state = f"{waiting} of {len(rows)} steps to do" if waiting else "done"
         state += f", {kept} results of earlier code" if kept else ""
         entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind, "state": state})
+        entry.cells["operator"] = session.operator
         entry.add_verdict(verdicts.get(experiment.name))
         entry.add_settings((), experiment.settings)
         for row in rows:
@@ -284,13 +286,29 @@ def _add(new: dict[str, list[dict[str, Any]]], units: dict[str, str], name: str,
             if dataset is None:
                 continue
             entry.add_key_numbers(experiment.kind, row.stage, dataset)
+            entry.add_calibration(dataset)
             label = (name, experiment.name, row.stage, row.recording)
-            new["results"] += [dict(zip(TABLES["results"], (*label, *v), strict=True)) for v in _values(dataset)]
+            numbers = [(*label, *v) for v in _values(dataset)]
+            if JUDGEMENT in dataset.attrs:
+                numbers += [(name, experiment.name, CHECKS, *v) for v in _ratios(dataset.attrs[JUDGEMENT])]
+            new["results"] += [dict(zip(TABLES["results"], n, strict=True)) for n in numbers]
         new["experiments"].append(entry.row(units))
     for one in waiting_verdicts(session).values():
         entry = _Entry({"session": name, "experiment": one.experiment, "kind": one.kind, "state": one.state})
         entry.add_verdict(one)
         new["experiments"].append(entry.row(units))
+
+
+def _ratios(judgement: str) -> Iterator[tuple[str, str, int, float, float, str]]:
+    """Yield observed over expected of the checks that compare two sizes: recording, name, and as of a variable."""
+    import numpy as np
+
+    from labpipe.judging import from_json
+
+    for i, check in enumerate(from_json(judgement).checks):
+        if np.isfinite(check.log_ratio) and np.isfinite(check.u_log_ratio):
+            ratio = float(np.exp(check.log_ratio))
+            yield check.recording, check.name, i, ratio, ratio * check.u_log_ratio, "1"
 
 
 def _values(dataset: xr.Dataset) -> Iterator[tuple[str, int, float, float | None, str]]:
@@ -350,6 +368,21 @@ class _Entry:
         for number in KINDS[kind].key_numbers:
             if number.stage == stage and (found := number.within(dataset)) is not None:
                 self.add_number(number.title.replace(" ", "_"), *found, number.unit)
+
+    def add_calibration(self, dataset: xr.Dataset) -> None:
+        """Add the day of a recording, and the record that its sensor was calibrated with."""
+        found = json.loads(dataset.attrs.get("calibration") or "{}")
+        if not isinstance(found, dict):  # why there is none
+            found = {"recorded_day": str(dataset.attrs.get("start", ""))[:10]}
+        days = (found.get("stated_day") or found.get("recorded_day"), self.cells.get("recorded"))
+        if known := sorted(filter(None, days)):
+            self.cells["recorded"] = known[0]
+        if "id" not in found:
+            return
+        places = [v for n, v in self.cells.items() if n.endswith(("calibration", "_record"))]
+        name = found["serial"] or _DATE.sub("", next((Path(str(place)).stem for place in places), ""))
+        sensor = f"{found['instrument']} {name}".strip()
+        self.cells |= {"record": found["id"], "sensor": sensor}
 
     def add_number(self, name: str, value: float, u: float | None, unit: str) -> None:
         """Add a value, and its standard uncertainty under ``u_`` and the same name."""

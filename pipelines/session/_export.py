@@ -56,6 +56,7 @@ class Writer:
     folder: Path
     format: str
     may_replace: bool
+    decimal: str = "."
     paths: list[Path] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
 
@@ -83,7 +84,7 @@ class Writer:
         elif self.format == "json":
             self.write(f"{name}.json", formats.json_text(dataset, remarks))
         else:
-            for part, text in formats.csv_tables(dataset, remarks).items():
+            for part, text in formats.csv_tables(dataset, remarks, self.decimal).items():
                 self.write(f"{name}.{part}.csv", text)
 
 
@@ -97,6 +98,7 @@ def export(
     replace: bool = False,
     reading: dict[str, Any] | None = None,
     bulk: str | None = None,
+    decimal: str = ".",
 ) -> Exported:
     """Write stored results, or one raw file, for programs that read no netCDF.
 
@@ -120,6 +122,8 @@ def export(
     bulk : {"constant", "relaxing", "incompressible"}, optional
         Bulk modulus of a material while its shear modulus relaxes; by default Poisson's ratio is
         constant, and at ν = 0.5 the material incompressible.
+    decimal : {".", ","}
+        Decimal sign of csv; with a comma, semicolons separate the columns, as a German Excel reads them.
 
     Returns
     -------
@@ -140,15 +144,17 @@ def export(
     place = Path(source)
     if format not in FORMATS:
         raise UsageError(f'unknown format "{format}"; expected one of {", ".join(FORMATS)}')
+    if decimal not in (".", ",") or (decimal == "," and format != "csv"):
+        raise UsageError(f'decimal is "." or, of csv alone, ","; found "{decimal}" with {format}')
     is_unknown = place.is_dir() and instrument_of(place) is None  # it should have been a session
     if not (place / FILE_NAME).is_file() and not is_unknown:
-        writer = Writer(Path(out or "."), format, replace)
+        writer = Writer(Path(out or "."), format, replace, decimal)
         _export_file(place, writer, dict(reading or {}))
         return Exported(tuple(writer.paths), ())
     if reading:
         raise UsageError("options of a raw file (cycle, units) do not go with a session folder")
     session = reopen_session(place)
-    writer = Writer(Path(out) if out else session.folder / FOLDER, format, replace or out is None)
+    writer = Writer(Path(out) if out else session.folder / FOLDER, format, replace or out is None, decimal)
     # one name is a list of one, not of its letters
     names, experiments = ((given,) if isinstance(given, str) else tuple(given) for given in (stages, only or ()))
     results = Results(make_plan(session, STAGES, names or None, experiments or None, keep=None))
@@ -268,8 +274,9 @@ def export_table(results: Results, experiments: Sequence[str], writer: Writer) -
     if writer.format == "xlsx":
         writer.write("quantities.xlsx", summary.xlsx_bytes(found, remarks))
     else:
-        write = summary.tex_text if writer.format == "tex" else summary.table_csv
-        writer.write(f"quantities.{writer.format}", write(found, remarks))
+        is_tex = writer.format == "tex"
+        text = summary.tex_text(found, remarks) if is_tex else summary.table_csv(found, remarks, writer.decimal)
+        writer.write(f"quantities.{writer.format}", text)
 
 
 def _export_materials(results: Results, experiments: Sequence[str], writer: Writer, bulk: str | None) -> None:

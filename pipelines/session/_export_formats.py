@@ -52,7 +52,7 @@ def cf_dataset(dataset: xr.Dataset, remarks: Mapping[str, str]) -> xr.Dataset:
     return made
 
 
-def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str]:
+def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str], decimal: str = ".") -> dict[str, str]:
     """Write a Dataset as tables, one for all variables of equal dimensions, by those: ``"time"``, ``"repeat-time"``.
 
     A table over several dimensions has one row per combination, with one column per dimension; variables without
@@ -81,22 +81,40 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str
         columns = dict(zip(dims, np.meshgrid(*along, indexing="ij"), strict=True))
         columns |= {name: dataset[name].values for name in names}
         units = [dataset[n].attrs.get("units", "1" if n in dims else "") if n in dataset else "1" for n in columns]
-        made["-".join(dims) or "values"] = csv_text(columns, remarks, units)
+        made["-".join(dims) or "values"] = csv_text(columns, remarks, units, decimal)
     return made
 
 
-def csv_text(columns: Mapping[str, Any], remarks: Mapping[str, str], units: Iterable[str] = ()) -> str:
-    """Write columns as csv below remarks; no text is one that a spreadsheet takes for a formula."""
+def csv_text(
+    columns: Mapping[str, Any], remarks: Mapping[str, str], units: Iterable[str] = (), decimal: str = "."
+) -> str:
+    """Write columns as csv below remarks; no text is one that a spreadsheet takes for a formula.
+
+    With a decimal comma, semicolons separate the columns.
+
+    Examples
+    --------
+    >>> print(csv_text({"x": [0.5, 2.0]}, {}, ["m"], ","), end="")
+    x
+    m
+    0,5
+    2,0
+    """
     frame = pd.DataFrame({name: np.ravel(values) for name, values in columns.items()})
     for name in frame.columns:
         if frame[name].dtype.kind == "b":
             frame[name] = frame[name].astype(int)
         elif frame[name].dtype.kind not in "fiu":
             frame[name] = [safe_text(value) if isinstance(value, str) else value for value in frame[name]]
+            if decimal == ",":  # pandas writes numbers of mixed columns with a point
+                frame[name] = [
+                    str(v).replace(".", ",") if isinstance(v, float) and not math.isnan(v) else v for v in frame[name]
+                ]
     top = pd.DataFrame([list(map(safe_text, row)) for row in (columns, units) if row])
     head = "".join(f"# {key}: {_HIDDEN.sub(_APART, one_line(value))}\n" for key, value in remarks.items())
     absent = "nan" if units else ""
-    parts = (top.to_csv(index=False, header=False), frame.to_csv(index=False, header=False, na_rep=absent))
+    style: dict[str, Any] = {"index": False, "header": False, "sep": ";" if decimal == "," else ","}
+    parts = (top.to_csv(**style), frame.to_csv(**style, na_rep=absent, decimal=decimal))
     return head + "".join(parts).replace("\r\n", "\n")
 
 

@@ -75,6 +75,7 @@ def process(
     cluster: str | None = None,
     full: bool = False,
     keep: bool | None = False,
+    out: str | Path | None = None,
     progress: Callable[[Event], None] | None = None,
 ) -> RunResult:
     """Compute the results that a session lacks, and write its reports.
@@ -95,6 +96,9 @@ def process(
     keep : bool or None
         Take results of earlier code as they are where nothing else has changed, and say so on
         every page; with None, those that an earlier run took. By default all is made again.
+    out : path-like, optional
+        A work folder for the results of a session in which nothing may be written. It is made, names the session,
+        and is taken in the session's place from then on.
     progress : callable, optional
         Called with every event of the run.
 
@@ -118,6 +122,10 @@ def process(
     """
     options: Options = {"targets": targets, "only": only, "full": full, "keep": keep, "progress": progress}
     options |= {"jobs": jobs, "cluster": cluster}
+    if out is not None:
+        from pipelines.session._elsewhere import work_folder
+
+        folder = work_folder(folder, out)
     ((_, done),) = process_all([folder], **options)
     if isinstance(done, LabpipeError):
         raise done

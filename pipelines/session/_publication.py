@@ -29,7 +29,7 @@ from labpipe.errors import ConfigError, InputError, UsageError
 from labpipe.installation import __version__
 from labpipe.workflow.document import parse
 from labpipe.workflow.plan import page_name
-from labpipe.workflow.session import FILE_NAME, Session
+from labpipe.workflow.session import FILE_NAME, LABORATORY, Session
 from pipelines.experiments.shared.pages import LIMITS
 from pipelines.session._citation import cite
 from pipelines.session._export import Writer, export_results, export_table
@@ -164,12 +164,20 @@ def _require_statements(session: Session, anonymous: bool) -> None:
         if creator.orcid is None:
             message = f'{creator.name} has no ORCID; add the line: orcid = "0000-0002-1825-0097" ("" for none)'
             document.report(("creators", i), message)
+    if session.archive is not None:
+        document.report(("session", "files"), "the raw files are in another folder; publish a copy that holds them")
+    laboratory = session.root / document.tree.get("laboratory", LABORATORY)
+    if laboratory.parent.resolve() != session.root:
+        text = (
+            f'{LABORATORY} is outside the session; copy it and its records here, and write laboratory = "{LABORATORY}"'
+        )
+        document.report(("laboratory",), text)
     document.finish()
 
 
 def _copy(session: Session, data: Path) -> None:
     """Copy session.toml and the files that it names."""
-    held = [session.root / FILE_NAME]
+    held = [session.root / name for name in (FILE_NAME, LABORATORY) if (session.root / name).is_file()]
     for named in named_files(session):
         held += files.files_below(named.path) if named.path.is_dir() else [named.path] * named.path.is_file()
     files.require_space(data, 2 * sum(path.stat().st_size for path in held))

@@ -75,7 +75,7 @@ def session_findings(session: Session) -> dict[str, list[Finding]]:
 def named_files(session: Session) -> list[Named]:
     """Return every file and folder that the settings name, in the order of the session."""
     return [
-        Named(e.name, e.kind, setting, name, session.root / name)
+        Named(e.name, e.kind, setting, name, session.files / name)
         for e in session.experiments.values()
         for setting, name in files_of(e.settings)
     ]
@@ -114,16 +114,16 @@ def unused_files(session: Session) -> list[Finding]:
     settings = [e.settings for e in session.experiments.values()]
     left_out = {(session.root / one.file).resolve() for each in settings for one in exclusions(each)}
     groups: dict[tuple[str, str], list[str]] = {}
-    for name, title in recognised_below(session.root, {n.path.resolve() for n in named} | left_out):
+    for name, title in recognised_below(session.files, {n.path.resolve() for n in named} | left_out):
         groups.setdefault((title, Path(name).parent.as_posix()), []).append(name)
     found = []
     for (title, _), names in groups.items():
         twin, n = "", len(names)
-        for path in (session.root / name for name in names):
+        for path in (session.files / name for name in names):
             # files of another size are not read for it
             alike = (o for o in named if o.path.is_file() and o.path.stat().st_size == path.stat().st_size)
             if one := next((o.name for o in alike if index.digest(o.path) == index.digest(path)), ""):
-                twin = f"{path.relative_to(session.root).as_posix()} holds the same bytes as {one}: a copy that can go"
+                twin = f"{path.relative_to(session.files).as_posix()} holds the same bytes as {one}: a copy that can go"
                 break
         shown = ", ".join(names[:_MOST_NAMES]) + (f" and {n - _MOST_NAMES} more" if n > _MOST_NAMES else "")
         text = f"no experiment uses {shown} ({title}{f', {n} files' if n > 1 else ''})"
@@ -204,9 +204,9 @@ def _records(session: Session) -> _Owned:
     check, users = "calibration record", dict[str, list[str]]()
     for named in named_files(session):
         if named.path.suffix == CONFIGURATION:
-            name = Path(os.path.relpath(named.path.resolve(), session.root)).as_posix()  # or that of the laboratory
+            name = Path(os.path.relpath(named.path.resolve(), session.files)).as_posix()  # or that of the laboratory
             users.setdefault(name, []).append(named.experiment)
-    records = {name: record for name in users if (record := _record(session.root / name)) is not None}
+    records = {name: record for name in users if (record := _record(session.files / name)) is not None}
     for name, record in records.items():
         if record.when > record.valid_until:
             text = f"{name}: calibrated on {record.when}, after the record ended ({record.valid_until})"

@@ -79,10 +79,10 @@ def lines(results: Results, experiments: Iterable[str] = ()) -> list[Line]:
     return found
 
 
-def table_csv(found: Sequence[Line], remarks: Mapping[str, str]) -> str:
+def table_csv(found: Sequence[Line], remarks: Mapping[str, str], decimal: str = ".") -> str:
     """Write the table as csv, values exact and in SI."""
     columns = zip(*(line.cells for line in found), strict=True)
-    return csv_text({n: np.array(c, object) for n, c in zip(COLUMNS, columns, strict=True)}, remarks)
+    return csv_text({n: np.array(c, object) for n, c in zip(COLUMNS, columns, strict=True)}, remarks, decimal=decimal)
 
 
 def tex_text(found: Sequence[Line], remarks: Mapping[str, str]) -> str:

@@ -293,7 +293,7 @@ def _one(results: Results, experiment: Experiment, failures: Iterable[Failed]) -
 
     def tolerant(slot: Any) -> Any:
         try:
-            return results.folder / slot if isinstance(slot, str) else results.result(*slot)
+            return results.plan.session.files / slot if isinstance(slot, str) else results.result(*slot)
         except LabpipeError:
             return None
 
@@ -344,12 +344,12 @@ def _placed(session: Session, experiment: Experiment, finding: Finding) -> Findi
         finding, line = replace(finding, file=FILE_NAME), lines.get(name, lines.get(""))
     elif line is None and finding.setting:
         with contextlib.suppress(LabpipeError, KeyError):
-            line = parse(session.root / finding.file).line(tuple(finding.setting.split(".")))
+            line = parse(session.path(finding.file)).line(tuple(finding.setting.split(".")))
     if line is None:
         named = named_at(session).get(finding.file)
         return finding if named is None else replace(finding, value=f"named in {FILE_NAME}:{named}")
     text = ""
-    with contextlib.suppress(OSError), (session.root / finding.file).open(encoding="utf-8", errors="replace") as lines_:
+    with contextlib.suppress(OSError), session.path(finding.file).open(encoding="utf-8", errors="replace") as lines_:
         text = next(islice(lines_, line - 1, None), "")
     return replace(finding, line=line, value=shorten(text.strip(), _LONGEST_LINE, placeholder=" …"))
 

@@ -19,7 +19,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.variables import variable, with_u
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.film_frames import about_contacts, film_of, key_frames, recorded_on, repeated
+from pipelines.experiments.shared.film_frames import about_contacts, film_of, key_frames, recorded_on, repeated, thinned
 from pipelines.experiments.shared.film_light import DARK, LIGHT, light_of
 from pipelines.experiments.shared.film_stated import said_by_file
 
@@ -276,15 +276,16 @@ def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, high: int, d
 
 
 _ALL_OVER = 7  # frames that stand for a film without impacts
+_NEIGHBOURS = 3  # frames before and after an impact, which show that there is no contact
 
 
 def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings: ContactArea) -> xr.Dataset:
-    """Copy key frames with the fitted circles: around each largest radius, and at rest; without impacts, all over."""
+    """Copy frames with the fitted circles: those of the impacts, and at rest; without impacts, all over."""
     source = film_of(film, settings)
     sound = np.flatnonzero(radius["valid"].values)
     spread = sound[np.linspace(0, len(sound) - 1, min(_ALL_OVER, len(sound))).round().astype(int)]
-    wanted = set(spread.tolist()) if impacts is None else _of_impacts(radius, impacts)
-    near = sorted(i for i in wanted if source.valid[int(radius["frame"][i])])
+    wanted = spread.tolist() if impacts is None else _of_impacts(radius, impacts)
+    near = [i for i in wanted if source.valid[int(radius["frame"][i])]]
     found = key_frames(source, [int(radius["frame"][i]) for i in near])
     size = float(radius["pixel_size"])
     at = radius.isel(frame=near)
@@ -303,16 +304,23 @@ def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset | None, *, settings
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))
 
 
-def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> set[int]:
-    """Choose the first frame, that of the largest radius and the last of each impact, and one at rest."""
+def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> list[int]:
+    """Choose the frames of the impacts with their neighbours, and one at rest, as many as a strip holds.
+
+    The first frame, that of the largest radius and the last of each impact are always among them.
+    """
     time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
-    wanted: set[int] = set()
+    always: set[int] = set()
+    around: set[int] = set()
     for i in range(impacts.sizes["impact"]):
         inside = np.flatnonzero(
             seen & (time >= float(impacts["first_seen"][i])) & (time <= float(impacts["last_seen"][i]))
         )
-        top = int(inside[np.argmin(np.abs(time[inside] - float(impacts["peak_time"][i])))])
-        wanted |= {int(inside[0]), top, int(inside[-1])}
+        first, last = int(inside[0]), int(inside[-1])
+        always |= {first, int(inside[np.argmin(np.abs(time[inside] - float(impacts["peak_time"][i])))]), last}
+        around |= {*range(max(first - _NEIGHBOURS, 0), min(last + _NEIGHBOURS + 1, time.size))}
     if np.isfinite(float(impacts["static_radius"])):
-        wanted.add(int(np.flatnonzero(seen)[-1]))
-    return wanted
+        rest = int(np.flatnonzero(seen)[-1])
+        always.add(rest)
+        around = {i for i in around if i < rest}
+    return thinned(around, always)

@@ -5,27 +5,17 @@ import math
 import cv2
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from labpipe.imaging import USUAL_WORK
-from labpipe.report import (
-    Band,
-    Block,
-    Gallery,
-    LineChart,
-    Paragraph,
-    Picture,
-    Section,
-    Series,
-    quantity,
-    value_with_uncertainty,
-)
+from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity, value_with_uncertainty
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
-from pipelines.experiments.shared.film_frames import drawing_of, png
+from pipelines.experiments.shared.film_frames import drawing_of, strip
 from pipelines.experiments.shared.linear_range import linear_range_rows
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
@@ -79,16 +69,17 @@ def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
 
 
 def _key_frames(keys: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Section:
-    pictures = [_picture(keys.isel(key=i)) for i in range(keys.sizes["key"])]
-    top = int(np.argmax(np.nan_to_num(keys["circle_radius"].values))) if pictures else 0
-    shown = "First frame, largest radius and last frame of each impact, and rest"
+    drawn = [_drawn(keys.isel(key=i)) for i in range(keys.sizes["key"])]
+    top = int(np.argmax(np.nan_to_num(keys["circle_radius"].values))) if drawn else 0
+    shown = "The frames of each impact, of a long one every few, and rest"
     shown = shown if impacts is not None else "Frames all over the film, since no impact was found in it"
     caption = f"{shown}. The chart of the contact radius marks the frame that is shown."
-    gallery = Gallery("Key frames with the fitted circle", pictures, start=top, group=_GROUP, caption=caption)
+    gallery = strip("Film with the fitted circle", drawn, start=top, group=_GROUP, caption=caption)
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
-def _picture(key: xr.Dataset) -> Picture:
+def _drawn(key: xr.Dataset) -> tuple[NDArray[np.uint8], str, str, float]:
+    """Draw the fitted circle on a frame; return it with a description, a caption and its place on the charts."""
     canvas, scale, shift = drawing_of(key)
     x, y, r = (float(key[n]) for n in ("circle_x", "circle_y", "circle_radius"))
     if all(map(math.isfinite, (x, y, r))):
@@ -104,7 +95,7 @@ def _picture(key: xr.Dataset) -> Picture:
         value = pages.told(key, "key_radius")
         found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])]}"
     words = f"frame {frame} with the fitted contact circle"
-    return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film, {found}", at=time)
+    return canvas, words, f"frame {frame}, {time:.2f} ms in the film, {found}", time
 
 
 def _calibration(radius: xr.Dataset) -> Section:

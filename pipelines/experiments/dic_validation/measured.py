@@ -22,7 +22,7 @@ from labpipe.frames import FrameSource
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
-from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on
+from pipelines.experiments.shared.film_frames import film_of, key_frames, recorded_on, thinned
 from pipelines.experiments.shared.film_light import light_of
 from pipelines.experiments.shared.film_stated import said_by_file
 
@@ -232,7 +232,10 @@ def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
 
 
 def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings: DicValidation) -> xr.Dataset:
-    """Copy key frames with the places of the tracked points: release, contacts, tops, rest; without them, all over."""
+    """Copy frames with the places of the tracked points, all over the first three impacts.
+
+    Release, contacts, tops and rest are always among them; where none is known, the frames are spread over the film.
+    """
     source = film_of(film, settings)
     time = track["time"].values
     events = list(np.linspace(time[0], time[-1], _KEYS))
@@ -243,6 +246,7 @@ def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings:
     wanted = [t for t in [time[0], *events, time[-1]] if np.isfinite(t)]
     near = sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
     near = near[: _KEYS - 1] + near[-1:] if len(near) > _KEYS else near
+    near = thinned(range(near[-2] + 1) if len(near) > 1 else (), near)
     near = [i for i in near if source.valid[int(track["frame"][i])]]
     found = key_frames(source, [int(track["frame"][i]) for i in near])
     at = track.isel(frame=near)

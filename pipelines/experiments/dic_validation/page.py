@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from labpipe.report import (
     Band,
     Block,
-    Gallery,
     KeyValues,
     LineChart,
     Paragraph,
-    Picture,
     Section,
     Series,
     quantity,
@@ -25,7 +23,7 @@ from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared import pages
-from pipelines.experiments.shared.film_frames import drawing_of, png
+from pipelines.experiments.shared.film_frames import drawing_of, strip
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _VIEWS = 3  # impacts that get a button
@@ -43,15 +41,17 @@ _LABEL = "time since first contact / ms"
 
 def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Section:
     start = None if bounces is None else float(bounces["first_contact_time"])
-    pictures = [_picture(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
+    drawn = [_drawn(keys.isel(key=i), start, settings.tracking) for i in range(keys.sizes["key"])]
     caption = "Orange: the large subset whose motion is the result, with its rotation. "
     caption += "Blue: the line of small subsets. " * (keys.sizes["point"] > 1) + _MASKS * bool(settings.tracking.masks)
     caption += "The charts below mark the frame that is shown." * (start is not None)
-    gallery = Gallery("Key frames with the tracked subsets", pictures, caption=caption, group=_GROUP)
+    gallery = strip("Film with the tracked subsets", drawn, caption=caption, group=_GROUP)
     return Section("Film", (gallery, *pages.raw_headers([keys.assign_attrs(source=settings.film)])))
 
 
-def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Picture:
+def _drawn(
+    key: xr.Dataset, start: float | None, tracking: Tracking
+) -> tuple[NDArray[np.uint8], str, str, float | None]:
     """Draw the subsets and masks; those that move with the large subset are moved and turned as it is."""
     canvas, scale, half = drawing_of(key)
     body = key.isel(point=0)
@@ -75,7 +75,7 @@ def _picture(key: xr.Dataset, start: float | None, tracking: Tracking) -> Pictur
     lost = "" if status == "ok" else f"; the large subset has no value: {status.replace('_', ' ')}"
     words = f"frame {frame} of the film with the tracked subsets drawn on it"
     at = None if start is None else time - start * 1e3
-    return Picture(png(canvas), words, f"frame {frame}, {time:.2f} ms in the film{lost}", at=at)
+    return canvas, words, f"frame {frame}, {time:.2f} ms in the film{lost}", at
 
 
 def _calibration(motion: xr.Dataset, settings: DicValidation) -> Section:

@@ -1,6 +1,6 @@
 """Films in experiments: opening, recording date, key frames."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import fields, is_dataclass, replace
 from datetime import UTC, datetime
 from math import ceil
@@ -17,13 +17,16 @@ from labpipe.arrays import Floats
 from labpipe.errors import EXCHANGED, InputError
 from labpipe.frames import FrameSource, IncompleteFilmWarning
 from labpipe.judging import Check, Level, stated
-from labpipe.report import quantity
+from labpipe.report import Gallery, Picture, quantity
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared.exclusions import excluded, without_frames
 
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
+_MOST_FRAMES = 60  # of a strip: a second and a half at forty a second, and few enough to step through
+_STRIP_BYTES = 1_500_000  # that a strip takes of a page, in base64
+_JPEG = (90, 80, 65)  # qualities, tried in turn; at 65 edges begin to show it
 _WIDEST = 640  # px of a stored key frame, as wide as a page shows it
 _SMALLEST = 480  # px; smaller frames are drawn enlarged
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
@@ -184,6 +187,39 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
         },
         attrs={"header": "\n".join(_header_lines(getattr(film, "header", None)))},
     )
+
+
+def thinned(wanted: Iterable[int], keys: Collection[int]) -> list[int]:
+    """Return the key frames and, evenly, as many of the others as a strip of the film holds."""
+    others = np.array(sorted(set(wanted) - set(keys)), int)
+    room = max(min(_MOST_FRAMES - len(keys), others.size), 0)
+    evenly = others[np.linspace(0, others.size - 1, room).round().astype(int)] if room else others[:0]
+    return sorted({*evenly.tolist(), *keys})
+
+
+def strip(
+    title: str, drawn: Sequence[tuple[NDArray[np.uint8], str, str, float | None]], *, start: int = 0, **more: str
+) -> Gallery:
+    """Make frames a strip to step through, in the best quality in which they fit a page; else fewer of them.
+
+    ``drawn``: picture (BGR), description, caption and place of each; ``start``: the one that is shown first.
+    """
+    # Half the colour resolution would blur a thin coloured circle.
+    whole = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+    kept, encoded = [*range(len(drawn))], [png(image) for image, *_ in drawn]
+    for quality in _JPEG:
+        if _in_page(encoded) > _STRIP_BYTES:
+            options = (cv2.IMWRITE_JPEG_QUALITY, quality, *whole)
+            encoded = [cv2.imencode(".jpg", image, options)[1].tobytes() for image, *_ in drawn]
+    while len(kept) > 3 and _in_page(encoded[i] for i in kept) > _STRIP_BYTES:
+        kept = sorted({*kept[::2], start})
+    frames = [Picture(encoded[i], *drawn[i][1:]) for i in kept]
+    step = "Step with ‹ and ›, or with the arrow keys on the slider."
+    return Gallery(title, frames, start=kept.index(start), **more | {"caption": f"{more.get('caption', '')} {step}"})
+
+
+def _in_page(encoded: Iterable[bytes]) -> float:
+    return sum(4 / 3 * len(data) for data in encoded)
 
 
 def _header_lines(header: Any) -> list[str]:

@@ -14,7 +14,7 @@ from labpipe.errors import SourceError, UsageError
 from pipelines.commands.results import catalogue as command
 from pipelines.process import process, result
 from pipelines.session import catalogue
-from pipelines.session._catalogue import CATALOGUE
+from pipelines.session._catalogue_query import CATALOGUE
 
 
 def query(database: Path, where: str = "", columns: Sequence[str] = (), *, table: str = "experiments") -> pd.DataFrame:

@@ -85,7 +85,7 @@ def test_the_page_is_fit_to_read(session: Path, tmp_path: Path) -> None:
     page = session / "labpipe/reports/acrylic_film.html"
     text = page.read_text("utf-8")
     assert "Raw header of film/" in text
-    assert "Key frames with the fitted circle" in text
+    assert "Film with the fitted circle" in text
     assert len(text.encode()) < 3_000_000
     assert_fit_to_read(page, tmp_path)
 

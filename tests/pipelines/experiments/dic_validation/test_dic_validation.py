@@ -73,7 +73,7 @@ def test_film_and_laser_agree_within_the_calibrations(session: Path) -> None:
 
 def test_the_page_shows_key_frames_and_counts_what_was_read(session: Path) -> None:
     page = (session / "labpipe/reports/film.html").read_text("utf-8")
-    assert "Key frames with the tracked subsets" in page
+    assert "Film with the tracked subsets" in page
     assert "bytes read" in page
     assert len(page.encode()) < 3_000_000
 

@@ -12,7 +12,16 @@ from instruments import phantom
 from labpipe.errors import InputError, LabpipeError
 from labpipe.judging import stated
 from labpipe.workflow.context import Context, Failed, Warned
-from pipelines.experiments.shared.film_frames import CAUSES, explained, key_frames, open_film, repeated, whole_film
+from pipelines.experiments.shared.film_frames import (
+    CAUSES,
+    explained,
+    key_frames,
+    open_film,
+    repeated,
+    strip,
+    thinned,
+    whole_film,
+)
 from pipelines.experiments.shared.judgements import failed_steps
 
 
@@ -113,3 +122,20 @@ def test_frames_that_come_twice_are_found(tmp_path):
     images += np.random.default_rng(3).integers(0, 4, images.shape).astype(images.dtype)
     images[[2, 5]] = images[[1, 4]]
     assert repeated(instruments.read(_film(tmp_path / "a.cine", images)), np.ones(6, bool)) == [2, 5]
+
+
+def test_a_strip_of_a_film_fits_its_page_and_keeps_the_frame_that_is_shown_first() -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (480, 640, 3), np.uint8)
+    for n in (5, 60):
+        drawn = [(np.roll(noise, i, 0), f"frame {i}", f"frame {i}", float(i)) for i in range(n)]
+        gallery = strip("Film", drawn, start=3, group="film")
+        assert sum(len(frame.address) for frame in gallery.frames) <= 1_500_000
+        assert gallery.frames[gallery.start].at == 3.0
+    flat = [(np.zeros((48, 64, 3), np.uint8), "a", "b", float(i)) for i in range(60)]
+    assert len(strip("Film", flat).frames) == 60
+
+
+def test_key_frames_are_always_among_those_of_a_strip() -> None:
+    assert thinned(range(1000), [0, 501, 999]) == sorted({*thinned(range(1000), [0, 501, 999]), 0, 501, 999})
+    assert len(thinned(range(1000), [0, 501, 999])) == 60
+    assert thinned([4, 5], [1]) == [1, 4, 5]
