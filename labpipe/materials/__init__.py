@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         shift_at as shift_at,
         wlf as wlf,
     )
+    from labpipe.materials._specimen import form_factor as form_factor
     from labpipe.materials._step_tests import (
         prony_of_creep as prony_of_creep,
         prony_of_relaxation as prony_of_relaxation,

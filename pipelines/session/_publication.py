@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, Any
 from labpipe import files
 from labpipe.errors import ConfigError, InputError, UsageError
 from labpipe.installation import __version__
-from labpipe.workflow.document import parse
+from labpipe.workflow.document import LABORATORY, parse
 from labpipe.workflow.plan import page_name
-from labpipe.workflow.session import FILE_NAME, LABORATORY, Session
+from labpipe.workflow.session import FILE_NAME, Session
 from pipelines.experiments.shared.pages import LIMITS
 from pipelines.session._citation import cite
 from pipelines.session._export import Writer, export_results, export_table

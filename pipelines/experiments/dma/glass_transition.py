@@ -1,8 +1,9 @@
-"""The glass transition in a temperature sweep at one frequency: peak of tan δ, drop of E′."""
+"""The glass transition: in a temperature sweep at one frequency, and by the shifts over all frequencies."""
 
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,6 +18,7 @@ _MEAN_OF = 5  # points of the moving mean that finds a maximum
 _CREST = 0.75  # of a maximum's height above the lowest value; a cubic fits the part above
 _LEAST_IN_WINDOW, _LEAST_ON_A_SIDE = 5, 2
 _LEAST_DROP = 2.0  # a storage modulus that falls by less over the sweep shows no glass transition
+_HALF_DECADES = 0.5  # to either side of a maximum of the master curve, where a parabola in log-log fits it
 _SIGNIFICANT = 3.0  # standard uncertainties by which a peak must stand out of its ends
 
 
@@ -35,7 +37,7 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
 
     Over ``point`` these are ``temperature``, ``storage``, ``loss``, ``loss_factor``, ``ramp_of``; over ``ramp``:
     ``frequency``, ``T_peak`` (maximum of tan δ), ``T_loss`` (maximum of E″), ``T_drop`` (steepest fall of ln E′), each
-    with its uncertainty, NaN where there is none.
+    with its uncertainty, NaN where there is none. The attribute ``reasons`` (JSON) says why, ramp by ramp.
     """
     orders = [np.argsort(ramp.temperature, kind="stable") for ramp in ramps]
     columns = [np.stack([r.temperature, r.storage, r.loss])[:, order] for r, order in zip(ramps, orders, strict=True)]
@@ -57,7 +59,78 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
         variables[name] = variable("ramp", T_of, "degC", f"glass transition: {text}")
         variables[f"u_{name}"] = variable("ramp", u, "K", f"standard uncertainty of the glass transition: {text}")
     work = {"temperature_sweeps": len(ramps), "points": int(T.size)}
-    return xr.Dataset(variables, attrs={"work": json.dumps(work)})
+    reasons = [{"T_peak": _why_none(T, E, loss / E), "T_loss": _why_none(T, E, loss)} for T, E, loss in columns]
+    said = {"work": json.dumps(work), "reasons": json.dumps(reasons, ensure_ascii=False)}
+    return xr.Dataset(variables, attrs=said)
+
+
+def _why_none(T: Floats, storage: Floats, y: Floats) -> str:
+    """Say why a sweep (or, over the shifted isotherms, a master curve) shows no maximum."""
+    fall = float(storage.max() / storage[np.isfinite(storage)][-1])
+    ends = f"{T[0]:.0f} to {T[-1]:.0f} °C".replace("-", "\N{MINUS SIGN}")
+    if fall < _LEAST_DROP:
+        return f"E′ falls by a factor of {fall:.2g} only from {ends}: no glass transition lies there"
+    top = int(np.nanargmax(y))
+    if top == y.size - 1:
+        return f"it still rises at the warm end ({T[-1]:.0f} °C): the maximum lies above"
+    return f"the largest value, near the {'warm' if 2 * top > y.size else 'cold'} end, has too few readings beyond it"
+
+
+def over_frequency(curve: xr.Dataset) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the glass transition over frequency, θ_g(f), by the shifts of a master curve.
+
+    By E(ω, T) = b_T E(a_T ω, T_ref), tan δ at a frequency f has its maximum over temperature where
+    a_T f is the frequency of the maximum of the master curve; E″ too, but for the change of b_T.
+
+    Returns
+    -------
+    variables : dict
+        ``T_peak`` (by tan δ) and ``T_loss`` (by E″) [degC] with their uncertainties over
+        ``transition_frequency``, whole decades [Hz] from the slowest of the sweeps on at which the transition lies
+        among the isotherms.
+    reasons : dict of str to str
+        Why there is none, by criterion.
+    """
+    T, shifts = (curve[name].values for name in ("temperature", "log10_aT"))
+    known = np.flatnonzero(np.isfinite(shifts))[np.argsort(T[np.isfinite(shifts)], kind="stable")]
+    T, falling = T[known], np.minimum.accumulate(shifts[known])
+    x, order = np.log10(curve["reduced_frequency"].values), np.argsort(curve["mode_temperature"].values)
+    near_T, near_x = curve["mode_temperature"].values[order], np.log10(curve["mode_frequency"].values)
+    moved = np.array([np.interp(T, near_T, row[order]) for row in curve["mode_shift"].values])
+    changes = {name: curve[f"mode_{name}"].values for name in ("storage", "loss")}
+    storage, found, reasons = curve["master_storage"].values[::-1], {}, {}
+    slowest = np.floor(np.log10(curve["frequency"].values.min()) + 1e-9)
+    for name, of, change in (
+        ("T_peak", "master_loss_factor", changes["loss"] - changes["storage"]),
+        ("T_loss", "master_loss", changes["loss"]),
+    ):
+        y = curve[of].values
+        near = np.abs(x - x[np.argmax(y)]) <= _HALF_DECADES
+        middle = x[near].mean()
+        is_inside = min(x[np.argmax(y)] - x[0], x[-1] - x[np.argmax(y)]) >= _HALF_DECADES
+        lines = np.log(y[near]) + np.vstack([0 * x[near], [np.interp(x[near], near_x, row) for row in change]])
+        bend, slope, _ = np.polyfit(x[near] - middle, lines.T, 2)
+        if storage.max() / storage[-1] < _LEAST_DROP or not is_inside or np.any(bend >= 0.0):
+            reasons[name] = _why_none(T, storage, y[::-1])
+            continue
+        top = middle - 0.5 * slope / bend
+        decades = np.arange(np.ceil(max(top[0] - falling[0], slowest)), np.floor(top[0] - falling[-1]) + 1.0)
+        at = [np.interp(decades - t, -f, T) for t, f in zip(top, [falling, *(falling + moved)], strict=True)]
+        found[name] = (decades, at[0], np.linalg.norm(np.array(at[1:]) - at[0], axis=0))
+    if not any(decades.size for decades, *_ in found.values()):
+        return {}, reasons
+    grid = np.unique(np.concatenate([decades for decades, *_ in found.values()]))
+    made: dict[str, Any] = {}
+    for name, text in (("T_peak", "maximum of the loss factor"), ("T_loss", "maximum of the loss modulus")):
+        values, u = np.full((2, grid.size), np.nan)
+        if name in found:
+            decades, *both = found[name]
+            values[np.isin(grid, decades)], u[np.isin(grid, decades)] = both
+        dims, words = "transition_frequency", f"glass transition over frequency: {text}"
+        made[name] = variable(dims, values, "degC", words)
+        made[f"u_{name}"] = variable(dims, u, "K", f"standard uncertainty of the {words}")
+    made["transition_frequency"] = variable("transition_frequency", 10.0**grid, "Hz", "frequency of a measurement")
+    return made, reasons
 
 
 def _transition(T: Floats, storage: Floats, loss: Floats) -> list[tuple[float, float]]:

@@ -41,7 +41,7 @@ _STAGES = (
     stage(
         "dma.measured:gathered",
         ("readings",),
-        ("mode", "nu", "scale", "sweeps"),
+        ("mode", "nu", "scale", "specimen", "sweeps"),
         schema="sweeps",
         name="sweeps",
         summary="collect isothermal sweeps, converted to tension",
@@ -54,7 +54,10 @@ _STAGES = (
         summary="fit all shifts and one spectrum",
     ),
     stage(
-        "dma.measured:temperature_sweep", ("readings",), ("mode", "nu", "scale"), summary="find the glass transition"
+        "dma.measured:temperature_sweep",
+        ("readings",),
+        ("mode", "nu", "scale", "specimen"),
+        summary="find the glass transition",
     ),
     judged("dma", ("readings", "sweeps", "master_curve"), "is it believable?"),
     reported("dma", ("readings", "sweeps", "master_curve", "temperature_sweep")),

@@ -1,5 +1,6 @@
 """Dynamic mechanical analysis: isothermal sweeps, master curve, and the glass transition."""
 
+from math import hypot
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,9 @@ import xarray as xr
 
 import instruments
 from labpipe.errors import InputError
-from labpipe.materials import gather_sweeps, modulus_factor, trusted_tables, with_responses
+from labpipe.materials import form_factor, gather_sweeps, modulus_factor, trusted_tables, with_responses
+from labpipe.uncertainty import Input, linear_budget
+from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.dma import glass_transition
 from pipelines.experiments.dma.settings import Dma
@@ -75,17 +78,41 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
         readings, settings.mode, settings.nu.value, tolerance=options.tolerance,
         fewest=options.fewest, skip_first=options.skip_first,
     )  # fmt: skip
-    scale, moduli = settings.scale, ["storage", "loss"]
+    scale, moduli = _scale(readings, settings), ["storage", "loss"]
     strains = [run["strain"].values for run in readings if "strain" in run]
     if strains and np.isfinite(largest := np.nanmax(np.concatenate(strains))):
         made.attrs["strain"] = float(largest)  # up to which the moduli are known to be those of a linear solid
     u = {"u_modulus_factor": 2.0 * settings.nu.u if settings.is_shear else 0.0, "u_scale": scale.u / scale.value}
+    u["scale"] = scale.value
     return made.assign({name: made[name].copy(data=made[name].values * scale.value) for name in moduli}).assign_attrs(u)
+
+
+def _scale(readings: list[xr.Dataset], settings: Dma) -> Quantity:
+    """Return what all moduli are multiplied by: the stated scale, and the specimen's form factor over the file's.
+
+    Where a file in torsion has torque and deflection angle, its form factor is that of its own moduli, |G| over
+    torque per angle; otherwise that of the dimensions as entered, equal to the stated ones unless said.
+    """
+    specimen, scale = settings.specimen, settings.scale
+    if specimen is None:
+        return scale
+    dimensions = specimen.given()
+    inputs = {name: Input(value.value, value.u, value.si) for name, value in dimensions.items()}
+    factor = linear_budget(lambda **sizes: form_factor(settings.mode, **sizes), inputs)
+    entered = {name: value.value for name, value in (dimensions | specimen.entered.given()).items()}
+    own = form_factor(settings.mode, **entered)
+    columns = ("storage_modulus", "loss_modulus", "torque", "deflection_angle")
+    if settings.mode == "torsion" and all(set(columns) <= set(one) for one in readings):
+        runs = [run for one in readings for run in trusted_tables(one)]
+        storage, loss, torque, angle = (np.concatenate([run.values(name) for run in runs]) for name in columns)
+        own = float(np.nanmedian(np.hypot(storage, loss) * angle / torque))
+    value = scale.value * factor.value / own
+    return Quantity(value, value * hypot(scale.u / scale.value, factor.u / factor.value), "1")
 
 
 def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Find the glass transition in sweeps of temperature at one frequency, if there are any."""
-    factor = modulus_factor(settings.mode, settings.nu.value) * settings.scale.value
+    factor = modulus_factor(settings.mode, settings.nu.value) * _scale(readings, settings).value
     ramps = []
     for run in (run for dataset in readings for run in trusted_tables(dataset) if run.rows.size):
         frequency, T = run.values("frequency"), run.values("temperature")

@@ -12,6 +12,7 @@ from labpipe import materials
 from labpipe.arrays import Floats
 from labpipe.materials import Bulk, Deck, Prony, ShiftLaw, make_deck
 from labpipe.variables import variable, with_u
+from pipelines.experiments.dma.glass_transition import over_frequency
 from pipelines.experiments.dma.settings import Dma
 
 _SWITCH: dict[str, bool | Literal["auto"]] = {"auto": "auto", "on": True, "off": False}
@@ -45,7 +46,8 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
     result.attrs = {name: value for name, value in result.attrs.items() if name not in known}
     factor, u_scale = sweeps.attrs["u_modulus_factor"] / sweeps.attrs["modulus_factor"], sweeps.attrs["u_scale"]
     result = result.assign(known)
-    result = result.assign(ends(result, float(np.hypot(factor, u_scale))))
+    transitions, no_transition = over_frequency(result)
+    result = result.assign(ends(result, float(np.hypot(factor, u_scale))) | transitions)
     consistency = asdict(made.kramers_kronig)
     consistency.pop("curves")
     result = result.assign({name: result[name].astype(np.int8) for name in ("extrapolated", "determined")})
@@ -56,6 +58,7 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         "law": _law(made.law),
         "noise": made.noise,
         "notes": made.warnings,
+        "no_transition": no_transition,
     }
     kept = {
         name: sweeps.attrs[name]

@@ -55,6 +55,9 @@ _VERTICAL = {
 }
 
 
+_CRITERIA = {"T_peak": "maximum of tan δ", "T_loss": "maximum of E″", "T_drop": "steepest fall of E′"}
+
+
 def _summary(
     context: Context,
     sweeps: xr.Dataset | None = None,
@@ -96,7 +99,7 @@ def _summary(
         if said:
             title = f"What limits this curve ({pages.counted(len(said), 'remark')})"
             notes.append(Details(title, [Paragraph(_sentence(note)) for note in said]))
-    rows += _transition_rows(temperature_sweep)
+    rows += _transition_rows(temperature_sweep, master_curve)
     return Section("Summary", (*pages.failed_notice(context), KeyValues(rows), *notes))
 
 
@@ -128,16 +131,30 @@ def _modulus(value: float) -> str:
     return f"{value / shown.factor:.4g} {shown.text}"
 
 
-def _transition_rows(ramp: xr.Dataset | None) -> list[tuple[str, str, str]]:
-    if ramp is None or "absent" in ramp.attrs:
-        return []
-    texts = {"T_peak": "maximum of tan δ", "T_loss": "maximum of E″", "T_drop": "steepest fall of E′"}
-    return [
-        (f"glass transition, {text}", pages.told(ramp, name, i), f"at {float(ramp['frequency'][i]):.3g} Hz")
-        for i in range(ramp.sizes["ramp"])
-        for name, text in texts.items()
-        if np.isfinite(float(ramp[name][i]))
-    ]
+def _transition_rows(ramp: xr.Dataset | None, curve: xr.Dataset | None = None) -> list[tuple[str, str, str]]:
+    """Return the glass transition by each criterion in the sweeps of temperature and by the shifts, or why not."""
+    rows = []
+    for i, reasons in enumerate(json.loads(ramp.attrs["reasons"]) if ramp is not None and is_there(ramp) else ()):
+        for name, text in _CRITERIA.items():
+            at = f"at {float(ramp['frequency'][i]):.3g} Hz" if ramp is not None else ""
+            if ramp is not None and np.isfinite(float(ramp[name][i])):
+                rows.append((f"glass transition, {text}", pages.told(ramp, name, i), at))
+            elif name in reasons:
+                rows.append((f"glass transition, {text}", "none", f"{at}: {reasons[name]}"))
+    if curve is None:
+        return rows
+    for name in ("T_peak", "T_loss"):
+        known = np.flatnonzero(np.isfinite(curve[name].values)) if name in curve else np.empty(0, int)
+        if known.size:  # the decade nearest to what was swept
+            away = np.log(
+                curve["transition_frequency"].values[known] / np.exp(np.log(curve["frequency"].values).mean())
+            )
+            near = int(known[np.argmin(np.abs(away))])
+            remark = f"at {float(curve['transition_frequency'][near]):.3g} Hz, by the shifts"
+            rows.append((f"glass transition, {_CRITERIA[name]}", pages.told(curve, name, near), remark))
+        elif reason := json.loads(curve.attrs["no_transition"]).get(name):
+            rows.append((f"glass transition, {_CRITERIA[name]}", "none", f"in the master curve: {reason}"))
+    return rows
 
 
 def _isotherms(
@@ -204,7 +221,19 @@ def _shifts(master_curve: xr.Dataset) -> Section:
     if float(master_curve["delay"]):
         fits.append(("delay of the instrument's phase", pages.told(master_curve, "delay"), "removed"))
     folded = Details(f"Laws, and the shift factors of {T.size} temperatures", (KeyValues(fits), table))
-    return Section("Shift factors", (chart, folded))
+    if "T_peak" not in master_curve:
+        return Section("Shift factors", (chart, folded))
+    f = master_curve["transition_frequency"].values
+    criteria: tuple[tuple[str, Literal["measured", "model"]], ...] = (("T_peak", "measured"), ("T_loss", "model"))
+    drawn = [
+        Series(_CRITERIA[n], f, master_curve[n].values, style="points", role=role, u=master_curve[f"u_{n}"].values)
+        for n, role in criteria
+        if np.isfinite(master_curve[n].values).any()
+    ]
+    words = "By the shifts, at whole decades of the frequency for which it lies among the isotherms."
+    shape = ("Glass transition over frequency", "frequency / Hz", "temperature / °C", drawn)
+    transitions = LineChart(*shape, x_scale="log", height_px=220, caption=words)
+    return Section("Shift factors", (chart, transitions, folded))
 
 
 def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
@@ -288,6 +317,10 @@ def _readings(
                 relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
                 text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
             blocks.append(Paragraph(text))
+        if settings.specimen is not None:
+            scale, u = float(sweeps.attrs["scale"]), float(sweeps.attrs["u_scale"]) * float(sweeps.attrs["scale"])
+            text = "the form factor of the stated specimen over the one that the file's moduli were computed with"
+            blocks.append(Paragraph(f"All moduli were multiplied by {value_with_uncertainty(scale, u)}: {text}."))
         measured = [
             pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
             for name, title in _MODULI.items()
@@ -310,14 +343,12 @@ def _transition(temperature_sweep: xr.Dataset) -> Section:
         factors.append(Series(f"tan δ, {name}", T, one["loss_factor"].values, role="measured"))
     places = (("tan δ", float(ramps["T_peak"][0])), ("fall of E′", float(ramps["T_drop"][0])))
     lines = [(title, place) for title, place in places if np.isfinite(place)]
-    none = "It shows no glass transition: the storage modulus falls too little, or the maxima lie at its ends."
     drawn = partial(LineChart, x_label="temperature / °C", vlines=lines, group="ramp")
     charts = (
         drawn("Moduli over temperature", y_label="modulus / MPa", series=moduli, y_scale="log"),
         drawn("Loss factor over temperature", y_label="tan δ", series=factors, height_px=220),
     )
-    said = () if _transition_rows(ramps) else (Paragraph(none),)
-    return Section("Temperature sweep", (*said, Details("Moduli and loss factor over temperature", charts)))
+    return Section("Temperature sweep", (Details("Moduli and loss factor over temperature", charts),))
 
 
 def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section:

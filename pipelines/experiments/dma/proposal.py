@@ -60,7 +60,8 @@ kind = "dma"
 rheometer = {proposals.listed(files)}
 {mode_line(name, loadings)}
 nu = "{GAP}"  # Poisson's ratio, with ±, e.g. "0.35 ± 0.02"{temperature}
-# T_ref = "20 degC"  # of the master curve; by default the middle temperature"""
+# T_ref = "20 degC"  # of the master curve; by default the middle temperature
+# specimen = {{ length = "20 ± 0.1 mm", width = "3 ± 0.01 mm", thickness = "3 ± 0.01 mm" }}  # or diameter"""
 
 
 def mode_line(name: str, loadings: Mapping[str, str]) -> str:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, get_args
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.fields import POSITIVE, Dimensionless, File, Range, Temperature
+from labpipe.workflow.fields import POSITIVE, Dimensionless, File, Length, Range, Temperature
 from pipelines.experiments.shared.settings import Columns, Recorded, Table
 
 Mode = Literal["tension", "bending", "shear", "torsion"]
@@ -52,6 +52,42 @@ class Fit(Table, frozen=True, kw_only=True):
     levels: Literal["auto", "on", "off"] = "auto"
 
 
+class Dimensions(Table, frozen=True, kw_only=True):
+    """Dimensions of a specimen: length between the clamps, and width and thickness or diameter."""
+
+    length: Annotated[Length, POSITIVE] | None = None
+    width: Annotated[Length, POSITIVE] | None = None
+    thickness: Annotated[Length, POSITIVE] | None = None
+    diameter: Annotated[Length, POSITIVE] | None = None
+
+    def given(self) -> dict[str, Quantity]:
+        """Return those that are stated, by their names."""
+        every = {name: getattr(self, name) for name in ("length", "width", "thickness", "diameter")}
+        return {name: value for name, value in every.items() if value is not None}
+
+
+class Specimen(Dimensions, frozen=True, kw_only=True):
+    """The specimen as measured, with ±; its form factor makes the rheometer's stiffness a modulus.
+
+    ``entered`` has those dimensions that were entered in the rheometer otherwise: moduli are multiplied by the
+    ratio of both form factors. The uncertainty of the form factor is one of all moduli.
+    """
+
+    entered: Dimensions = Dimensions()
+
+    def __post_init__(self) -> None:
+        """Refuse a specimen without a cross-section."""
+        given = set(self.given())
+        if given not in ({"length", "diameter"}, {"length", "width", "thickness"}):
+            raise ValueError(
+                "a specimen has length and diameter, or length, width and thickness; "
+                f"found {', '.join(sorted(given)) or 'nothing'}"
+            )
+        if set(self.entered.given()) - given:
+            extra = ", ".join(sorted(set(self.entered.given()) - given))
+            raise ValueError(f"entered names {extra}, which the specimen has not")
+
+
 class Dma(Recorded, frozen=True, kw_only=True):
     """Exports of one specimen: of an Anton Paar rheometer, or tables of another analyser.
 
@@ -59,7 +95,8 @@ class Dma(Recorded, frozen=True, kw_only=True):
     tension, for shear by E = 2 (1 + ν) G. ``nu`` goes on with the material. ``T_ref`` is the
     temperature of the master curve; by default the middle isotherm. ``scale`` is what all moduli are
     to be multiplied by; its uncertainty is that of the specimen's dimensions (in torsion a bar's
-    stiffness goes with the fourth power of its thickness) and of the force. ``temperature`` is that
+    stiffness goes with the fourth power of its thickness) and of the force; ``specimen`` instead states
+    those dimensions. ``temperature`` is that
     of files without such a column, ``temperatures`` those of files at one temperature each, in
     their order. Relaxation and creep tests count as sweeps.
     """
@@ -70,11 +107,17 @@ class Dma(Recorded, frozen=True, kw_only=True):
     nu: Annotated[Dimensionless, Range(at_least=0.0, at_most=0.5)]
     T_ref: Temperature | None = None
     scale: Annotated[Dimensionless, POSITIVE] = Quantity(1.0, 0.0, "1")
+    specimen: Specimen | None = None
     temperature: Temperature | None = None
     temperatures: list[Temperature] | None = None
     export: Export = Export()
     sweeps: Sweeps = Sweeps()
     fit: Fit = Fit()
+
+    def __post_init__(self) -> None:
+        """Refuse a specimen whose form factor is not known."""
+        if self.specimen is not None and self.mode == "shear":
+            raise ValueError("specimen is for tension, bending and torsion; in shear give scale, with ±")
 
     @property
     def is_shear(self) -> bool:

@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe import signals
-from labpipe.arrays import Flags, Floats
+from labpipe.arrays import Complexes, Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals import common_fit, quantisation_step
 from labpipe.variables import from_rows, variable, with_u
@@ -18,6 +18,7 @@ from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 _SINUSOID = "Sinusoid"
 _LOOP_POINTS = 200  # over one cycle
 _FEWEST_CYCLES = 2
+_WAVES = 3  # of a Fourier series: the fundamental and two harmonics
 _PARTS_OF_A_CYCLE = 12  # in which a mean cycle is laid against the model
 _CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
 COLUMNS = {
@@ -103,6 +104,12 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     blocks = [i for i, name in enumerate(functions) if name == _SINUSOID]
     rows = [_oscillation(loads, block, settings.cycles.skip) for block in blocks]
     others = {
+        "fourier_storage_stiffness": ("N/m", "storage stiffness by the Fourier components of whole cycles"),
+        "fourier_loss_stiffness": ("N/m", "loss stiffness by the Fourier components of whole cycles"),
+        "harmonic_2": ("1", "second harmonic of the force over its fundamental"),
+        "harmonic_3": ("1", "third harmonic of the force over its fundamental"),
+        "position_harmonic_2": ("1", "second harmonic of the position over its fundamental"),
+        "position_harmonic_3": ("1", "third harmonic of the position over its fundamental"),
         "declared_frequency": ("Hz", "frequency in the header"),
         "declared_amplitude": ("m", "amplitude in the header"),
         "work_sd": ("J", "standard deviation of the loop area over cycles"),
@@ -156,6 +163,23 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
     storage, loss = fit.storage_stiffness, fit.loss_stiffness
     u_relative = float(np.linalg.norm([f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude, u_gain]))
     u_storage, u_loss = np.hypot(u_relative * storage, u_phase * loss), np.hypot(u_relative * loss, u_phase * storage)
+    cycles_at = begin + np.arange(areas.size)[:, None] / x.frequency
+    (moved, u_moved), (pushed, u_pushed) = (_fourier(time, y, cycles_at, x.frequency) for y in (position, force))
+    lags = [mach1_readings.force_lag(loads, n * x.frequency) for n in range(1, _WAVES + 1)]
+    gains = np.array([each.gain if each else 1.0 for each in lags])
+    pushed, u_pushed = pushed / gains, u_pushed / gains
+    turned = pushed[0] / moved[0] * np.exp(1j * (lag.phase if lag else 0.0))
+    scatter = float(np.hypot(u_pushed[0] / abs(pushed[0]), u_moved[0] / abs(moved[0])))
+    u_turned = [
+        np.hypot(np.hypot(scatter, u_gain) * a, np.hypot(scatter, lag.u_phase if lag else 0.0) * b)
+        for a, b in ((turned.real, turned.imag), (turned.imag, turned.real))
+    ]
+    fourier = {"fourier_storage_stiffness": turned.real, "fourier_loss_stiffness": turned.imag}
+    fourier |= {"u_fourier_storage_stiffness": u_turned[0], "u_fourier_loss_stiffness": u_turned[1]}
+    for name, lines, u_lines in (("", pushed, u_pushed), ("position_", moved, u_moved)):
+        for n in range(2, _WAVES + 1):
+            fourier[f"{name}harmonic_{n}"] = abs(lines[n - 1] / lines[0])
+            fourier[f"u_{name}harmonic_{n}"] = u_lines[n - 1] / abs(lines[0])
     spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
     u_work = np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1)))
     return {
@@ -186,7 +210,24 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
         "begin": begin,
         "end": end,
         "block": float(block),
-    }
+    } | {name: float(value) for name, value in fourier.items()}
+
+
+def _fourier(time: Floats, values: Floats, begin: Floats, frequency: float) -> tuple[Complexes, Floats]:
+    """Return the Fourier components (wave,) of a record over whole cycles, and the uncertainty of each part.
+
+    The drift of a cycle, from its begin to its end, is taken out; the scatter over cycles is that of all waves
+    together. Components beyond the Nyquist frequency are NaN.
+    """
+    share = np.linspace(0.0, 1.0, _LOOP_POINTS + 1)
+    y = np.interp(begin + share / frequency, time, values)
+    y -= share * (y[:, -1:] - y[:, :1])
+    lines = 2.0 / _LOOP_POINTS * np.fft.rfft(y[:, :-1], axis=1)[:, 1 : _WAVES + 1]
+    n = len(lines)
+    scatter = np.abs(lines - lines.mean(axis=0))
+    u = float(np.sqrt(np.sum(scatter**2) / (2.0 * _WAVES * max(n - 1, 1) * n)))
+    seen = np.arange(1, _WAVES + 1) * frequency < 0.5 / float(np.median(np.diff(time)))
+    return np.where(seen, lines.mean(axis=0), np.nan), np.where(seen, u, np.nan)
 
 
 def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:

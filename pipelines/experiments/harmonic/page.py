@@ -92,6 +92,18 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
         low_pass = f"The load cell's low-pass (order {declared['order']:g}, {declared['cutoff']:g} Hz)"
         text = f"{low_pass} delays the force by {lag.min():.1f} to {lag.max():.1f}°. This was removed, {source}."
         notes.append(Notice("info", text))
+    waves = [
+        pages.column(oscillations, f"{of}harmonic_{n}", f"{name} harmonic of the {signal} / %", 100)
+        for of, signal in (("", "force"), ("position_", "position"))
+        for n, name in ((2, "second"), (3, "third"))
+    ]
+    caption = (
+        "Amplitude over that of the fundamental in %, over whole cycles. A harmonic of the force that is larger than "
+        "that of the position shows a nonlinear contact: its area changes over the cycle, or the surface is left."
+    )
+    notes.append(
+        listed([Listed("frequency / Hz", oscillations["frequency"].values.tolist(), digits=5), *waves], caption)
+    )
     return Section("Frequencies", tuple(notes))
 
 
@@ -116,6 +128,17 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None, theory
             caption += " Eq. (2.31) is the limit of small amplitudes."
         shape = (title, "frequency / Hz", f"{title.lower()} / {unit}", tuple(series))
         charts.append(LineChart(*shape, x_scale="log", height_px=260, caption=caption))
+    if theory is not None and is_there(theory):
+        moduli = [
+            pages.column(theory, f"{route}{part}_modulus", f"{sign}, {by}")
+            for part, sign in (("storage", "E′"), ("loss", "E″"))
+            for route, by in (("", "fit"), ("fourier_", "Fourier"))
+        ]
+        caption = (
+            "Stiffness over that of the contact per modulus, eq. (2.24), at the mean indentation: by the fitted "
+            "sinusoids, and by the Fourier components of force and displacement over whole cycles."
+        )
+        charts.append(listed([Listed("frequency / Hz", frequency.tolist(), digits=5), *moduli], caption))
     return Section("Stiffness and work", tuple(charts))
 
 

@@ -11,6 +11,7 @@ from labpipe import contact
 from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.errors import InputError
+from labpipe.materials import Prony
 from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared.material_choice import resolve
@@ -30,7 +31,8 @@ def theory(
     """Return work by eq. (2.31), the tapping front (2.34), and everything dimensionless.
 
     Equations (2.36) to (2.40); the work of (2.40) is per contact length. The uncertainty of the
-    theory is that of first touch: its mean indentation.
+    theory is that of first touch: its mean indentation. ``storage_modulus`` and ``loss_modulus`` are the measured
+    stiffness over that of the contact per modulus (2.24), by the fit and, ``fourier_…``, by the components of (2.29).
     """
     punch, substrate = settings.punch, settings.substrate
     if punch is None or substrate is None or "absent" in model.attrs:
@@ -64,6 +66,17 @@ def theory(
     seen, u_seen = (oscillations[f"{u}work_per_cycle"].values for u in ("", "u_"))
     u_work, u_front = (np.abs(moved - at) * u_touch / step for moved, at in ((moved_work, work), (moved_front, front)))
     table: dict[str, Any] = {}
+    unit = Prony(1.0, [], [], nu=float(solid.nu))
+    per_pascal, moved_contact = (
+        np.array([float(dissipation.dynamic_stiffness(unit, 0.0, i, radius, period, depth).real) for i in each])
+        for each in (mean, mean + step)
+    )
+    u_contact = np.abs(moved_contact / per_pascal - 1.0) * u_touch / step
+    for route, text in (("", "by the fit"), ("fourier_", "by the Fourier components")):
+        for part in ("storage", "loss"):
+            k, u = (oscillations[f"{u}{route}{part}_stiffness"].values for u in ("", "u_"))
+            modulus, u = k / per_pascal, np.hypot(u, k * u_contact) / per_pascal
+            table |= with_u(f"{route}{part}_modulus", "oscillation", modulus, u, "Pa", f"{part} modulus, {text}")
     for name, values, u, units, text in (
         ("dissipated_work", work, u_work, "J", "dissipated work per cycle, eq. (2.31)"),
         ("tapping_amplitude", front, u_front, "m", "amplitude at which contact is lost, eq. (2.34)"),

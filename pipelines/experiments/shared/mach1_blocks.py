@@ -24,7 +24,7 @@ class Part:
     """One block: its columns, and where its header stands in the file.
 
     ``line`` is the line of ``<INFO>``, ``header_line`` that of the column names; ``outliers`` are the runs of
-    readings that were left out and are bridged here.
+    readings that were left out and are bridged here, ``lateral`` Fx and Fy where the cell has them.
     """
 
     number: int
@@ -37,6 +37,7 @@ class Part:
     line: int
     header_line: int
     outliers: tuple[dict[str, Any], ...] = ()
+    lateral: tuple[Floats, ...] = ()
 
     def declared(self, name: str) -> tuple[float, float, int | None]:
         """Return a declared value [SI] with the uncertainty of its rounding, and its line."""
@@ -130,7 +131,10 @@ def parts(readings: xr.Dataset) -> list[Part]:
             time, segment = readings["time"].values[where], readings["segment"].values[where]
             x, f = (mach1_readings.bridged(column.values[where], time) for column in (position, force))
             runs = tuple(run for run in left_out if run["block"] == number)
-            found.append(Part(number, header["function"], header, time, x, sign * f, segment, line, names, runs))
+            lateral = tuple(readings[n].values[where] for n in ("force_x", "force_y") if n in readings)
+            found.append(
+                Part(number, header["function"], header, time, x, sign * f, segment, line, names, runs, lateral)
+            )
         line = names - 1 + (header["rows"] + len(header["dividers"]) + 3 if header["has_data"] else 0)
     return found
 

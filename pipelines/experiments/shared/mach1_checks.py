@@ -30,6 +30,7 @@ TRAVEL, SPEED, CLOCK = "travel of the ramp", "speed of the ramp", "clock of the 
 CAPACITY, SCALE, DELAY = "capacity of the cell", "scale of the cell", "delay of the filter"
 RATIO, SIGN, PHASE, OUTLIERS = "force for the named material", "sign of the stiffness", "phase lag", "outliers"
 DIRECTION, SWAPPED = "direction of the motion", "order of the columns"
+ALIGNMENT = "lateral force"
 
 TITLES = {
     "columns": Title(
@@ -46,6 +47,7 @@ TITLES = {
         (CAPACITY, SCALE, DELAY, "response of the cell", "saturation of the cell"),
     ),
     "order of motion and force": Title("Force follows motion: 0 < phase lag < 90°.", (PHASE,)),
+    "alignment": Title("The punch presses straight down: lateral forces are small.", (ALIGNMENT,)),
     "punch": Title("The stated punch can be pressed in so far.", ("size of the punch", "period of the punch")),
     "contact modulus": Title(
         "Forces give one modulus, that of the material, at all depths.", (RATIO, "force at other depths")
@@ -65,6 +67,7 @@ COMMANDS = {
 FORCES = {"N": 1.0, "gf": 9.80665e-3, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665}
 """Units in which a force may be, whatever its header says, in SI."""
 _CELLS = {"kg": "kgf", "g": "gf"}  # spellings of units in the names of load cells
+_LATERAL = 0.1  # of the normal force: a tilt of 6 degrees, by which the normal force errs by 0.5 %
 _SWAPPED_BY = 0.3  # relative, within which the other column holds the declared motion
 _U_CLOCK = 2.0  # of the logarithm of a block's length over the time until the next: rests lie between
 _RUN, _LEAVES = 5, 20.0
@@ -90,7 +93,8 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
         _clock_of_blocks, _direction_of_motion, _sign_of_stiffness, _response_of_cell, _saturation, _capacity_of_cell,
         _left_out,
     )  # fmt: skip
-    return [order, *_commands_kept(name, blocks), *(evaluate(name, blocks) for evaluate in evaluations)]
+    found = [order, *_commands_kept(name, blocks), *(evaluate(name, blocks) for evaluate in evaluations)]
+    return [*found, _alignment(name, blocks)] if any(part.lateral for part in blocks) else found
 
 
 def of_files(readings: Mapping[str, xr.Dataset]) -> Check:
@@ -242,6 +246,30 @@ def _response_of_cell(name: str, blocks: Sequence[Part]) -> Check:
     cause = f"the load cell was dead or not connected, or another axis was recorded (line {known[0].header_line})"
     text = f"{name}: the force {does} the stage moves"
     return stated(title, text, "impossible", cause=cause, file=name, line=known[0].header_line)
+
+
+def _alignment(name: str, blocks: Sequence[Part]) -> Check:
+    """Compare the lateral force of a six-axis cell with the normal force: the slopes of Fx and Fy over Fz."""
+    worst, u, where = nan, nan, blocks[0]
+    for part in (p for p in blocks if p.function in (OSCILLATION, RELAXATION) and p.stiffness[2]):
+        slopes, variance = [], 0.0
+        for side in part.lateral:
+            known = np.isfinite(side) & np.isfinite(part.force)
+            slope, offset = np.polyfit(part.force[known], side[known], 1)
+            left = side[known] - slope * part.force[known] - offset
+            slopes.append(slope)
+            variance += float(np.var(left) / (np.var(part.force[known]) * known.sum()))
+        if slopes and not hypot(*slopes) <= worst:
+            worst, u, where = hypot(*slopes), variance**0.5, part
+    if not isfinite(worst):
+        return not_made(ALIGNMENT, "a force that follows the motion")
+    text = f"{name}, block {where.number + 1}: the lateral force changes by {worst:.2g} of the normal force, at most "
+    text += f"{_LATERAL:g} is expected of an aligned punch"
+    cause = "the punch or the specimen is tilted, or the punch slides: level the specimen and centre the punch"
+    return bounded(
+        ALIGNMENT, text, worst, max(u, 1e-3), at_most=_LATERAL, is_law=False, cause=cause, file=name,
+        line=where.header_line,
+    )  # fmt: skip
 
 
 def _saturation(name: str, blocks: Sequence[Part]) -> Check:

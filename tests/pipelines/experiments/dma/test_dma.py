@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+import xarray as xr
 
 from instruments import anton_paar
 from labpipe.errors import InputError
@@ -14,7 +15,7 @@ from labpipe.materials import Prony, gather_sweeps
 from labpipe.schema import check
 from labpipe.units import Quantity
 from pipelines.experiments.dma import glass_transition, measured as dma, model
-from pipelines.experiments.dma.settings import Dma, Fit
+from pipelines.experiments.dma.settings import Dimensions, Dma, Fit, Specimen
 from pipelines.process import open_session, process
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.session_text import dma_section, session_head
@@ -155,8 +156,58 @@ def test_no_transition_is_said_where_there_is_none(ptfe):
     measured = solid.modulus(np.ones(T.size), T)
     found = glass_transition.transitions([glass_transition.Ramp(1.0, T, measured.real, measured.imag)])
     assert np.isnan(found.T_peak).all()
+    assert "falls by a factor of" in json.loads(found.attrs["reasons"])[0]["T_loss"]
     kept = ptfe[0].isel(sample=slice(0, 0)).assign_attrs(tests="[]")
     assert "absent" in dma.temperature_sweep([kept], settings=settings_for("ptfe")).attrs
+
+
+def test_the_transition_over_frequency_is_that_of_the_true_curve():
+    """By both criteria, from a noisy set of sweeps; a rubber's loss factor does not know b_T."""
+    solid, T, f = SOLIDS["nbr"], np.arange(-40.0, 61.0, 10.0), np.geomspace(0.1, 10.0, 11)
+    noise = np.random.default_rng(5)
+    true = np.array([solid.modulus(f, np.full(f.size, t)) for t in T])
+    parts = {"storage": true.real, "loss": true.imag}
+    sweeps = xr.Dataset(
+        {n: (("temperature", "frequency"), v * (1 + 0.01 * noise.standard_normal(v.shape))) for n, v in parts.items()},
+        coords={"temperature": T, "frequency": f},
+        attrs={"u_modulus_factor": 0.0, "modulus_factor": 1.0, "u_scale": 0.0},
+    )
+    found = model.master_curve(sweeps, settings=settings_for("nbr"))
+    fine = np.linspace(-60.0, 80.0, 14001)
+    for i, hertz in enumerate(found["transition_frequency"].values[:4]):
+        exact = solid.modulus(np.full(fine.size, hertz), fine)
+        for name, y in (("T_peak", exact.imag / exact.real), ("T_loss", exact.imag)):
+            gap = float(found[name][i]) - fine[np.argmax(y)]
+            assert not abs(gap) > 4 * float(found[f"u_{name}"][i]) + 0.4, (name, hertz)  # NaN beyond the isotherms
+    assert np.isfinite(found["T_peak"].values[:2]).all()
+
+
+def lengths(**mm):
+    return {name: Quantity(value * 1e-3, u * 1e-3, "m") for name, (value, u) in mm.items()}
+
+
+def test_a_wrong_dimension_is_corrected_and_its_uncertainty_is_that_of_all_moduli(ptfe):
+    """A square bar in torsion: stiffness goes with the fourth power of its side, Saint-Venant's factor is 0.1406."""
+    side, own = lengths(width=(3.0, 0.0), thickness=(3.0, 0.03)), lengths(length=(20.0, 0.1))
+    plain = dma.gathered([ptfe[0]], settings=settings_for("ptfe"))
+    stated = dma.gathered([ptfe[0]], settings=settings_for("ptfe", specimen=Specimen(**own, **side)))
+    np.testing.assert_allclose(stated["storage"], plain["storage"], rtol=1e-12)  # nothing was entered otherwise
+    assert stated.attrs["u_scale"] == pytest.approx(np.hypot(0.1 / 20, 2 * 0.03 / 3), rel=0.02)  # thickness^4 by halves
+    wrong = Dimensions(**lengths(width=(3.3, 0.0), thickness=(3.3, 0.0)))
+    corrected = dma.gathered([ptfe[0]], settings=settings_for("ptfe", specimen=Specimen(**own, **side, entered=wrong)))
+    np.testing.assert_allclose(corrected["storage"], plain["storage"] * 1.1**4, rtol=1e-9)
+    # a file that holds torque and deflection angle states its own form factor, whatever was entered
+    torque = np.hypot(ptfe[0]["storage_modulus"], ptfe[0]["loss_modulus"]) * 0.1406 * 3e-3**4 / 20e-3 / 1.05 * 1e-3
+    with_angle = [ptfe[0].assign(torque=torque, deflection_angle=xr.full_like(torque, 1e-3))]
+    measured = dma.gathered(with_angle, settings=settings_for("ptfe", specimen=Specimen(**own, **side, entered=wrong)))
+    np.testing.assert_allclose(measured["storage"], plain["storage"] / 1.05, rtol=1e-3)
+
+
+def test_a_specimen_without_a_cross_section_is_refused():
+    with pytest.raises(ValueError, match="length, width and thickness; found length"):
+        Specimen(**lengths(length=(20, 0)))
+    with pytest.raises(ValueError, match="entered names width, which the specimen has not"):
+        Specimen(**lengths(length=(20, 0), diameter=(3, 0)), entered=Dimensions(**lengths(width=(3, 0))))
 
 
 def test_fewer_terms_keep_the_moduli(curve):
