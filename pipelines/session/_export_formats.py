@@ -48,6 +48,8 @@ def cf_dataset(dataset: xr.Dataset, remarks: Mapping[str, str]) -> xr.Dataset:
             attrs |= {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "false true"}
         elif variable.dtype.kind in "iuf":
             attrs.setdefault("units", "1")
+        if isinstance(flags := attrs.get("flag_values"), np.ndarray) and variable.dtype.kind in "iu":
+            attrs["flag_values"] = flags.astype(variable.dtype)
         variable.attrs = attrs
     return made
 
