@@ -199,7 +199,7 @@ def load(
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
     creators = {key: value for key, value in document.tree.items() if key == "creators"}
     authors = Checker(document, root).structure(_CreatorsTable, creators, ())
-    archive = (root / head.files).resolve() if head.files else None
+    archive = (root / head.files).resolve() if isinstance(head, _SessionTable) and head.files else None
     if archive is not None and not archive.is_dir():
         document.report(("session", "files"), f"there is no folder {archive}; correct the path, or mount the disk")
         document.finish()

@@ -90,8 +90,8 @@ def test_the_session_of_the_guide_is_accepted(tmp_path: Path) -> None:
         (tmp_path / name).write_text("")
     (tmp_path / "session.toml").write_text(example, "utf-8")
     session = open_session(tmp_path)
-    assert list(session.experiments) == ["acrylic_7mm"]
-    assert set(tomllib.loads(example)) == {"labpipe", "session", "defaults", "experiments"}
+    assert list(session.experiments) == ["acrylic_7mm", "warm"]
+    assert set(tomllib.loads(example)) == {"labpipe", "session", "defaults", "experiments", "variants"}
 
 
 def test_messages_quoted_in_a_guide_are_said_somewhere() -> None:
