@@ -157,19 +157,19 @@ def polyisoprene() -> list[Value]:
 @PublishedCase(
     "log a_T of a backsheet, −50 to −5 °C",
     "[pyvisco](https://doi.org/10.5281/zenodo.6384954)",
-    "21 sweeps; as there, of E′ alone",
-    "the sweeps do not superpose, as labpipe says",
+    "21 sweeps",
+    "by 2 decades when warm; the sweeps do not superpose, as labpipe says, and E′ alone was shifted there",
     "dma/backsheet_published_shift_factors.csv",
     is_long=True,
 )
 def backsheet() -> list[Value]:
-    """Both files are examples of the repository NREL/pyvisco; horizontal shifts alone."""
+    """Both files are examples of the repository NREL/pyvisco, whose shifts are of the storage modulus alone."""
     folder, form = SAMPLES / "dma", {"delimiter": ",", "skiprows": 2, "unpack": True, "encoding": "utf-8-sig"}
     frequency, storage, loss, temperature, number = np.loadtxt(folder / "backsheet_tension_21_temperatures.csv", **form)
     mean = {k: temperature[number == k].mean() for k in np.unique(number)}
     sweeps = grid(np.array([mean[k] for k in number]), frequency.round(6), storage * 1e6, loss * 1e6)
     T, log10_aT = np.loadtxt(folder / "backsheet_published_shift_factors.csv", **form)[:, ::-1]
-    curve = quiet_curve(sweeps, -5.0, vertical="none", delay=False, noise_ratio=10.0)
+    curve = quiet_curve(sweeps, -5.0)
     return shifts(curve, np.interp(curve.log10_aT["temperature"], T, log10_aT), 0.06 * ROUNDED)
 
 
