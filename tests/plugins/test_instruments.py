@@ -115,7 +115,8 @@ def test_init_proposes_from_what_it_holds(session: Path, tmp_path: Path) -> None
     made = init(pile)
     assert made.experiments == ["acrylic_7mm"]
     text = made.path.read_text("utf-8")
-    assert '"ball_drop"  # laser readings of a fall\nlaser = [\n  "acrylic_7mm_1.txt",\n' in text
+    assert 'kind = "ball_drop"  # laser readings' in text
+    assert 'laser = [\n  "acrylic_7mm_1.txt",\n  "acrylic_7mm_2.txt",' in text
 
 
 @pytest.mark.usefixtures("toy")
