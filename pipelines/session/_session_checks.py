@@ -112,7 +112,7 @@ def unused_files(session: Session) -> list[Finding]:
     named = [one for one in named_files(session) if one.path.exists()]
     # a recording that is excluded is known, and serves nothing
     settings = [e.settings for e in session.experiments.values()]
-    left_out = {(session.root / one.file).resolve() for each in settings for one in exclusions(each)}
+    left_out = {(session.files / one.file).resolve() for each in settings for one in exclusions(each)}
     groups: dict[tuple[str, str], list[str]] = {}
     for name, title in recognised_below(session.files, {n.path.resolve() for n in named} | left_out):
         groups.setdefault((title, Path(name).parent.as_posix()), []).append(name)
