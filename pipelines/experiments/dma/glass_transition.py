@@ -76,7 +76,7 @@ def _why_none(T: Floats, storage: Floats, y: Floats) -> str:
     return f"the largest value, near the {'warm' if 2 * top > y.size else 'cold'} end, has too few readings beyond it"
 
 
-def over_frequency(curve: xr.Dataset) -> tuple[dict[str, Any], dict[str, str]]:
+def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, dict[str, str]]:
     """Return the glass transition over frequency, θ_g(f), by the shifts of a master curve.
 
     By E(ω, T) = b_T E(a_T ω, T_ref), tan δ at a frequency f has its maximum over temperature where
@@ -84,7 +84,7 @@ def over_frequency(curve: xr.Dataset) -> tuple[dict[str, Any], dict[str, str]]:
 
     Returns
     -------
-    variables : dict
+    transitions : Dataset
         ``T_peak`` (by tan δ) and ``T_loss`` (by E″) [degC] with their uncertainties over
         ``transition_frequency``, whole decades [Hz] from the slowest of the sweeps on at which the transition lies
         among the isotherms.
@@ -98,8 +98,10 @@ def over_frequency(curve: xr.Dataset) -> tuple[dict[str, Any], dict[str, str]]:
     near_T, near_x = curve["mode_temperature"].values[order], np.log10(curve["mode_frequency"].values)
     moved = np.array([np.interp(T, near_T, row[order]) for row in curve["mode_shift"].values])
     changes = {name: curve[f"mode_{name}"].values for name in ("storage", "loss")}
-    storage, found, reasons = curve["master_storage"].values[::-1], {}, {}
-    slowest = np.floor(np.log10(curve["frequency"].values.min()) + 1e-9)
+    storage, dims = curve["master_storage"].values[::-1], "transition_frequency"
+    decades = np.arange(np.floor(np.log10(curve["frequency"].values.min()) + 1e-9), x[-1] - falling[-1])
+    made: dict[str, Any] = {dims: variable(dims, 10.0**decades, "Hz", "frequency of a measurement")}
+    reasons = {}
     for name, of, change in (
         ("T_peak", "master_loss_factor", changes["loss"] - changes["storage"]),
         ("T_loss", "master_loss", changes["loss"]),
@@ -114,23 +116,16 @@ def over_frequency(curve: xr.Dataset) -> tuple[dict[str, Any], dict[str, str]]:
             reasons[name] = _why_none(T, storage, y[::-1])
             continue
         top = middle - 0.5 * slope / bend
-        decades = np.arange(np.ceil(max(top[0] - falling[0], slowest)), np.floor(top[0] - falling[-1]) + 1.0)
+        values = np.interp(decades - top[0], -falling, T, left=np.nan, right=np.nan)
+        if not np.isfinite(values).any():
+            reasons[name] = "at the frequencies of the sweeps and faster ones it lies beyond the isotherms"
+            continue
         at = [np.interp(decades - t, -f, T) for t, f in zip(top, [falling, *(falling + moved)], strict=True)]
-        found[name] = (decades, at[0], np.linalg.norm(np.array(at[1:]) - at[0], axis=0))
-    if not any(decades.size for decades, *_ in found.values()):
-        return {}, reasons
-    grid = np.unique(np.concatenate([decades for decades, *_ in found.values()]))
-    made: dict[str, Any] = {}
-    for name, text in (("T_peak", "maximum of the loss factor"), ("T_loss", "maximum of the loss modulus")):
-        values, u = np.full((2, grid.size), np.nan)
-        if name in found:
-            decades, *both = found[name]
-            values[np.isin(grid, decades)], u[np.isin(grid, decades)] = both
-        dims, words = "transition_frequency", f"glass transition over frequency: {text}"
-        made[name] = variable(dims, values, "degC", words)
-        made[f"u_{name}"] = variable(dims, u, "K", f"standard uncertainty of the {words}")
-    made["transition_frequency"] = variable("transition_frequency", 10.0**grid, "Hz", "frequency of a measurement")
-    return made, reasons
+        u = np.where(np.isfinite(values), np.linalg.norm(np.array(at[1:]) - at[0], axis=0), np.nan)
+        text = f"maximum of the {'loss factor' if name == 'T_peak' else 'loss modulus'} over frequency"
+        made[name] = variable(dims, values, "degC", f"glass transition: {text}")
+        made[f"u_{name}"] = variable(dims, u, "K", f"standard uncertainty of the glass transition: {text}")
+    return xr.Dataset(made).dropna(dims, how="all") if len(made) > 1 else xr.Dataset(), reasons
 
 
 def _transition(T: Floats, storage: Floats, loss: Floats) -> list[tuple[float, float]]:

@@ -47,7 +47,7 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
     factor, u_scale = sweeps.attrs["u_modulus_factor"] / sweeps.attrs["modulus_factor"], sweeps.attrs["u_scale"]
     result = result.assign(known)
     transitions, no_transition = over_frequency(result)
-    result = result.assign(ends(result, float(np.hypot(factor, u_scale))) | transitions)
+    result = result.assign(ends(result, float(np.hypot(factor, u_scale)))).merge(transitions)
     consistency = asdict(made.kramers_kronig)
     consistency.pop("curves")
     result = result.assign({name: result[name].astype(np.int8) for name in ("extrapolated", "determined")})

@@ -221,14 +221,14 @@ def _shifts(master_curve: xr.Dataset) -> Section:
     if float(master_curve["delay"]):
         fits.append(("delay of the instrument's phase", pages.told(master_curve, "delay"), "removed"))
     folded = Details(f"Laws, and the shift factors of {T.size} temperatures", (KeyValues(fits), table))
-    if "T_peak" not in master_curve:
+    if "transition_frequency" not in master_curve.dims:
         return Section("Shift factors", (chart, folded))
     f = master_curve["transition_frequency"].values
     criteria: tuple[tuple[str, Literal["measured", "model"]], ...] = (("T_peak", "measured"), ("T_loss", "model"))
     drawn = [
         Series(_CRITERIA[n], f, master_curve[n].values, style="points", role=role, u=master_curve[f"u_{n}"].values)
         for n, role in criteria
-        if np.isfinite(master_curve[n].values).any()
+        if n in master_curve
     ]
     words = "By the shifts, at whole decades of the frequency for which it lies among the isotherms."
     shape = ("Glass transition over frequency", "frequency / Hz", "temperature / °C", drawn)

@@ -62,8 +62,7 @@ class Dimensions(Table, frozen=True, kw_only=True):
 
     def given(self) -> dict[str, Quantity]:
         """Return those that are stated, by their names."""
-        every = {name: getattr(self, name) for name in ("length", "width", "thickness", "diameter")}
-        return {name: value for name, value in every.items() if value is not None}
+        return {name: value for name, value in msgspec.structs.asdict(self).items() if isinstance(value, Quantity)}
 
 
 class Specimen(Dimensions, frozen=True, kw_only=True):
