@@ -22,7 +22,7 @@ def modulus_of(flat: Flat) -> dict[str, Quantity]:
     Examples
     --------
     >>> modulus_of("sapphire")
-    {'modulus of sapphire': Quantity(value=403000000000.0, u=10000000000.0, si='Pa')}
+    {'counter-body, sapphire': Quantity(value=403000000000.0, u=10000000000.0, si='Pa')}
     """
     body = counter_body_of(flat)
     name = "counter-body" if isinstance(flat, CounterBody) else f"{OF_LIBRARY}{flat}"

@@ -22,8 +22,8 @@ TEMPERATURE, POISSONS_RATIO, SPECIMEN = "temperature", "Poisson's ratio", "DMA, 
 """Names of variations; all others are modes of the rheometer's spectrum."""
 
 _OF_DMA = "DMA, "
-OF_LIBRARY = "modulus of "
-"""Beginning of the name of the counter-body's modulus, where the library knows it."""
+OF_LIBRARY = "counter-body, "
+"""Beginning of the name of a counter-body whose modulus is of the library."""
 _LEAST_WARMER = 3.0  # K
 _LEAST_POISSON = 0.03
 _LEAST_SCALE = 0.02
@@ -56,7 +56,7 @@ def is_unstated(name: str) -> bool:
 
     Examples
     --------
-    >>> [is_unstated(name) for name in ("DMA, mode 1", "DMA, specimen", "modulus of sapphire", "temperature")]
+    >>> [is_unstated(name) for name in ("DMA, mode 1", "DMA, specimen", "counter-body, sapphire", "temperature")]
     [True, False, True, False]
     """
     return name.startswith((_OF_DMA, OF_LIBRARY)) and not name.startswith(SPECIMEN)

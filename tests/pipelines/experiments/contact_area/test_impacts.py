@@ -135,7 +135,7 @@ def test_a_film_without_impacts_is_shown_all_over(tmp_path, monkeypatch) -> None
     film = drawn(
         valid=np.arange(frames) != 0, levels=(0.0, 255.0), shape=(frames, 20, 30), time=1e-3 * np.arange(frames)
     )
-    monkeypatch.setattr("pipelines.experiments.contact_area.measured.open_film", lambda path, rate, channel: film)
+    monkeypatch.setattr("pipelines.experiments.contact_area.measured.film_of", lambda path, settings: film)
     blank = ("centre_x", "centre_y", "radius", "semi_axis_major", "semi_axis_minor", "axis_angle", "u_radius")
     values = {name: ("frame", np.full(frames, np.nan)) for name in (*blank, "radius_systematic")}
     radius = xr.Dataset(
