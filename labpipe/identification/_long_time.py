@@ -43,8 +43,7 @@ class LongTimeModulus:
     ``end`` [s]: The longest time that the data cover. ``modulus`` [Pa]: Relaxation modulus at that time.
     ``u_ln_modulus``: Standard deviation of its logarithm. ``fall``, ``most_fall``: Share of the modulus that the
     decade of time before ``end`` took, and the upper end of its interval. ``low``, ``high`` [Pa]: Ends of the
-    interval; ``low`` is 0 where there is no plateau. ``left`` [Pa]: The least that is left after thirty years if
-    every further decade takes as many pascals.
+    interval; ``low`` is 0 where there is no plateau.
     """
 
     end: float
@@ -54,7 +53,6 @@ class LongTimeModulus:
     most_fall: float
     low: float
     high: float
-    left: float
     verdict: Verdict
 
 
@@ -80,7 +78,7 @@ def long_time_modulus(known: Posterior) -> LongTimeModulus:
     decades = max(log10(HORIZON / end), 0.0)
     left = max(modulus * (exp(-reach * u) - decades * taken), 0.0)
     if reach * u > _KNOWN:
-        return LongTimeModulus(end, modulus, u, fell, most, 0.0, float("inf"), 0.0, "not identifiable")
+        return LongTimeModulus(end, modulus, u, fell, most, 0.0, float("inf"), "not identifiable")
     is_flat = decades * taken <= PLATEAU
     verdict: Verdict = "identified" if is_flat else "bounded from above"
-    return LongTimeModulus(end, modulus, u, fell, most, left if is_flat else 0.0, high, left, verdict)
+    return LongTimeModulus(end, modulus, u, fell, most, left if is_flat else 0.0, high, verdict)

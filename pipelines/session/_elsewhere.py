@@ -106,7 +106,9 @@ def bundle(folder: str | Path, out: str | Path | None = None, *, decimal: str = 
     def contents(tables: Path) -> Iterator[tuple[str, bytes]]:
         yield FILE_NAME, session.path(FILE_NAME).read_bytes()
         records = dict.fromkeys(one.name for one in named_files(session) if one.name.endswith(".toml"))
-        yield from ((record, session.path(record).read_bytes()) for record in records if session.path(record).is_file())
+        for record in (one for one in records if session.path(one).is_file()):  # one may lie above the session
+            inside = "/".join(part for part in Path(record).parts if part != "..")
+            yield inside, session.path(record).read_bytes()
         yield from ((f"labpipe/{p.relative_to(session.folder).as_posix()}", p.read_bytes()) for p in pages)
         written = export(folder, "xlsx", out=tables).paths
         written += export(folder, "csv", stages=whole, out=tables, decimal=decimal).paths

@@ -199,7 +199,7 @@ def _note(options: FilmOptions, result: FilmResult) -> str:
     elif not result.has_fringes:
         note = "fringes not resolved: edge of the spot only"
     elif not (result.fits or result.edges or result.filled):
-        note = f"no contact found; one of less than {1e6 * least:.2g} µm in radius is not told from a touch"
+        note = f"no contact found; a radius below {1e6 * least:.2g} µm cannot be distinguished from a touch"
     else:
         note = f"fringes fitted in {len(result.fits)} of the frames looked at"
     if result.undecided:

@@ -62,7 +62,7 @@ def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
         # the middle of what is possible is half of the most
         most = quantity(2.0 * float(model["adhesion_shift"][0]), "m", 2)
         why = f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)})"
-        return f"up to {most} farther out", f"{why}; work_of_adhesion in session.toml tells it; {told}"
+        return f"up to {most} farther out", f"{why}; state work_of_adhesion in session.toml; {told}"
     if given.value == 0.0:
         return "at the radius", f"work_of_adhesion is stated as 0: the surfaces do not stick; {told}"
     return f"{pages.told(model, 'adhesion_shift', 0)} farther out", f"JKR with the stated {pages.stated(given)}; {told}"
@@ -130,8 +130,8 @@ def _over_time(
         curves.append(Series("model, aligned at the first impact", when[inside], a, role="model"))
     least = quantity(float(radius.attrs["least_radius"]), "m", 2)
     caption = (
-        f"Frames in which no contact was found stand at 0; one below {least} is not told from a touch. Bars: standard "
-        "uncertainty."
+        f"Frames without a contact are drawn at 0; contacts below {least} cannot be distinguished from a touch. Bars: "
+        "standard uncertainty."
     )
     labels = ("Contact radius", "time in the film / ms", "contact radius / mm")
     charts: list[Block] = [LineChart(*labels, tuple(curves), group=_GROUP, views=views, caption=caption)]
