@@ -4,6 +4,7 @@ One session of every kind by the thesis's own chain: sweeps of nylon, PTFE and r
 from 10 mm, its film, loads on PTFE and a punch in rubber. What is stated wrongly is one number.
 """
 
+import re
 import shutil
 import warnings
 from collections.abc import Callable
@@ -81,6 +82,9 @@ def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         write_specimens(folder, _SEED)
+        text = (folder / SESSION).read_text("utf-8")
+        # a temperature stated wrongly is that of the surface alone unless the sphere is stated as homogeneous
+        files.write_text(folder / SESSION, re.sub(r"((?:drop|film)\.sphere\]\n)", r"\1homogeneous = true\n", text))
         assert not process(folder, ["judgement"], jobs=0).failures
     return folder
 

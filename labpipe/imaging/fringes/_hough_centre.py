@@ -20,6 +20,8 @@ _VOTERS, _MOST_CENTRES = 1500, 3
 _CELL, _MARGIN = 4.0, 0.5
 #: Distance (reduced px) from a centre up to which the lines through it may pass, and the fewest that must do so.
 _NEAR, _LEAST_VOTERS = 24.0, 12
+#: Weakest over strongest determination of a centre, below which all lines are nearly parallel: a strip of a few rows.
+_STRIP = 0.02
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,26 @@ def _placed(x: Floats, y: Floats, along: Floats, weight: Floats, start: tuple[fl
         root = np.sqrt(weight[used])
         matrix = np.stack([along[1][used] * root, -along[0][used] * root], axis=1)
         (at_x, at_y), *_ = np.linalg.lstsq(matrix, matrix[:, 0] * x[used] + matrix[:, 1] * y[used])
+    values, vectors = np.linalg.eigh(matrix.T @ matrix)
+    if values[0] < _STRIP * values[1]:
+        side = vectors[:, 0]
+        shift = _asymmetry((x - at_x) * side[0] + (y - at_y) * side[1], side @ along, weight)
+        at_x, at_y = at_x + shift * side[0], at_y + shift * side[1]
     outward = ((x - at_x) * along[0] + (y - at_y) * along[1])[used]
     counts = np.bincount(np.abs(outward).astype(np.int64), weight[used])
     return Spot(float(at_x), float(at_y), int(counts.argmax()) + 0.5)
+
+
+def _asymmetry(place: Floats, rise: Floats, weight: Floats) -> float:
+    """Distance of the middle from which the rings lie alike on both sides, for steep places on a line through it.
+
+    ``place`` (n,): Along the line, from a first guess. ``rise`` (n,): Component of the slope's direction along it.
+    """
+    most = int(np.abs(place).max()) + 2
+    left, right = (
+        np.bincount(np.rint(np.maximum(side * place, 0.0)).astype(np.int64), side * rise * weight, minlength=most)
+        for side in (-1.0, 1.0)
+    )
+    left[0] = right[0] = 0.0  # places of the other side
+    alike = np.correlate(right, left, "full")
+    return 0.5 * float(int(alike.argmax()) - most + 1) if alike.max() > 0.0 else 0.0

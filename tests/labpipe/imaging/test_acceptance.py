@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.special import erf
 
 import instruments
@@ -204,11 +205,15 @@ def of_bar(texture: float, subset: int = 31) -> Figures:
 
 
 def assert_measured(found: Figures, rms: float, valid: float = 1.0) -> None:
-    """Error, coverage and share of valid results; ``rms`` [px] leaves two standard errors."""
+    """Error, coverage and share of valid results; ``rms`` [px] leaves two standard errors.
+
+    Beyond 5 u are as many as Student's t says, of an uncertainty from the residual of 49 blocks and three unknowns: in
+    one scene of twenty one more. None of fewer than 5,700 numbers.
+    """
     assert found.valid >= valid
     assert found.rms <= 1.06 * rms
     assert 0.92 <= found.within_2u <= 0.98
-    assert found.beyond_5u == 0
+    assert found.beyond_5u <= stats.poisson.ppf(0.95, found.count * 2.0 * stats.t.sf(5.0, 46))
 
 
 def test_front_film_of_films() -> None:
