@@ -116,7 +116,8 @@ def calibrate(
                 free = attempt(known, *group)
                 found = known if free is None else known.with_means(free, group, stated)
             trial = attempt(found)
-            if trial is not None and trial.is_better_than(best):
+            # errors of a model are shared by the pixels of a fringe: the squared misfit must lose half of what it was
+            if trial is not None and trial.gain_over(best) > 0.0 and 2.0 * trial.excess < best.excess:
                 better.append((trial, found))
         if not better:
             break

@@ -44,7 +44,9 @@ def choose_edges(result: FilmResult, *, any_disc: bool) -> None:
         for index, blank in result.blanks.items()
         if index not in result.fits
         for edge in blank.edges[::-1]
-        if (edge.inside < edge.outside) == is_dark and _is_sharp(edge, result.view)
+        # as sharp as that of a contact at rest, for which Hertz's gap makes it 0.4
+        if (edge.inside < edge.outside) == is_dark
+        and edge.softness <= max(0.75 * edge_width(edge.half_radius, result.view.optics), 2.0)
     }
     if any_disc:
         result.edges |= sharp
@@ -65,11 +67,6 @@ def choose_edges(result: FilmResult, *, any_disc: bool) -> None:
         if not found:
             return
         result.edges |= found
-
-
-def _is_sharp(edge: Edge, view: View) -> bool:
-    """Tell whether the edge of a spot is as sharp as that of a contact at rest, for which Hertz's gap makes it 0.4."""
-    return edge.softness <= max(0.75 * edge_width(edge.half_radius, view.optics), 2.0)
 
 
 def runs_of(frames: list[int]) -> list[list[int]]:

@@ -6,7 +6,6 @@ import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
@@ -86,7 +85,10 @@ def make_dataset(
     values["radius_systematic"] = np.sqrt((parts**2).sum(axis=1))
     method[result.resting] = RESTING
     method[list(result.filled)] = FILLED
-    _interpolate(values, parts, method, film.time)
+    known, resting = np.isin(method, (FRINGES, EDGE, OPEN_GAP)), method == RESTING
+    for line in (*values.values(), *parts.T) if known.any() else ():  # frames at rest that were not read
+        line[resting] = np.interp(film.time[resting], film.time[known], line[known])
+    method[resting] = RESTING if known.any() else NONE
     for text in _warnings(options, result):
         warnings.warn(text, UserWarning, stacklevel=3)
     data = {name: variable("frame", values[name], *text) for name, text in _TEXTS.items()}
@@ -127,17 +129,6 @@ def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmRe
     values["residual_ratio"][index] = fit.residual / max(fit.noise, 1e-12)
     values["gap_factor"][index] = math.exp(fit.value(Parameter.SCALE))
     values["visibility"][index] = fit.visibility(result.view.black)
-
-
-def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], time: Floats) -> None:
-    """Fill the frames at rest that were not read from those before and after."""
-    known = np.flatnonzero(np.isin(method, (FRINGES, EDGE, OPEN_GAP)))
-    resting = np.flatnonzero(method == RESTING)
-    if not len(known):
-        method[resting] = NONE
-        return
-    for line in (*values.values(), *parts.T):
-        line[resting] = np.interp(time[resting], time[known], line[known])
 
 
 def _warnings(options: FilmOptions, result: FilmResult) -> list[str]:

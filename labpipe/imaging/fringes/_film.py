@@ -72,17 +72,6 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     return View(optics, settings, (film.shape[1], film.shape[2]), black, white)
 
 
-def _open_properties(film: FrameSource, options: FilmOptions) -> Properties:
-    """Properties of the optics that the film may show to differ from the stated ones.
-
-    A strip four times as long as wide shows rings in one direction, where an ellipse cannot be distinguished from
-    another scale: it is the scale that is asked for, or a wrong one would be taken for an oblique view.
-    """
-    is_round = options.shape != "auto" or 4 * min(film.shape[1:]) < max(film.shape[1:])
-    is_left_out = {AXES: is_round, (Parameter.PHASE,): options.phase is not None}
-    return tuple(group for group in PROPERTIES if not is_left_out.get(group, False))
-
-
 def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags) -> Flags:
     """Fit the frames that need it, and calibrate the optics on the way. Return the frames read."""
     read = wanted
@@ -90,7 +79,11 @@ def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, w
     if not options.full and wanted.sum() > _SHORT_FILM:
         read, fits = _gate(reader, result, wanted)
     fits = _follow(reader, result, read, fits)
-    stated, properties = result.view, _open_properties(reader.film, options)
+    # in a strip four times as long as wide an ellipse cannot be distinguished from another scale
+    is_round = options.shape != "auto" or 4 * min(reader.film.shape[1:]) < max(reader.film.shape[1:])
+    is_left_out = {AXES: is_round, (Parameter.PHASE,): options.phase is not None}
+    properties = tuple(group for group in PROPERTIES if not is_left_out.get(group, False))
+    stated = result.view
     known = _search_optics(reader, result, fits, properties)
     if not known.is_usual:
         result.view = known.applied(stated)

@@ -47,13 +47,6 @@ class Trial:
             gain -= parameters * math.log(max(one.pixels, 2))
         return gain
 
-    def is_better_than(self, other: "Trial") -> bool:
-        """Tell whether these optics explain the frames better by the criterion, and not errors of a model.
-
-        These are shared by the pixels of a fringe, so that the squared misfit must also lose half of what it was.
-        """
-        return self.gain_over(other) > 0.0 and 2.0 * self.excess < other.excess
-
 
 def fit_frames(
     images: Sequence[NDArray[np.generic]], starts: Sequence[RingFit], view: View, extra: Sequence[Parameter] = ()
