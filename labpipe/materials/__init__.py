@@ -32,7 +32,6 @@ if TYPE_CHECKING:
         Thermal as Thermal,
         describe as describe,
         load as load,
-        polymer_in as polymer_in,
         read_material as read_material,
         solid as solid,
         thermal as thermal,

@@ -225,18 +225,25 @@ def _anchors(sections: Sequence[Section]) -> list[str]:
     return taken
 
 
-def _with_jpeg(sections: Sequence[Section], excess: int) -> tuple[Section, ...]:
-    """Return sections with their PNG pictures as JPEG: noise is expensive in lossless formats.
+def smaller_pictures(pictures: Sequence[Picture], most: int) -> list[Picture]:
+    """Return PNG pictures as JPEG where they take more than ``most`` bytes: noise is expensive in lossless formats.
 
-    The quality is the best that saves ``excess`` bytes. Pictures that JPEG does not make smaller, and those with
+    The quality is the best in which all keep to it, if any. Pictures that JPEG does not make smaller, and those with
     transparency, stay as they are.
     """
-    pictures: list[Picture] = list(_found(sections, (Picture,)))
-    made: dict[int, Picture] = {}
+    made = list(pictures)
     for quality in _QUALITIES:
-        made = {id(picture): _as_jpeg(picture, quality) for picture in pictures}
-        if sum(len(p.address) - len(made[id(p)].address) for p in pictures) >= excess:
+        if sum(len(picture.address) for picture in made) <= most:
             break
+        made = [_as_jpeg(picture, quality) for picture in pictures]
+    return made
+
+
+def _with_jpeg(sections: Sequence[Section], excess: int) -> tuple[Section, ...]:
+    """Return sections with smaller pictures, which save ``excess`` bytes if they can."""
+    pictures: list[Picture] = list(_found(sections, (Picture,)))
+    smaller = smaller_pictures(pictures, sum(len(picture.address) for picture in pictures) - excess)
+    made = {id(picture): other for picture, other in zip(pictures, smaller, strict=True)}
 
     def changed(block: Any) -> Any:
         if isinstance(block, Picture):

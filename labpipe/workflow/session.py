@@ -3,11 +3,10 @@
 Versions of the file, newest first:
 
 1. ``[session]`` with title, operator, notes, synthetic, licence, files; ``[[creators]]`` with name, orcid, affiliation;
-   ``[defaults.KIND]``; ``[experiments.NAME]``
-   with ``kind`` and the fields of that kind; ``[variants.NAME]`` with ``base``, an experiment, and the fields that
-   differ from it; ``laboratory``, the name of the laboratory's file in a folder above, which has ``[defaults.KIND]``
-   and parts, ``[SETTING.NAME]`` such as ``[sphere.A3]``, that sessions refer to by name, ``sphere = "A3"``, or
-   change, ``sphere = { from = "A3", mass = "506 g" }``.
+   ``[defaults.KIND]``; ``[experiments.NAME]`` with ``kind`` and the fields of that kind; ``[variants.NAME]`` with
+   ``base``, an experiment, and the fields that differ from it; ``laboratory``, the name of the laboratory's file in a
+   folder above, which has ``[defaults.KIND]`` and parts, ``[SETTING.NAME]`` such as ``[sphere.A3]``, that sessions
+   refer to by name, ``sphere = "A3"``, or change, ``sphere = { from = "A3", mass = "506 g" }``.
 """
 
 import re

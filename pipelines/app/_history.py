@@ -12,7 +12,6 @@ from typing import Any
 
 from labpipe import files
 from labpipe.errors import InputError
-from labpipe.files import safe_join
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app._edits import EXPERIMENTS, inline
 from pipelines.experiments import KINDS
@@ -99,18 +98,18 @@ def write(folder: Path, old: Mapping[str, str], new: Mapping[str, str]) -> list[
     names = sorted(changed, key=lambda name: name == FILE_NAME)
     when = f"{datetime.now(UTC):%Y-%m-%d %H.%M.%S.%f}"
     for name in names:
-        files.write_text(safe_join(folder, f"{_FOLDER}/{when}/{name}"), old.get(name, ""))
+        files.write_text(files.safe_join(folder, f"{_FOLDER}/{when}/{name}"), old.get(name, ""))
     for name in names:
         if name in new:
-            files.write_text(safe_join(folder, name), new[name])
+            files.write_text(files.safe_join(folder, name), new[name])
         else:
-            safe_join(folder, name).unlink()
+            files.safe_join(folder, name).unlink()
     return names
 
 
 def versions(folder: Path) -> list[str]:
     """Return the names of the versions that were kept, the latest first."""
-    kept = safe_join(folder, _FOLDER)
+    kept = files.safe_join(folder, _FOLDER)
     return sorted((place.name for place in kept.iterdir() if place.is_dir()), reverse=True) if kept.is_dir() else []
 
 
@@ -118,5 +117,5 @@ def version(folder: Path, name: str) -> dict[str, str]:
     """Return the texts of a version by file; an empty one was not there."""
     if name not in versions(folder):
         raise InputError(f'there is no version "{name}" of the set-up')
-    kept = safe_join(folder, f"{_FOLDER}/{name}")
+    kept = files.safe_join(folder, f"{_FOLDER}/{name}")
     return {p.relative_to(kept).as_posix(): p.read_bytes().decode("utf-8-sig") for p in files.files_below(kept)}

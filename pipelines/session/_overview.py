@@ -63,7 +63,7 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
         from pipelines.experiments.shared.pages import LIMITS
         from pipelines.guide import standalone
 
-        files.write_text((session.folder / page_name("x")).parent / LIMITS, standalone("limits"))
+        files.write_text(session.folder / f"reports/{LIMITS}", standalone("limits"))
         files.write_text(path, _page(results, verdicts, notes) + mark)
     return path
 

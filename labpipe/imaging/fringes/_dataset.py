@@ -86,9 +86,11 @@ def make_dataset(
     method[result.resting] = RESTING
     method[list(result.filled)] = FILLED
     known, resting = np.isin(method, (FRINGES, EDGE, OPEN_GAP)), method == RESTING
-    for line in (*values.values(), *parts.T) if known.any() else ():  # frames at rest that were not read
-        line[resting] = np.interp(film.time[resting], film.time[known], line[known])
-    method[resting] = RESTING if known.any() else NONE
+    if known.any():
+        for line in (*values.values(), *parts.T):  # frames at rest that were not read
+            line[resting] = np.interp(film.time[resting], film.time[known], line[known])
+    else:
+        method[resting] = NONE
     for text in _warnings(options, result):
         warnings.warn(text, UserWarning, stacklevel=3)
     data = {name: variable("frame", values[name], *text) for name, text in _TEXTS.items()}

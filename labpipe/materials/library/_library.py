@@ -8,7 +8,6 @@ here are no measurement of the thesis's specimens, and a page that uses them say
 from __future__ import annotations
 
 import math
-import re
 import tomllib
 from dataclasses import dataclass
 from functools import cache
@@ -184,18 +183,6 @@ def load(name: str | Path, temperature: float | None = None) -> Prony:
     0.35
     """
     return describe(name).at(temperature)
-
-
-def polymer_in(text: str) -> str | None:
-    """Return the material of the library that a name of an experiment or file holds as a word; None for none.
-
-    Examples
-    --------
-    >>> polymer_in("PMMA_dma"), polymer_in("dma of teflon.csv"), polymer_in("sphere 3")
-    ('acrylic', 'ptfe', None)
-    """
-    words = re.split(r"[^a-z0-9]+", text.casefold())
-    return next((known for word in words if (known := _ALSO_CALLED.get(word, word)) in NAMES), None)
 
 
 def describe(name: str | Path) -> Material:

@@ -17,7 +17,7 @@ from labpipe.arrays import Floats
 from labpipe.errors import EXCHANGED, InputError
 from labpipe.frames import FrameSource, IncompleteFilmWarning
 from labpipe.judging import Check, Level, stated
-from labpipe.report import Gallery, Picture, quantity
+from labpipe.report import Gallery, Picture, quantity, smaller_pictures
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
@@ -26,7 +26,6 @@ from pipelines.experiments.shared.exclusions import excluded, without_frames
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _MOST_FRAMES = 60  # of a strip: a second and a half at forty a second, and few enough to step through
 _STRIP_BYTES = 1_500_000  # that a strip takes of a page, in base64
-_JPEG = (90, 80, 65)  # qualities, tried in turn; at 65 edges begin to show it
 _WIDEST = 640  # px of a stored key frame, as wide as a page shows it
 _SMALLEST = 480  # px; smaller frames are drawn enlarged
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
@@ -204,22 +203,14 @@ def strip(
 
     ``drawn``: picture (BGR), description, caption and place of each; ``start``: the one that is shown first.
     """
-    # Half the colour resolution would blur a thin coloured circle.
-    whole = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
-    kept, encoded = [*range(len(drawn))], [png(image) for image, *_ in drawn]
-    for quality in _JPEG:
-        if _in_page(encoded) > _STRIP_BYTES:
-            options = (cv2.IMWRITE_JPEG_QUALITY, quality, *whole)
-            encoded = [cv2.imencode(".jpg", image, options)[1].tobytes() for image, *_ in drawn]
-    while len(kept) > 3 and _in_page(encoded[i] for i in kept) > _STRIP_BYTES:
+    whole = [Picture(png(image), alt, caption, at) for image, alt, caption, at in drawn]
+    frames = smaller_pictures(whole, _STRIP_BYTES)
+    kept = [*range(len(frames))]
+    while len(kept) > 3 and sum(len(frames[i].address) for i in kept) > _STRIP_BYTES:
         kept = sorted({*kept[::2], start})
-    frames = [Picture(encoded[i], *drawn[i][1:]) for i in kept]
     step = "Step with ‹ and ›, or with the arrow keys on the slider."
-    return Gallery(title, frames, start=kept.index(start), **more | {"caption": f"{more.get('caption', '')} {step}"})
-
-
-def _in_page(encoded: Iterable[bytes]) -> float:
-    return sum(4 / 3 * len(data) for data in encoded)
+    shown = [frames[i] for i in kept]
+    return Gallery(title, shown, start=kept.index(start), **more | {"caption": f"{more.get('caption', '')} {step}"})
 
 
 def _header_lines(header: Any) -> list[str]:

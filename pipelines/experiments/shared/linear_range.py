@@ -9,6 +9,7 @@ import xarray as xr
 
 from labpipe import materials
 from labpipe.report import quantity, value_with_uncertainty
+from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.settings import Sphere
 
 _ONSET = 1.6
@@ -32,7 +33,7 @@ def linear_range(
     pressure, duration = float(made["peak_pressure"][0]), float(made["contact_duration"][0])
     strain = _MEAN_STRAIN * float(made["peak_contact_radius"][0]) / sphere.radius.value
     found = {"pressure": pressure, "strain": strain, "sweeps": None if fitted is None else fitted.attrs.get("strain")}
-    named = file or materials.polymer_in(sphere.source)
+    named = file or material_word(sphere.source)
     stress = None if named is None else materials.describe(named).yield_stress
     if stress is None or not isfinite(duration):
         return found
