@@ -1,4 +1,7 @@
-"""The one-way rule: who may import whom, read from the source, not from what happens to load."""
+"""The one-way rule: who may import whom, read from the source, not from what happens to load.
+
+Verbs ask the kinds of experiment and name none; the thesis's figures lie beneath nothing.
+"""
 
 import ast
 import graphlib
@@ -6,8 +9,11 @@ import shutil
 import subprocess
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
+
+from pipelines.experiments import KINDS
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("labpipe", "instruments", "calibration", "pipelines")
@@ -52,20 +58,66 @@ BELOW = {
 }
 
 
-@cache
-def nodes(path: Path) -> tuple[ast.AST, ...]:
-    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+class Facts(NamedTuple):
+    """One module, read once; its syntax tree is not kept."""
+
+    imports: frozenset[str]
+    """Names of modules imported as such."""
+    taken: tuple[tuple[str, str], ...]
+    """Module and name of every ``from … import …``."""
+    given: frozenset[str]
+    """Names that it gives away: in ``__all__``, or imported as themselves."""
+    texts: tuple[tuple[int, str], ...]
+    """Lines and values of string constants that are one word."""
+    writes: tuple[tuple[int, str], ...]
+    """Lines and names of calls that write files."""
+    evaluates: tuple[tuple[int, str], ...]
+    """Lines and names of calls that run code or pickles from data."""
+
+
+WRITERS = ("to_netcdf", "savefig", "write_text", "write_bytes", "imwrite")
 
 
 @cache
-def imported_modules(path: Path) -> set[str]:
-    found = set()
-    for node in nodes(path):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+def facts(path: Path) -> Facts:
+    imports, taken, given, texts, evaluates = set(), [], set(), [], []
+    writers: list[tuple[int, str, str, str]] = []
+    buffers = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        match node:
+            case ast.Import():
+                imports |= {alias.name for alias in node.names}
+            case ast.ImportFrom(module=str(module)):
+                taken += [(module, alias.name) for alias in node.names]
+                given |= {alias.name for alias in node.names if alias.asname == alias.name}
+            case ast.Assign(targets=[ast.Name("__all__")]):
+                given |= set(ast.literal_eval(node.value))
+            case ast.Assign(value=ast.Call(func=ast.Name("BytesIO"))):
+                buffers |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+            case ast.Constant(value=str(value)) if value.isidentifier():
+                texts.append((node.lineno, value))
+            case ast.keyword(arg="allow_pickle"):
+                evaluates.append((node.value.lineno, "allow_pickle"))
+            case ast.Call(func=ast.Name("eval" | "exec" as name)):
+                evaluates.append((node.lineno, name))
+            case ast.Call(func=ast.Attribute(attr=attr, value=owner)) if attr in WRITERS:
+                target = node.args[0].id if node.args and isinstance(node.args[0], ast.Name) else ""
+                writers.append((node.lineno, attr, owner.id if isinstance(owner, ast.Name) else "", target))
+            case ast.Call(func=ast.Name("open"), args=[_, ast.Constant(value=mode), *_]) if set(str(mode)) & set(
+                "wax+"
+            ):
+                writers.append((node.lineno, "open", "", ""))
+    writes = [
+        (line, name)
+        for line, name, owner, target in writers
+        if owner != "files" and not (name == "savefig" and target in buffers)
+    ]
+    return Facts(frozenset(imports), tuple(taken), frozenset(given), tuple(texts), tuple(writes), tuple(evaluates))
+
+
+@cache
+def imported_modules(path: Path) -> frozenset[str]:
+    return facts(path).imports | {f"{module}.{name}" for module, name in facts(path).taken}
 
 
 @cache
@@ -137,28 +189,16 @@ def folder_of(module: str) -> str:
 @cache
 def taken(module: str) -> frozenset[str]:
     """Modules of ours that a module imports, wherever in it the import stands."""
-    found = set()
-    for node in nodes(modules()[module]):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            for alias in node.names:
-                inner = f"{node.module}.{alias.name}"
-                is_module = inner in modules() and alias.name not in exported(node.module)
-                found.add(inner if is_module else node.module)
+    of = facts(modules()[module])
+    found = set(of.imports)
+    for source, name in of.taken:
+        inner = f"{source}.{name}"
+        found.add(inner if inner in modules() and name not in exported(source) else source)
     return frozenset(found & set(modules()))
 
 
-@cache
 def exported(package: str) -> frozenset[str]:
-    """Names that the face of a package gives away: in ``__all__``, or imported as themselves."""
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(modules()[package].read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
-            found |= set(ast.literal_eval(node.value))
-        elif isinstance(node, ast.ImportFrom):
-            found |= {alias.name for alias in node.names if alias.asname == alias.name}
-    return frozenset(found)
+    return facts(modules()[package]).given
 
 
 ROOMS = (*(f"labpipe.{part}" for part in BELOW if part != "workflow"), "instruments")
@@ -242,42 +282,14 @@ def test_root_holds_nothing_beyond_the_agreed_layout() -> None:
 
 def test_only_the_file_module_writes_files() -> None:
     """One function writes files; anything else could leave half a file behind."""
-    forbidden = ("to_netcdf", "savefig", "write_text", "write_bytes", "imwrite")
-    wrong = []
-    for package in PACKAGES:
-        for path in sources(package):
-            if path.relative_to(ROOT).as_posix() == "labpipe/files.py":
-                continue
-            for node in nodes(path):
-                if not isinstance(node, ast.Call):
-                    continue
-                if isinstance(node.func, ast.Attribute) and node.func.attr in forbidden:
-                    owner = node.func.value
-                    name = owner.id if isinstance(owner, ast.Name) else ""
-                    if node.func.attr == "savefig" and writes_to_memory(node, path):
-                        continue
-                    if name != "files":
-                        wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.func.attr}")
-                if isinstance(node.func, ast.Name) and node.func.id == "open":
-                    modes = [a.value for a in node.args[1:2] if isinstance(a, ast.Constant)]
-                    if any(set(str(m)) & set("wax+") for m in modes):
-                        wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} open")
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line} {name}"
+        for package in PACKAGES
+        for path in sources(package)
+        if path.relative_to(ROOT).as_posix() != "labpipe/files.py"
+        for line, name in facts(path).writes
+    ]
     assert wrong == []
-
-
-def writes_to_memory(call: ast.Call, path: Path) -> bool:
-    """Tell whether the target of a call is a buffer made in the same file."""
-    buffers = {
-        target.id
-        for node in nodes(path)
-        if isinstance(node, ast.Assign)
-        and isinstance(node.value, ast.Call)
-        and isinstance(node.value.func, ast.Name)
-        and node.value.func.id == "BytesIO"
-        for target in node.targets
-        if isinstance(target, ast.Name)
-    }
-    return bool(call.args) and isinstance(call.args[0], ast.Name) and call.args[0].id in buffers
 
 
 def test_nothing_loads_code_or_pickles_from_data() -> None:
@@ -289,12 +301,80 @@ def test_nothing_loads_code_or_pickles_from_data() -> None:
         for name in imported_modules(path)
         if name.split(".")[0] in names
     ]
-    for package in PACKAGES:
-        for path in sources(package):
-            for node in nodes(path):
-                is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-                if is_call and node.func.id in {"eval", "exec"}:
-                    wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.func.id}")
-                if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
-                    wrong.append(f"{path.relative_to(ROOT)} allow_pickle")
+    wrong += [
+        f"{path.relative_to(ROOT)}:{line} {name}"
+        for package in PACKAGES
+        for path in sources(package)
+        for line, name in facts(path).evaluates
+    ]
     assert wrong == []
+
+
+EXPERIMENTS = ROOT / "pipelines/experiments"
+MAY_NAME_KINDS = tuple(ROOT / "pipelines" / name for name in ("rig", "figures", "bench"))
+HOMES = {name: f"pipelines.experiments.{name}" for name in KINDS}
+
+
+PHYSICS = tuple(ROOT / "labpipe" / name for name in ("signals", "imaging", "materials", "contact", "identification"))
+"""A relaxation and a harmonic are phenomena there, before they are kinds of experiment."""
+
+
+def verbs(package: str) -> list[Path]:
+    """Return the modules that must not know which kinds there are."""
+    rooms = (*MAY_NAME_KINDS, *PHYSICS, *(EXPERIMENTS / name for name in KINDS))
+    return [p for p in sources(package) if not any(room in p.parents for room in rooms)]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_module_outside_its_room_names_a_kind(package: str) -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{line} {value}"
+        for path in verbs(package)
+        for line, value in facts(path).texts
+        if value in KINDS
+    ]
+    assert found == []
+
+
+def test_only_the_registry_and_its_own_room_import_from_a_kind() -> None:
+    found = [
+        f"{path.relative_to(ROOT)} imports {module}"
+        for path in verbs("pipelines")
+        if path != EXPERIMENTS / "_registry.py"
+        for module in imported_modules(path)
+        for home in HOMES.values()
+        if module == home or module.startswith(f"{home}.")
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_a_kind_imports_from_no_other(kind: str) -> None:
+    others = [home for name, home in HOMES.items() if name != kind]
+    found = [
+        f"{path.relative_to(ROOT)} imports {module}"
+        for path in (EXPERIMENTS / kind).rglob("*.py")
+        for module in imported_modules(path)
+        if any(module.startswith(f"{home}.") for home in others)
+    ]
+    assert found == []
+
+
+def test_every_room_is_that_of_a_kind() -> None:
+    rooms = {path.name for path in EXPERIMENTS.iterdir() if (path / "kind.py").is_file()}
+    assert rooms == set(KINDS)
+    assert {path.name for path in EXPERIMENTS.iterdir() if path.is_dir()} - rooms <= {"shared", "__pycache__"}
+
+
+def test_figures_lie_beneath_nothing() -> None:
+    figures = ROOT / "pipelines/figures"
+    above = {figures, ROOT / "pipelines/commands"}
+    found = [
+        f"{path.relative_to(ROOT)} imports {module}"
+        for package in PACKAGES
+        for path in sources(package)
+        if not above & set(path.parents) and path != FRONT_DOOR
+        for module in imported_modules(path)
+        if module.startswith("pipelines.figures")
+    ]
+    assert found == []
