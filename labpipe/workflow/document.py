@@ -226,9 +226,7 @@ def _scan(text: str) -> tuple[dict[Place, int], dict[Place, tuple[int, bool]]]:
                 lines[place] = at
             if part in "[{":
                 inside.append((place, 0 if part == "[" else None))
-                state, keys = "value" if part == "[" else "key", []
-            else:
-                state = "done"
+            state, keys = {"[": "value", "{": "key"}.get(part, "done"), []
         elif part in "]}" and inside:
             place, _ = inside.pop()
             if part == "]":
