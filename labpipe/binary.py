@@ -9,25 +9,15 @@ from numpy.typing import NDArray
 
 from labpipe.errors import SourceError
 
-#: Bytes looked at before they are given back; what is read again soon should still be there.
-_KEPT = 64 * 2**20
+_KEPT = 1 << 26
+"""Bytes looked at before they are given back; what is read again soon should still be there."""
 
 
 class Window:
     """A memory-mapped file from which nothing beyond its end can be read.
 
-    Pages that were read (:meth:`note_use`) are given back to the system now and then, so that
-    going through a large file does not fill this process's memory with it.
-
-    Parameters
-    ----------
-    path : Path
-        The file; it is mapped, not loaded.
-
-    Raises
-    ------
-    SourceError
-        The file is missing, unreadable or empty.
+    Pages that were read (:meth:`note_use`) are given back to the system now and then, so that going through a large
+    file does not fill this process's memory. Raises SourceError where it is missing, unreadable or empty.
     """
 
     def __init__(self, path: Path) -> None:
@@ -51,11 +41,6 @@ class Window:
         """Count bytes that were looked at; give the pages back when there were many.
 
         The system still holds them as long as it has room, and arrays made of them stay valid.
-
-        Parameters
-        ----------
-        length : int
-            How many.
         """
         self._used += length
         if self._used > _KEPT and hasattr(mmap, "MADV_DONTNEED"):
@@ -63,16 +48,9 @@ class Window:
             self._used = 0
 
     def field(self, layout: str, offset: int, what: str) -> int | float:
-        """Read one little-endian number.
+        """Read one little-endian number at an offset [bytes], by a letter of :mod:`struct`.
 
-        Parameters
-        ----------
-        layout : str
-            A :mod:`struct` letter, such as ``I``.
-        offset : int
-            Position in bytes.
-        what : str
-            Name of the field, for the message when it lies outside the file.
+        The last argument names the field in the message where it is outside the file.
         """
         (value,) = struct.unpack("<" + layout, self.take(offset, struct.calcsize(layout), what))
         return value
@@ -93,13 +71,7 @@ class Window:
         return self.bytes[offset : offset + length].view(kind)
 
     def require(self, offset: int, length: int, what: str) -> None:
-        """Refuse a field that the file does not hold.
-
-        Raises
-        ------
-        SourceError
-            The field begins or ends outside the file.
-        """
+        """Refuse a field that begins or ends outside the file, by SourceError."""
         if offset < 0 or length < 0 or offset + length > self.size:
             raise SourceError(
                 self.path,

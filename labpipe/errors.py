@@ -1,18 +1,5 @@
 """The errors that labpipe raises, and the exit code of the command line for each.
 
-::
-
-    LabpipeError (1)
-    ├── UsageError (2)            the command was called wrongly
-    ├── SourceError (3)           a file cannot be read as the format it seems to have
-    ├── ConfigError (3)           session.toml holds one or more mistakes, all listed
-    ├── CalibrationError (3)      a calibration record is missing, expired, or for another view
-    ├── InputError (3)            a value handed to a function is outside its domain
-    ├── InstallationError (3)     files of the program are not its own, or not those it began with
-    ├── StageError (1)            one step of one experiment failed; the others go on
-    ├── StoreError (4)            a stored result is damaged
-    └── StorageError (5)          no space, or no permission, to write a result
-
 Every message gives the place, the finding, the expectation and the remedy.
 """
 
@@ -27,23 +14,16 @@ UNKNOWN_FORMAT, NO_FILM, NO_MATERIAL, MATERIAL_FILE = "unknown format", "no film
 UNREADABLE, UNSAID, NO_INPUT = "unreadable", "left unsaid", "no input"
 """Reasons: rows of two instants; width and height exchanged; a record that begins in motion; a marker in place of a
 reading; a file that nothing reads, a folder without a film; a name that is no material, a file that is no whole one; a
-file that is not what it claims to be in another way, or that leaves unsaid what reading it needs;
+file that contradicts its format in another way, or that does not state a value needed to read it;
 a step before that gave no result."""
 
 
 class LabpipeError(Exception):
-    """Root of all errors that labpipe raises on purpose.
+    """Root of all errors that labpipe raises on purpose, with the exit code of the command line.
 
-    Attributes
-    ----------
-    exit_code : int
-        Of the command line.
-    is_of_run : bool
-        Whether the run was stopped by something else than its input: such an error says
-        nothing about a record, and the same run may succeed another time.
-    reason : str
-        One of the constants of this module, or the name of a wrong argument, where a caller acts on why it
-        was raised; else empty.
+    ``is_of_run`` says that the run was stopped by something else than its input: such an error says nothing about a
+    record, and the same run may succeed another time. ``reason`` is one of the constants of this module, or the name of
+    a wrong argument, where a caller acts on why it was raised; else empty.
     """
 
     exit_code = 1
@@ -67,14 +47,10 @@ class SourceError(LabpipeError):
 
     Parameters
     ----------
-    path : path-like
-        The file.
-    message : str
-        The finding and the expectation.
-    line, column : int, optional
-        Position in a text file, both counted from 1.
-    offset : int, optional
-        Position in a binary file in bytes, counted from 0.
+    path, message
+        The file; the finding and the expectation.
+    line, column, offset : int, optional
+        Position in a text file, both counted from 1, or in a binary file [bytes], counted from 0.
     hint : str, optional
         Remedy for the user.
     """
@@ -92,12 +68,8 @@ class SourceError(LabpipeError):
         offset: int | None = None,
         hint: str | None = None,
     ) -> None:
-        self.path = str(path)
-        self.message = message
-        self.line = line
-        self.column = column
-        self.offset = offset
-        self.hint = hint
+        self.path, self.message, self.hint = str(path), message, hint
+        self.line, self.column, self.offset = line, column, offset
         super().__init__(self.__str__())
 
     def __str__(self) -> str:
@@ -119,13 +91,7 @@ class SourceError(LabpipeError):
 
 
 class ConfigError(LabpipeError):
-    """One or more mistakes in ``session.toml`` (or a calibration record), all listed at once.
-
-    Parameters
-    ----------
-    problems : sequence of str
-        One line each, already formatted as ``file:line: key: mistake``.
-    """
+    """One or more mistakes in ``session.toml`` (or a calibration record), each as ``file:line: key: mistake``."""
 
     exit_code = 3
 
@@ -158,22 +124,12 @@ class InputError(LabpipeError, ValueError):
 
 
 class StageError(LabpipeError):
-    """One step of one experiment could not be made, or gave an unusable result.
-
-    Parameters
-    ----------
-    experiment, stage : str
-        Where it failed.
-    message : str
-        Finding, expectation and remedy.
-    """
+    """One step of one experiment could not be made, or gave an unusable result."""
 
     is_of_run = True
 
     def __init__(self, experiment: str, stage: str, message: str) -> None:
-        self.experiment = experiment
-        self.stage = stage
-        self.message = message
+        self.experiment, self.stage, self.message = experiment, stage, message
         super().__init__(f"{experiment}: {stage}: {message}")
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -36,14 +36,7 @@ _BLOCK = 1 << 20
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write a file so that it exists complete or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-        Where to; missing folders are made.
-    data : bytes
-        The whole content.
+    """Write a file, and missing folders, so that it exists complete or not at all.
 
     Raises
     ------
@@ -55,22 +48,7 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 def write_chunks(path: str | os.PathLike[str], size: int, chunks: Iterable[bytes]) -> None:
-    """Write a file piece by piece, for one that is too large to hold in memory.
-
-    Parameters
-    ----------
-    path : path-like
-        Where to; missing folders are made.
-    size : int [bytes]
-        How much will come, for the check of free space.
-    chunks : iterable of bytes
-        The content in order.
-
-    Raises
-    ------
-    StorageError
-        There is no space, or no permission; see :func:`write_bytes`.
-    """
+    """Write a file too large to hold in memory, of ``size`` bytes, piece by piece; see :func:`write_bytes`."""
     total = hashlib.sha256()
 
     def fill(part: Path) -> None:
@@ -95,19 +73,12 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> "xr.Da
     """Write a Dataset as netCDF-4 with checksums, verified value by value before it exists.
 
     The bytes depend on the Dataset alone. Attributes that netCDF cannot hold (None, bool, dict,
-    lists of anything but numbers) become JSON text, and :func:`read_dataset` returns that text.
-
-    Parameters
-    ----------
-    path : path-like
-        Where to; missing folders are made.
-    dataset : Dataset
-        Variables of numbers, booleans or text. Times are numbers in s.
+    lists of anything but numbers) become JSON text. Variables are numbers, booleans or text; times are numbers in s.
 
     Returns
     -------
     Dataset
-        The Dataset read back, as :func:`read_dataset` returns it.
+        Read back, as :func:`read_dataset` returns it.
 
     Raises
     ------
@@ -155,15 +126,9 @@ def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":
 
 
 def append_line(path: str | os.PathLike[str], text: str) -> None:
-    """Append one line to a log.
+    """Append one line to a log; raises StorageError where there is no space, or no permission.
 
-    A last line that a killed process left without its end is closed first, so that it spoils no
-    other line.
-
-    Raises
-    ------
-    StorageError
-        There is no space, or no permission.
+    A last line that a killed process left without its end is closed first, so that it spoils no other line.
     """
     target = Path(path)
     data = text.encode("utf-8", "replace") + b"\n"
@@ -179,26 +144,12 @@ def append_line(path: str | os.PathLike[str], text: str) -> None:
         raise _storage_error(target, len(data), error) from error
 
 
-_FLUSH_INTERVAL = 1.0
-"""s: how much of a measurement the power may take with it; a killed process loses nothing."""
-
-
 @contextlib.contextmanager
 def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
     """Make a file that grows during a measurement, so that a kill loses no reading.
 
-    Appended text is with the operating system when the call returns, and on the disk at least
-    every second in which something is appended. The file is locked as by :func:`lock`.
-
-    Parameters
-    ----------
-    path : path-like
-        The file; there must be none of that name. Missing folders are made.
-
-    Yields
-    ------
-    callable
-        Appends text to the file.
+    Yields a function that appends text. It is with the operating system when the call returns, and on the disk at
+    least every second in which something is appended. The file is locked as by :func:`lock`.
 
     Raises
     ------
@@ -219,7 +170,7 @@ def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
         try:
             stream.write(data)
             stream.flush()
-            if time.monotonic() - flushed >= _FLUSH_INTERVAL:
+            if time.monotonic() - flushed >= 1.0:
                 os.fsync(stream.fileno())
                 flushed = time.monotonic()
         except OSError as error:
@@ -272,19 +223,11 @@ def folder_digest(folder: Path, of_file: Callable[[Path], str]) -> str:
 def free_bytes(path: str | os.PathLike[str]) -> int:
     """Bytes that can still be written at a place, which need not exist yet."""
     place = Path(path).absolute()
-    while not place.exists() and place != place.parent:
-        place = place.parent
-    return shutil.disk_usage(place).free
+    return shutil.disk_usage(next(part for part in (place, *place.parents) if part.exists())).free
 
 
 def require_space(path: str | os.PathLike[str], needed: int) -> None:
-    """Refuse to begin when a place has less than ``needed`` bytes left.
-
-    Raises
-    ------
-    StorageError
-        With the bytes needed and the bytes free.
-    """
+    """Refuse to begin when a place has less than ``needed`` bytes left: StorageError with both numbers."""
     free = free_bytes(path)
     if free < needed:
         raise StorageError(f"{path}: about {needed} bytes are needed and {free} are free; make room there")
@@ -377,26 +320,9 @@ def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
 def lock(path: str | os.PathLike[str], *, shared: bool = False, wait: bool = True) -> Iterator[bool]:
     """Hold a lock of the operating system on a file while the block runs.
 
-    The lock ends with its process, however that ends; the file stays and means nothing.
-
-    Parameters
-    ----------
-    path : path-like
-        The lock file; it is made when missing.
-    shared : bool
-        Whether other shared holders are let in at the same time.
-    wait : bool
-        Wait until it is free; otherwise return at once.
-
-    Yields
-    ------
-    bool
-        Whether the lock is held; always true when ``wait``.
-
-    Raises
-    ------
-    StorageError
-        The lock file cannot be made.
+    The lock ends with its process, however that ends; the file, which is made when missing, stays and means nothing.
+    A ``shared`` one lets other shared holders in at the same time. Yields whether it is held; always true with
+    ``wait``. Raises StorageError where the file cannot be made.
     """
     target = Path(path)
     try:
@@ -470,15 +396,11 @@ def _sealed(body: bytes) -> bytes:
 
 # --- digests, kept as long as a file is the same ------------------------------------------------
 
-_RACE = 2_000_000_000
-"""ns: a file touched this recently may be touched again within the same tick of its time stamp."""
-
 
 class Stamp(NamedTuple):
-    """Evidence that a file is still the same, without reading it.
+    """Evidence that a file is still the same, without reading it: size, times [ns] and inode.
 
-    The inode's change time is part of it, which no program can set back; so new content under an
-    old modification time is noticed.
+    No program can set the inode's change time back; so new content under an old modification time is noticed.
     """
 
     size: int
@@ -486,27 +408,12 @@ class Stamp(NamedTuple):
     changed: int
     inode: int
 
-    @classmethod
-    def of(cls, status: os.stat_result) -> "Stamp":
-        """Return the stamp of a file by its status."""
-        return cls(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
-
-    def is_recent(self) -> bool:
-        """Whether the file may change again without another stamp."""
-        return time.time_ns() - max(self.modified, self.changed) <= _RACE
-
 
 _Known = dict[str, tuple[Stamp, str]]
 
 
 class HashIndex:
-    """Digests of files, remembered as long as their stamps stay the same.
-
-    Parameters
-    ----------
-    path : path-like
-        Where the index is kept; a missing or damaged one is an empty one.
-    """
+    """Digests of files, remembered in an index as long as their stamps stay the same; a damaged index is empty."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
@@ -520,9 +427,10 @@ class HashIndex:
             return folder_digest(source, self.digest)
         name = os.path.relpath(source, self._path.absolute().parent)
         try:
-            stamp = Stamp.of(source.stat())
+            status = source.stat()
         except OSError as error:
             raise SourceError(source, f"cannot be read: {error.strerror}") from error
+        stamp = Stamp(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
         known = self._fresh.get(name)
         if known is None:
             self._known = self._load() if self._known is None else self._known
@@ -530,7 +438,8 @@ class HashIndex:
         if known is not None and known[0] == stamp:
             return known[1]
         found = digest(source)
-        if not stamp.is_recent():
+        # within two seconds a file may change again without another stamp
+        if time.time_ns() - max(stamp.modified, stamp.changed) > 2_000_000_000:
             self._fresh[name] = stamp, found
         return found
 
@@ -560,19 +469,9 @@ _LONGEST_NAME = 255
 
 
 def safe_join(root: str | os.PathLike[str], name: str) -> Path:
-    """Join a name from a file to a folder, and refuse one that leads out of it.
+    """Join a relative path with forward slashes to a folder, and refuse one that leads out of it.
 
-    Parameters
-    ----------
-    root : path-like
-        The folder that must not be left.
-    name : str
-        A relative path with forward slashes.
-
-    Returns
-    -------
-    Path
-        The resolved path; it need not exist.
+    The path returned is resolved; it need not exist.
 
     Raises
     ------

@@ -111,29 +111,14 @@ class ArrayFrames(ShownFrames):
         if images.ndim != 3:
             raise InputError(f"images must be (frame, row, column), found {images.ndim} dimensions")
         self._images = images
-        count = images.shape[0]
-        self._time = np.arange(count, dtype=float) if time is None else np.asarray(time, float)
-        self._exposure = None if exposure is None else np.broadcast_to(np.asarray(exposure, float), (count,))
-        if levels is None:
-            is_integer = images.dtype.kind in "iu"
-            levels = (0.0, float(np.iinfo(str(images.dtype)).max)) if is_integer else (0.0, 1.0)
-        self._levels = levels
-
-    @property
-    def time(self) -> Floats:
-        """Time of every frame in s."""
-        return self._time
-
-    @property
-    def exposure(self) -> Floats | None:
-        """Exposure time of every frame in s, or None."""
-        return self._exposure
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Number of frames, rows, columns."""
-        frames, rows, columns = self._images.shape
-        return frames, rows, columns
+        count, rows, columns = images.shape
+        self.shape = count, rows, columns
+        self.time: Floats = np.arange(count, dtype=float) if time is None else np.asarray(time, float)
+        self.exposure: Floats | None = (
+            exposure if exposure is None else np.broadcast_to(np.asarray(exposure, float), count)
+        )
+        largest = float(np.iinfo(str(images.dtype)).max) if images.dtype.kind in "iu" else 1.0
+        self.levels = levels or (0.0, largest)
 
     @property
     def valid(self) -> Flags:
@@ -142,18 +127,13 @@ class ArrayFrames(ShownFrames):
             return np.ones(len(self), dtype=bool)
         return np.array([bool(np.isfinite(image).all()) for image in self._images], dtype=bool)
 
-    @property
-    def levels(self) -> tuple[float, float]:
-        """Black and white level."""
-        return self._levels
-
     def __getitem__(self, index: int) -> NDArray[np.integer]:
         """Return one frame."""
         return self._images[index]
 
     def roi(self, rows: slice, columns: slice) -> "ArrayFrames":
         """Return a view of a rectangle."""
-        return ArrayFrames(self._images[:, rows, columns], self._time, self._exposure, self._levels)
+        return ArrayFrames(self._images[:, rows, columns], self.time, self.exposure, self.levels)
 
 
 def as_frames(frames: "FrameSource | NDArray[np.generic]") -> FrameSource:

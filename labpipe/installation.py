@@ -41,15 +41,10 @@ def foreign_package(names: Iterable[str]) -> str | None:
 def lazily(package: str, above: Sequence[str] = ()) -> Callable[[str], Any]:
     """Return a ``__getattr__`` for a package, which imports the module of a name on its first use (PEP 562).
 
-    Parameters
-    ----------
-    package : str
-        The package's ``__name__``. Its public names are those that it imports under
-        ``if TYPE_CHECKING:``, by whole names of modules, and those that it imports at once as themselves
-        or defines; all are its ``__all__``, and what ``dir`` lists.
-    above : sequence of str
-        Packages of the same distribution that a name may come from: another distribution may have
-        replaced them, which is told (InstallationError) before any of them is imported.
+    Public names of the package, its ``__all__``, are those that it imports under ``if TYPE_CHECKING:``, by whole names
+    of modules, and those that it imports at once as themselves or defines. ``above`` are packages of the same
+    distribution that a name may come from: another distribution may have replaced them, which raises InstallationError
+    before any of them is imported.
     """
     homes: dict[str, tuple[str, str]] = {}
     at_once: set[str] = set()

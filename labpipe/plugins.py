@@ -26,18 +26,9 @@ class PluginWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True)
 class Plugin(Generic[T]):
-    """One entry point: where it comes from, and its object or the reason why it is left out.
+    """One entry point, with name and version of its distribution, and its object.
 
-    Attributes
-    ----------
-    name : str
-        Of the entry point.
-    distribution : str
-        Name and version of its distribution.
-    found : object or None
-        Its object; None when it is left out.
-    problem : str
-        Why it is left out, "" when it is used.
+    The object is None when it is left out; ``problem`` then says why.
     """
 
     name: str
@@ -56,22 +47,10 @@ class Plugin(Generic[T]):
 
 
 def survey(entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[str] = ()) -> tuple[Plugin[T], ...]:
-    """Load every entry point of a group.
+    """Load every entry point of a group, of ``importlib.metadata.entry_points``.
 
-    Parameters
-    ----------
-    entries : iterable of EntryPoint
-        Of ``importlib.metadata.entry_points``; the caller names the group in so many words, so that
-        the code that a result depends on can be followed into it.
-    expected : type
-        Type that an entry point must name; its ``name`` is that by which it is known.
-    taken : sequence of str
-        Names that labpipe itself uses.
-
-    Returns
-    -------
-    tuple of Plugin
-        Ordered by distribution and name, so that every machine asks them in the same order.
+    Each must name an object of the ``expected`` type, by whose ``name`` it is known; ``taken`` are names that labpipe
+    itself uses. They are ordered by distribution and name, so that every machine asks them in the same order.
     """
     names = set(taken)
     plugins: list[Plugin[T]] = []

@@ -53,13 +53,7 @@ def is_number(cell: str) -> bool:
 
 
 def check_decimal(given: str | None) -> None:
-    """Refuse another decimal sign than the dot and the comma.
-
-    Raises
-    ------
-    InputError
-        It is another; None says that the file decides.
-    """
+    """Refuse another decimal sign than the dot and the comma; None says that the file decides."""
     if given not in (None, ".", ","):
         raise InputError(f'decimal must be "." or ",", found "{given}"')
 
@@ -74,16 +68,8 @@ def separators(cells: Iterable[str]) -> Separators:
     """Decide from cells which sign is the decimal one, or refuse to guess.
 
     ``0,010`` and ``1,5`` can only have a decimal comma, ``1,234,567`` only thousands, ``1.234,5``
-    shows both; but ``1,234`` alone may be either, and a file that shows nothing else is refused.
-
-    Parameters
-    ----------
-    cells : iterable of str
-        Cells of one file, already split at the delimiter; those that are no numbers are ignored.
-
-    Returns
-    -------
-    Separators
+    shows both; but ``1,234`` alone may be either, and a file that shows nothing else is refused. Cells that are no
+    numbers are ignored.
 
     Raises
     ------
@@ -177,10 +163,8 @@ def shorten(text: str, length: int = 60) -> str:
 
 # --- files ---------------------------------------------------------------------------------------
 
-_PIECE = 1 << 20  # bytes decoded at a time: large enough for speed, small against any memory
-
-# UTF-32 before UTF-16, because its little-endian mark begins with the UTF-16 one.
-_MARKS = (
+_PIECE = 1 << 20  # bytes decoded at a time
+_MARKS = (  # UTF-32 before UTF-16, because its little-endian mark begins with the UTF-16 one
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
     (codecs.BOM_UTF32_BE, "utf-32"),
@@ -188,23 +172,15 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 
-# Bytes at the beginning that tell the codec, and characters that tell one without a mark.
-_FIRST, _LEAST_WIDE = 512, 8
-
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 _MARKER = re.compile(r"-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+")  # what an instrument writes in place of a reading
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Sizes that are refused before reading.
+    """Sizes beyond which a file is refused before reading: bytes, and characters in a line.
 
-    Parameters
-    ----------
-    max_bytes : int
-        Largest file. The default, 1 GiB, is seven times the largest Mach-1 mapping set known.
-    max_line : int
-        Longest line in characters. The default, 1 MiB, is a thousand times the longest known.
+    By default seven times the largest Mach-1 mapping set known, and a thousand times the longest line.
     """
 
     max_bytes: int = 1 << 30
@@ -213,19 +189,9 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class TextFile:
-    """A text file whose codec is settled and whose size is known.
+    """A text file whose codec decodes every byte, with its size in bytes and in lines.
 
-    Attributes
-    ----------
-    path : Path
-    encoding : str
-        The codec that decodes every byte of it.
-    size : int
-        Bytes.
-    n_lines : int
-        Lines, the last one counted even when it is not ended.
-    is_ended : bool
-        False when the last line has no line end: the file may be cut inside a number.
+    ``is_ended`` is False when the last line, which counts, has no line end: the file may be cut inside a number.
     """
 
     path: Path
@@ -264,18 +230,7 @@ def survey(
 ) -> TextFile:
     """Settle the codec of a text file and whether it is complete, without keeping its text.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    declared : sequence of str
-        Codecs to try, in this order, when there is no byte order mark and it is not UTF-8.
-    limits : Limits, optional
-        Sizes to refuse.
-
-    Returns
-    -------
-    TextFile
+    Codecs that the format declares are tried in this order, where there is no byte order mark and it is not UTF-8.
 
     Raises
     ------
@@ -325,19 +280,13 @@ def unmarked_codec(head: bytes) -> str | None:
     """
     first, second = head[: len(head) // 2 * 2 : 2], head[1::2]
     for codec, empty, full in (("utf-16-le", second, first), ("utf-16-be", first, second)):
-        if len(full) >= _LEAST_WIDE and 2 * empty.count(0) > len(empty) and not full.count(0):
+        if len(full) >= 8 and 2 * empty.count(0) > len(empty) and not full.count(0):
             return codec
     return None
 
 
-def first_bytes(path: Path, count: int = _FIRST) -> bytes:
-    """Return the beginning of a file.
-
-    Raises
-    ------
-    SourceError
-        It cannot be opened, or is no file.
-    """
+def first_bytes(path: Path, count: int = 512) -> bytes:
+    """Return the beginning of a file; SourceError where it cannot be opened, or is no file."""
     try:
         if path.exists() and not path.is_file():
             raise SourceError(path, "is not a regular file")
@@ -429,13 +378,7 @@ def parse_row(
     line_number: int,
     signs: Separators = DOT,
 ) -> list[float]:
-    """Parse one row and name the line and the column of its mistake.
-
-    Raises
-    ------
-    SourceError
-        As :func:`parse_rows`.
-    """
+    """Parse one row and name the line and the column of its mistake, as :func:`parse_rows`."""
     cells = line.split(delimiter)
     check_width(line, cells, n_columns, delimiter, path=path, line_number=line_number)
     values = []

@@ -99,22 +99,12 @@ def plain(text: str) -> str:
 
 
 def unit(text: str) -> Unit:
-    """Look a spelling up.
-
-    Parameters
-    ----------
-    text : str
-        As written in a file, with or without brackets: ``"[µN·m]"``, ``"gf"``, ``"mm"``.
-
-    Returns
-    -------
-    Unit
-        Factor to SI and the SI unit's name.
+    """Look a spelling up, with or without brackets: ``"[µN·m]"``, ``"gf"``, ``"mm"``.
 
     Raises
     ------
     InputError
-        The spelling is not in the table.
+        It is not in the table.
 
     Examples
     --------
@@ -242,13 +232,7 @@ def si(given: Measure, unit_of: str, name: str) -> float:
 
 
 def require_positive(unit: str = "", **values: float) -> None:
-    """Refuse arguments that are no positive, finite numbers; ``unit`` is said with them.
-
-    Raises
-    ------
-    InputError
-        Naming the first of them.
-    """
+    """Refuse arguments that are no positive, finite numbers, naming the first; ``unit`` is said with them."""
     for name, value in values.items():
         if not 0.0 < value < math.inf:
             raise InputError(f"{name} is {value}{unit and f' {unit}'}, expected a positive number")

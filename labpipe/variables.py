@@ -19,18 +19,9 @@ def described(units: str, long_name: str, **more: Any) -> dict[str, Any]:
 
 
 def variable(dims: str | Sequence[str], values: Any, units: str, long_name: str, **more: Any) -> Variable:
-    """Return a variable as xarray takes it: dimensions, values, attributes.
+    """Return a variable as xarray takes it: dimensions (``()`` for one number), values in SI, attributes.
 
-    Parameters
-    ----------
-    dims : str or sequence of str
-        Dimensions of `values`; ``()`` for one number.
-    values : array or number
-        In SI.
-    units, long_name : str
-        See :func:`described`.
-    **more
-        Further attributes.
+    ``units``, ``long_name`` and further attributes are those of :func:`described`.
     """
     return dims, values, described(units, long_name, **more)
 
@@ -56,16 +47,10 @@ def with_u(
 def from_rows(
     dim: str, rows: Sequence[Mapping[str, Any]], columns: Mapping[str, tuple[str, str]]
 ) -> dict[str, Variable]:
-    """Return the variables of a table that was gathered row by row.
+    """Return the variables of a table that was gathered row by row, over the dimension ``dim``.
 
-    Parameters
-    ----------
-    dim : str
-        The dimension over which the rows are.
-    rows : sequence of mapping
-        Values by name; ``u_NAME`` is the standard uncertainty of NAME.
-    columns : mapping of str to (str, str)
-        Unit and long name of each column; an uncertainty that the rows hold comes with it.
+    Rows are values by name, ``u_NAME`` the standard uncertainty of NAME; columns have a unit and a long name, and an
+    uncertainty that the rows hold comes with them.
     """
     made: dict[str, Variable] = {}
     for name, (units, text) in columns.items():

@@ -28,10 +28,6 @@ if TYPE_CHECKING:
 
 DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 
-_SPARE = 1.5
-"""Free space asked for, relative to the size expected of a result."""
-_SMALLEST = 1 << 20
-"""Bytes asked for when nothing is known of a result's size."""
 _OURS = ("work", "provenance")
 """Attributes that belong to one result and must not travel into the next one made of it."""
 _FOR_PROGRAMMERS = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)
@@ -44,7 +40,7 @@ class Outcome:
 
     ``key`` finds the result in the store (None where there is none). ``message`` says why there
     is none; ``exit_code`` and ``error`` (the class) name the error, ``details`` its place;
-    ``is_of_run`` that the run was at fault, so that nothing follows for what was recorded.
+    ``is_of_run`` that the run was at fault, so that nothing follows for the recording.
     ``reason`` is the error's. ``seconds`` passed on the clock, ``processor_seconds`` on all cores of this process.
     """
 
@@ -96,12 +92,8 @@ def work(job: Job) -> list[Outcome]:
     """Compute the missing results of an experiment, under its lock.
 
     Another process that computes the same experiment is waited for, and its results are used. The beginning and the
-    end of every task are written into the log of the session as they happen, from which the run learns of them.
-
-    Returns
-    -------
-    list of Outcome
-        Of every task, for a folder whose log another machine may see too late.
+    end of every task are written into the log of the session as they happen, from which the run learns of them; they
+    are returned too, for a folder whose log another machine may see too late.
 
     Raises
     ------
@@ -196,14 +188,13 @@ class _Run:
             raise
         except (Exception, SystemExit) as error:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
-            ours = error if isinstance(error, LabpipeError) else None
-            failure = {
-                "message": self._relative(str(error) if ours else f"unexpected {type(error).__name__}: {error}"),
-                "exit_code": ours.exit_code if ours else StageError.exit_code,
+            # Unless it is one of ours, the mistake is the step's, not a record's.
+            is_ours = isinstance(error, LabpipeError)
+            ours = error if is_ours else StageError(*task.id[:2], "")
+            failure = {name: getattr(ours, name) for name in ("exit_code", "is_of_run", "reason")} | {
+                "message": self._relative(str(error) if is_ours else f"unexpected {type(error).__name__}: {error}"),
                 "error": type(error).__name__,
                 "details": "".join(traceback.format_exception(error)),
-                "is_of_run": ours.is_of_run if ours else True,  # a mistake of the step, not of a record
-                "reason": ours.reason if ours else "",
             }
         seconds, processor = time.perf_counter() - begun, time.process_time() - begun_processor
         state = FAILED if failure else DONE
@@ -230,10 +221,10 @@ class _Run:
             raise InputError(key.problem)
         if key.value is None and not (is_page or stage.tolerant):
             raise StageError(*place, "an input has no key; run again")
-        # space for the last result of this task, or for the results that it is made of
+        # half as much again as the last result of this task, or the results that it is made of; 1 MiB at least
         last, before = self.store.last(task.id), [self.plan.keys[name].value for name in task.before]
         sizes = [0 if one is None else self.store.size(one) for one in (last and last.key, *before)]
-        files.require_space(self.store.root, int(_SPARE * max(sizes[0] or sum(sizes), _SMALLEST)))
+        files.require_space(self.store.root, 3 * max(sizes[0] or sum(sizes), 1 << 20) // 2)
         result, caught = self._call(task, key)
         if is_page and not isinstance(result, str):
             raise StageError(*place, f"must return the text of a page, returned {type(result).__name__}")
@@ -329,30 +320,21 @@ class _Run:
         values = {name: keys[name].value for name in behind if name not in self.failures}
         found = {name: self.store.record(value) for name, value in values.items() if value is not None}
         records = {name: record for name, record in found.items() if record is not None}
-
-        def of(name: TaskId) -> tuple[str, str | None]:
-            return stage_name(task, name), name.recording
-
+        of = {name: (stage_name(task, name), name.recording) for name in behind}
         failed = ((name, self.failures[name]) for name in behind if name in self.failures)
-        experiment = session.experiments[task.id.experiment]
+        own = session.experiments[task.id.experiment]
         return Context(
-            experiment.name,
-            experiment.kind,
-            session.title,
-            session.operator,
-            session.notes,
-            session.synthetic,
+            **{name: getattr(session, name) for name in ("title", "operator", "notes", "synthetic")},
+            **{name: getattr(own, name) for name in ("kind", "base", "changed", "overrides")},
+            experiment=own.name,
             ledger=summarise((n.experiment, n.stage, r.work) for n, r in records.items()),
             warnings=tuple(
-                Warned(*of(n), w.category, w.text, w.count) for n, record in records.items() for w in record.warnings
+                Warned(*of[n], w.category, w.text, w.count) for n, record in records.items() for w in record.warnings
             ),
-            failures=tuple(Failed(*of(n), one.message, one.is_of_run, one.reason) for n, one in failed),
+            failures=tuple(Failed(*of[n], one.message, one.is_of_run, one.reason) for n, one in failed),
             inputs=tuple(RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
-            kept=tuple(Kept(*of(name), changed) for name, changed in self.plan.kept(task.id).items()),
-            base=experiment.base,
-            changed=experiment.changed,
-            overrides=experiment.overrides,
+            kept=tuple(Kept(*of[name], keys[name].kept) for name in behind if keys[name].kept),
         )
 
 

@@ -12,10 +12,7 @@ from typing import Any
 
 from labpipe.errors import NO_INPUT, InputError
 
-_MOST_MODULES = 3
 _TOTAL = "_total"
-_CLOCK = "seconds"
-"""The one count that depends on the machine; it is kept out of results, which must not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +32,7 @@ class LedgerRow:
 def counts(work: Any) -> dict[str, float | int]:
     """Read the attribute ``work`` of a result, given as JSON text or as a dictionary.
 
-    Raises
-    ------
-    InputError
-        It is anything but names with numbers.
+    Raises InputError where it is anything but names with numbers.
 
     Examples
     --------
@@ -50,7 +44,8 @@ def counts(work: Any) -> dict[str, float | int]:
         plain = {str(name): _number(value) for name, value in found.items()}
     except (ValueError, TypeError, AttributeError):
         raise InputError(f'the attribute "work" must hold counts such as {{"frames_read": 10}}: {work!r}') from None
-    return {name: value for name, value in plain.items() if name != _CLOCK}
+    # the one count that depends on the machine is kept out of results, which must not
+    return {name: value for name, value in plain.items() if name != "seconds"}
 
 
 def _number(value: Any) -> float | int:
@@ -97,8 +92,8 @@ def code_changed(modules: Sequence[str]) -> str:
     >>> code_changed(["labpipe.units"])
     'code changed: labpipe.units'
     """
-    more = f" and {len(modules) - _MOST_MODULES} more" if len(modules) > _MOST_MODULES else ""
-    return f"code changed: {', '.join(modules[:_MOST_MODULES])}{more}" if modules else ""
+    more = f" and {len(modules) - 3} more" if len(modules) > 3 else ""
+    return f"code changed: {', '.join(modules[:3])}{more}" if modules else ""
 
 
 def settings_in_words(changed: Mapping[str, tuple[str, str]]) -> str:

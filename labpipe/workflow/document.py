@@ -1,4 +1,4 @@
-"""A TOML file as a tree with lines: size, depth, syntax and numbers checked, keys not yet."""
+"""A TOML file as a tree with the line of every value; size, depth, syntax and numbers checked, keys not yet."""
 
 import math
 import re
@@ -12,15 +12,20 @@ from labpipe.errors import ConfigError, SourceError
 
 LARGEST_FILE = 1_000_000
 """Bytes; no configuration written by a person is longer."""
-_BARE = re.compile(r"[\w-]+")
-"""A key that TOML takes without quotation marks (and letters of any language, for reading)."""
 LABORATORY = "laboratory.toml"
 """Name of the laboratory's file, and first key of its places in the document of a session that refers to it."""
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
+_BARE = re.compile(r"[\w-]+")
+"""A key that TOML takes without quotation marks (and letters of any language, for reading)."""
 _PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
 _TOO_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST}}}{_PART}[ \t]*+[=\]]")
 """A dotted key deeper than that: the time that the parser takes grows with the square of it."""
+_TOKEN = re.compile(
+    r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|[ \t]+|\n|[\[\]{}=,.]|'
+    r'[^\s\[\]{}=,.#"\']+',
+    re.DOTALL,
+)
 
 Place = tuple[str | int, ...]
 """Where a value is: keys, and positions in arrays counted from 0."""
@@ -59,11 +64,8 @@ class Document:
 
 def dotted(place: Place) -> str:
     """Write a place as ``experiments.acrylic.laser[2]``."""
-    text = ""
-    for key in place:
-        name = key if isinstance(key, int) or _BARE.fullmatch(key) else f'"{key}"'
-        text += f"[{key}]" if isinstance(key, int) else f".{name}" if text else f"{name}"
-    return text
+    names = (f"[{k}]" if isinstance(k, int) else f".{k}" if _BARE.fullmatch(k) else f'."{k}"' for k in place)
+    return "".join(names).removeprefix(".")
 
 
 def parse(path: Path, text: str | None = None) -> Document:
@@ -83,78 +85,73 @@ def parse(path: Path, text: str | None = None) -> Document:
     ConfigError
         It is not TOML, too large, too deep, or holds a number that is not finite.
     """
+
+    def refuse(at: int | str, message: str) -> ConfigError:
+        return ConfigError([f"{path.name}:{at}: {message}"])
+
     if text is None:
         try:
             size = path.stat().st_size
             if size > LARGEST_FILE:
-                found = f"{size} bytes long, more than the {LARGEST_FILE} that a configuration may have"
-                raise ConfigError([f"{path.name}:1: {found}; is it the right file?"])
+                most = f"more than the {LARGEST_FILE} that a configuration may have"
+                raise refuse(1, f"{size} bytes long, {most}; is it the right file?")
             data = path.read_bytes()
             text = data.decode("utf-8-sig")
         except OSError as error:
             raise SourceError(path, f"cannot be read: {error.strerror}") from error
         except UnicodeDecodeError as error:
             line = data.count(b"\n", 0, error.start) + 1
-            found = f"byte {data[error.start]:#04x} is not UTF-8"
-            raise ConfigError([f"{path.name}:{line}: {found}; save the file as UTF-8"]) from None
+            raise refuse(line, f"byte {data[error.start]:#04x} is not UTF-8; save the file as UTF-8") from None
     text = text.replace("\r\n", "\n")
-    deep = _TOO_DEEP.search(text)
-    if deep is not None:
+    if (deep := _TOO_DEEP.search(text)) is not None:
         line = text.count("\n", 0, deep.start()) + 1
-        raise ConfigError([f"{path.name}:{line}: nested deeper than {DEEPEST} levels; flatten it"])
+        raise refuse(line, f"nested deeper than {DEEPEST} levels; flatten it")
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError([_syntax_problem(path, text, str(error))]) from None
+        raise refuse(*_syntax_problem(text, str(error))) from None
     except (RecursionError, ValueError) as error:
         # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
-        raise ConfigError([f"{path.name}:1: cannot be read as TOML: {error}"]) from None
+        raise refuse(1, f"cannot be read as TOML: {error}") from None
+    document = Document(path, tree, {(): 1})
     infinite: list[tuple[Place, float]] = []
     waiting: list[tuple[Place, Any]] = [((), tree)]
     while waiting:  # without recursion, so that no depth can exhaust the stack
         place, node = waiting.pop()
         if len(place) > DEEPEST:
-            raise ConfigError([f"{path.name}:1: nested deeper than {DEEPEST} levels; flatten it"])
+            raise refuse(1, f"nested deeper than {DEEPEST} levels; flatten it")
         if isinstance(node, float) and not math.isfinite(node):
             infinite.append((place, node))
         waiting += [((*place, key), child) for key, child in children(node)]
-    document = Document(path, tree, line_index(text))
+    document.lines = line_index(text)
     for place, number in infinite:
         document.report(place, f"expected a finite number, found {number}")
     return document
 
 
-def _syntax_problem(path: Path, text: str, message: str) -> str:
-    """Turn ``Cannot overwrite a value (at line 5, column 3)`` into ``file:5:3: …``."""
-    what, _, place = message.rpartition(" (at ")
+def _syntax_problem(text: str, message: str) -> tuple[int | str, str]:
+    """Turn ``Cannot overwrite a value (at line 5, column 3)`` into the place and words for a person."""
+    problem, _, place = message.rpartition(" (at ")
     words = place.rstrip(")").replace(",", "").split()
-    if what.startswith(("Cannot overwrite a value", "Cannot declare")):
-        what = f"a key or table is given twice ({what}); remove one"
-    if len(words) == 4 and words[0] == "line":
-        lines = text.splitlines()
-        line = lines[int(words[1]) - 1].strip() if int(words[1]) <= len(lines) else ""
-        what = next((said for begin, said in _SYNTAX if what.startswith(begin)), what)
-        return f"{path.name}:{words[1]}:{words[3]}: {what}; found: {line[:60]}"
-    last = text.rstrip("\n").count("\n") + 1  # the only other place is "at end of document"
-    return f"{path.name}:{last}: {what or message}"
+    if problem.startswith(("Cannot overwrite a value", "Cannot declare")):
+        problem = f"a key or table is given twice ({problem}); remove one"
+    if len(words) != 4 or words[0] != "line":  # the only other place is "at end of document"
+        return text.rstrip("\n").count("\n") + 1, problem or message
+    line = [*text.splitlines(), ""][int(words[1]) - 1].strip()
+    problem = next((said for begin, said in _SYNTAX.items() if problem.startswith(begin)), problem)
+    return f"{words[1]}:{words[3]}", f"{problem}; found: {line[:60]}"
 
 
-_SYNTAX = (
-    ("Illegal character '\\n'", "a text is not closed; expected a quotation mark before the line ends"),
-    (
-        "Expected newline or end of document",
-        "expected the end of the line after a value; a text "
-        "stands in quotation marks, a date reads 2026-01-31, a list stands in brackets",
-    ),
-    (
-        "Invalid value",
-        "expected a value: a text in quotation marks, a number, true, false, a date "
-        "such as 2026-01-31, or a list in brackets",
-    ),
-    ("Expected '=' after a key", "expected = after the name of a key"),
-    ("Invalid statement", "expected a key, a table in brackets, or a remark after #"),
-)
-"""What tomllib says, and what a person can make of it."""
+_SYNTAX = {
+    "Illegal character '\\n'": "a text is not closed; expected a quotation mark before the line ends",
+    "Expected newline or end of document": "expected the end of the line after a value; a text "
+    "stands in quotation marks, a date reads 2026-01-31, a list stands in brackets",
+    "Invalid value": "expected a value: a text in quotation marks, a number, true, false, a date "
+    "such as 2026-01-31, or a list in brackets",
+    "Expected '=' after a key": "expected = after the name of a key",
+    "Invalid statement": "expected a key, a table in brackets, or a remark after #",
+}
+"""Messages of tomllib, and the same for a person."""
 
 
 def children(node: Any) -> Iterable[tuple[str | int, Any]]:
@@ -173,73 +170,18 @@ def nodes(tree: Any) -> Iterator[Any]:
 
 # --- lines, which the standard parser does not say -----------------------------------------------
 
-_TOKEN = re.compile(
-    r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|[ \t]+|\n|[\[\]{}=,.]|'
-    r'[^\s\[\]{}=,.#"\']+',
-    re.DOTALL,
-)
-_LINE = '"\\u0000"='
-"""Key of the line of a table, in the text that has lines for values."""
-
 
 def line_index(text: str) -> dict[Place, int]:
     r"""Map the place of every key and array item to its line, counted from 1; the empty place is line 1.
 
-    The text, which :mod:`tomllib` has accepted, is parsed once more with the line of each value in its place; a table
-    has its line under a key of its own, an array as its first item.
+    The text is one that :mod:`tomllib` has accepted.
 
     Examples
     --------
     >>> line_index('a = 1\n[b]\nc = [1,\n 2]')[("b", "c", 1)]
     4
     """
-    written: list[str] = []
-    inside: list[str] = []  # brackets around a value
-    state, line = "key", 1
-    for part in (*_TOKEN.findall(text.replace("\r\n", "\n")), "\n"):
-        at, line = line, line + part.count("\n")
-        if part[0] in "# \t":
-            continue
-        if part == "\n":
-            written.append(f"\n{_LINE}{at}\n" if state == "header" else "\n")
-            state = "value" if inside else "key"
-        elif state == "header" or (part == "=" and state == "key"):
-            written.append(part)
-            state = "value" if part == "=" else state
-        elif part in "]}":
-            written.append(part)
-            inside.pop()
-            state = "done"
-        elif part == ",":
-            written.append(part)
-            state = "value" if inside[-1] == "[" else "key"
-        elif part in "[{" and state == "value":
-            written.append(f"[{at}," if part == "[" else f"{{{_LINE}{at}")
-            inside.append(part)
-            state = "value" if part == "[" else "first key"
-        elif state == "value":
-            written.append(str(at))
-            state = "done"
-        elif state != "done":  # where a value is done, the rest of it follows
-            written.append(f",{part}" if state == "first key" else part)
-            state = "header" if part == "[" else "key"
-    lines: dict[Place, int] = {}
-
-    def note(place: Place, node: Any) -> int:
-        found = node
-        if isinstance(node, dict):
-            own = node.pop("\0", None)
-            inner = [note((*place, key), child) for key, child in node.items()]
-            found = own or min(inner, default=1)
-        elif isinstance(node, list):
-            items = node[1:] if isinstance(node[0], int) else node
-            inner = [note((*place, number), item) for number, item in enumerate(items)]
-            found = node[0] if isinstance(node[0], int) else inner[0]
-        lines[place] = found
-        return found
-
-    note((), tomllib.loads("".join(written)))
-    return lines | {(): 1}
+    return _scan(text)[0]
 
 
 def end_of_list(text: str, place: Place) -> tuple[int | None, bool]:
@@ -247,17 +189,53 @@ def end_of_list(text: str, place: Place) -> tuple[int | None, bool]:
 
     The position is None where there is no such list, or it is written as tables of its own.
     """
-    line = line_index(text.replace("\ufeff", " ")).get(place)
-    start = 0 if line is None else sum(len(one) + 1 for one in text.split("\n")[: line - 1])
-    if line is None or text[start:].lstrip().startswith("["):
-        return None, True
-    last, depth = "", 0
-    for match in _TOKEN.finditer(text, start):
-        part = match[0]
-        if part[0] in "# \t\n":
+    return _scan(text.replace("\ufeff", " "))[1].get(place, (None, True))
+
+
+def _scan(text: str) -> tuple[dict[Place, int], dict[Place, tuple[int, bool]]]:
+    """Go through the tokens of a text once; return lines by place, and the ends of lists."""
+    lines: dict[Place, int] = {(): 1}
+    ends: dict[Place, tuple[int, bool]] = {}
+    tables: dict[Place, int] = {}  # number of the last table of each array of tables
+    inside: list[tuple[Place, int | None]] = []  # tables and lists around a value, and the position in a list
+    here, place = Place(), Place()
+    keys: list[str] = []
+    state, brackets, line = "key", 0, 1
+    for match in _TOKEN.finditer(text):
+        part, at = match[0], line
+        line += part.count("\n")
+        if part[0] in "# \t" or (part == "\n" and inside):
             continue
-        depth += (part in "[{" and (depth > 0 or last == "=")) - (part in "]}" and depth > 0)
-        if depth == 0 and part == "]":
-            return match.start(), last in "[,"
-        last = part
-    return None, True
+        if part == "\n":
+            state, keys, brackets = "key", [], 0
+        elif state == "key" and (part == "=" or (part == "]" and not inside)):  # the end of a key, or of a header
+            place = inside[-1][0] if inside else () if brackets else here
+            for number, key in enumerate(keys, 1):
+                place = (*place, key)
+                lines.setdefault(place, at)
+                if brackets == 2 and number == len(keys):
+                    tables[place] = tables.get(place, -1) + 1
+                place = (*place, tables[place]) if place in tables else place
+            lines[place] = at
+            here, state = (place, "done") if brackets else (here, "value")
+        elif state == "key" and part == "[":
+            brackets += 1
+        elif state == "value" and part != "]":
+            if inside and inside[-1][1] is not None:
+                place = (*inside[-1][0], inside[-1][1])
+                lines[place] = at
+            if part in "[{":
+                inside.append((place, 0 if part == "[" else None))
+            state, keys = {"[": "value", "{": "key"}.get(part, "done"), []
+        elif part in "]}" and inside:
+            place, _ = inside.pop()
+            if part == "]":
+                ends[place] = match.start(), state == "value"
+            state = "done"
+        elif part == "," and state == "done":
+            place, position = inside.pop()
+            inside.append((place, None if position is None else position + 1))
+            state, keys = "key" if position is None else "value", []
+        elif state == "key" and part != ".":
+            keys.append(part if _BARE.fullmatch(part) else next(iter(tomllib.loads(f"{part} = 0"))))
+    return lines, ends

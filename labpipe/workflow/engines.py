@@ -36,8 +36,6 @@ _ENVIRONMENT = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL"
 """Of every local process."""
 _METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 """How processes begin; never a fork of this one, which may run threads."""
-_CALLS_PER_THREAD, _FEWEST_CALLS = 4, 16
-"""Calls that a cluster holds, so that no thread of it waits for this process."""
 
 
 class Died(Exception):  # noqa: N818 (an observation about another process)
@@ -46,16 +44,9 @@ class Died(Exception):  # noqa: N818 (an observation about another process)
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One call of a function.
+    """One call of a function, ``module:function``, imported where it runs, with arguments that can be pickled.
 
-    Attributes
-    ----------
-    function : str
-        ``module:function``, imported where it runs.
-    arguments : tuple
-        Anything that can be pickled.
-    imports : tuple of str
-        Modules that local processes load once for all; those of the first call of a program count.
+    ``imports`` are modules that local processes load once for all; those of the first call of a program count.
     """
 
     function: str
@@ -71,15 +62,8 @@ class Call:
 class Crew:
     """The calls under way, by the keys under which they were given.
 
-    A call that was under way when a local process died is tried once more, alone, after all others; after a second
-    death its answer is :class:`Died`.
-
-    Parameters
-    ----------
-    start : callable
-        Returns the future of a call.
-    size : callable
-        Returns how many calls may be under way at once.
+    ``start`` returns the future of a call, ``size`` how many may be under way at once. A call that was under way when
+    a local process died is tried once more, alone, after all others; after a second death its answer is :class:`Died`.
     """
 
     def __init__(self, start: Callable[[Call], "Future[Any]"], size: Callable[[], int]) -> None:
@@ -163,22 +147,10 @@ def processors() -> int:
 def side_by_side(
     engine: Engine, function: str, tasks: Mapping[Key, tuple[Any, ...]], *, imports: Sequence[str] = ("numpy", "xarray")
 ) -> Generator[tuple[Key, Any]]:
-    """Call a function with the arguments of every task, which do not wait for each other.
+    """Call a function with the arguments of every task, by key; see :class:`Call`.
 
-    Parameters
-    ----------
-    engine : Engine
-    function : str
-        See :class:`Call`.
-    tasks : mapping
-        Arguments by key, taken when their turn comes.
-    imports : sequence of str
-        See :class:`Call`.
-
-    Yields
-    ------
-    tuple
-        A key and its answer, in the order of the answers; see :class:`Crew`. An error of the function is raised.
+    Tasks do not wait for each other and are taken when their turn comes. Yields key and answer in the order of the
+    answers; see :class:`Crew`. An error of the function is raised.
     """
     queue = iter(tasks)
     with engine() as crew:
@@ -248,19 +220,16 @@ def _clean_start() -> Iterator[None]:
 
     A script or notebook without the ``__main__`` guard would otherwise start itself in every process.
     """
-    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
-    main = sys.modules["__main__"]
+    before, main = {**os.environ}, sys.modules["__main__"]
     os.environ.update(_ENVIRONMENT)
     sys.modules["__main__"] = types.ModuleType("__main__")
     try:
         yield
     finally:
         sys.modules["__main__"] = main
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in _ENVIRONMENT:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _begin(watched: Any) -> None:
@@ -305,7 +274,7 @@ def _cluster(address: str) -> Iterator[Crew]:
         executor, here = client.get_executor(), program()
         yield Crew(
             lambda call: executor.submit(_compute_there, call, here),
-            lambda: max(_FEWEST_CALLS, _CALLS_PER_THREAD * sum(client.nthreads().values())),
+            lambda: 4 * max(sum(client.nthreads().values()), 4),  # so that no thread waits for this process
         )
 
 

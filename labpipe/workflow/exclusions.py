@@ -13,7 +13,7 @@ from labpipe.workflow.fields import FileMark, every_setting, fields_of, mark, op
 
 EXCLUDE = "exclude"
 """Field of an experiment's settings that holds its exclusions; stages that read files declare it as a parameter."""
-_SPAN = re.compile(r"\s*(\d+)\s*-\s*(\d+)\s*")
+_SPAN = re.compile(r"\s*(\d+)(?:\s*-\s*(\d+))?\s*")
 S = TypeVar("S", bound=msgspec.Struct)
 _NOT_BLANK = r"\S"
 
@@ -57,23 +57,18 @@ class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         """Return first and last of each run of readings or frames, both included."""
         found = []
         for item in self.readings if of == "readings" else self.frames:
-            match = None if isinstance(item, int) else _SPAN.fullmatch(item)
-            if match is None and not (isinstance(item, int) and item >= 0):
-                raise ValueError(
-                    f'{of}: expected a number such as 3001, or a range such as "3001-3400", found {item!r}'
-                )
-            found.append((int(match[1]), int(match[2])) if match is not None else (int(item), int(item)))
+            if (match := _SPAN.fullmatch(str(item))) is None:
+                expected = 'expected a number such as 3001, or a range such as "3001-3400"'
+                raise ValueError(f"{of}: {expected}, found {item!r}")
+            found.append((int(match[1]), int(match[2] or match[1])))
         return found
 
     @property
     def excluded(self) -> str:
         """Words for the part that is left out: ``laser/r3.csv``, ``2 readings (3001, 3002) of laser/r1.csv``."""
         counts = {of: sum(last - first + 1 for first, last in self.spans(of)) for of in ("readings", "frames")}
-        parts = [
-            f"{n} {of if n > 1 else of[:-1]} ({', '.join(map(str, getattr(self, of)))})"
-            for of, n in counts.items()
-            if n
-        ]
+        listed = {of: ", ".join(map(str, getattr(self, of))) for of in counts}
+        parts = [f"{n} {of if n > 1 else of[:-1]} ({listed[of]})" for of, n in counts.items() if n]
         return f"{' and '.join(parts)} of {self.file}" if parts else self.file
 
     def __str__(self) -> str:

@@ -63,7 +63,7 @@ REFERENCE = "experiment:"
 """Prefix by which a field's value names another experiment of the session."""
 
 GAP = "FILL"
-"""What stands in session.toml or a record, before its unit, for a value that is still to come."""
+"""Placeholder in session.toml or a record, before its unit, for a value that is still to come."""
 
 
 def is_gap(value: Any) -> bool:
@@ -154,18 +154,19 @@ _WORDS: dict[type, str] = {
 
 
 def describe(kind: Any) -> str:
-    """Describe the expected value of a field."""
+    """Describe the expected value of a field: ``a length such as "9.525 mm" (units: m, cm, mm, um, nm)``."""
     bare, marks = split(kind)
-    dimension = mark(marks, Dimension)
-    if dimension is not None:
-        return describe_dimension(dimension)
+    if (dimension := kind if isinstance(kind, Dimension) else mark(marks, Dimension)) is not None:
+        article = "an" if dimension.noun[0] in "aeiou" else "a"
+        units = "" if dimension.si == "1" else f" (units: {', '.join(spellings(dimension.si))})"
+        return f'{article} {dimension.noun} such as "{dimension.example}"{units}'
     if mark(marks, FileMark) is not None:
         return "the name of a file"
     if mark(marks, ReferenceMark) is not None:
         return "the name of an experiment"
-    told = mark(marks, msgspec.Meta)
-    if told is not None and told.description:
-        return told.description
+    meta = mark(marks, msgspec.Meta)
+    if meta is not None and meta.description:
+        return meta.description
     origin, arguments = typing.get_origin(bare), typing.get_args(bare)
     if origin is Literal:
         return "one of " + ", ".join(f'"{a}"' if isinstance(a, str) else repr(a) for a in arguments)
@@ -174,13 +175,6 @@ def describe(kind: Any) -> str:
     if origin in (list, tuple):
         return f"a list of items, each {describe(arguments[0])}"
     return next((word for known, word in _WORDS.items() if known is bare), "a table")
-
-
-def describe_dimension(dimension: Dimension) -> str:
-    """Say which quantity and units fit: ``a length such as "9.525 mm" (units: m, cm, mm, um, nm)``."""
-    article = "an" if dimension.noun[0] in "aeiou" else "a"
-    units = "" if dimension.si == "1" else f" (units: {', '.join(spellings(dimension.si))})"
-    return f'{article} {dimension.noun} such as "{dimension.example}"{units}'
 
 
 def found(value: Any) -> str:

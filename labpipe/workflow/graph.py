@@ -13,19 +13,18 @@ from typing import Any, Literal
 import msgspec
 
 from labpipe.errors import InputError
-from labpipe.workflow.fields import fields_of, split, suggest
+from labpipe.workflow.fields import fields_of, options_of, split, suggest
 
 FILE = "file:"
 OTHER = "other:"
 _IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow._worker")
-"""What every worker needs."""
 _IMPORTS_TO_DRAW = ("jinja2", "labpipe.report._document", "labpipe.report._pictures")
-"""What workers need that write pages: loaded once, not once for every experiment."""
+"""Modules of every worker, and of those that write pages: loaded once, not once for every experiment."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """One step of a kind of experiment.
+    """One step of a kind of experiment, by a name such as ``velocity`` that is unique in its kind.
 
     The function is called as ``function(*inputs, settings=settings)`` with the inputs in the
     declared order. A stage that runs once per experiment gets, for an input that runs once per
@@ -33,8 +32,6 @@ class Stage:
 
     Parameters
     ----------
-    name : str
-        Such as ``velocity``; unique in its kind.
     function : str
         ``package.module:function``, imported only when it runs.
     inputs : tuple of str
@@ -51,17 +48,13 @@ class Stage:
     may_lack : tuple of str
         Inputs that help it but that it does without: None where they gave no result. Only the recording
         may be at fault for that; where the run was, the stage waits for it.
-    per : {"experiment", "recording"}
-        Whether it runs once, or once for every file of the field ``over``.
-    over : str, optional
-        The settings field with the list of files.
+    per, over : {"experiment", "recording"}, str
+        Whether it runs once, or once for every file of the settings field ``over``.
     schema : str, optional
         Name of the :class:`labpipe.schema.Schema` that the result must satisfy, out of those
         that the run is given; without it, units and long names are checked all the same.
     output : {"dataset", "page"}
         Whether it returns a Dataset, or the HTML text of the experiment's report.
-    summary : str
-        One line for ``plan``.
     context : bool
         Whether the function takes the keyword ``context``, a
         :class:`labpipe.workflow.context.Context`; the result then depends on the session's title,
@@ -94,11 +87,10 @@ class Stage:
 
 
 def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = None) -> tuple[Stage, ...]:
-    """Check the stages of one kind and return them so that inputs come first.
+    """Check all stages of one kind, and the fields of its settings that they name; return them inputs first.
 
-    ``stages``: all stages of the kind; ``settings``: settings structure of the kind, to check the fields that the
-    stages name. Raises InputError: an input or field is unknown, or the stages form a circle; every problem is listed
-    except that a circle is only looked for when there is no other.
+    Raises InputError: an input or field is unknown, or the stages form a circle; every problem is listed except that a
+    circle is only looked for when there is no other.
     """
     by_name = {stage.name: stage for stage in stages}
     problems = []
@@ -123,10 +115,9 @@ def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = Non
         problems += [f'stage "{stage.name}": {text}' for text in wrong]
     if problems:
         raise InputError("; ".join(problems))
+    own = {s.name: [name for name in s.inputs if not name.startswith((FILE, OTHER))] for s in stages}
     try:
-        own = {s.name: [name for name in s.inputs if not name.startswith((FILE, OTHER))] for s in stages}
-        order = graphlib.TopologicalSorter(own).static_order()
-        return tuple(by_name[name] for name in order)
+        return tuple(by_name[name] for name in graphlib.TopologicalSorter(own).static_order())
     except graphlib.CycleError as error:
         circle = " -> ".join(error.args[1])
         raise InputError(f"the stages wait for each other in a circle: {circle}; remove one input") from None
@@ -138,14 +129,9 @@ def _has_field(kind: Any, dotted: str) -> bool:
     bare, _ = split(kind)
     if typing.get_origin(bare) is list:
         return _has_field(typing.get_args(bare)[0], dotted)
-    options = [split(option)[0] for option in typing.get_args(bare)] or [bare]
-    for option in options:
-        if not (isinstance(option, type) and issubclass(option, msgspec.Struct)):
-            continue
-        fields = {info.name: info.type for info in fields_of(option)}
-        if first in fields:
-            return not rest or _has_field(fields[first], rest)
-    return False
+    tables = [one for one, _ in options_of(kind) if isinstance(one, type) and issubclass(one, msgspec.Struct)]
+    types = [info.type for table in tables for info in fields_of(table) if info.name == first]
+    return bool(types) and (not rest or _has_field(types[0], rest))
 
 
 def imports_of(stages: Iterable[Stage]) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ files and the keys of the other inputs. Equal key, equal result.
 
 from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -135,14 +136,10 @@ def plan(
     full: bool = False,
     keep: bool | None = False,
 ) -> Plan:
-    """Plan a run.
+    """Plan a run of a session, of which ``stages`` has those of every kind.
 
     Parameters
     ----------
-    session : Session
-        See :func:`labpipe.workflow.session.load`.
-    stages : mapping
-        The stages of every kind of experiment.
     targets : iterable of str, optional
         Stages whose results are wanted, ``velocity`` or ``acrylic/velocity``; default all.
     only : iterable of str, optional
@@ -151,11 +148,6 @@ def plan(
         Plan for a run without shortcuts.
     keep : bool or None
         Take results of earlier code as they are; with None, those that an earlier run took.
-
-    Returns
-    -------
-    Plan
-        One row per task.
 
     Raises
     ------
@@ -188,15 +180,15 @@ def make_plan(
     plain = {e.name: msgspec.to_builtins(e.settings) for e in session.experiments.values()}
     keys: dict[TaskId, Key] = {}
     states: dict[TaskId, str] = {}
+    latest = cache(store.latest)
     for name, task in tasks.items():
         key = _key(session, task, plain[name.experiment], keys, store, full)
-        if task.stage.context:
-            earlier = {str(other): list(keys[other].kept) for other in ancestors(tasks, name) if keys[other].kept}
-            if earlier:
-                ingredients = {**key.ingredients, "kept": earlier}
-                key = Key(key.value and key_of(ingredients), ingredients, key.problem)
+        behind = ancestors(tasks, name) if task.stage.context else []
+        if earlier := {str(other): list(keys[other].kept) for other in behind if keys[other].kept}:
+            ingredients = {**key.ingredients, "kept": earlier}
+            key = Key(key.value and key_of(ingredients), ingredients, key.problem)
         if keep is not False and task.stage.output == "dataset":
-            key = _kept(store, task, key, was_taken=keep is None)
+            key = _kept(store, latest(name.experiment).get(name[1:]), key, was_taken=keep is None)
         keys[name], states[name] = key, _state(session, store, task, key)
     needed: set[TaskId] = set()
     waiting = [name for name in wanted if states[name] != "stored"]
@@ -212,7 +204,8 @@ def make_plan(
     first: dict[str | None, TaskId] = {}
     for name, task in tasks.items():
         if name in needed:
-            row = _row_to_run(store, task, keys[name], states[name], needed)
+            last = latest(name.experiment).get(name[1:])
+            row = _row_to_run(store, last, task, keys[name], states[name], needed)
             other = first.setdefault(keys[name].value, name)
             is_shared = other.experiment != name.experiment and keys[name].value is not None
             rows.append(replace(row, reason=f"shared with {other.experiment}") if is_shared else row)
@@ -225,13 +218,7 @@ def make_plan(
 def wanted_tasks(
     session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str] | None, only: Iterable[str] | None
 ) -> frozenset[TaskId]:
-    """Pick the tasks that targets and experiments name; one name may stand alone.
-
-    Raises
-    ------
-    UsageError
-        A name is unknown.
-    """
+    """Pick the tasks that targets and experiments name; one name may stand alone. UsageError where one is unknown."""
     experiments, asked = (
         None if given is None else {given} if isinstance(given, str) else set(given) for given in (only, targets)
     )
@@ -255,12 +242,10 @@ def page_name(experiment: str) -> str:
     return f"reports/{experiment}.html"
 
 
-# --- keys --------------------------------------------------------------------------------------
-
-
 def _key(session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key], store: Store, full: bool) -> Key:
     """Return the key of a task from all that it depends on; files are read unless the index knows them."""
     stage, problem = task.stage, ""
+    experiment = session.experiments[task.id.experiment]
     inputs: list[dict[str, Any]] = []
     for argument in task.arguments:
         entry: dict[str, Any] = {"input": argument.name}
@@ -273,7 +258,7 @@ def _key(session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key]
             problem = str(error).replace(f"{session.files}/", "")
         inputs.append(entry)
     ingredients: dict[str, Any] = {
-        "kind": session.experiments[task.id.experiment].kind,
+        "kind": experiment.kind,
         "stage": stage.name,
         "function": stage.function,
         "code": behind(stage.function, is_page=stage.output == "page")._asdict(),
@@ -282,9 +267,8 @@ def _key(session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key]
     }
     if stage.context:
         words = {name: getattr(session, name) for name in ("title", "operator", "notes", "synthetic")}
-        experiment = session.experiments[task.id.experiment]
-        changes = {"changed": dict(experiment.changed), "overrides": dict(experiment.overrides)}
-        words |= {name: value for name, value in (("base", experiment.base), *changes.items()) if value}
+        of_variant = {name: getattr(experiment, name) for name in ("base", "changed", "overrides")}
+        words |= {name: value for name, value in of_variant.items() if value}
         ingredients["session"] = {"experiment": experiment.name} | words
     if stage.shortcuts:
         ingredients["full"] = full
@@ -306,7 +290,7 @@ def describe_file(root: Path, name: str, index: files.HashIndex) -> dict[str, An
 def parameters(stage: Stage, settings: Any, read: Sequence[str] = ()) -> dict[str, Any]:
     """Flatten the named fields of plain settings to ``{"sphere.radius": [0.009525, 0.0, "m"]}``.
 
-    Of exclusions, a stage that declares them has what is left out of the files that it reads; notes belong to pages.
+    Of exclusions, a stage that declares them has those of the files that it reads; notes belong to pages.
     """
     if stage.output != "page":
         settings = {name: value for name, value in settings.items() if name != "notes"}
@@ -335,11 +319,10 @@ def parameters(stage: Stage, settings: Any, read: Sequence[str] = ()) -> dict[st
     return flat
 
 
-def _kept(store: Store, task: Task, key: Key, *, was_taken: bool) -> Key:
+def _kept(store: Store, last: Last | None, key: Key, *, was_taken: bool) -> Key:
     """Return the key of the last result of a task if the code alone has changed since."""
     if key.value is None or store.state(key.value) != "absent":
         return key
-    last = store.last(task.id)
     if last is None or (was_taken and last.taken_for != key.value) or store.state(last.key) != "stored":
         return key
     record = store.record(last.key)
@@ -370,7 +353,7 @@ def _state(session: Session, store: Store, task: Task, key: Key) -> str:
     return "stored" if (amended.get("key"), amended.get("digest")) == (key.value, published) else "unpublished"
 
 
-def _row_to_run(store: Store, task: Task, key: Key, state: str, needed: Set[TaskId]) -> Row:
+def _row_to_run(store: Store, last: Last | None, task: Task, key: Key, state: str, needed: Set[TaskId]) -> Row:
     """Say why a task will run."""
     waiting = [] if state == "unpublished" else [before for before in task.before if before in needed]
     if state == "unpublished":
@@ -379,7 +362,7 @@ def _row_to_run(store: Store, task: Task, key: Key, state: str, needed: Set[Task
         reasons = [key.problem]
     elif state == "damaged":
         reasons = ["result damaged"]
-    elif (last := store.last(task.id)) is None:
+    elif last is None:
         reasons = ["never run"]
     else:
         record = store.record(last.key)
@@ -410,33 +393,37 @@ def changes(old: Mapping[str, Any], new: Mapping[str, Any], *, is_waiting: bool)
     """
     code = _code_changes(old, new)
     found = [code_changed(code)] if code else []
-    before, after = old["parameters"], new["parameters"]
-    found += [
-        f"parameter {name} changed {_shown(before.get(name))} -> {_shown(after.get(name))}"
-        for name in {**after, **before}
-        # The record has lists where settings have tuples; compared is what would be stored.
-        if files.canonical(before.get(name)) != files.canonical(after.get(name))
-    ]
-    before, after = (
-        {file["name"]: file["sha256"] for one in each["inputs"] for file in one.get("files", ())} for each in (old, new)
-    )
-    found += [f"input {name} changed" for name in after if name in before and before[name] != after[name]]
-    found += [f"input {name} added" for name in after if name not in before]
-    found += [f"input {name} removed" for name in before if name not in after]
-    if old.get("full") != new.get("full"):
-        found.append(f"full {_shown(old.get('full'))} -> {_shown(new.get('full'))}")
-    words = new.get("session", {})
-    found += [f"session {name} changed" for name in words if old.get("session", {}).get(name) != words[name]]
-    if old["kind"] != new["kind"]:
-        found.append("stored for another kind")
-    if old.get("kept") != new.get("kept"):
-        found.append("other results of earlier code are kept")
+    before, after = _facts(old), _facts(new)
+    for name in {**after, **before}:
+        # as text: the record has lists where settings have tuples
+        if files.canonical(before.get(name)) == files.canonical(after.get(name)):
+            continue
+        if name.startswith("parameter"):
+            found.append(f"{name} changed {_shown(before.get(name))} -> {_shown(after.get(name))}")
+        else:
+            found.append(f"{name} {'changed' if name in before and name in after else _IN[name in after]}")
     if found:
         return found
     if [one["input"] for one in old["inputs"]] != [one["input"] for one in new["inputs"]]:
         return ["the stage takes other inputs"]
     pairs = () if is_waiting else zip(old["inputs"], new["inputs"], strict=True)
     return [f"upstream {one['input']} changed" for other, one in pairs if other.get("keys") != one.get("keys")]
+
+
+_IN = {True: "added", False: "removed"}
+
+
+def _facts(ingredients: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the ingredients that a reason may name, but for the code and the results of other tasks."""
+    inputs = (file for one in ingredients["inputs"] for file in one.get("files", ()))
+    return {
+        **{f"parameter {name}": value for name, value in ingredients["parameters"].items()},
+        **{f"input {file['name']}": file["sha256"] for file in inputs},
+        **{f"session {name}": value for name, value in ingredients.get("session", {}).items()},
+        "option full": ingredients.get("full"),
+        "kind of experiment": ingredients["kind"],
+        "kept results of earlier code": ingredients.get("kept"),
+    }
 
 
 def _shown(value: Any) -> str:

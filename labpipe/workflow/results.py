@@ -17,13 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Results:
-    """Results of a session that are up to date, read from its store.
-
-    Parameters
-    ----------
-    plan : Plan
-        Made after the results; others are not read.
-    """
+    """Results of a session that are up to date by a plan made after them, read from its store."""
 
     plan: Plan
 
@@ -56,14 +50,8 @@ class Results:
     def result(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
         """Return one result, of a stage that runs per recording that of one file.
 
-        Raises
-        ------
-        UsageError
-            The experiment or stage is unknown.
-        InputError
-            The result is missing or out of date; run first.
-        StoreError
-            It is damaged.
+        Raises UsageError: the experiment or stage is unknown; InputError: the result is missing or out of date;
+        StoreError: it is damaged.
         """
         task = TaskId(experiment, stage, recording)
         if task not in self.plan.tasks:

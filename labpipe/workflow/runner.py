@@ -25,27 +25,24 @@ class Options(TypedDict, total=False):
     """Options of :func:`run_all`."""
 
     jobs: int
+    """Experiments computed at the same time, each in a process; default 1. 0 computes in this process, for a
+    debugger; equal bytes are promised from 1 up, because only a process of its own can hold the libraries to one
+    thread."""
     cluster: str | None
+    """Address of a Dask scheduler whose workers compute instead; sessions must lie under the same path for all."""
     targets: Iterable[str] | None
     only: Iterable[str] | None
+    """See :func:`labpipe.workflow.plan.plan`, as for ``full`` and ``keep``."""
     full: bool
     keep: bool | None
     schemas: Mapping[str, Schema] | None
+    """The schemas that stages name."""
     progress: Callable[[Event], None] | None
+    """Called with every :class:`Event`; its counts are those of its session."""
 
 
 def run(session: Session, stages: Stages, **options: Unpack[Options]) -> RunResult:
-    """Compute the missing results of one session.
-
-    Parameters
-    ----------
-    session, stages, **options
-        See :func:`run_all`.
-
-    Returns
-    -------
-    RunResult
-        A failure of a stage is in it, not raised.
+    """Compute the missing results of one session, by :class:`Options`; a failure of a stage is in the result.
 
     Raises
     ------
@@ -63,17 +60,7 @@ def run(session: Session, stages: Stages, **options: Unpack[Options]) -> RunResu
 
 
 def run_all(
-    sessions: Iterable[Session],
-    stages: Stages,
-    *,
-    jobs: int = 1,
-    cluster: str | None = None,
-    targets: Iterable[str] | None = None,
-    only: Iterable[str] | None = None,
-    full: bool = False,
-    keep: bool | None = False,
-    schemas: Mapping[str, Schema] | None = None,
-    progress: Callable[[Event], None] | None = None,
+    sessions: Iterable[Session], stages: Stages, **options: Unpack[Options]
 ) -> Generator[tuple[Session, RunResult | LabpipeError]]:
     """Compute the missing results of sessions, experiments of all of them side by side.
 
@@ -83,23 +70,8 @@ def run_all(
         See :func:`labpipe.workflow.session.load`. One is asked for when there is room for it.
     stages : mapping
         The stages of every kind of experiment.
-    jobs : int
-        Experiments computed at the same time, each in a process. 0 computes in this process, for
-        a debugger; equal bytes are promised from 1 up, because only a process of its own can hold the
-        libraries to one thread.
-    cluster : str, optional
-        Address of a Dask scheduler whose workers compute instead; sessions must lie under the same
-        path for all of them.
-    targets, only : str or iterable of str, optional
-        See :func:`labpipe.workflow.plan.plan`.
-    full : bool
-        Without shortcuts, for stages that declare ``shortcuts``.
-    keep : bool or None
-        Take results of earlier code as they are; with None, those that an earlier run took.
-    schemas : mapping, optional
-        The schemas that stages name.
-    progress : callable, optional
-        Called with every :class:`Event`; its counts are those of its session.
+    **options
+        See :class:`Options`.
 
     Yields
     ------
@@ -113,12 +85,14 @@ def run_all(
     KeyboardInterrupt
         As for :func:`run`.
     """
-    engine = engines.choose(jobs, cluster)
+    jobs, schemas = options.get("jobs", 1), options.get("schemas") or {}
+    full, keep = options.get("full", False), options.get("keep", False)
+    engine = engines.choose(jobs, options.get("cluster"))
     unknown = [
         f'stage "{stage.name}" of "{kind}" names the unknown schema "{stage.schema}"'
         for kind, sequence in stages.items()
         for stage in sequence
-        if stage.schema is not None and stage.schema not in (schemas or {})
+        if stage.schema is not None and stage.schema not in schemas
     ]
     if unknown:
         raise InputError("; ".join(unknown))
@@ -127,13 +101,13 @@ def run_all(
         store = Store(session.folder)
         store.clean()
         tasks = spell_out(session, stages)
-        wanted = wanted_tasks(session, tasks, targets, only)
+        wanted = wanted_tasks(session, tasks, options.get("targets"), options.get("only"))
         made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
         store.index.save()
         template = Job(
             session=replace(session, root=session.root.absolute()),
             stages=stages,
-            schemas=dict(schemas or {}),
+            schemas=schemas,
             experiment="",
             wanted=frozenset(),
             full=full,
@@ -142,7 +116,7 @@ def run_all(
             failures={},
             run=secrets.token_hex(8),
         )
-        state = _SessionRun(made, store, template, progress, is_whole=len(made.tasks) == len(tasks))
+        state = _SessionRun(made, store, template, options.get("progress"), is_whole=len(made.tasks) == len(tasks))
         state.begin(jobs)
         return state
 
@@ -203,7 +177,7 @@ class _SessionRun:
             self.progress(Event(kind, task, len(self.outcomes), total, message, self.plan.session.root))
 
     def note(self, outcome: Outcome) -> None:
-        """Take the end of a task, once; a second pass finds in the store what the first one computed."""
+        """Take the end of a task, once; a second pass finds results of the first one in the store."""
         known = self.outcomes.get(outcome.task)
         if known != outcome and (known is None or known.state != DONE):
             self.outcomes[outcome.task] = outcome

@@ -33,7 +33,6 @@ FILE_NAME = "session.toml"
 
 _MOST_NAMES = 4
 """Names of files shown of one experiment."""
-_TOP_LEVEL = {"labpipe", "laboratory", "session", "creators", "defaults", "experiments", "variants"}
 _LONGEST_NAME = 200
 """Bytes in the name of an experiment; endings are added to it to make file names."""
 
@@ -103,7 +102,7 @@ class Session(ShownAsTable):
         return self.archive or self.root
 
     def path(self, name: str) -> Path:
-        """Return where ``session.toml``, or a file that it names, lies."""
+        """Return the path of ``session.toml``, or of a file that it names."""
         return (self.root if name == FILE_NAME else self.files) / name
 
     @property
@@ -112,7 +111,7 @@ class Session(ShownAsTable):
         return {name: one for name, one in self.experiments.items() if one.base}
 
     def without_variants(self) -> "Session":
-        """Return the session with every recording once, for what counts or gathers experiments."""
+        """Return the session with every recording once, to count or gather experiments."""
         return replace(self, experiments={n: one for n, one in self.experiments.items() if not one.base})
 
     @property
@@ -145,10 +144,16 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     files: str = ""
 
 
-class _CreatorsTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The tables ``[[creators]]``."""
+class _Layout(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole file; tables of experiments are checked by their kinds."""
 
+    labpipe: int
+    laboratory: str = ""
+    session: _SessionTable = _SessionTable()
     creators: tuple[Creator, ...] = ()
+    defaults: dict[str, dict[str, Any]] = {}
+    experiments: dict[str, dict[str, Any]] = {}
+    variants: dict[str, dict[str, Any]] = {}
 
 
 def load(
@@ -195,49 +200,46 @@ def load(
     document = parse(source, text)
     _check_version(document)
     root = source.parent.resolve()
-    head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
-    creators = {key: value for key, value in document.tree.items() if key == "creators"}
-    authors = Checker(document, root).structure(_CreatorsTable, creators, ())
-    archive = (root / head.files).resolve() if isinstance(head, _SessionTable) and head.files else None
-    if archive is not None and not archive.is_dir():
-        document.report(("session", "files"), f"there is no folder {archive}; correct the path, or mount the disk")
+    checked = Checker(document, root).structure(_Layout, document.tree, ())
+    layout = checked if isinstance(checked, _Layout) else _Layout(labpipe=VERSION)
+    head = layout.session
+    files = (root / head.files).resolve() if head.files else root
+    if head.files and not files.is_dir():
+        document.report(("session", "files"), f"there is no folder {files}; correct the path, or mount the disk")
         document.finish()
-    for key in document.tree.keys() - _TOP_LEVEL:
-        document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
-    tables, defaults = _tables(document, "experiments"), _tables(document, "defaults")
+    defaults, tables, variants = (_tables(document.tree, key) for key in ("defaults", "experiments", "variants"))
     laboratory = _laboratory(document, root, kinds)
     if not tables and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
     every: dict[Place, Any] = {("defaults", kind): table for kind, table in defaults.items()}
-    every |= {(LABORATORY, "defaults", kind): table for kind, table in laboratory.get("defaults", {}).items()}
+    every |= {(LABORATORY, *place): table for place, table in laboratory.items() if place[0] == "defaults"}
+    at_laboratory = (root / layout.laboratory).parent.resolve() if laboratory else None
+    checker = Checker(document, files, may_wait=may_wait, gaps=[], laboratory=at_laboratory)
     for place, table in every.items():
         if (kind := str(place[-1])) not in kinds:
             document.report(place, f"unknown kind{suggest(kind, kinds)}")
         else:
-            checker = Checker(
-                document, archive or root, may_wait=may_wait, gaps=[], laboratory=laboratory.get("folder")
-            )
             checker.structure(kinds[kind], table, place, partial=True)
-    variants = _tables(document, "variants")
-    places = _places(document, tables, variants)
-    _check_names(document, root, places)
+    places: dict[str, Place] = {}
+    for name in tables:  # each followed by its variants
+        places[name] = ("experiments", name)
+        places |= {one: ("variants", one) for one, table in variants.items() if table.get("base") == name}
+    places |= {name: ("variants", name) for name in variants if name not in places}
+    _check_names(document, root, places, variants)
     experiments: dict[str, Experiment] = {}
     waiting: dict[str, tuple[str, ...]] = {}
     own_problems: dict[str, int] = {}
     for name, place in places.items():
         alone = replace(document, problems={})  # the mistakes of an experiment stop it, and no other
-        gaps: list[str] = []
-        layers = _layers(alone, kinds, defaults, tables, variants.get(name), place)
-        layers = _with_laboratory(alone, kinds, laboratory, layers) if layers and laboratory else layers
-        known = (kinds, layers, places, may_wait or name in may_lack, gaps, laboratory.get("folder"))
-        one = _experiment(alone, archive or root, *known) if layers else None
+        layers = _layers(alone, kinds, defaults, tables, variants, place)
+        own = replace(checker, document=alone, gaps=[], names=places, own=name, may_wait=may_wait or name in may_lack)
+        one = _experiment(own, kinds, layers, laboratory) if layers else None
         if one is not None and place[0] == "variants":
-            base = experiments.get(variants[name]["base"])
-            changed = {} if base is None else _changed(base.settings, one.settings)
-            one = replace(one, base=variants[name]["base"], changed=changed)
-            if base is not None and not changed:
-                alone.report(place, f"differs in no setting from {base.name}; remove it, or change a setting")
-        problems = alone.problems | dict.fromkeys(gaps, document.line(place))
+            base = experiments.get(of := variants[name]["base"])
+            one = replace(one, base=of, changed=_changed(base.settings, one.settings) if base else {})
+            if base and not one.changed:
+                alone.report(place, f"differs in no setting from {of}; remove it, or change a setting")
+        problems = alone.problems | dict.fromkeys(own.gaps or (), document.line(place))
         if one is not None and not problems:
             experiments[name] = one
         else:
@@ -252,9 +254,10 @@ def load(
     if document.problems or not experiments:
         document.problems.update(own_problems)
     document.finish()
-    told = (head.title or (archive or root).name, head.operator, head.notes, head.synthetic)
+    told = (head.title or files.name, head.operator, head.notes, head.synthetic)
     waits_of = {name: waiting[name] for name in places if name in waiting}
-    return Session(root, *told, experiments, waits_of, head.licence, authors.creators, archive)
+    archive = files if head.files else None
+    return Session(root, *told, experiments, waits_of, head.licence, layout.creators, archive)
 
 
 def _of_line(problem: str) -> tuple[bool, str, int]:
@@ -266,38 +269,33 @@ def _of_line(problem: str) -> tuple[bool, str, int]:
 def _check_version(document: Document) -> None:
     """Stop at once when the file is of another version: all other messages would mislead."""
     stated = document.tree.get("labpipe")
+    if stated is VERSION:
+        return
+    message = f"expected {VERSION}, found {found(stated)}"
     if stated is None:
         message = f'missing; begin the file with the line "labpipe = {VERSION}"'
     elif isinstance(stated, int) and stated > VERSION:
         message = f"the file is of version {found(stated)}, this labpipe reads up to {VERSION}; "
         message += "update labpipe (pip install --upgrade labpipe)"
-    elif stated is not VERSION:
-        message = f"expected {VERSION}, found {found(stated)}"
-    else:
-        return
     raise ConfigError([document.at(("labpipe",), message)])
 
 
-def _tables(document: Document, key: str) -> dict[str, dict[str, Any]]:
-    """Return the tables ``[key.NAME]``; report anything else."""
-    value = document.tree.get(key, {})
-    if not isinstance(value, dict):
-        document.report((key,), f"expected tables [{key}.NAME], found {found(value)}")
-        return {}
-    for name, table in value.items():
-        if not isinstance(table, dict):
-            document.report((key, name), f"expected a table, found {found(table)}")
-    return {name: table for name, table in value.items() if isinstance(table, dict)}
+def _tables(tree: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
+    """Return the tables ``[key.NAME]``; anything else has been reported."""
+    value = tree.get(key)
+    return {n: table for n, table in value.items() if isinstance(table, dict)} if isinstance(value, dict) else {}
 
 
-def _laboratory(document: Document, root: Path, kinds: Mapping[str, type[msgspec.Struct]]) -> dict[str, Any]:
-    """Return the tables of the laboratory's file, with its ``folder``; nothing where the session names none.
+def _laboratory(
+    document: Document, root: Path, kinds: Mapping[str, type[msgspec.Struct]]
+) -> dict[Place, dict[str, Any]]:
+    """Return the tables ``[SETTING.NAME]`` of the laboratory's file; nothing where the session names none.
 
     Its lines join those of the session's document, at places that begin with the name of the file.
     """
-    if (named := document.tree.get("laboratory")) is None:
+    if not isinstance(named := document.tree.get("laboratory"), str):
         return {}
-    path = root / named if isinstance(named, str) else root
+    path = root / named
     if path.name != LABORATORY or path.parent.resolve() not in (root, *root.parents):
         expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
         document.report(("laboratory",), f"{expected}, found {found(named)}")
@@ -308,55 +306,14 @@ def _laboratory(document: Document, root: Path, kinds: Mapping[str, type[msgspec
     other = parse(path)
     _check_version(other)
     document.lines |= {(LABORATORY, *place): line for place, line in other.lines.items()}
-    known = {"defaults"} | {
-        info.encode_name for kind in kinds.values() for info in fields_of(kind) if _table_type(info.type) is not None
-    }
-    tables = {key: _tables(other, key) for key in other.tree if key != "labpipe"}
-    document.problems |= other.problems
-    for key in tables.keys() - known:
-        document.report((LABORATORY, key), f"unknown key{suggest(key, known)}")
-    return tables | {"folder": path.parent.resolve()}
-
-
-def _with_laboratory(
-    document: Document,
-    kinds: Mapping[str, type[msgspec.Struct]],
-    laboratory: Mapping[str, Any],
-    layers: Mapping[Place, dict[str, Any]],
-) -> dict[Place, dict[str, Any]]:
-    """Put below the tables of an experiment those of the laboratory's file, of its kind and of the parts it names."""
-    kind = str(list(layers)[-1][1])
-    made: dict[Place, dict[str, Any]] = {}
-    lowest: dict[Place, dict[str, Any]] = {(LABORATORY, "defaults", kind): laboratory.get("defaults", {}).get(kind, {})}
-    for place, table in (*layers.items(), *lowest.items()):
-        own, parts = dict(table), dict[Place, dict[str, Any]]()
-        for info in fields_of(kinds[kind]):
-            key = info.encode_name
-            value = own.get(key)
-            name = value.get("from") if isinstance(value, dict) else value
-            if not isinstance(name, str) or _table_type(info.type) is None:
-                continue
-            if name not in laboratory.get(key, {}):
-                known = laboratory.get(key, {})
-                where = suggest(name, known) or f"; name a table [{key}.NAME] of {LABORATORY}, or write a table"
-                document.report((*place, key), f'there is no {key} "{name}"{where}')
-                return {}
-            own[key] = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
-            parts[LABORATORY, key, name] = {key: laboratory[key][name]}
-        made |= {place: own} | parts
-    return made
-
-
-def _places(document: Document, tables: Mapping[str, Any], variants: Mapping[str, Any]) -> dict[str, Place]:
-    """Return where each experiment is written, and after it its variants."""
-    places: dict[str, Place] = {}
-    for name in tables:
-        places[name] = ("experiments", name)
-        places |= {one: ("variants", one) for one, table in variants.items() if table.get("base") == name}
-    places |= {name: ("variants", name) for name in variants if name not in places}
-    for name in variants.keys() & tables.keys():
-        document.report(("variants", name), "an experiment has this name; give the variant another one")
-    return places
+    fields = (info for kind in kinds.values() for info in fields_of(kind))
+    known = {"defaults"} | {info.encode_name for info in fields if _table_type(info.type) is not None}
+    for key, table in other.tree.items():
+        if key not in known and key != "labpipe":
+            document.report((LABORATORY, key), f"unknown key{suggest(key, known)}")
+        elif key != "labpipe" and not isinstance(table, dict):
+            document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
+    return {(key, name): table for key in other.tree for name, table in _tables(other.tree, key).items()}
 
 
 def _layers(
@@ -364,7 +321,7 @@ def _layers(
     kinds: Mapping[str, type[msgspec.Struct]],
     defaults: Mapping[str, dict[str, Any]],
     tables: Mapping[str, dict[str, Any]],
-    variant: dict[str, Any] | None,
+    variants: Mapping[str, dict[str, Any]],
     place: Place,
 ) -> dict[Place, dict[str, Any]]:
     """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is a mistake.
@@ -372,7 +329,8 @@ def _layers(
     Without a base it is its own table over the defaults of its kind.
     """
     layers, name = dict[Place, dict[str, Any]](), str(place[1])
-    if place[0] == "variants" and variant is not None:
+    if place[0] == "variants":
+        variant = variants[name]
         base = variant.get("base")
         if not isinstance(base, str) or base not in tables:
             problem = "missing" if base is None else f"there is no experiment {found(base)}"
@@ -392,6 +350,60 @@ def _layers(
     return {**layers, ("defaults", kind): defaults.get(kind, {})}
 
 
+def _experiment(
+    checker: Checker,
+    kinds: Mapping[str, type[msgspec.Struct]],
+    layers: Mapping[Place, dict[str, Any]],
+    laboratory: Mapping[Place, dict[str, Any]],
+) -> Experiment | None:
+    """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps.
+
+    Below them are those of the laboratory's file: of its kind, and the parts that they name.
+    """
+    checker, document = replace(checker, origin={}), checker.document
+    place, *_, below = layers
+    kind = kinds[str(below[1])]
+    lowest = {(LABORATORY, *below): laboratory[below]} if below in laboratory else {}
+    merged: dict[str, Any] = {}
+    overrides: dict[str, tuple[str, str]] = {}
+    for at, table in (*layers.items(), *lowest.items()):
+        own, parts = dict(table), dict[str, tuple[Any, Place]]()
+        for info in fields_of(kind) if laboratory else ():
+            key, value = info.encode_name, own.get(info.encode_name)
+            name = value.get("from") if isinstance(value, dict) else value
+            inner = _table_type(info.type)
+            if not isinstance(name, str) or inner is None:
+                continue
+            if (key, name) not in laboratory:
+                known = [of for setting, of in laboratory if setting == key]
+                near = (
+                    suggest(name, map(str, known)) or f"; name a table [{key}.NAME] of {LABORATORY}, or write a table"
+                )
+                document.report((*at, key), f'there is no {key} "{name}"{near}')
+                return None
+            own[key] = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
+            parts[key] = inner, (key, name)
+        merged = _overlaid(checker, merged, own, kind, place, at, overrides)
+        for key, (inner, part) in parts.items():
+            if isinstance(upper := merged.get(key), dict):
+                low = (LABORATORY, *part)
+                merged[key] = _overlaid(checker, upper, laboratory[part], inner, (*place, key), low, overrides)
+    # a value of the laboratory's file belongs to the line that refers to it
+    written = {at: checker.written(at) for at in _places(merged, place)}
+    lines = {dotted(at[2:]): document.line(at if to[0] == LABORATORY else to) for at, to in written.items()}
+    if not any(info.encode_name == "kind" for info in fields_of(kind)):
+        merged.pop("kind", None)
+    base = next(str(low[1]) for low in layers if low[0] == "experiments")
+    settings = checker.structure(kind, _named(merged, base), place)
+    if not isinstance(settings, msgspec.Struct):
+        return None
+    try:
+        settings = without_excluded(settings)
+    except InputError as error:
+        checker.report((*place, EXCLUDE, int(error.reason)), str(error))
+    return Experiment(checker.own, str(below[1]), settings, lines, overrides=overrides)
+
+
 def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, str]]:
     """Return the settings in which two of one kind differ, with both values in words; notes do not count."""
     old, new = (
@@ -406,12 +418,14 @@ def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, 
     return {place: (old.get(place, "none"), new.get(place, "none")) for place in places}
 
 
-def _check_names(document: Document, root: Path, places: Mapping[str, Place]) -> None:
+def _check_names(document: Document, root: Path, places: Mapping[str, Place], variants: Collection[str]) -> None:
     """Report names of experiments that cannot be names of files, or that a disk may take for one."""
     alike: dict[str, list[str]] = {}
     for name in places:  # two names that a Macintosh or Windows disk keeps in one file are one
         alike.setdefault(unicodedata.normalize("NFC", name).casefold(), []).append(name)
-    for name in places:
+    for name, place in places.items():
+        if place[0] == "experiments" and name in variants:
+            document.report(("variants", name), "an experiment has this name; give the variant another one")
         problem = "it begins with a full stop" if name.startswith(".") else ""
         problem = "it contains /" if "/" in name else problem
         try:
@@ -421,99 +435,47 @@ def _check_names(document: Document, root: Path, places: Mapping[str, Place]) ->
         if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
             problem = f"it is longer than {_LONGEST_NAME} bytes"
         if problem:
-            document.report(places[name], f"cannot be the name of an experiment: {problem}")
+            document.report(place, f"cannot be the name of an experiment: {problem}")
     for twins in alike.values():
         for name in twins if len(twins) > 1 else ():
             other = next(twin for twin in twins if twin != name)
             document.report(places[name], f'differs from "{other}" only in case; rename one')
 
 
-def _experiment(
-    document: Document,
-    root: Path,
-    kinds: Mapping[str, type[msgspec.Struct]],
-    layers: Mapping[Place, dict[str, Any]],
-    names: Collection[str],
-    may_wait: bool,
-    gaps: list[str],
-    laboratory: Path | None,
-) -> Experiment | None:
-    """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps."""
-    place, *below = layers
-    kind = str(below[-1][-1])  # the defaults of its kind are the lowest
-    has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(kinds[kind]))
-    tops = {low: (*place, low[1]) if low[0] == LABORATORY and low[1] != "defaults" else place for low in below}
-    checker = Checker(document, root, tuple((top, low) for low, top in tops.items()), may_wait, gaps, laboratory)
-    merged: dict[str, Any] = {}
-    for table in layers.values():
-        merged = _overlaid(merged, table, kinds[kind])
-    name = next(str(low[1]) for low in layers if low[0] == "experiments")
-    merged = {key: _named(value, name) for key, value in merged.items() if key != "kind" or has_field}
-    settings = checker.structure(kinds[kind], merged, place)
-    try:
-        settings = without_excluded(settings) if isinstance(settings, msgspec.Struct) else settings
-    except InputError as error:
-        settings = checker.report((*place, EXCLUDE, int(error.reason)), str(error))
-    is_whole = isinstance(settings, msgspec.Struct)
-    name = str(place[1])
-    # Without typed settings, the texts that carry the prefix can still be checked.
-    _check_references(checker, name, names, msgspec.to_builtins(settings) if is_whole else merged, place)
-    tops[place] = place
-    ends = {(*top, *at[len(low) :]) for low, top in tops.items() for at in document.lines if at[: len(low)] == low}
-    # a value of the laboratory's file belongs to the line that refers to it
-    lines = {
-        dotted(at[2:]): document.line(at if checker.written(at)[:1] == (LABORATORY,) else checker.written(at))
-        for at in ends
-    }
-    return Experiment(name, kind, settings, lines, overrides=_overrides(checker, layers, place)) if is_whole else None
-
-
-def _overrides(checker: Checker, layers: Mapping[Place, dict[str, Any]], place: Place) -> dict[str, tuple[str, str]]:
-    """Return the values of the laboratory's file that the session states otherwise, each with both, as written."""
-    found: dict[str, tuple[str, str]] = {}
-
-    def values(node: Any, at: Place) -> Iterator[tuple[Place, Any]]:
-        for key, child in children(node):
-            yield from values(child, (*at, key)) if isinstance(child, dict) else [((*at, key), child)]
-
-    for low, table in layers.items():
-        for at, value in values(table, place) if low[0] == LABORATORY else ():
-            written = checker.written(at)
-            if written[0] != LABORATORY:
-                own: Any = checker.document.tree
-                for key in written:
-                    own = own[key]
-                if own != value and not isinstance(own, list):
-                    found.setdefault(dotted(at[2:]), (str(value), str(own)))
-    return found
-
-
-def _check_references(checker: Checker, name: str, names: Collection[str], node: Any, place: Place) -> None:
-    """Report every text "experiment:NAME" that does not name another experiment of this session."""
-    if isinstance(node, str) and node.startswith(REFERENCE):
-        other = node.removeprefix(REFERENCE)
-        if other == name:
-            checker.report(place, "an experiment cannot refer to itself")
-        elif other not in names:
-            checker.report(place, f'there is no experiment "{other}"{suggest(other, (n for n in names if n != name))}')
-    for key, child in children(node):
-        _check_references(checker, name, names, child, (*place, key))
-
-
-def _overlaid(own: Any, below: Any, kind: Any = None) -> Any:
-    """Lay a table over another one, and so the tables within.
+def _overlaid(
+    checker: Checker,
+    own: Mapping[str, Any],
+    below: Mapping[str, Any],
+    kind: Any,
+    place: Place,
+    low: Place,
+    overrides: dict[str, tuple[str, str]],
+) -> dict[str, Any]:
+    """Lay a table over a lower one, and so the tables within; note where the values of the lower one were written.
 
     Of settings that exclude each other, ``alternatives`` of their structure, those of the upper table count.
     """
-    if not (isinstance(own, dict) and isinstance(below, dict)):
-        return own
     types = {info.encode_name: info.type for info in fields_of(kind)} if kind is not None else {}
-    upper = {
-        key: _overlaid(value, below[key], _table_type(types.get(key))) if key in below else value
-        for key, value in own.items()
-    }
     hidden = {key for group in getattr(kind, "alternatives", ()) if own.keys() & set(group) for key in group}
-    return upper | {key: value for key, value in below.items() if key not in own and key not in hidden}
+    made = dict(own)
+    for key, value in below.items():
+        at, written = (*place, key), (*low, key)
+        if key in own and isinstance(own[key], dict) and isinstance(value, dict):
+            inner = _table_type(types.get(key))
+            made[key] = _overlaid(checker, own[key], value, inner, at, written, overrides)
+        elif key in own and low[0] == LABORATORY != checker.written(at)[0]:
+            if own[key] != value and not isinstance(own[key], list):
+                overrides.setdefault(dotted(at[2:]), (str(value), str(own[key])))
+        elif key not in own and key not in hidden:
+            made[key], checker.origin[at] = value, written
+    return made
+
+
+def _places(node: Any, place: Place) -> Iterator[Place]:
+    """Yield the place of a tree and of all that is in it."""
+    yield place
+    for key, child in children(node):
+        yield from _places(child, (*place, key))
 
 
 def _named(node: Any, name: str) -> Any:

@@ -96,13 +96,7 @@ def _keep(digest: str, dataset: "xr.Dataset") -> bool:
 
 
 class Store:
-    """The results of one session.
-
-    Parameters
-    ----------
-    folder : Path
-        ``SESSION/labpipe``; nothing is made before the first result is written.
-    """
+    """The results of one session, in ``SESSION/labpipe``; nothing is made before the first result is written."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -114,8 +108,7 @@ class Store:
     def record(self, key: str) -> Record | None:
         """Return the record of a result, or None when there is none that can be believed."""
         try:
-            data = self._path(key, ".json").read_bytes()
-            record = msgspec.convert(files.unseal(data), Record)
+            record = msgspec.convert(files.unseal(self._path(key, ".json").read_bytes()), Record)
         except (OSError, msgspec.ValidationError):
             return None
         is_ours = record.format == FORMAT and record.key == key == key_of(record.ingredients)
@@ -125,14 +118,12 @@ class Store:
         """Return whether a result is ``stored``, ``absent`` or ``damaged``, without numpy."""
         # Asked first: another process may write the record while it is looked for.
         is_there = self._path(key, ".json").exists()
-        record = self.record(key)
-        if record is None:
+        if (record := self.record(key)) is None:
             return "damaged" if is_there else "absent"
-        try:
-            is_whole = self.index.digest(self.path(record)) == record.digest
-        except SourceError:
-            return "damaged"
-        return "stored" if is_whole else "damaged"
+        with contextlib.suppress(SourceError):
+            if self.index.digest(self.path(record)) == record.digest:
+                return "stored"
+        return "damaged"
 
     def path(self, record: Record) -> Path:
         """Where a result is."""
@@ -145,11 +136,8 @@ class Store:
     def read(self, key: str) -> "xr.Dataset | str":
         """Return a result after comparing its whole content with its record.
 
-        Raises
-        ------
-        StoreError
-            It is not there, or damaged; a damaged one has been moved to the quarantine, so that
-            the next run makes it again.
+        Raises StoreError: it is not there, or damaged; a damaged one has been moved to the quarantine, so that the next
+        run makes it again.
         """
         is_there = self._path(key, ".json").exists()
         record = self.record(key)
@@ -243,14 +231,12 @@ class Store:
 
     def note_latest(self, task: TaskId, key: str, taken_for: str | None = None) -> None:
         """Remember the last result of a task; only the holder of the experiment's lock calls it."""
-        known = self.latest(task.experiment)
-        if known.get((task.stage, task.recording)) != Last(key, taken_for):
-            known[task.stage, task.recording] = Last(key, taken_for)
-            entries = sorted(
-                ([*name, *(part for part in last if part)] for name, last in known.items()),
-                key=lambda entry: (entry[0], entry[1] or ""),
-            )
-            files.write_bytes(self._latest_path(task.experiment), files.seal(entries))
+        known, name, last = self.latest(task.experiment), (task.stage, task.recording), Last(key, taken_for)
+        if known.get(name) != last:
+            known[name] = last
+            entries = ([*of, *filter(None, one)] for of, one in known.items())
+            ordered = sorted(entries, key=lambda entry: (entry[0], entry[1] or ""))
+            files.write_bytes(self._latest_path(task.experiment), files.seal(ordered))
 
     # --- locks and cleaning ---
 
@@ -307,22 +293,16 @@ def log(session: Session, event: str, **details: Any) -> None:
     files.append_line(session.folder / LOG, line)
 
 
-def events(session: Session, containing: str = "") -> Iterator[dict[str, Any]]:
-    """Go through the events of all runs whose lines contain a text; lines that a kill left incomplete are passed over.
+def events(session: Session, containing: str = "") -> list[dict[str, Any]]:
+    """Return the events of all runs whose lines contain a text; most are about results that were there already."""
+    return events_after(session, 0, containing)[1]
 
-    Most lines of a log are about results that were there already: to look for a text saves their parsing.
+
+def events_after(session: Session, position: int, containing: str) -> tuple[int, list[dict[str, Any]]]:
+    """Return the end of the log, and the events written since a position [bytes] in it whose lines contain a text.
+
+    Lines that a kill left incomplete are passed over.
     """
-    path = session.folder / LOG
-    for line in path.read_text("utf-8", errors="replace").splitlines() if path.is_file() else ():
-        if containing in line:
-            with contextlib.suppress(ValueError):
-                event = json.loads(line)
-                if isinstance(event, dict):
-                    yield event
-
-
-def events_after(session: Session, position: int, run: str) -> tuple[int, list[dict[str, Any]]]:
-    """Return the end of the log, and the events of one run that were written since a position [bytes] in it."""
     try:
         with (session.folder / LOG).open("rb") as stream:
             stream.seek(position)
@@ -331,10 +311,10 @@ def events_after(session: Session, position: int, run: str) -> tuple[int, list[d
         return position, []
     found = []
     for line in lines:
-        if run.encode() in line:
+        if containing.encode() in line:
             with contextlib.suppress(ValueError):
                 found.append(json.loads(line))
-    return position + sum(len(line) + 1 for line in lines), found
+    return position + sum(len(line) + 1 for line in lines), [event for event in found if isinstance(event, dict)]
 
 
 def last_seconds(session: Session) -> dict[TaskId, float]:

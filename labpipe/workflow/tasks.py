@@ -120,15 +120,10 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
         experiment = session.experiments[name]
         for stage in plans[experiment.kind]:
             for recording in recordings(experiment, stage):
-                own = [
-                    replace(
-                        _argument(session, plans, experiment, text, recording, stage.over),
-                        may_lack=text in stage.may_lack,
-                    )
-                    for text in stage.inputs
-                ]
+                found = (_argument(session, plans, experiment, text, recording, stage.over) for text in stage.inputs)
+                own = tuple(replace(one, may_lack=one.name in stage.may_lack) for one in found)
                 task_id = TaskId(name, stage.name, recording)
-                tasks[task_id] = Task(task_id, stage, tuple(own))
+                tasks[task_id] = Task(task_id, stage, own)
     return tasks
 
 
@@ -161,32 +156,27 @@ def field_value(settings: Any, dotted: str) -> Any:
 
     Through a list of structures it leads to all their values, joined: ``drops.laser``.
     """
-    for name in dotted.split("."):
-        if isinstance(settings, list | tuple):
-            values = [getattr(item, name, None) for item in settings]
-            settings = [part for value in values for part in _names(value)]
-        else:
-            settings = getattr(settings, name, None)
-    return settings
+    found = list(_ends(settings, dotted.split(".")))
+    if len(found) == 1 and "[" not in found[0][0]:
+        return found[0][1]
+    return [part for _, value in found for part in _names(value)]
+
+
+def _ends(node: Any, names: Sequence[str], place: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield place (``drops[1].material_from``) and value of a field, in every item of the lists on the way."""
+    if names and isinstance(node, list | tuple):
+        for number, item in enumerate(node):
+            yield from _ends(item, names, f"{place}[{number}]")
+    elif names:
+        yield from _ends(getattr(node, names[0], None), names[1:], f"{place}.{names[0]}".removeprefix("."))
+    else:
+        yield place, node
 
 
 def _named(experiment: Experiment, field: str) -> list[tuple[str, str | None]]:
-    """List the experiments that a field names, each with its place (``drops[1].material_from``).
-
-    It is followed into every item of a list on the way; where a table or a name is absent, the experiment is None.
-    """
-
-    def ends(node: Any, names: Sequence[str], place: str) -> Iterator[tuple[str, Any]]:
-        if isinstance(node, list | tuple):
-            for number, item in enumerate(node):
-                yield from ends(item, names, f"{place}[{number}]")
-        elif names and node is not None:
-            yield from ends(getattr(node, names[0], None), names[1:], f"{place}.{names[0]}".removeprefix("."))
-        else:
-            is_name = isinstance(node, str) and node.startswith(REFERENCE)
-            yield place, node.removeprefix(REFERENCE) if is_name else None
-
-    return list(ends(experiment.settings, field.split("."), ""))
+    """List the experiments that a field names, each with its place; None where a table or a name is absent."""
+    ends = _ends(experiment.settings, field.split("."))
+    return [(place, name.removeprefix(REFERENCE) if isinstance(name, str) else None) for place, name in ends]
 
 
 def _names(value: Any) -> tuple[str, ...]:
@@ -198,10 +188,7 @@ def _names(value: Any) -> tuple[str, ...]:
 def arguments(session: Session, stages: Stages, experiment: Experiment, inputs: Iterable[str]) -> tuple[Argument, ...]:
     """Resolve inputs, written like those of a stage, for a function that runs once per experiment.
 
-    Raises
-    ------
-    ConfigError
-        The experiment refers to one that has no such stage.
+    Raises ConfigError where the experiment refers to one that has no such stage.
     """
     return tuple(_argument(session, stages, experiment, text) for text in inputs)
 
@@ -216,9 +203,7 @@ def _argument(
 ) -> Argument:
     if text.startswith(FILE):
         field = text.removeprefix(FILE)
-        value = field_value(experiment.settings, field)
-        if recording is not None and field == over:
-            return Argument(text, (recording,))
+        value = recording if recording is not None and field == over else field_value(experiment.settings, field)
         return Argument(text, _names(value), is_list=isinstance(value, list | tuple))
     if not text.startswith(OTHER):
         taken = next(s for s in plans[experiment.kind] if s.name == text)

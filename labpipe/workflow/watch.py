@@ -47,7 +47,7 @@ class News:
 
 @dataclass(slots=True)
 class Settling:
-    """Which files have come to rest: unchanged over :data:`LOOKS` looks."""
+    """Which files have come to rest: unchanged over so many looks."""
 
     looks: int = LOOKS
     seen: dict[Path, tuple[Stamp, int]] = field(default_factory=dict)
@@ -58,8 +58,14 @@ class Settling:
             raise InputError(f"a file needs at least 1 look to be at rest, found looks={self.looks}")
 
     def look(self, path: Path) -> None:
-        """Note the state of a file; called once per look."""
-        stamp = stamp_of(path)
+        """Note the state of a file or folder; called once per look."""
+        found = []
+        # A file may vanish between being listed and being asked for; then it is not there.
+        with contextlib.suppress(OSError):
+            for part in files_below(path) if path.is_dir() else [path]:
+                status = part.stat()
+                found.append((part.name, status.st_size, status.st_mtime_ns))
+        stamp = tuple(found) if sum(size for _, size, _ in found) else ()
         before, count = self.seen.get(path, ((), 0))
         self.seen[path] = (stamp, count + 1 if stamp == before and stamp else 1)
 
@@ -73,24 +79,13 @@ class Settling:
         return bool(stamp) and count >= self.looks
 
 
-def stamp_of(path: Path) -> Stamp:
-    """Return the state of a file or folder; empty when it is not there or holds nothing."""
-    found = []
-    # A file may vanish between being listed and being asked for; then it is not there.
-    with contextlib.suppress(OSError):
-        for part in files_below(path) if path.is_dir() else [path]:
-            status = part.stat()
-            found.append((part.name, status.st_size, status.st_mtime_ns))
-    return tuple(found) if sum(size for _, size, _ in found) else ()
-
-
 @dataclass(slots=True)
 class Watcher:
     """Looks at a session folder and processes complete experiments.
 
     ``folder``: the session folder; session.toml may come later; ``kinds``, ``stages``: settings structure and stages of
     every kind of experiment; ``check``: given an experiment and the path of a file at rest: None when the file is
-    complete by its own content, or what is missing; ``run``: given a session of complete experiments and the name of
+    complete by its own content, or the missing part; ``run``: given a session of complete experiments and the name of
     one: processes it; ``settling``: how long a file must rest.
     """
 
@@ -118,8 +113,7 @@ class Watcher:
         """Whether every experiment of the session was processed, or failed."""
         if self.session is None or self.session.waiting:
             return False
-        states = [self.told.get(name, ("", ""))[0] for name in self.session.experiments]
-        return all(state in (PROCESSED, FAILED) for state in states)
+        return all(self.told.get(name, ("",))[0] in (PROCESSED, FAILED) for name in self.session.experiments)
 
     @property
     def states(self) -> dict[str, tuple[str, str]]:

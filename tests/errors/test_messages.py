@@ -14,9 +14,8 @@ from tests.errors.wrong_inputs import CASES
 EXPECTED = tomllib.loads((Path(__file__).parent / "messages.toml").read_text("utf-8"))
 
 
-def test_there_are_many_cases_and_a_message_for_each() -> None:
+def test_there_is_a_message_for_each_case() -> None:
     assert set(CASES) == set(EXPECTED)
-    assert len(CASES) >= 100
 
 
 @pytest.mark.parametrize("name", sorted(CASES))
@@ -36,7 +35,7 @@ def test_no_library_speaks_in_a_message() -> None:
 
 def test_errors_survive_a_process_boundary(tmp_path: Path) -> None:
     """Workers send errors to the command line, which shows the same text."""
-    for name in ("field_misspelt", "keyence_letter_in_number", "material_of_no_name"):
+    for name in ("field_missing", "keyence_letter_in_number", "material_of_no_name"):
         folder = tmp_path / name
         folder.mkdir()
         with pytest.raises(LabpipeError) as caught:

@@ -119,24 +119,6 @@ def _run(folder: Path, program: Callable[[], object], last: int, error: int) -> 
     return said
 
 
-def child_result(program: Callable[[], str]) -> str:
-    """Run a program in a child, so that what it does to the process ends with it."""
-    reader, writer = os.pipe()
-    pid = _fork()
-    if not pid:
-        code = 1
-        try:
-            os.write(writer, program().encode())
-            code = 0
-        finally:
-            os._exit(code)
-    os.close(writer)
-    with os.fdopen(reader) as stream:
-        said = stream.read()
-    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0, "the program itself failed"
-    return said
-
-
 def at_once(programs: Sequence[Callable[[], str]]) -> list[str]:
     """Run programs in a child each, all begun before the first has ended; return what they say."""
     pipes = [os.pipe() for _ in programs]

@@ -34,21 +34,3 @@ def resize(folder: Path, size: int) -> None:
     """Give a small disk another size."""
     said = _run("mount", "-o", f"remount,size={size}", str(folder))
     assert said is None, said
-
-
-@contextlib.contextmanager
-def share(content: Path, folder: Path) -> Iterator[Path]:
-    """Show a folder at another place, as a share is shown; skip where that is not allowed."""
-    folder.mkdir(exist_ok=True)
-    said = _run("mount", "--bind", str(content), str(folder))
-    if said:
-        pytest.skip(f"mounting a share is not allowed here: {said}")
-    try:
-        yield folder
-    finally:
-        vanish(folder)
-
-
-def vanish(folder: Path) -> None:
-    """Take a share away, whoever uses it."""
-    _run("umount", "-l", str(folder))

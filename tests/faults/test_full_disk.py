@@ -1,7 +1,6 @@
-"""A real disk that is too small, and a real share that goes away: named, and nothing is spoilt."""
+"""A real disk that is too small: named, and nothing is spoilt."""
 
 import os
-import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,10 +10,10 @@ import pytest
 import instruments
 from instruments.keyence import Setup, Status, record, recover
 from instruments.keyence._connection import Reading
-from labpipe.errors import LabpipeError, StorageError
+from labpipe.errors import StorageError
 from labpipe.workflow import provenance, runner
-from tests.faults.crashes import child_result, moments
-from tests.faults.mounts import resize, share, small_disk, vanish
+from tests.faults.crashes import moments
+from tests.faults.mounts import resize, small_disk
 from tests.labpipe.workflow import toy_laboratory as toy
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -33,11 +32,6 @@ def run(folder: Path) -> tuple[int, list[str]]:
     session = toy.load(folder, toy.KINDS)
     result = runner.run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
     return result.exit_code, [o.message for o in result.failures]
-
-
-def run_and_tell(folder: Path) -> str:
-    code, texts = run(folder)
-    return f"{code} {texts}"
 
 
 def test_a_disk_of_any_size_is_named_as_too_small_or_large_enough(tmp_path: Path, amount: Amount) -> None:
@@ -88,41 +82,3 @@ def test_a_disk_that_fills_up_while_a_sensor_is_recorded_keeps_the_readings(tmp_
         resize(disk, ROOMY)
         recover(disk / "a.csv")
         assert instruments.read(disk / "a.csv").sizes["time"] > 50
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="needs umount")
-def test_a_share_that_vanishes_at_any_operation_is_told_and_found_sound_again(tmp_path: Path, amount: Amount) -> None:
-    calm = toy.make_session(tmp_path / "calm")
-    run(calm.root)
-    expected = toy.contents(calm)
-    for last in moments(120, amount(3, 40)):
-        content = tmp_path / f"content {last}"
-        content.mkdir()
-        with share(content, tmp_path / "share") as place:
-            root = toy.make_session(place / "session").root
-
-            def program(root: Path = root, place: Path = place, last: int = last) -> str:
-                left = [last]
-
-                def hook(event: str, arguments: tuple[object, ...]) -> None:
-                    if event == "open" and str(arguments[0]).startswith(str(place)):
-                        left[0] -= 1
-                        if not left[0]:
-                            vanish(place)
-
-                sys.addaudithook(hook)
-                try:
-                    return run_and_tell(root)
-                except LabpipeError as error:
-                    return f"{error.exit_code} {error}"
-                except BaseException as error:  # it is told by the parent
-                    return f"unexpected {error!r}"
-
-            said = child_result(program)
-            assert said[0] in "0135", said
-            assert "unexpected" not in said, said
-        shutil.rmtree(tmp_path / "share")
-        with share(content, tmp_path / "share") as place:
-            assert run(place / "session") == (0, [])
-            session = toy.load(place / "session", toy.KINDS)
-            assert toy.contents(session) == expected, last

@@ -128,17 +128,6 @@ def test_a_run_killed_before_any_operation_is_finished_by_the_next(
     assert killed > len(chosen) // 2
 
 
-@pytest.mark.usefixtures("laboratory")
-def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(tmp_path: Path, amount: Amount) -> None:
-    calm, session = (toy.make_session(tmp_path / name) for name in ("calm", "killed"))
-    run_toys(calm.root)
-    rng = random.Random(2)
-    for _ in range(amount(6, 700)):
-        operations(session.root, lambda: run_toys(session.root), rng.randrange(1, 200))
-    run_toys(session.root)
-    assert toy.contents(session) == toy.contents(calm)
-
-
 DISKS = {
     "full": errno.ENOSPC,
     "read-only": errno.EROFS,

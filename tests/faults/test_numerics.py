@@ -29,22 +29,14 @@ Columns = list[Array]
 
 def drop() -> Columns:
     """A fall of 5 mm, three bounces without loss of time in between, then rest; 670 Hz."""
-    time, height, speed = np.arange(0.0, 0.35, 1.5e-3), [], 0.3132
-    arcs = [(0.032, 0.0, 0.0)]
+    time = np.arange(0.0, 0.35, 1.5e-3)
+    height, start, speed = np.where(time < 0.032, 0.005 - 0.5 * 9.81 * time**2, 0.0), 0.032, 0.3132
     for _ in range(3):
-        start = arcs[-1][0]
         speed *= 0.6
-        arcs.append((start + 2 * speed / 9.81, start, speed))
-    for t in time:
-        arc = next((a for a in arcs if t < a[0]), None)
-        if arc is None:
-            height.append(0.0)
-        elif arc[1] == 0.0:
-            height.append(0.005 - 0.5 * 9.81 * t**2)
-        else:
-            s = t - arc[1]
-            height.append(arc[2] * s - 0.5 * 9.81 * s**2)
-    return [time, np.array(height) + 1e-7 * np.sin(1e6 * time)]
+        s = time - start
+        start += 2 * speed / 9.81
+        height = np.where((s >= 0.0) & (time < start), speed * s - 0.5 * 9.81 * s**2, height)
+    return [time, height + 1e-7 * np.sin(1e6 * time)]
 
 
 def fall() -> Columns:
@@ -165,10 +157,6 @@ def uneven(columns: Columns, rng: random.Random) -> Columns:
     return [c[keep[: c.size]] if c.ndim == 1 else c for c in columns]
 
 
-def strided(column: Array) -> Array:
-    return np.repeat(column, 3, axis=0)[::3]
-
-
 FAULTS: dict[str, Fault] = {
     "empty": kept(0),
     "one point": kept(1),
@@ -194,7 +182,6 @@ FAULTS: dict[str, Fault] = {
     "negative": one(lambda c, rng: -c),
     "single precision": every(lambda c: c.astype(np.float32)),
     "two dimensions": one(lambda c, rng: c.reshape(-1, 1)),
-    "not contiguous": every(strided),
     "zero": one(lambda c, rng: 0.0 * c),
     "steps": one(lambda c, rng: np.round(c, 5)),
 }
@@ -232,16 +219,6 @@ def tried(step: str, columns: Columns) -> list[Array] | str:
     numbers = [a for a in found if a.dtype.kind == "f"]
     assert not any(np.isinf(a).any() for a in numbers)
     return numbers
-
-
-@pytest.mark.parametrize("step", STEPS)
-def test_sound_columns_are_taken_in_any_layout(step: str) -> None:
-    columns = STEPS[step][0]()
-    plain = tried(step, columns)
-    assert not isinstance(plain, str), plain
-    other = tried(step, [strided(c) for c in columns])
-    assert not isinstance(other, str), other
-    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(plain, other, strict=True))
 
 
 @pytest.mark.parametrize("step", STEPS)

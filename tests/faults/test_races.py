@@ -7,12 +7,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-import xarray as xr
 
 from labpipe.workflow import provenance, runner
-from labpipe.workflow.store import Store, key_of
 from tests.faults.crashes import at_once
 from tests.labpipe.workflow import toy_laboratory as toy
 
@@ -53,34 +50,3 @@ def test_two_runs_of_one_session_make_every_result_once(tmp_path: Path, amount: 
         assert toy.contents(session) == expected, n
         assert not list(session.folder.rglob(".*.part")), n
         shutil.rmtree(session.root)
-
-
-@pytest.mark.slow
-def test_eight_writers_and_readers_of_one_key_never_see_a_torn_result(tmp_path: Path, amount: Amount) -> None:
-    """The same ingredients give the same result, so whoever comes last changes nothing."""
-    values = ("time", np.arange(500.0), {"units": "m", "long_name": "z"})
-    dataset = xr.Dataset({"z": values})
-    for n in range(amount(3, 800)):
-        ingredients = {"stage": "read", "version": n}
-        key = key_of(ingredients)
-
-        def write(ingredients: dict[str, object] = ingredients) -> str:
-            return Store(tmp_path).write(ingredients, dataset).key
-
-        def look(key: str = key) -> str:
-            store = Store(tmp_path)
-            for _ in range(20):
-                state = store.state(key)
-                if state == "stored":
-                    found = store.read(key)
-                    assert isinstance(found, xr.Dataset)
-                    assert found.identical(dataset)
-                    return "stored"
-                assert state == "absent", state
-            return "absent"
-
-        said = at_once([write, look] * 4)
-        assert set(said[::2]) == {key}
-        assert set(said[1::2]) <= {"stored", "absent"}
-        assert Store(tmp_path).state(key) == "stored"
-    assert not list(tmp_path.rglob(".*.part"))

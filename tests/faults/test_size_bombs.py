@@ -136,20 +136,6 @@ CASES: dict[str, Case] = {
         session,
     ),
     "session of a key 300,000 deep": ("session.toml", lambda f: chain("a", 300_000), session),
-    "session of a quoted key 200,000 deep": ("session.toml", lambda f: chain("'a'", 200_000), session),
-    "session of a table 300,000 deep": (
-        "session.toml",
-        lambda f: b"labpipe = 1\n[" + b"a." * 300_000 + b"a]\n",
-        session,
-    ),
-    "session of an integer of 900,000 digits": ("session.toml", lambda f: b"labpipe = " + b"1" * 900_000, session),
-    "session of 2,000 experiments with mistakes": (
-        "session.toml",
-        lambda f: (
-            b"labpipe = 1\n" + b"".join(b"[experiments.e%d]\nkind = 'ball_drop'\nfoo = 1\n" % i for i in range(2_000))
-        ),
-        session,
-    ),
     "record of 15,000 unknown keys": (
         "laser.toml",
         lambda f: b"".join(b"abcdef%d = 1\n" % i for i in range(15_000)),

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.process import process
-from tests.faults.crashes import child_result
+from tests.faults.crashes import at_once
 from tests.faults.test_failed_inputs import GARBAGE, session
 
 ROOT = Path(__file__).parents[2]
@@ -82,4 +82,4 @@ def test_a_run_asks_nobody_for_anything(tmp_path: Path) -> None:
         process(folder, jobs=0)
         return "\n".join(sorted(set(asked)))
 
-    assert set(child_result(run).split("\n")) <= {"", "subprocess.Popen git"}
+    assert set(at_once([run])[0].split("\n")) <= {"", "subprocess.Popen git"}

@@ -43,7 +43,7 @@ def found(folder: Path) -> list[str]:
 
 
 def test_a_kernel_is_compiled_again_when_another_module_in_it_has_changed(kernels: Path) -> None:
-    assert [found(kernels), found(kernels)] == [["2.0", "0"], ["2.0", "1"]]
+    assert found(kernels) == ["2.0", "0"]
     (kernels / "other.py").write_text("A = 2\n")
     assert found(kernels) == ["2.0", "1"]
     (kernels / "inner.py").write_text(INNER.replace("2.0", "3.0"))

@@ -234,7 +234,7 @@ def test_links_may_lead_inside_but_not_out_nor_in_circles(tmp_path: Path) -> Non
             safe_join(root, name)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True))
 def test_no_name_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
     with contextlib.suppress(InputError):

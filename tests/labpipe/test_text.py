@@ -44,7 +44,7 @@ def test_every_line_end_counts_and_a_missing_last_one_is_seen(tmp_path, end, is_
     assert list(source.lines()) == ["a", "", "b"]
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=50, deadline=None, derandomize=True)
 @given(st.text(alphabet="ab\r\n", max_size=40), st.integers(1, 7))
 def test_lines_do_not_depend_on_where_pieces_are_cut(tmp_path_factory, content, piece):
     path = tmp_path_factory.mktemp("pieces") / "a.txt"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.errors import InputError, UsageError
+from labpipe.errors import UsageError
 from labpipe.workflow import provenance
 from labpipe.workflow.engines import Call, Died, choose, elsewhere, side_by_side
 
@@ -130,11 +130,6 @@ def test_a_worker_computes_with_one_thread_and_leaves_ours_alone(monkeypatch: py
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     assert dict(side_by_side(choose(1), f"{__name__}:threads", {0: ()})) == {0: "11"}
     assert os.environ["OMP_NUM_THREADS"] == "7"
-
-
-def test_fewer_workers_than_none_are_refused() -> None:
-    with pytest.raises(InputError, match="jobs must be at least 0, found -1"):
-        choose(-1)
 
 
 @pytest.mark.slow

@@ -133,7 +133,7 @@ def test_a_kept_result_is_marked_on_every_page_and_keeps_its_key(laboratory: Lab
     why = f"code changed: {laboratory.name}"
     found = laboratory.plan(keep=True)
     assert found["read"] == found["double"] == ("kept", why)
-    assert found["report"] == ("will run", f"{why}; other results of earlier code are kept")
+    assert found["report"] == ("will run", f"{why}; kept results of earlier code changed")
     assert laboratory.run(keep=True) == {"read": "kept", "double": "kept", "report": "done"}
     assert laboratory.page.endswith(f"3.0 6.0 kept ['read: {laboratory.name}', 'double: {laboratory.name}']")
     assert laboratory.run(keep=True) == {"read": "kept", "double": "kept", "report": "cached"}

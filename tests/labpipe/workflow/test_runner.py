@@ -20,7 +20,6 @@ from labpipe.errors import InputError, StorageError, UsageError
 from labpipe.schema import Schema
 from labpipe.workflow import provenance
 from labpipe.workflow._worker import Job, work
-from labpipe.workflow.graph import Stage
 from labpipe.workflow.results import open_result
 from labpipe.workflow.run_result import Event, RunResult
 from labpipe.workflow.runner import run, run_all
@@ -260,13 +259,6 @@ def test_a_stage_does_without_what_it_may_lack_unless_the_run_was_at_fault(
     assert states(run_here_with({"drop": drop, "dma": toy.DMA}, repaired))["nbr/mean"] == "done"
 
 
-def test_a_function_that_cannot_be_imported_is_named(session: Session) -> None:
-    for function in ("toy_laboratory:nothing", "no_such_module:f"):
-        curve = Stage("curve", function, ("file:sweep",))
-        result = run(session, {**toy.STAGES, "dma": (curve,)}, schemas=toy.SCHEMAS, jobs=0)
-        assert f"{function} cannot be imported" in result.failures[0].message
-
-
 def test_a_schema_that_is_not_given_is_refused_before_anything_runs(session: Session) -> None:
     with pytest.raises(InputError, match='stage "mean" of "drop" names the unknown schema "toy"'):
         run(session, toy.STAGES, schemas={"tyo": Schema("tyo")})
@@ -338,26 +330,6 @@ def test_sessions_side_by_side_each_end_in_their_own_way(tmp_path: Path, jobs: i
     assert {event.session.name for event in told} == {"whole", "troubled"}
     again = [run_here(session, jobs) for session in found[:2]]
     assert [done.exit_code for done in again] == [0, 1]
-
-
-def test_sessions_side_by_side_have_the_bytes_of_each_alone(
-    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(provenance, "git_state", lambda folder: None)
-    made = [toy.make_session(tmp_path / name) for name in "abc"]
-    asked: list[str] = []
-
-    def opened() -> Iterator[Session]:
-        for session in made:
-            asked.append(session.root.name)
-            yield session
-
-    ended = run_all(opened(), toy.STAGES, schemas=toy.SCHEMAS, jobs=2)
-    first, done = next(ended)
-    assert isinstance(done, RunResult)
-    assert first.root.name in asked
-    list(ended)
-    assert [toy.contents(session) for session in made] == [undisturbed] * 3
 
 
 @pytest.mark.slow
