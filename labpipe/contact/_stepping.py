@@ -30,6 +30,8 @@ _UNNESTED_STEPS = 8
 _MAX_STEPS_PER_INTERVAL = 20_000
 # A contact ends where its force has fallen to this part of its largest.
 _AT_LIFT_OFF = 1e-11
+# No step is shorter than this part of the longest.
+_SHORTEST = 1e-12
 # One that has lasted longer than the period at rest only rings down: its steps may err more.
 _LENIENCY = 8.0
 _FAST = {"reassoc", "contract", "nsz"}  # sums in any order
@@ -434,7 +436,7 @@ def swing(
     while row < trail.size:
         left = until - now.time
         dt = min(pace.dt, rules.longest, left)
-        ends = dt >= left
+        ends, is_tiny = dt >= left, dt <= _SHORTEST * rules.longest
         made = _pair(on, body, INERTIA, dt, 0.0, 0.0, now.approach)
         counts[2] += 3
         if made.touched == OUTGROWN:
@@ -447,7 +449,7 @@ def swing(
             pace.dt = dt * _SHRINK
             continue
         lifted = room.middle[0] <= 0.0 or room.end[0] <= 0.0
-        if now.force > 0.0 and lifted and now.force > _AT_LIFT_OFF * pace.peak:
+        if now.force > 0.0 and lifted and now.force > _AT_LIFT_OFF * pace.peak and not is_tiny:
             # Next to where the load of the spring at the centre, which lets go last, would vanish.
             over = room.past_end[0] - made.displacement
             if room.middle[0] <= 0.0:
@@ -465,6 +467,8 @@ def swing(
         error, unnested = made.error / (rules.allowed * pace.leniency), 0
         factor = _MARGIN * min(max(error, 1e-12), 1e12) ** -_ORDER
         if not error <= 1.0:
+            if is_tiny:
+                return row, NOT_NESTED
             counts[1] += 1
             pace.dt = dt * min(max(factor, _SHRINK), _MARGIN)
             continue
