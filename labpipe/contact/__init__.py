@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     )
     from labpipe.contact._collision import collision as collision, contact_stiffness as contact_stiffness
     from labpipe.contact._heating import NOTICEABLE as NOTICEABLE, Heating as Heating, self_heating as self_heating
-    from labpipe.contact.impact import Plate as Plate, Shortcuts as Shortcuts, drop as drop, impacts as impacts
+    from labpipe.contact.impact import Plate as Plate, drop as drop, impacts as impacts
     from labpipe.contact.line import (
         dissipated_power as dissipated_power,
         dissipated_work as dissipated_work,

@@ -11,50 +11,60 @@ the step is stable at any length, and its cost does not grow with the history. A
 more element, a bare dashpot that flows by ``fluidity * q``; it is the last row of the memory.
 
 A memory is an array (element, spring); several steps of one history may have any lengths, zero
-included. The usual loop is::
-
-    creep = Creep.of(material)
-    memory = creep.rest(n_springs)
-    weights = step_weights(creep, dt)
-    past = history(weights, memory, load)            # what the springs would show at load 0
-    new_load = (displacement - past) / weights.compliance
-    memory = advance(weights, memory, load, new_load)
+included (:mod:`labpipe.contact._stepping`).
 """
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
-from labpipe.compilation import lean
 from labpipe.errors import InputError
 
 if TYPE_CHECKING:
     from labpipe.materials import Prony
 
 
-@dataclass(frozen=True, slots=True)
+class Elements(NamedTuple):
+    """The elements of a spring as steps take them: ``w' + rate w = flow q`` of each, and the compliance in series.
+
+    ``instantaneous`` [1/Pa]; ``rate`` (element,) [1/s] is 0 of the dashpot of a liquid; ``flow`` [1/(Pa s)].
+    """
+
+    instantaneous: float
+    rate: Floats
+    flow: Floats
+
+
+@dataclass(frozen=True)
 class Creep:
     """Contact creep compliance in 1/Pa.
 
     ``J*(t) = instantaneous + sum C (1 - exp(-t/tau)) + fluidity t``, which already holds the
     factor ``1 - nu**2`` of the half-space. No terms and no fluidity is an elastic solid.
 
-    ``instantaneous`` [1/Pa]. ``C`` (term,) [1/Pa]. ``tau`` (term,) [s]. ``fluidity`` [1/(Pa s)]. ``rate`` (element,)
-    [1/s]: ``1/tau`` of every row of the memory, 0 for the dashpot of a liquid.
+    ``instantaneous`` [1/Pa]. ``C`` (term,) [1/Pa]. ``tau`` (term,) [s]. ``fluidity`` [1/(Pa s)].
     """
 
     instantaneous: float
     C: Floats
     tau: Floats
     fluidity: float = 0.0
-    rate: Floats = field(init=False)
 
-    def __post_init__(self) -> None:
-        dashpot = [0.0] if self.fluidity > 0.0 else []
-        object.__setattr__(self, "rate", np.concatenate([1.0 / self.tau, dashpot]))
+    @cached_property
+    def elements(self) -> Elements:
+        """The same as elements, a dashpot last."""
+        dashpot = [self.fluidity] if self.fluidity > 0.0 else []
+        rate = np.concatenate([1.0 / self.tau, np.zeros(len(dashpot))])
+        return Elements(self.instantaneous, rate, np.concatenate([self.C / self.tau, dashpot]))
+
+    @property
+    def rate(self) -> Floats:
+        """``1/tau`` of every element (element,) in 1/s, 0 for the dashpot of a liquid."""
+        return self.elements.rate
 
     @classmethod
     def of(cls, material: "Prony") -> "Creep":
@@ -94,79 +104,6 @@ class Creep:
         t = np.asarray(time, dtype=float)[..., None]
         terms = np.sum(self.C * np.expm1(-t / self.tau), axis=-1)
         return self.instantaneous - terms + self.fluidity * np.asarray(time, dtype=float)
-
-    def rest(self, n_springs: int) -> Floats:
-        """Return the memory (element, spring) of springs that never carried a load."""
-        return np.zeros((self.rate.size, n_springs))
-
-
-@dataclass(frozen=True, slots=True)
-class StepWeights:
-    """Everything that one step of length ``dt`` needs; depends on ``dt`` and the material alone.
-
-    ``w_k <- decay_k w_k + old_k q_old + new_k q_new`` and
-    ``displacement = history + compliance * q_new``.
-    """
-
-    dt: float
-    decay: Floats
-    old: Floats
-    new: Floats
-    compliance: float
-    old_total: float
-
-
-def step_weights(creep: Creep, dt: float) -> StepWeights:
-    """Weights of one step.
-
-    ``dt`` [s]: length of the step, in which the load is linear; 0 is an instantaneous (elastic) jump.
-
-    Examples
-    --------
-    >>> creep = Creep(1.0, np.array([2.0]), np.array([0.5]))
-    >>> round(step_weights(creep, 1e6).compliance, 5), step_weights(creep, 0.0).compliance
-    (3.0, 1.0)
-    """
-    if not dt >= 0.0:
-        raise InputError(f"a step of {dt} s; the time of a history must not run backwards or be NaN")
-    x = dt / creep.tau
-    loss = -np.expm1(-x)
-    # 1 - (1 - exp(-x))/x = x/2! - x^2/3! + x^3/4! - ... below 0.05, where the difference loses digits
-    small, share = np.minimum(x, 0.05), np.zeros_like(x)
-    for factorial in (40320.0, -5040.0, 720.0, -120.0, 24.0, -6.0, 2.0):
-        share = share * small + 1.0 / factorial
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(x < 0.05, share * small, 1.0 - loss / x)
-    new, old = creep.C * share, creep.C * (loss - share)
-    if creep.fluidity > 0.0:
-        half = 0.5 * creep.fluidity * dt
-        new, old = np.append(new, half), np.append(old, half)
-    compliance = creep.instantaneous + float(new.sum())
-    return StepWeights(float(dt), np.exp(-dt * creep.rate), old, new, compliance, float(old.sum()))
-
-
-def history(weights: StepWeights, memory: Floats, load: Floats) -> Floats:
-    """Displacement (spring,) that the springs would show at the end of the step at zero load.
-
-    ``memory`` (element, spring) and ``load`` (spring,) are those at its start.
-    """
-    return weights.decay @ memory + weights.old_total * load
-
-
-def advance(weights: StepWeights, memory: Floats, load: Floats, new_load: Floats) -> Floats:
-    """Memory (element, spring) at the end of the step; the input is not changed."""
-    result = np.empty_like(memory)
-    _advance(weights.decay, weights.old, weights.new, memory, load, new_load, result)
-    return result
-
-
-@lean()
-def _advance(
-    decay: Floats, old: Floats, new: Floats, memory: Floats, load: Floats, new_load: Floats, result: Floats
-) -> None:
-    for k in range(decay.size):
-        for j in range(load.size):
-            result[k, j] = decay[k] * memory[k, j] + old[k] * load[j] + new[k] * new_load[j]
 
 
 def condense(creep: Creep, shortest: float, longest: float, tolerance: float) -> tuple[Creep, int, int]:

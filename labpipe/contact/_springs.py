@@ -13,7 +13,7 @@ where f is the profile and w counts how often a strip occurs in the period (the 
 folded). The spring of a strip opens exactly when the strip's pressure as last of the contact
 vanishes, so the sign of q is the active-set test. Pressures are needed for output only:
 p = L⁻ᵀ (L⁻¹w · q). A sphere has the same structure with closed forms (method of dimensionality
-reduction), see :func:`sphere_bed`; so has the half-plane, see :mod:`labpipe.contact.line`.
+reduction), see :func:`sphere_bed`; so have rings (:mod:`labpipe.contact.impact._rings`).
 
 Two corrections make the bed fourth-order accurate in the strip width where a plain sum of strips
 is first order in the contact width (staircase) and second order in force:
@@ -26,136 +26,50 @@ is first order in the contact width (staircase) and second order in force:
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
-from labpipe.errors import InputError
 
 # The edge of the contact lies this fraction of a strip inside the strip whose pressure vanishes
 # (limit of many strips; calibrated on the closed form of the parabola).
 EDGE_OFFSET = 0.17464
+# In place of the number of springs in contact: a spring is touched before one nearer to the centre, or carries more;
+# the contact reaches the end of the bed.
+NOT_NESTED, OUTGROWN = -1, -2
 # Loads may differ from nested order by rounding only; relative tolerance of a displacement that carries a given force.
 _NESTED_TOLERANCE, _EDGE_TOLERANCE = 1e-9, 1e-13
 
 
-class NotNestedError(Exception):
-    """The contact is not one growing and shrinking interval."""
-
-
-class Answer(NamedTuple):
-    """Solution of one step: the load of every spring, and its sum.
-
-    ``force`` and ``half_width`` belong to one tip (per unit depth for a line contact).
-    """
-
-    load: Floats
-    force: float
-    displacement: float
-    half_width: float
-
-
-@dataclass(frozen=True, slots=True)
-class SpringBed:
+class SpringBed(NamedTuple):
     """Springs in the order in which they come into contact, for E* = 1.
 
     ``gap`` (spring,) [m]: approach at which the spring is first touched (elastic contact), ascending; ``stiffness``
     (spring,): its part of the stiffness, ΔS: dimensionless for a line, m for a sphere; ``edge`` (spring,) [m]: contact
     half width (radius) at which it is first touched; ``open_springs``: the contact must leave so many springs open, 0
-    where full contact is allowed; ``limit``: the message when it does not; ``full_width`` [m]: contact half width with
-    every spring in contact.
+    where full contact is allowed; ``full_width`` [m]: contact half width with every spring in contact.
     """
 
     gap: Floats
     stiffness: Floats
     edge: Floats
-    open_springs: int
-    limit: str
-    full_width: float = np.nan
+    open_springs: int = 1
+    full_width: float = math.nan
 
     @property
     def size(self) -> int:
         """Number of springs."""
         return int(self.gap.size)
 
-    def inner(self, left: Floats, right: Floats) -> Floats:
-        """Energy products (...,) of load vectors (..., spring)."""
-        return np.asarray((left * right) @ self.stiffness)
 
-    def press(self, history: Floats, compliance: float, displacement: float, before: float) -> Answer:
-        """Solve at a prescribed displacement.
-
-        ``history`` (spring,) [m] is the displacement that the springs would show now without load, ``compliance``
-        [1/Pa] that of this step; ``displacement`` and ``before`` [m], the approach now and at the start of the step,
-        determine whether the contact grows. A spring that is touched before one nearer to the centre, or carries more,
-        raises NotNestedError, a contact that reaches the end of the bed InputError.
-        """
-        load = np.empty(self.size)
-        springs = (self.gap, self.stiffness, self.edge)
-        shrinks = displacement < before
-        touched, force, half_width = pressed(*springs, history, compliance, displacement, shrinks, load)
-        if touched < 0:
-            raise NotNestedError
-        if touched > self.size - self.open_springs:
-            raise InputError(self.limit)
-        return Answer(load, force, displacement, self.full_width if touched == self.size else half_width)
-
-    def push(self, history: Floats, compliance: float, force: float, before: float) -> Answer:
-        """Solve at a prescribed force; at zero force the indenter just touches.
-
-        The displacement is found by the secant method within a bracket; the force is continuous and made of a plain
-        sum, which is piecewise linear, and the edge's small part. It begins where the plain sum alone carries the
-        force, with the slope of that sum. Errors are those of :meth:`press`.
-        """
-        threshold = history + self.gap
-        if force <= 0.0:
-            return Answer(np.zeros(self.size), 0.0, float(threshold.min()), 0.0)
-        if np.any(np.diff(threshold) < -_NESTED_TOLERANCE * np.abs(threshold).max()):
-            raise NotNestedError
-        threshold = np.maximum.accumulate(threshold)
-        stiffness = np.cumsum(self.stiffness)
-        moment = np.cumsum(self.stiffness * threshold)
-        target = force * compliance
-
-        def excess(displacement: float) -> tuple[float, float]:
-            touched = max(int(np.searchsorted(threshold, displacement)), 1)
-            slope = float(stiffness[touched - 1])
-            plain = slope * displacement - float(moment[touched - 1])
-            if touched < self.size:
-                plain += smooth_edge_force(self.gap, self.stiffness, self.edge, displacement - threshold, touched)
-            return plain - target, slope
-
-        low, high = float(threshold[0]), np.inf
-        plain = stiffness[:-1] * threshold[1:] - moment[:-1]  # as each next spring is just touched
-        last = int(np.searchsorted(plain, target))
-        displacement = (target + float(moment[last])) / float(stiffness[last])
-        old, old_miss = np.nan, np.nan
-        for _ in range(100):
-            miss, slope = excess(displacement)
-            if abs(miss) <= _EDGE_TOLERANCE * target:
-                break
-            if (miss - old_miss) * (displacement - old) > 0.0:
-                slope = (miss - old_miss) / (displacement - old)
-            old, old_miss = displacement, miss
-            low, high = (displacement, high) if miss < 0.0 else (low, displacement)
-            displacement -= miss / slope
-            if not low < displacement < high:
-                displacement = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low
-            if np.isfinite(high) and high - low <= _EDGE_TOLERANCE * abs(high):
-                break
-        return self.press(history, compliance, displacement, before)._replace(force=force)
-
-
-def sphere_bed(radius: float, reach: float, springs: int, gap: Callable[[Floats], Floats] | None = None) -> SpringBed:
+def sphere_bed(radius: float, reach: float, springs: int, profile: str = "parabola") -> SpringBed:
     """Springs of a sphere on a half-space by the method of dimensionality reduction, for E* = 1.
 
     ``radius`` [m]: Of the sphere. ``reach`` [m]: Largest contact radius that will be asked for. ``springs``: Number
-    of springs within the reach. ``gap``: Approach [m] of an elastic contact of radius b [m]; the default is b²/R
-    (parabola).
+    of springs within the reach. ``profile``: "parabola", whose elastic contact of radius b has an approach of b²/R, or
+    the exact "sphere", (b/2) ln((R + b)/(R − b)) = b artanh(b/R).
 
     References
     ----------
@@ -165,9 +79,8 @@ def sphere_bed(radius: float, reach: float, springs: int, gap: Callable[[Floats]
     Examples
     --------
     >>> bed = sphere_bed(1.0, 0.2, 100)
-    >>> rest = np.zeros(bed.size)
-    >>> answer = bed.press(rest, 1.0, 0.01, 0.0)
-    >>> round(answer.force / (4 / 3 * 0.01**1.5), 5), round(answer.half_width, 6)
+    >>> _, force, radius = press(bed, bed.gap, 1.0, 0.01, False, np.empty(bed.size))
+    >>> round(force / (4 / 3 * 0.01**1.5), 5), round(radius, 6)
     (1.0, 0.1)
     """
     spacing = reach / springs
@@ -175,68 +88,119 @@ def sphere_bed(radius: float, reach: float, springs: int, gap: Callable[[Floats]
     position = spacing * np.arange(springs + 2, dtype=float)
     stiffness = np.full(position.size, 2.0 * spacing)
     stiffness[0] = spacing
-    gaps = position**2 / radius if gap is None else gap(position)
-    limit = "the contact reaches the end of the springs; give a larger reach"
-    return SpringBed(gaps, stiffness, position, 1, limit)
+    gap = position * np.arctanh(position / radius) if profile == "sphere" else position**2 / radius
+    return SpringBed(gap, stiffness, position)
 
 
 @lean()
-def pressed(
-    gap: Floats,
-    stiffness: Floats,
-    edge: Floats,
-    history: Floats,
-    compliance: float,
-    displacement: float,
-    shrinks: bool,
-    load: Floats,
+def press(
+    bed: SpringBed, threshold: Floats, compliance: float, displacement: float, shrinks: bool, load: Floats
 ) -> tuple[int, float, float]:
     """Press a bed of springs to a displacement [m] and write their ``load`` (spring,).
 
-    Returns the number of springs in contact, -1 if they are not nested; their force (per reduced modulus, and depth of
-    a line); and the contact half width [m], NaN where every spring is in contact.
+    ``threshold`` (spring,) [m] is the displacement that touches each spring now, its gap and what is left of its
+    history; ``compliance`` [1/Pa] that of this step; ``shrinks``: the displacement is smaller than before. Returns the
+    number of springs in contact, or NOT_NESTED or OUTGROWN; their force (per reduced modulus, and depth of a line);
+    and the contact half width [m].
     """
-    size, touched = gap.size, 0
+    size, touched = load.size, 0
     for j in range(size):
-        load[j] = (displacement - history[j] - gap[j]) / compliance
-        if load[j] > 0.0:
-            touched += 1
+        load[j] = (displacement - threshold[j]) / compliance
+        touched += load[j] > 0.0
     force, half_width = 0.0, 0.0
     for j in range(touched):
         if load[j] <= 0.0 or (j > 0 and load[j] - load[j - 1] > _NESTED_TOLERANCE * load[0]):
-            return -1, force, half_width
-        force += stiffness[j] * load[j]
-    if touched == size:
-        half_width = math.nan
-    elif touched > 0:
-        share = _share(gap, load, touched, shrinks)
-        force += _edge_force(gap, stiffness, edge, load, touched, share)
-        half_width = _width(edge, touched, share)
+            return NOT_NESTED, force, half_width
+        force += bed.stiffness[j] * load[j]
     for j in range(touched, size):
         load[j] = 0.0
+    if touched > size - bed.open_springs:
+        return OUTGROWN, force, half_width
+    if touched == size:
+        half_width = bed.full_width
+    elif touched > 0:
+        share = _share(bed, threshold, displacement, touched, shrinks)
+        force += _edge_force(bed, threshold, displacement, touched, share) / compliance
+        half_width = _width(bed, touched, share)
     return touched, force, half_width
 
 
 @lean()
-def smooth_edge_force(gap: Floats, stiffness: Floats, edge: Floats, trial: Floats, touched: int) -> float:
-    """Force of the edge as :func:`pressed` adds it, but continuous as springs come and go.
+def balance(bed: SpringBed, threshold: Floats, pull: float, target: float, carried: float) -> tuple[float, float]:
+    """Displacement [m] at which the springs carry a force and a spring that pulls to a target, and their force.
+
+    Forces, and the stiffness ``pull`` of that spring, are times the step compliance; without a force the indenter just
+    touches. The displacement is found by the secant method within a bracket; the force is continuous and made of a
+    plain sum, which is piecewise linear, and the edge's small part. It begins where the plain sum alone carries the
+    force, with the slope of that sum.
+    """
+    size = threshold.size
+    if carried <= 0.0 and pull * (target - threshold[0]) <= 0.0:
+        return (target if pull > 0.0 else threshold.min()), 0.0
+    stiffness, moment, touched, highest = bed.stiffness[0], bed.stiffness[0] * threshold[0], 1, threshold[0]
+    while touched < size:
+        highest = max(highest, threshold[touched])
+        if stiffness * highest - moment + pull * (highest - target) >= carried:
+            break
+        stiffness += bed.stiffness[touched]
+        moment += bed.stiffness[touched] * threshold[touched]
+        touched += 1
+    low, high = threshold[0], math.inf
+    displacement = (carried + pull * target + moment) / (stiffness + pull)
+    old = old_miss = math.nan
+    force = 0.0
+    for _ in range(100):
+        while touched < size and threshold[touched] < displacement:
+            stiffness += bed.stiffness[touched]
+            moment += bed.stiffness[touched] * threshold[touched]
+            touched += 1
+        while touched > 1 and threshold[touched - 1] >= displacement:
+            touched -= 1
+            stiffness -= bed.stiffness[touched]
+            moment -= bed.stiffness[touched] * threshold[touched]
+        force = stiffness * displacement - moment
+        if touched < size:
+            force += _smooth_edge_force(bed, threshold, displacement, touched)
+        miss = force + pull * (displacement - target) - carried
+        slope = stiffness + pull
+        if (miss - old_miss) * (displacement - old) > 0.0:
+            slope = (miss - old_miss) / (displacement - old)
+        change = miss / slope
+        if abs(miss) <= _EDGE_TOLERANCE * carried or abs(change) <= _EDGE_TOLERANCE * (displacement - low):
+            break
+        old, old_miss = displacement, miss
+        if miss < 0.0:
+            low = displacement
+        else:
+            high = displacement
+        displacement -= change
+        if not low < displacement < high:
+            displacement = 0.5 * (low + high) if high < math.inf else 2.0 * old - threshold[0]
+        if high - low <= _EDGE_TOLERANCE * abs(high):
+            break
+    return displacement, force
+
+
+@inner()
+def _smooth_edge_force(bed: SpringBed, threshold: Floats, displacement: float, touched: int) -> float:
+    """Force of the edge as :func:`press` adds it, but continuous as springs come and go.
 
     The share is the place between the inner and the outer spring where the loads of either side,
     linear in the gap, reach zero; the two add up to the cell in a contact that neither relaxes nor
     recovers. Less accurate than the share of one side, which jumps where springs come and go.
     """
     inside, outside = touched - 1, touched
-    if touched < 2 or outside + 1 == gap.size:
-        share = trial[inside] / (trial[inside] - trial[outside])
+    if touched < 2 or outside + 1 == threshold.size:
+        share = (displacement - threshold[inside]) / (threshold[outside] - threshold[inside])
     else:
-        before = _rest(gap, trial, inside - 1, inside)
-        behind = -_rest(gap, trial, outside, outside + 1)
+        before = _rest(bed, threshold, displacement, inside - 1, inside)
+        behind = -_rest(bed, threshold, displacement, outside, outside + 1)
         share = before / max(before + behind, 1e-300)
-    return _edge_force(gap, stiffness, edge, trial, touched, share)
+    return _edge_force(bed, threshold, displacement, touched, share)
 
 
 @inner()
-def _share(gap: Floats, trial: Floats, touched: int, shrinks: bool) -> float:
+def _share(bed: SpringBed, threshold: Floats, displacement: float, touched: int, shrinks: bool) -> float:
     """Where between two springs (0 to 1 in the gap) the load, linear in the gap, reaches zero.
 
     While the contact grows, the springs outside tell (those inside have just begun to relax,
@@ -244,48 +208,49 @@ def _share(gap: Floats, trial: Floats, touched: int, shrinks: bool) -> float:
     to recover).
     """
     inside, outside = touched - 1, touched
-    cell = gap[outside] - gap[inside]
+    cell = bed.gap[outside] - bed.gap[inside]
     if cell <= 0.0:
-        share = trial[inside] / (trial[inside] - trial[outside])
+        share = (displacement - threshold[inside]) / (threshold[outside] - threshold[inside])
     elif shrinks and inside > 0:
-        share = _rest(gap, trial, inside - 1, inside) / cell
-    elif outside + 1 < gap.size:
-        share = 1.0 + _rest(gap, trial, outside, outside + 1) / cell
+        share = _rest(bed, threshold, displacement, inside - 1, inside) / cell
+    elif outside + 1 < threshold.size:
+        share = 1.0 + _rest(bed, threshold, displacement, outside, outside + 1) / cell
     else:
-        share = _rest(gap, trial, inside, outside) / cell
+        share = _rest(bed, threshold, displacement, inside, outside) / cell
     return min(max(share, 0.0), 1.0)
 
 
 @inner()
-def _width(edge: Floats, touched: int, share: float) -> float:
+def _width(bed: SpringBed, touched: int, share: float) -> float:
     """Contact half width of an edge between two springs; the gap grows with its square."""
-    inside, outside = edge[touched - 1] ** 2, edge[touched] ** 2
+    inside, outside = bed.edge[touched - 1] ** 2, bed.edge[touched] ** 2
     return math.sqrt(inside + share * (outside - inside))
 
 
 @inner()
-def _edge_force(gap: Floats, stiffness: Floats, edge: Floats, trial: Floats, touched: int, share: float) -> float:
-    """Force between the plain sum over the springs of a smooth profile and the integral up to the edge.
+def _edge_force(bed: SpringBed, threshold: Floats, displacement: float, touched: int, share: float) -> float:
+    """Force, times the compliance, between the plain sum over springs and the integral up to the edge.
 
     Continuous as springs come and go, if ``share`` is.
     """
     if touched < 2:
         return 0.0
     inside, outside = touched - 1, touched
-    place = (_width(edge, touched, share) - edge[inside]) / (edge[outside] - edge[inside])
-    weight = (1.0 - place) * stiffness[inside] + place * stiffness[outside]
+    place = (_width(bed, touched, share) - bed.edge[inside]) / (bed.edge[outside] - bed.edge[inside])
+    weight = (1.0 - place) * bed.stiffness[inside] + place * bed.stiffness[outside]
     half_bernoulli = 0.5 * (place * (place - 1.0) + 1.0 / 6.0) * weight
     if touched == 2:
         # It comes in without a jump of force.
         half_bernoulli *= share
     # Loads inside, continued outwards: springs outside answer with the step's own compliance.
-    cell = gap[outside] - gap[inside]
-    slope = (trial[inside - 1] - trial[inside]) / (gap[inside] - gap[inside - 1])
-    return half_bernoulli * ((1.0 - share) * slope * cell + trial[inside])
+    cell = bed.gap[outside] - bed.gap[inside]
+    slope = (threshold[inside] - threshold[inside - 1]) / (bed.gap[inside] - bed.gap[inside - 1])
+    return half_bernoulli * ((1.0 - share) * slope * cell + displacement - threshold[inside])
 
 
 @inner()
-def _rest(gap: Floats, trial: Floats, first: int, second: int) -> float:
+def _rest(bed: SpringBed, threshold: Floats, displacement: float, first: int, second: int) -> float:
     """Gap [m] from the pair's nearer end to where its loads, on one line, are zero."""
-    near = second if trial[second] > 0.0 else first
-    return trial[near] * (gap[second] - gap[first]) / max(trial[first] - trial[second], 1e-300)
+    near = second if displacement > threshold[second] else first
+    span = (displacement - threshold[near]) * (bed.gap[second] - bed.gap[first])
+    return span / max(threshold[second] - threshold[first], 1e-300)

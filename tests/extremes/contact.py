@@ -14,11 +14,12 @@ import numpy as np
 
 from labpipe import contact
 from labpipe.arrays import Floats
-from labpipe.contact._memory import Creep, advance, history, step_weights
+from labpipe.contact._memory import Creep
 from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from tests.extremes.inputs import Random, below_zero, extreme_material, extreme_times
 from tests.extremes.outcome import Case, Outcome, worst
+from tests.labpipe.contact.test_memory import displacement_under
 from tests.labpipe.contact.ting_solution import ting
 
 _QUADRATURE = np.polynomial.legendre.leggauss(12)
@@ -32,14 +33,7 @@ def memory_of_a_spring(random: Random) -> Outcome:
     creep = Creep.of(extreme_material(random))
     time = extreme_times(random, int(random.integers(2, 25)))
     load = random.uniform(0.0, 1.0, time.size)
-    memory, past = creep.rest(1), np.array([0.0])
-    weights = step_weights(creep, 0.0)
-    for n, now in enumerate(time):
-        weights = step_weights(creep, float(now - time[n - 1]) if n else 0.0)
-        unloaded = history(weights, memory, past)
-        memory = advance(weights, memory, past, load[n : n + 1])
-        past = load[n : n + 1]
-    found = float(unloaded[0] + weights.compliance * load[-1])
+    found = displacement_under(creep, time, load)[-1]
     exact = _hereditary(creep, time, load)
     return Outcome(abs(found / exact - 1.0) / 1e-12, "relative error of a displacement 1e-12")
 

@@ -9,7 +9,7 @@ from scipy.interpolate import PchipInterpolator
 
 from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep
-from labpipe.contact.impact._method import Tables, interpolation, means, radial_nodes, scheme
+from labpipe.contact.impact._method import MEANS, N_NODES, STAGES, TO_POWERS, WEIGHTS, Tables, interpolation
 from labpipe.contact.impact._records import MOTION, Counts, Fall, Motion, Trail
 from labpipe.contact.impact._ting import LIFTED, contact, outcome_of
 
@@ -50,7 +50,7 @@ class Dents:
         self.cover(edge)
         shown = np.zeros(self.creep.rate.size)
         if self.has_energy:
-            shown = 0.5 * self.creep.inverse * (values**2 @ (edge * means()[0]))
+            shown = 0.5 * self.creep.inverse * (values**2 @ (edge * MEANS[0]))
         self.layers.append(_Dent(edge, values, shown))
 
     def cover(self, edge: float) -> None:
@@ -122,36 +122,33 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
 
     The dents are those at lift-off then, and ``now`` is that instant. ``mislaid`` [J] is the energy error so far.
     """
-    path, room, nodes = tables.path, tables.room, tables.nodes
-    centre, outer = dents.centre, 0.0
-    dent = np.zeros((centre.size, radial_nodes()[0].size))
+    room, centre, outer = tables.room, dents.centre, 0.0
+    room.center[: centre.size], room.dent[: centre.size] = centre, 0.0
     if dents.layers:
-        outer, dent, _ = dents.layers[-1]
-        dent = dent - centre[:, None]
-    state, time = path.state, path.time
+        outer = dents.layers[-1].edge
+        room.dent[: centre.size] = dents.layers[-1].values - centre[:, None]
+    state, time = room.state, room.time
     touched, work = now.time, now.spring_work
     origin = now.position - now.plate_displacement - float(centre.sum())
     plate = now.plate_displacement, now.plate_velocity, now.plate_loss
     state[0] = now.position - origin, now.velocity, 0.0, 0.0, *plate, work
-    path.approach[0] = 0.0
-    outcome, n, peak, rejected = contact(
-        tables.law, scheme(), fall, centre, dent, outer, path, room, nodes, dents.has_energy
-    )
+    room.approach[0] = 0.0
+    outcome, n, peak, rejected = contact(tables.law, fall, outer, room, dents.has_energy)
     counts.rejected_steps += rejected
     if outcome != LIFTED:
         return None
     counts.solver_steps += n
     counts.kernel_products += n
-    counts.spring_updates += n * dent.size
+    counts.spring_updates += n * centre.size * N_NODES
     largest, lasted = float(state[peak, 3]), float(time[n])
     before = dents.stored()
     dents.cover(largest)
     outside = dents.stored()
     dents.relax(lasted)
-    dents.add(largest, nodes.after[: centre.size].copy())
+    dents.add(largest, room.after[: centre.size].copy())
     done, dissipated = state[: n + 1, 7] - work, np.zeros(n + 1)
     if dents.has_energy:
-        stored = path.stored[: n + 1] + np.exp(-2.0 * time[: n + 1, None] * tables.creep.rate) @ outside
+        stored = room.stored[: n + 1] + np.exp(-2.0 * time[: n + 1, None] * tables.creep.rate) @ outside
         stored[0], stored[n] = before.sum(), dents.stored().sum()
         # It grows between its exact values at touch, peak and lift-off; a spring that comes or goes between two
         # nodes leaves an error of about 1e-5 in the others.
@@ -163,7 +160,7 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
         dissipated[peak:] = np.maximum(dissipated[peak:], peak_loss)
         dissipated[-1] = whole
     peaks = np.zeros(4)
-    worst = outcome_of(scheme(), fall, path, n, room, mislaid, peaks)
+    worst = outcome_of(fall, room, n, mislaid, peaks)
     end = state[n].tolist()
     now.time, now.position, now.velocity = touched + lasted, end[0] + origin, end[1]
     now.acceleration, now.force, now.contact_radius = fall.gravity, 0.0, 0.0
@@ -179,7 +176,7 @@ def bounce(tables: Tables, fall: Fall, now: Motion, dents: Dents, mislaid: float
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """The course of a bounce as polynomials, step by step, up to an ``end`` [s].
+    """The course of a bounce as polynomials, step by step.
 
     ``time`` (step + 1,) [s]; ``coefficients`` (step, 8, power) over u from 0 to 1: position, velocity, force, edge,
     displacement and velocity of the plate, work on the springs, loss of the plate; the edge is the square of its radius
@@ -190,29 +187,28 @@ class Curves:
     coefficients: Floats
     bounce: Bounce
     fall: Fall
-    end: float
 
     @classmethod
-    def of(cls, tables: Tables, fall: Fall, one: Bounce, until: float) -> "Curves":
+    def of(cls, tables: Tables, fall: Fall, one: Bounce) -> "Curves":
         """Polynomials through the stages of the steps of the path, which the next bounce overwrites."""
-        method, path, n, peak = scheme(), tables.path, one.n, one.peak
+        path, n, peak = tables.room, one.n, one.peak
         starts, stages = path.state[:n], path.stages[:n]
         length = np.diff(path.time[: n + 1])
         power = stages[:, :, 2] * (stages[:, :, 1] - stages[:, :, 5])
         gained = np.stack([power, fall.plate_damping * stages[:, :, 5] ** 2], axis=2)
-        gained = length[:, None, None] * np.einsum("il,nlc->nic", method.a, gained)
+        gained = length[:, None, None] * np.einsum("il,nlc->nic", WEIGHTS, gained)
         values = np.concatenate([stages[:, :, :6], gained], axis=2)
         first = np.concatenate([starts[:, :6], np.zeros((n, 2))], axis=1)
-        coefficients = np.empty((n, 8, method.c.size + 1))
+        coefficients = np.empty((n, 8, STAGES + 1))
         coefficients[:, :, 0] = first
-        coefficients[:, :, 1:] = np.einsum("pm,nmc->ncp", method.to_powers, values - first[:, None])
-        receded = np.cumsum(path.edge[peak:n].sum(axis=1))[:-1]
+        coefficients[:, :, 1:] = np.einsum("pm,nmc->ncp", TO_POWERS, values - first[:, None])
+        receded = np.cumsum(path.edge_powers[peak:n].sum(axis=1))[:-1]
         coefficients[:, 3, 0] = np.concatenate([starts[:peak, 3] ** 2, [0.0], receded])
-        coefficients[:, 3, 1:] = path.edge[:n]
+        coefficients[:, 3, 1:] = path.edge_powers[:n]
         coefficients[:, 0, 0] += one.origin
         coefficients[:, 6, 0], coefficients[:, 7, 0] = starts[:, 7], starts[:, 6]
         time = one.touched + path.time[: n + 1]
-        return cls(time, coefficients, one, fall, min(float(time[-1]), until))
+        return cls(time, coefficients, one, fall)
 
     def at(self, times: Floats) -> Trail:
         """Return records (time,) at given times [s] within the contact."""
@@ -239,8 +235,9 @@ class Curves:
         trail["stored"] = one.stored + values[:, 6] - one.work - lost
         return trail
 
-    def natural(self) -> Trail:
-        """Return records at the ends of all steps and at instants between."""
+    def instants(self, until: float) -> Floats:
+        """Return the ends of all steps and instants between, up to a time [s]."""
         part = np.linspace(0.0, 1.0, _RECORDS_PER_STEP + 1)[:-1]
         times = (self.time[:-1, None] + np.diff(self.time)[:, None] * part).ravel()
-        return self.at(np.append(times[times < self.end], self.end))
+        end = min(float(self.time[-1]), until)
+        return np.append(times[times < end], end)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from math import nan, pi
 
 import numpy as np
@@ -10,10 +11,8 @@ import xarray as xr
 from labpipe.arrays import Floats
 from labpipe.contact._thesis_scheme import ThesisRun
 from labpipe.contact.impact._plate import PlateState
-from labpipe.contact.impact._records import Counts
 from labpipe.contact.impact._setting import Setting
 from labpipe.contact.impact._train import COLUMNS, Train
-from labpipe.contact.impact._trajectory import course
 from labpipe.variables import variable
 
 _SERIES = {
@@ -65,7 +64,8 @@ def dataset(
     ``train``: the drop, run; ``setting``: as asked for; ``times`` (time,): where to report, from the release;
     ``rigid_restitution``: of the first impact on a rigid substrate, when there is a plate; ``seconds``: so far.
     """
-    values = course(train.segments, None if times is None else times - setting.fall_time)
+    assert train.course is not None  # noqa: S101 - it was asked for
+    values = train.course.records()
     # Energies over time; the numerical one closes the sum. What the difference of two sums loses in the last digit
     # of the dissipated energy, which only grows, is put right.
     kinetic = 0.5 * setting.mass * values["velocity"] ** 2
@@ -90,8 +90,8 @@ def dataset(
         "numerical_energy": setting.mass * setting.gravity * setting.height - known,
     } | on_plate
     n_folded, n_frozen = train.tables.left_out
-    work = {name: int(getattr(train.counts, name)) for name in Counts.__annotations__} | {
-        "springs": 0 if train.stepper is None else int(train.stepper.springs.position.size),
+    work = asdict(train.counts) | {
+        "springs": 0 if train.stepper is None else train.stepper.bed.size,
         "terms": train.tables.creep.n_terms,
         "terms_folded": n_folded,
         "terms_frozen": n_frozen,

@@ -13,23 +13,22 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep
 from labpipe.contact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._dataset import batch_dataset, dataset, thesis_dataset
 from labpipe.contact.impact._method import Tables
 from labpipe.contact.impact._plate import Plate
+from labpipe.contact.impact._rings import Profile, influence, surface_gap
 from labpipe.contact.impact._setting import (
-    ALL_SHORTCUTS,
     MAX_STEPS,
     Scales,
     Setting,
-    Shortcuts,
     Solver,
     checked_times,
     exact,
     warn_of_millimetres,
 )
-from labpipe.contact.impact._springs import Profile, influence, surface_gap
 from labpipe.contact.impact._stepper import AnnularContactError
 from labpipe.contact.impact._train import COLUMNS, MARGIN, Train
 from labpipe.contact.sphere import Substrate, counter_compliance
@@ -58,8 +57,7 @@ def drop(
     times: ArrayLike | None = None,
     ring_width: float | None = None,
     time_step: float | None = None,
-    fold: bool = True,
-    shortcuts: Shortcuts = ALL_SHORTCUTS,
+    full: bool = False,
     max_steps: int = MAX_STEPS,
     progress: Callable[[float], None] | None = None,
     diameter: Measure | None = None,
@@ -101,11 +99,10 @@ def drop(
         Of "rings" and "thesis"; by default from ``rtol``, and 4e-5.
     time_step : float [s], optional
         Of "thesis"; default 2e-4.
-    fold : bool
-        Fold terms far below the contact's time scale into one, and freeze those far above
-        ``duration``, where this costs less than a hundredth of ``rtol``.
-    shortcuts : Shortcuts
-        Which parts of the work are left out; the answer is the same within `rtol`.
+    full : bool
+        Leave nothing out; the answer is the same within `rtol`. Otherwise terms far below the contact's time scale are
+        folded into one and those far above ``duration`` frozen, where this costs less than a hundredth of ``rtol``;
+        contacts up to a lift-off are collocated; and the creep of a sphere at rest is followed in few steps.
     max_steps : int
         Refuse rather than take more steps.
     progress : callable, optional
@@ -159,7 +156,7 @@ def drop(
     Thesis equations (3.1)-(3.9), without its time stepping. With "mdr" every contact up to a
     lift-off is collocated: Ting's solution (doi:10.1115/1.3625192) on the dents of the bounces
     before it. The contact in which the sphere comes to rest, or that grows again before it lifts
-    off, is stepped spring by spring, as are all contacts of "rings" and of a run without shortcuts.
+    off, is stepped spring by spring, as are all contacts of "rings" and of a full run.
     The dissipated energy never decreases; ``numerical_energy`` is the numerical energy error, a measure
     of the error of the run.
     """
@@ -172,9 +169,7 @@ def drop(
         raise InputError(f"drop needs {', '.join(missing)} as well")
     r, m, h, t = (exact(value, name) for name, value in given.items() if value is not None)
     warn_of_millimetres(radius or r, mass or m, height or h)
-    setting = Setting(
-        r, m, h, t, solver, profile, rtol, exact(gravity, "gravity"), plate, ring_width, fold, shortcuts, max_steps
-    )
+    setting = Setting(r, m, h, t, solver, profile, rtol, exact(gravity, "gravity"), plate, ring_width, full, max_steps)
     wanted = None if times is None else checked_times(times, t)
     creep = Creep.of(solid(material)).on(counter_compliance(substrate))
     expected = Scales.of(creep, setting)
@@ -189,7 +184,9 @@ def drop(
         step, lasts = TIME_STEP if time_step is None else time_step, max(t - setting.fall_time, 0.0)
         thesis = drop_thesis(rings, creep.compliance, m, setting.gravity, setting.speed, lasts, step, observe)
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
-    train = _refined(setting, creep, expected, observe=observe)
+    train = _refined(
+        setting, creep, expected, observe=observe, times=None if wanted is None else wanted - setting.fall_time
+    )
     rigid = None
     if plate is not None:
         floor = replace(setting, plate=None, rows_only=True)
@@ -211,7 +208,6 @@ def impacts(
     gravity: Measure | Sequence[Measure] = 9.81,
     plate: Plate | Sequence[Plate | None] | None = None,
     substrate: Substrate | list[Substrate] = None,
-    fold: bool = True,
 ) -> xr.Dataset:
     """Simulate the first impacts of many drops.
 
@@ -221,7 +217,7 @@ def impacts(
 
     Parameters
     ----------
-    material, radius, mass, height, duration, profile, rtol, gravity, plate, substrate, fold
+    material, radius, mass, height, duration, profile, rtol, gravity, plate, substrate
         As of :func:`drop`, its solver "mdr"; a list of substrates has an entry for each drop.
     most : int
         Impacts per drop, at most.
@@ -270,7 +266,7 @@ def impacts(
     for i, (*numbers, plate_of_one, of_one, compliance) in enumerate(drops):
         r, m, h, t, g = (exact(value, name) for value, name in zip(numbers, given, strict=False))
         warn_of_millimetres(*numbers[:3])
-        one = Setting(r, m, h, t, "mdr", profile, rtol, g, plate_of_one, fold=fold, rows_only=True)
+        one = Setting(r, m, h, t, "mdr", profile, rtol, g, plate_of_one, rows_only=True)
         key = of_one if isinstance(of_one, str) else id(of_one), compliance
         alike.setdefault(key, []).append((i, of_one, one))
     trains: dict[int, Train] = {}
@@ -278,14 +274,14 @@ def impacts(
         creep = Creep.of(solid(group[0][1])).on(compliance)
         expected = [Scales.of(creep, one) for _, _, one in group]
         longest = max(one.duration for _, _, one in group)
-        tables = Tables.of(creep, min(scale.duration for scale in expected), longest, rtol, fold=fold)
+        tables = Tables.of(creep, min(scale.duration for scale in expected), longest, rtol, fold=True)
         for (i, _, one), scale in zip(group, expected, strict=True):
             trains[i] = _refined(one, creep, scale, tables, most)
     return batch_dataset([trains[i] for i in range(count)], most)
 
 
 def _tables(one: Setting, creep: Creep, expected: Scales) -> Tables:
-    return Tables.of(creep, expected.duration, one.duration, one.rtol, fold=one.fold)
+    return Tables.of(creep, expected.duration, one.duration, one.rtol, fold=not one.full)
 
 
 def _refined(
@@ -295,6 +291,7 @@ def _refined(
     tables: Tables | None = None,
     most: int | None = None,
     observe: Callable[[float], None] | None = None,
+    times: Floats | None = None,
 ) -> Train:
     """Simulate, and again more finely when the first run was too coarse by its energy.
 
@@ -304,13 +301,13 @@ def _refined(
     limit, train = _ENERGY_LIMIT * setting.rtol, None
     can_be_finer = setting.rtol / _REFINEMENT >= _FINEST
     try:
-        train = Train(setting, tables or _tables(setting, creep, expected), expected, most, observe).run()
+        train = Train(setting, tables or _tables(setting, creep, expected), expected, most, observe, times).run()
     except AnnularContactError:
         if not can_be_finer:
             raise
     if (train is None or not train.error <= limit) and can_be_finer:
         finer = replace(setting, rtol=setting.rtol / _REFINEMENT)
-        train = Train(finer, _tables(finer, creep, expected), expected, most, observe).run()
+        train = Train(finer, _tables(finer, creep, expected), expected, most, observe, times).run()
     assert train is not None  # noqa: S101 - it was raised, or run again
     if not train.error <= limit:
         warnings.warn(

@@ -1,6 +1,5 @@
 """Material, method and room of the collocated contact, before any step."""
 
-from functools import cache
 from math import pi, sqrt
 from typing import Any, NamedTuple, cast
 
@@ -9,12 +8,11 @@ from scipy.special import roots_jacobi
 
 from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep, condense
-from labpipe.contact.impact._records import Law, Nodes, Path, Room, Scheme, blank
+from labpipe.contact.impact._records import Law, Room, blank
 from labpipe.materials import Retardation, relaxation_from_creep
 
-_STAGES = 5
-# Nodes of a polynomial over the contact radius, and points of the rule that integrates it.
-_NODES, _GAUSS_POINTS = 24, 80
+# Stages of a step; nodes of a polynomial over the contact radius, and points of the rule that integrates it.
+STAGES, N_NODES, _GAUSS_POINTS = 5, 24, 80
 # Part of the disagreement between the force and its polynomial that counts as error of a step.
 _ERROR_SHARE = 0.02
 _MOST_STEPS = 1000
@@ -31,9 +29,7 @@ class Tables(NamedTuple):
     creep: Creep
     left_out: tuple[int, int]
     law: Law
-    path: Path
     room: Room
-    nodes: Nodes
 
     @classmethod
     def of(cls, creep: Creep, shortest: float, longest: float, rtol: float, *, fold: bool) -> "Tables":
@@ -51,7 +47,7 @@ class Tables(NamedTuple):
             C, tau = np.add.reduceat(C, starts), tau[starts]
         creep = Creep(creep.instantaneous, C, tau, creep.fluidity)
         law = law_of(creep)
-        return cls(creep, (n_folded, n_frozen), law, *_work_space(law))
+        return cls(creep, (n_folded, n_frozen), law, _work_space(law))
 
 
 def law_of(creep: Creep) -> Law:
@@ -92,77 +88,50 @@ def law_of(creep: Creep) -> Law:
     return cast("Law", law)
 
 
-@cache
-def scheme() -> Scheme:
-    """Constants of the method."""
-    inner, _ = roots_jacobi(_STAGES - 1, 1.0, 0.0)
-    c = np.append(np.sort(0.5 * (inner + 1.0)), 1.0)
-    powers = np.arange(_STAGES)
-    values = c[:, None] ** powers
-    a = (c[:, None] ** (powers + 1) / (powers + 1)) @ np.linalg.inv(values)
-    at_start = np.linalg.solve(values.T, np.eye(_STAGES)[0])
-    s, bary = radial_nodes()
-    apart = s[:, None] - s + np.eye(_NODES)
-    slope = bary / bary[:, None] / apart
-    np.fill_diagonal(slope, 0.0)
-    np.fill_diagonal(slope, -slope.sum(axis=1))
-    arrays = {
-        "c": c,
-        "a": a,
-        "aa": a @ a,
-        "to_powers": np.linalg.inv(c[:, None] ** (powers + 1)),
-        "gamma": _ERROR_SHARE * np.append(1.0, -at_start),
-        "s": s,
-        "bary": bary,
-        "slope": slope,
-        "means": means(),
-    }
-    dtype = np.dtype([(name, np.float64, array.shape) for name, array in arrays.items()])
-    return cast("Scheme", blank(dtype, **arrays))
-
-
-@cache
-def radial_nodes() -> tuple[Floats, Floats]:
-    """Nodes s (node,) of fields over the radius, as in :class:`Scheme`, and their barycentric weights."""
-    s = 0.5 * (1.0 - np.cos(pi * np.arange(_NODES) / (_NODES - 1)))
-    bary: Floats = np.where(np.arange(_NODES) % 2, -1.0, 1.0)
-    bary[[0, -1]] *= 0.5
-    return s, bary
-
-
-@cache
-def means() -> Floats:
-    """Matrix (node, node) to twice the mean over the radius from the centre to each node.
-
-    With x = edge cos(angle) and s = sin(angle) what is integrated is smooth.
-    """
-    s, _ = radial_nodes()
-    points, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
-    mean = np.zeros((s.size, s.size))
-    mean[-1, -1] = 2.0
-    for n in range(s.size - 1):
-        first = np.arcsin(s[n])
-        half = 0.5 * (0.5 * pi - first)
-        angle = first + half * (points + 1.0)
-        mean[n] = 2.0 * (weights * half * np.sin(angle) @ interpolation(np.sin(angle))) / sqrt(1.0 - s[n] ** 2)
-    return mean
+# Radau's points (stage,), and the weights (stage, stage) of integrals up to them; TO_POWERS (stage, stage) from values
+# less the first to the coefficients of u, u^2, ...; GAMMA (stage + 1,) of the error.
+POINTS = np.append(np.sort(0.5 * (roots_jacobi(STAGES - 1, 1.0, 0.0)[0] + 1.0)), 1.0)
+_POWERS = np.arange(STAGES)
+_VALUES = POINTS[:, None] ** _POWERS
+WEIGHTS = (POINTS[:, None] ** (_POWERS + 1) / (_POWERS + 1)) @ np.linalg.inv(_VALUES)
+TWICE = WEIGHTS @ WEIGHTS
+TO_POWERS = np.linalg.inv(POINTS[:, None] ** (_POWERS + 1))
+GAMMA = _ERROR_SHARE * np.append(1.0, -np.linalg.solve(_VALUES.T, np.eye(STAGES)[0]))
+# Fields over the radius are polynomials in s = sqrt(1 - (x / edge)^2), held at the nodes (node,), with barycentric
+# weights; SLOPE (node, node) differentiates over s, MEANS (node, node) gives twice the mean from the centre to each.
+NODES = 0.5 * (1.0 - np.cos(pi * np.arange(N_NODES) / (N_NODES - 1)))
+BARY: Floats = np.where(np.arange(N_NODES) % 2, -1.0, 1.0) * np.where(np.arange(N_NODES) % (N_NODES - 1), 1.0, 0.5)
+SLOPE = BARY / BARY[:, None] / (NODES[:, None] - NODES + np.eye(N_NODES)) * (1.0 - np.eye(N_NODES))
+SLOPE -= np.diag(SLOPE.sum(axis=1))
 
 
 def interpolation(places: Floats) -> Floats:
     """Matrix (place, node) from values at the nodes to values at other places s."""
-    s, bary = radial_nodes()
-    away = places[:, None] - s
+    away = places[:, None] - NODES
     is_node = away == 0.0
-    weight = np.where(is_node.any(axis=1)[:, None], is_node, bary / np.where(is_node, 1.0, away))
+    weight = np.where(is_node.any(axis=1)[:, None], is_node, BARY / np.where(is_node, 1.0, away))
     return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def _work_space(law: Law) -> tuple[Path, Room, Nodes]:
+def _means() -> Floats:
+    """Matrix of MEANS; with x = edge cos(angle) and s = sin(angle) the integrand is smooth."""
+    points, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+    mean = np.zeros((N_NODES, N_NODES))
+    mean[-1, -1] = 2.0
+    for n in range(N_NODES - 1):
+        first = np.arcsin(NODES[n])
+        half = 0.5 * (0.5 * pi - first)
+        angle = first + half * (points + 1.0)
+        mean[n] = 2.0 * (weights * half * np.sin(angle) @ interpolation(np.sin(angle))) / sqrt(1.0 - NODES[n] ** 2)
+    return mean
+
+
+MEANS = _means()
+
+
+def _work_space(law: Law) -> Room:
     """Room for one contact after the other."""
-    sizes = {"S": _STAGES, "N": _NODES, "T": law.rate.size, "M": _MOST_STEPS, "L": _MOST_STEPS + 1}
-    made = []
-    for kind in (Path, Room, Nodes):
-        shapes = {name: hint.__metadata__[0] for name, hint in kind.__annotations__.items()}
-        fields = [(name, np.float64, tuple(sizes.get(c) or int(c) for c in shape)) for name, shape in shapes.items()]
-        made.append(blank(np.dtype(fields)))
-    return cast("tuple[Path, Room, Nodes]", tuple(made))
+    sizes = {"S": STAGES, "N": N_NODES, "T": law.rate.size, "M": _MOST_STEPS, "L": _MOST_STEPS + 1}
+    shapes = {name: hint.__metadata__[0] for name, hint in Room.__annotations__.items()}
+    fields = [(name, np.float64, tuple(sizes.get(c) or int(c) for c in shape)) for name, shape in shapes.items()]
+    return cast("Room", blank(np.dtype(fields)))

@@ -4,7 +4,20 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner
-from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
+from labpipe.contact.impact._method import (
+    BARY,
+    GAMMA,
+    MEANS,
+    N_NODES,
+    NODES,
+    POINTS,
+    SLOPE,
+    STAGES,
+    TO_POWERS,
+    TWICE,
+    WEIGHTS,
+)
+from labpipe.contact.impact._records import Fall, Law, Phase, Room
 
 
 @inner()
@@ -29,14 +42,14 @@ def moments(z: float, out: Floats) -> None:
 
 
 @inner()
-def value_at(scheme: Scheme, values: Floats, s: float) -> float:
+def value_at(values: Floats, s: float) -> float:
     """Value at ``s`` of the polynomial with ``values`` (node,) at the nodes."""
     top = bottom = 0.0
-    for n in range(scheme.s.size):
-        away = s - scheme.s[n]
+    for n in range(N_NODES):
+        away = s - NODES[n]
         if away == 0.0:
             return values[n]
-        share = scheme.bary[n] / away
+        share = BARY[n] / away
         top += share * values[n]
         bottom += share
     return top / bottom
@@ -61,14 +74,14 @@ def power_sum(coefficients: Floats, u: float) -> float:
 
 
 @inner()
-def fade(law: Law, start: Floats, h: float, u: float, powers: Floats, out: Floats, room: Floats) -> None:
+def fade(law: Law, start: Floats, h: float, u: float, powers: Floats, out: Floats, short: Floats) -> None:
     """Fading integrals (maxwell,) a part ``u`` of a step on, from those at its start."""
     for j in range(law.maxwells):
         z = law.rate[j] * h * u
-        moments(z, room)
+        moments(z, short)
         total, power = 0.0, u
         for p in range(powers.size):
-            total += (p + 1) * powers[p] * power * room[p]
+            total += (p + 1) * powers[p] * power * short[p]
             power *= u
         out[j] = math.exp(-z) * start[j] + total
 
@@ -182,7 +195,7 @@ def gap_area(fall: Fall, x: float) -> float:
 
 
 @inner()
-def advancing_edge(scheme: Scheme, fall: Fall, room: Room, i: int, depth: float, outer: float, guess: float) -> float:
+def advancing_edge(fall: Fall, room: Room, i: int, depth: float, outer: float, guess: float) -> float:
     """Radius where a surface with dents, out to ``outer``, lies at ``depth``; it rises outwards."""
     if depth <= 0.0:
         return 0.0
@@ -193,10 +206,10 @@ def advancing_edge(scheme: Scheme, fall: Fall, room: Room, i: int, depth: float,
     for _ in range(60):
         inside = 1.0 - (x / outer) ** 2
         s = math.sqrt(inside) if inside > 0.0 else 0.0
-        rise = gap(fall, x) + value_at(scheme, room.field[i], s) - depth
+        rise = gap(fall, x) + value_at(room.field[i], s) - depth
         slope = _steepness(fall, x)
         if s > 1e-5:
-            slope -= value_at(scheme, room.slope[i], s) * x / (s * outer**2)
+            slope -= value_at(room.slope[i], s) * x / (s * outer**2)
         if rise > 0.0:
             high = x
         else:
@@ -213,20 +226,20 @@ def advancing_edge(scheme: Scheme, fall: Fall, room: Room, i: int, depth: float,
 
 @inner()
 def receding_edge(
-    law: Law, scheme: Scheme, fall: Fall, room: Room, i: int, depth: float, density: float, outer: float, guess: float
+    law: Law, fall: Fall, room: Room, i: int, depth: float, density: float, outer: float, guess: float
 ) -> float:
     """Place s where the load is 0; 1 when there is none left."""
-    last = scheme.s.size - 1
+    last = N_NODES - 1
     if law.E_relaxed * depth + room.field[i, last] + density <= 0.0:
         return 1.0
     low, high, s = 0.0, 1.0, guess
     for _ in range(60):
         x = outer * math.sqrt(max(1.0 - s * s, 0.0))
-        load = law.E_relaxed * (depth - gap(fall, x)) + value_at(scheme, room.field[i], s) + density
+        load = law.E_relaxed * (depth - gap(fall, x)) + value_at(room.field[i], s) + density
         slope = 2.0 * s * outer**2 / fall.radius
         if fall.is_sphere and x > 0.0:
             slope = _steepness(fall, x) * s * outer**2 / x
-        slope = law.E_relaxed * slope + value_at(scheme, room.slope[i], s)
+        slope = law.E_relaxed * slope + value_at(room.slope[i], s)
         if load > 0.0:
             high = s
         else:
@@ -241,173 +254,164 @@ def receding_edge(
 
 
 @inner()
-def _prepare(law: Law, scheme: Scheme, fall: Fall, center: Floats, path: Path, n: int, h: float, room: Room) -> None:
+def _prepare(law: Law, fall: Fall, room: Room, n: int, h: float) -> None:
     """Fill in what a step from the end ``n`` knows without its force: motion and weights."""
-    t, S = path.time[n], scheme.c.size
-    now = path.state[n]
-    for i in range(S):
-        time = scheme.c[i] * h
+    t = room.time[n]
+    now = room.state[n]
+    for i in range(STAGES):
+        time = POINTS[i] * h
         dent = 0.0
-        for k in range(center.size):
-            dent += center[k] * math.exp(-law.creep_rate[k] * (t + time))
+        for k in range(law.elements):
+            dent += room.center[k] * math.exp(-law.creep_rate[k] * (t + time))
         room.base[i] = now[0] + time * (now[1] + 0.5 * fall.gravity * time) - dent
-        for m in range(S):
-            room.answer[i, m] = h * h * scheme.aa[i, m] / fall.mass
+        for m in range(STAGES):
+            room.answer[i, m] = h * h * TWICE[i, m] / fall.mass
     if fall.plate_mass > 0.0:
-        _let_plate_answer(scheme, fall, now, h, room)
-    _gain(law, scheme, h, room)
+        _let_plate_answer(fall, now, h, room)
+    _gain(law, h, room)
 
 
 @inner()
-def _let_plate_answer(scheme: Scheme, fall: Fall, now: Floats, h: float, room: Room) -> None:
+def _let_plate_answer(fall: Fall, now: Floats, h: float, room: Room) -> None:
     """Add the motion of the plate: free, and per force."""
-    S = scheme.c.size
-    for i in range(S):
-        pull = fall.plate_damping * now[5] + fall.plate_stiffness * (now[4] + scheme.c[i] * h * now[5])
-        for m in range(S):
-            inertia = fall.plate_damping * h * scheme.a[i, m] + fall.plate_stiffness * h * h * scheme.aa[i, m]
+    for i in range(STAGES):
+        pull = fall.plate_damping * now[5] + fall.plate_stiffness * (now[4] + POINTS[i] * h * now[5])
+        for m in range(STAGES):
+            inertia = fall.plate_damping * h * WEIGHTS[i, m] + fall.plate_stiffness * h * h * TWICE[i, m]
             room.matrix[i, m] = inertia + (fall.plate_mass if i == m else 0.0)
             room.plate[i, m] = 1.0 if i == m else 0.0
-        room.plate[i, S] = -pull
+        room.plate[i, STAGES] = -pull
     eliminate(room.matrix[:], room.plate[:])  # of one type, whatever their shapes
-    for i in range(S):
-        room.plate_free[i] = now[4] + scheme.c[i] * h * now[5]
-        for o in range(S):
-            room.plate_free[i] += h * h * scheme.aa[i, o] * room.plate[o, S]
-            for m in range(S):
-                room.answer[i, m] += h * h * scheme.aa[i, o] * room.plate[o, m]
+    for i in range(STAGES):
+        room.plate_free[i] = now[4] + POINTS[i] * h * now[5]
+        for o in range(STAGES):
+            room.plate_free[i] += h * h * TWICE[i, o] * room.plate[o, STAGES]
+            for m in range(STAGES):
+                room.answer[i, m] += h * h * TWICE[i, o] * room.plate[o, m]
         room.base[i] -= room.plate_free[i]
 
 
 @inner()
-def _gain(law: Law, scheme: Scheme, h: float, room: Room) -> None:
+def _gain(law: Law, h: float, room: Room) -> None:
     """Weights of the fading integrals, and the force per approach that they amount to."""
-    S = scheme.c.size
     for j in range(law.maxwells):
-        for i in range(S):
-            power = scheme.c[i]
+        for i in range(STAGES):
+            power = POINTS[i]
             moments(law.rate[j] * h * power, room.short)
-            for p in range(S):
+            for p in range(STAGES):
                 room.weight[j, i, p] = (p + 1) * power * room.short[p]
-                power *= scheme.c[i]
-    for i in range(S):
+                power *= POINTS[i]
+    for i in range(STAGES):
         room.gain[i, :] = 0.0
-        for p in range(S):
+        for p in range(STAGES):
             total = 0.0
             for j in range(law.maxwells):
                 total += law.E[j] * room.weight[j, i, p]
-            for m in range(S):
-                room.gain[i, m] += total * scheme.to_powers[p, m]
+            for m in range(STAGES):
+                room.gain[i, m] += total * TO_POWERS[p, m]
 
 
 @inner()
-def _spread(scheme: Scheme, room: Room, i: int) -> None:
+def _spread(room: Room, i: int) -> None:
     """Fill in derivative over s and twice the mean of the stage's field."""
-    for n in range(scheme.s.size):
-        room.slope[i, n] = dot(scheme.slope[n], room.field[i])
-        room.area[i, n] = dot(scheme.means[n], room.field[i])
+    for n in range(N_NODES):
+        room.slope[i, n] = dot(SLOPE[n], room.field[i])
+        room.area[i, n] = dot(MEANS[n], room.field[i])
 
 
 @inner()
-def _advance_force(
-    law: Law, scheme: Scheme, fall: Fall, room: Room, time: float, h: float, bulk: float, outer: float, dented: bool
-) -> None:
+def _advance_force(law: Law, fall: Fall, room: Room, time: float, h: float, phase: Phase) -> None:
     """Force at the stages of an advancing contact, from the approaches there."""
-    S = scheme.c.size
-    for i in range(S):
+    for i in range(STAGES):
         depth = room.delta[i]
-        x = room.edge[i] = advancing_edge(scheme, fall, room, i, depth, outer, room.edge[i])
+        x = room.edge[i] = advancing_edge(fall, room, i, depth, phase.outer, room.edge[i])
         room.bulk[i] = 2.0 * (x * depth - gap_area(fall, x))
-    for i in range(S):
+    for i in range(STAGES):
         total = law.E_relaxed * room.bulk[i] + room.known[i]
-        for m in range(S):
-            total += room.gain[i, m] * (room.bulk[m] - bulk)
+        for m in range(STAGES):
+            total += room.gain[i, m] * (room.bulk[m] - phase.bulk)
         room.force[i] = total
-    if dented:
-        _add_dents(law, scheme, room, time, h, outer)
+    if phase.dented:
+        _add_dents(law, room, time, h, phase.outer)
 
 
 @inner()
-def _add_dents(law: Law, scheme: Scheme, room: Room, time: float, h: float, outer: float) -> None:
+def _add_dents(law: Law, room: Room, time: float, h: float, outer: float) -> None:
     """Add what the springs held when the edge reached them, integrated over time by parts."""
-    S, K = scheme.c.size, law.elements
-    for i in range(S):
+    for i in range(STAGES):
         x = room.edge[i]
         inside = 1.0 - (x / outer) ** 2
         s = math.sqrt(inside) if inside > 0.0 else 0.0
-        for k in range(K):
+        for k in range(law.elements):
             edge_value = 0.0
             if inside < 0.0:
                 edge_value = 2.0 * (x - outer) * room.rim[k]
-            room.moment[i, k] = min(x, outer) * value_at(scheme, room.primitive[k], s) + edge_value
-    for k in range(K):
+            room.moment[i, k] = min(x, outer) * value_at(room.primitive[k], s) + edge_value
+    for k in range(law.elements):
         rate = law.creep_rate[k]
         start = math.exp(-rate * time)
-        for i in range(S):
-            total = math.exp(-rate * (time + scheme.c[i] * h)) * room.moment[i, k] - start * room.last[k]
-            for m in range(S):
-                fresh = math.exp(-rate * (time + scheme.c[m] * h))
-                total += h * scheme.a[i, m] * rate * fresh * room.moment[m, k]
+        for i in range(STAGES):
+            total = math.exp(-rate * (time + POINTS[i] * h)) * room.moment[i, k] - start * room.last[k]
+            for m in range(STAGES):
+                fresh = math.exp(-rate * (time + POINTS[m] * h))
+                total += h * WEIGHTS[i, m] * rate * fresh * room.moment[m, k]
             room.cross[i, k] = total
-    for i in range(S):
-        for k in range(K):
+    for i in range(STAGES):
+        for k in range(law.elements):
             room.force[i] += dot(room.table[i, k], room.cross[:, k])
 
 
 @inner()
-def _recede_force(law: Law, scheme: Scheme, fall: Fall, room: Room, start: float, outer: float) -> None:
+def _recede_force(law: Law, fall: Fall, room: Room, start: float, outer: float) -> None:
     """Force at the stages of a receding contact, from the approaches there."""
-    S = scheme.c.size
-    for i in range(S):
+    for i in range(STAGES):
         density = room.known[i]
-        for m in range(S):
+        for m in range(STAGES):
             density += room.gain[i, m] * (room.delta[m] - start)
         depth = room.delta[i]
-        s = receding_edge(law, scheme, fall, room, i, depth, density, outer, room.edge[i])
+        s = receding_edge(law, fall, room, i, depth, density, outer, room.edge[i])
         room.edge[i] = s
         x = outer * math.sqrt(max(1.0 - s * s, 0.0))
         room.radius[i] = x
-        room.bulk[i] = law.E_relaxed * depth + room.field[i, scheme.s.size - 1] + density
+        room.bulk[i] = law.E_relaxed * depth + room.field[i, N_NODES - 1] + density
         room.force[i] = 0.0
         if s < 1.0:
             elastic = 2.0 * law.E_relaxed * (x * depth - gap_area(fall, x))
-            room.force[i] = elastic + x * (value_at(scheme, room.area[i], s) + 2.0 * density)
+            room.force[i] = elastic + x * (value_at(room.area[i], s) + 2.0 * density)
 
 
 @inner()
-def _differentiate(law: Law, scheme: Scheme, room: Room, phase: Phase) -> None:
+def _differentiate(law: Law, room: Room, phase: Phase) -> None:
     """Fill in the derivative of the miss of each stage; the load at the edge is 0 and adds none."""
-    S = scheme.c.size
-    for i in range(S):
-        for m in range(S):
+    for i in range(STAGES):
+        for m in range(STAGES):
             total = 1.0 if i == m else 0.0
             x = room.radius[m] if phase.recedes else room.edge[m]
-            for o in range(S):
+            for o in range(STAGES):
                 width = room.radius[o] if phase.recedes else x
                 total += room.answer[i, o] * room.gain[o, m] * 2.0 * width
             room.matrix[i, m] = total + room.answer[i, m] * law.E_relaxed * 2.0 * x
 
 
 @inner()
-def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int, h: float, phase: Phase) -> bool:
+def _newton(law: Law, fall: Fall, room: Room, n: int, h: float, phase: Phase) -> bool:
     """Solve for the approaches at the stages: motion against force."""
-    S = scheme.c.size
-    time, start = path.time[n], path.approach[n]
-    for i in range(S):
-        room.delta[i] = room.base[i] - room.answer[i].sum() * path.state[n, 2]
+    time, start = room.time[n], room.approach[n]
+    for i in range(STAGES):
+        room.delta[i] = room.base[i] - room.answer[i].sum() * room.state[n, 2]
         room.edge[i] = phase.edge
     scale = 0.0
     for _ in range(_NEWTON_LIMIT):
         if phase.recedes:
-            _recede_force(law, scheme, fall, room, start, phase.outer)
+            _recede_force(law, fall, room, start, phase.outer)
         else:
-            _advance_force(law, scheme, fall, room, time, h, phase.bulk, phase.outer, phase.dented)
-        for i in range(S):
+            _advance_force(law, fall, room, time, h, phase)
+        for i in range(STAGES):
             room.right[i, 0] = room.delta[i] - room.base[i] + dot(room.answer[i], room.force[:])
-        _differentiate(law, scheme, room, phase)
+        _differentiate(law, room, phase)
         eliminate(room.matrix[:], room.right[:])
         change = 0.0
-        for i in range(S):
+        for i in range(STAGES):
             room.delta[i] -= room.right[i, 0]
             change = max(change, abs(room.right[i, 0]))
             scale = max(scale, abs(room.delta[i]))
@@ -419,14 +423,11 @@ def _newton(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int
 
 
 @inner()
-def _fields(
-    law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase, dent: Floats, nodes: Nodes
-) -> None:
+def _fields(law: Law, room: Room, n: int, h: float, phase: Phase) -> None:
     """Fill in the field that the edge meets at each stage, and what is left of the start."""
-    S, N = scheme.c.size, scheme.s.size
     count = law.maxwells if phase.recedes else law.elements
-    for i in range(S):
-        time = path.time[n] + scheme.c[i] * h
+    for i in range(STAGES):
+        time = room.time[n] + POINTS[i] * h
         room.field[i, :] = 0.0
         if phase.recedes or phase.dented:
             for k in range(count):
@@ -434,108 +435,94 @@ def _fields(
                     factor = law.E[k] * math.exp(-law.rate[k] * (time - phase.begin))
                 else:
                     factor = math.exp(-law.creep_rate[k] * time)
-                for m in range(N):
-                    room.field[i, m] += factor * (nodes.field[k, m] if phase.recedes else dent[k, m])
-            _spread(scheme, room, i)
+                for m in range(N_NODES):
+                    room.field[i, m] += factor * (room.node_field[k, m] if phase.recedes else room.dent[k, m])
+            _spread(room, i)
         room.known[i] = 0.0
         for j in range(law.maxwells):
-            left = math.exp(-law.rate[j] * scheme.c[i] * h)
-            held = path.fading[n, j] if phase.recedes else room.held[j]
+            left = math.exp(-law.rate[j] * POINTS[i] * h)
+            held = room.fading[n, j] if phase.recedes else room.held[j]
             room.known[i] += law.E[j] * left * held
         for k in range(law.elements if phase.dented and not phase.recedes else 0):
             room.table[i, k, :] = 0.0  # force per change of the dents' moments
-            for p in range(S):
+            for p in range(STAGES):
                 total = 0.0
                 for j in range(law.maxwells):
                     total += law.E[j] * room.weight[j, i, p] * (law.mixed[j, k] - 1.0)
-                for m in range(S):
-                    room.table[i, k, m] += total * scheme.to_powers[p, m]
+                for m in range(STAGES):
+                    room.table[i, k, m] += total * TO_POWERS[p, m]
 
 
 @inner()
-def accept(law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, n: int, h: float, phase: Phase) -> None:
+def accept(law: Law, fall: Fall, room: Room, n: int, h: float, phase: Phase) -> None:
     """Write the step behind the end ``n`` down."""
-    S = scheme.c.size
-    now, new = path.state[n], path.state[n + 1]
-    path.time[n + 1] = path.time[n] + h
-    path.approach[n + 1] = room.delta[S - 1]
+    now, new = room.state[n], room.state[n + 1]
+    room.time[n + 1] = room.time[n] + h
+    room.approach[n + 1] = room.delta[STAGES - 1]
     work = loss = 0.0
-    for i in range(S):
-        u, values = scheme.c[i], path.stages[n, i]
+    for i in range(STAGES):
+        u, values = POINTS[i], room.stages[n, i]
         z = now[0] + u * h * (now[1] + 0.5 * fall.gravity * u * h)
-        z -= h * h / fall.mass * dot(scheme.aa[i], room.force[:])
-        v = now[1] + fall.gravity * u * h - h / fall.mass * dot(scheme.a[i], room.force[:])
+        z -= h * h / fall.mass * dot(TWICE[i], room.force[:])
+        v = now[1] + fall.gravity * u * h - h / fall.mass * dot(WEIGHTS[i], room.force[:])
         values[0], values[1], values[2] = z, v, room.force[i]
         values[3] = room.radius[i] if phase.recedes else room.edge[i]
         values[4] = values[5] = 0.0
         if fall.plate_mass > 0.0:
             values[4], values[5] = room.plate_free[i], now[5]
-            for o in range(S):
-                pushed = dot(room.plate[o, :S], room.force[:])
-                values[4] += h * h * scheme.aa[i, o] * pushed
-                values[5] += h * scheme.a[i, o] * (room.plate[o, S] + pushed)
-        share = h * scheme.a[S - 1, i]
+            for o in range(STAGES):
+                pushed = dot(room.plate[o, :STAGES], room.force[:])
+                values[4] += h * h * TWICE[i, o] * pushed
+                values[5] += h * WEIGHTS[i, o] * (room.plate[o, STAGES] + pushed)
+        share = h * WEIGHTS[STAGES - 1, i]
         work += share * room.force[i] * (v - values[5])
         loss += share * fall.plate_damping * values[5] ** 2
     for column in range(6):
-        new[column] = path.stages[n, S - 1, column]
+        new[column] = room.stages[n, STAGES - 1, column]
     new[6], new[7] = now[6] + loss, now[7] + work
-    for p in range(S):
-        path.powers[n, p] = path.edge[n, p] = 0.0
-        for m in range(S):
+    for p in range(STAGES):
+        room.powers[n, p] = room.edge_powers[n, p] = 0.0
+        for m in range(STAGES):
             edge = room.edge[m] if phase.recedes else room.edge[m] ** 2
-            path.powers[n, p] += scheme.to_powers[p, m] * (room.delta[m] - path.approach[n])
-            path.edge[n, p] += scheme.to_powers[p, m] * (edge - phase.start_edge)
-    _fade_on(law, scheme, room, path, n, h, phase)
+            room.powers[n, p] += TO_POWERS[p, m] * (room.delta[m] - room.approach[n])
+            room.edge_powers[n, p] += TO_POWERS[p, m] * (edge - phase.start_edge)
+    _fade_on(law, room, n, h, phase)
 
 
 @inner()
-def _fade_on(law: Law, scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase) -> None:
+def _fade_on(law: Law, room: Room, n: int, h: float, phase: Phase) -> None:
     """Bring the fading integrals to the end of a step."""
-    S, K = scheme.c.size, law.elements
     for j in range(law.maxwells):
         left = math.exp(-law.rate[j] * h)
-        path.fading[n + 1, j] = left * path.fading[n, j]
-        for p in range(S):
-            path.fading[n + 1, j] += room.weight[j, S - 1, p] * path.powers[n, p]
+        room.fading[n + 1, j] = left * room.fading[n, j]
+        for p in range(STAGES):
+            room.fading[n + 1, j] += room.weight[j, STAGES - 1, p] * room.powers[n, p]
         if phase.recedes:
             continue
         room.held[j] *= left
-        for m in range(S):
+        for m in range(STAGES):
             change = room.bulk[m] - phase.bulk
             if phase.dented:
-                for k in range(K):
+                for k in range(law.elements):
                     change += (law.mixed[j, k] - 1.0) * room.cross[m, k]
-            for p in range(S):
-                room.held[j] += room.weight[j, S - 1, p] * scheme.to_powers[p, m] * change
+            for p in range(STAGES):
+                room.held[j] += room.weight[j, STAGES - 1, p] * TO_POWERS[p, m] * change
     if phase.dented and not phase.recedes:
-        for k in range(K):
-            room.last[k] = room.moment[S - 1, k]
+        for k in range(law.elements):
+            room.last[k] = room.moment[STAGES - 1, k]
 
 
 @inner()
-def attempt(
-    law: Law,
-    scheme: Scheme,
-    fall: Fall,
-    center: Floats,
-    room: Room,
-    path: Path,
-    n: int,
-    h: float,
-    phase: Phase,
-    dent: Floats,
-    nodes: Nodes,
-) -> float:
+def attempt(law: Law, fall: Fall, room: Room, n: int, h: float, phase: Phase) -> float:
     """Solve for one step; return its error over what is allowed.
 
     It is what the polynomial through the stages misses of the force at the start.
     """
-    _prepare(law, scheme, fall, center, path, n, h, room)
-    _fields(law, scheme, room, path, n, h, phase, dent, nodes)
-    if not _newton(law, scheme, fall, room, path, n, h, phase):
+    _prepare(law, fall, room, n, h)
+    _fields(law, room, n, h, phase)
+    if not _newton(law, fall, room, n, h, phase):
         return UNSOLVED
-    error = scheme.gamma[0] * path.state[n, 2] + dot(scheme.gamma[1:], room.force[:])
+    error = GAMMA[0] * room.state[n, 2] + dot(GAMMA[1:], room.force[:])
     moved = fall.mass  # the reduced mass: a light plate errs more than the sphere, and its swing is in the force
     if fall.plate_mass > 0.0:
         moved *= fall.plate_mass / (fall.mass + fall.plate_mass)

@@ -48,21 +48,20 @@ class Motion:
             setattr(self, name, value)
 
 
-class Counts(Protocol):
+@dataclass(slots=True)
+class Counts:
     """Work done; counts only, so that they do not depend on the machine."""
 
-    solver_steps: int
-    rejected_steps: int
-    newton_iterations: int
-    kernel_products: int
-    spring_updates: int
-    rest_steps: int
-    flights: int
+    solver_steps: int = 0
+    rejected_steps: int = 0
+    kernel_products: int = 0
+    spring_updates: int = 0
+    rest_steps: int = 0
+    flights: int = 0
 
 
-#: The fields of a Motion and of Counts as numpy sees them; an array of the first is a trail.
+#: The fields of a Motion as numpy sees them; an array of them is a trail.
 MOTION = np.dtype([(name, np.float64) for name in Motion.__annotations__])
-COUNTS = np.dtype([(name, np.int64) for name in Counts.__annotations__])
 Trail = NDArray[np.void]
 
 
@@ -100,27 +99,6 @@ class Law(Protocol):
     is_liquid: bool
 
 
-class Scheme(Protocol):
-    """Constants of the method: Radau's points, and polynomials over the radius.
-
-    ``c`` (stage,), ``a`` (stage, stage) and its square ``aa``; ``to_powers`` (stage, stage) from
-    values less the first to the coefficients of u, u^2, ...; ``gamma`` (stage + 1,) of the error.
-    Fields over the radius are polynomials in s = sqrt(1 - (x / edge)^2), held at the nodes ``s``
-    (node,) with barycentric weights ``bary``; ``slope`` (node, node) differentiates over s,
-    ``means`` (node, node) gives twice the mean from the centre to each node.
-    """
-
-    c: Floats
-    a: Floats
-    aa: Floats
-    to_powers: Floats
-    gamma: Floats
-    s: Floats
-    bary: Floats
-    slope: Floats
-    means: Floats
-
-
 class Fall(NamedTuple):
     """What falls onto what; the plate's numbers are 0 on a rigid flat; ``is_sphere`` the profile."""
 
@@ -152,16 +130,25 @@ class Phase(NamedTuple):
     bulk: float
 
 
-# Shapes of the arrays below: S stages (or powers), N nodes over the radius, T terms, M steps at most, L instants.
+class Room(Protocol):
+    """Room for the steps of a contact, and for what is sampled on the nodes of the largest contact of this bounce.
 
+    Shapes: S stages (or powers), N nodes over the radius, T terms, M steps at most, L instants.
 
-class Path(Protocol):
-    """Room for the steps of a contact, and what is known of each.
+    At the ends of the steps ``time`` from touch; ``state``, and ``stages`` inside: position, velocity, force, contact
+    radius, displacement and velocity of the plate, and at the ends what its dashpot took and the work on the springs;
+    ``approach``, and ``powers`` its coefficients over u from 0 to 1; ``edge_powers`` those of the square of the radius
+    while it advances, of s while it recedes; ``fading`` the fading integral of the approach; ``stored`` energy.
 
-    ``time`` from touch; ``state`` at the ends and ``stages`` inside: position, velocity, force, contact radius,
-    displacement and velocity of the plate, and at the ends what its dashpot took and the work on the springs;
-    ``approach`` at the ends and ``powers`` its coefficients over u from 0 to 1; ``edge`` those of the square of the
-    radius while it advances, of s while it recedes; ``fading`` the fading integral of the approach; ``stored`` energy.
+    ``center`` is the displacement of the central spring at touch, ``dent`` that of the others less the central one's;
+    ``touch`` and ``release`` [s]; ``before`` the dents found, ``after`` the displacement of the elements left;
+    ``node_base`` that of Maxwell elements less the fading integral at touch, ``node_field`` the same where the contact
+    began to shrink; ``node_fading`` and ``element`` room for one.
+
+    Of the step at hand ``base`` is the approach without force, ``answer`` the approach per force; ``known`` the force,
+    or its density, that is left of the start; ``gain`` that per approach; ``weight`` of the fading integrals;
+    ``field`` and ``slope`` the polynomial over the radius that the edge meets, and its derivative, ``area`` twice its
+    mean; ``cross`` the force per change of the dents' moments; ``moment`` those moments.
     """
 
     time: Annotated[Floats, "L"]
@@ -169,38 +156,19 @@ class Path(Protocol):
     stages: Annotated[Floats, "MS6"]
     approach: Annotated[Floats, "L"]
     powers: Annotated[Floats, "MS"]
-    edge: Annotated[Floats, "MS"]
+    edge_powers: Annotated[Floats, "MS"]
     fading: Annotated[Floats, "LT"]
     stored: Annotated[Floats, "L"]
-
-
-class Nodes(Protocol):
-    """What is sampled on the nodes of the largest contact of this bounce.
-
-    ``touch`` and ``release`` [s]; ``before`` the dents found, ``after`` the displacement of the elements left;
-    ``base`` that of Maxwell elements less the fading integral at touch, ``field`` the same where the contact began to
-    shrink; room for one.
-    """
-
+    center: Annotated[Floats, "T"]
+    dent: Annotated[Floats, "TN"]
     touch: Annotated[Floats, "N"]
     release: Annotated[Floats, "N"]
     before: Annotated[Floats, "TN"]
     after: Annotated[Floats, "TN"]
-    base: Annotated[Floats, "TN"]
-    field: Annotated[Floats, "TN"]
-    fading: Annotated[Floats, "T"]
+    node_base: Annotated[Floats, "TN"]
+    node_field: Annotated[Floats, "TN"]
+    node_fading: Annotated[Floats, "T"]
     element: Annotated[Floats, "T"]
-
-
-class Room(Protocol):
-    """Numbers of the step at hand.
-
-    ``base`` is the approach without force, ``answer`` the approach per force; ``known`` the force, or its density,
-    that is left of the start; ``gain`` that per approach; ``weight`` of the fading integrals; ``field`` and ``slope``
-    the polynomial over the radius that the edge meets, and its derivative, ``area`` twice its mean; ``cross`` the
-    force per change of the dents' moments; ``moment`` those moments.
-    """
-
     base: Annotated[Floats, "S"]
     answer: Annotated[Floats, "SS"]
     plate: Annotated[Floats, "S6"]

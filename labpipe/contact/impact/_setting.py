@@ -3,7 +3,7 @@
 import warnings
 from dataclasses import dataclass
 from math import inf, isfinite, pi, sqrt
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.contact._memory import Creep
 from labpipe.contact.impact._plate import Plate
-from labpipe.contact.impact._springs import Profile
+from labpipe.contact.impact._rings import Profile
 from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 from labpipe.units import Measure, Quantity, quantity, require_positive, si
@@ -24,36 +24,12 @@ _UNITS = {"radius": "m", "mass": "kg", "height": "m", "duration": "s", "gravity"
 _RTOL_RANGE = (1e-8, 1e-2)
 
 
-class Shortcuts(NamedTuple):
-    """Work that a drop leaves out because no result needs it; each can be switched off for comparison.
-
-    Attributes
-    ----------
-    flights : bool
-        A flight is one step, exact, and a contact up to a lift-off is collocated; otherwise all is stepped, flights in
-        steps as long as those of a contact.
-    rest : bool
-        Once a contact has come to rest its creep is followed in few steps; otherwise its motion is
-        followed to the end, and no time of rest is found.
-    """
-
-    flights: bool = True
-    rest: bool = True
-
-    @classmethod
-    def chosen(cls, *, full: bool) -> "Shortcuts":
-        """All of them, or none for a run that leaves nothing out."""
-        return cls(flights=not full, rest=not full)
-
-
-ALL_SHORTCUTS = Shortcuts()
-
-
 @dataclass(frozen=True, slots=True)
 class Setting:
     """The arguments of a drop; see :func:`labpipe.contact.drop`.
 
-    With ``rows_only`` a run ends where the sphere swings too little to lift off again, and its rest is not followed.
+    ``full`` leaves nothing out: all terms, every contact stepped, no rest. With ``rows_only`` a run ends where the
+    sphere swings too little to lift off again, and its rest is not followed.
     """
 
     radius: float
@@ -66,8 +42,7 @@ class Setting:
     gravity: float
     plate: Plate | None
     ring_width: float | None = None
-    fold: bool = True
-    shortcuts: Shortcuts = ALL_SHORTCUTS
+    full: bool = False
     max_steps: int = MAX_STEPS
     rows_only: bool = False
 
@@ -133,7 +108,8 @@ class Scales:
             duration = 1.0 / (1.0 / ballistic + 2.0 / period)
         rest_approach = at_rest(compliance)[0] ** 2 / one.radius
         radius = sqrt(one.radius * (approach + 2.0 * rest_approach))
-        return cls(duration, radius, at_rest(creep.instantaneous)[0], period, one.gravity * period / (2.0 * pi))
+        rest_radius = at_rest(float(creep.compliance(period / 4)))[0]
+        return cls(duration, radius, rest_radius, period, one.gravity * period / (2.0 * pi))
 
 
 def exact(given: Measure, name: str) -> float:

@@ -2,36 +2,32 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import inf, pi, sqrt
-from typing import Any, cast
+from math import ceil, inf, pi, sqrt
+from typing import Any
 
 import numpy as np
 
 from labpipe.arrays import Floats
-from labpipe.contact._memory import Creep, step_weights
-from labpipe.contact.impact import _stepping as kernel
-from labpipe.contact.impact._plate import modal
+from labpipe.contact import _stepping as kernel
+from labpipe.contact._march import room_for
+from labpipe.contact._memory import Creep
+from labpipe.contact._springs import OUTGROWN, SpringBed, sphere_bed
+from labpipe.contact._stepping import Body, Room, Rules, Springs
+from labpipe.contact.impact._plate import Plate, modal
 from labpipe.contact.impact._records import MOTION, Counts, Motion, Trail, blank
+from labpipe.contact.impact._rings import ring_bed
 from labpipe.contact.impact._setting import Scales, Setting
-from labpipe.contact.impact._springs import Springs, line_springs, ring_springs
-from labpipe.contact.impact._stepping import MOST_RINGING, PACE, Block, Pace, Rules
 from labpipe.errors import InputError
 
-#: Step error for an error of rtol, (share * rtol)^(3/2) of the speed: restitution errs by 0.55 (step error)^(2/3), of
-#: which a whole train of bounces may add up some ten; measured on Ting's solutions, as are the steps of one contact.
-STEP_SHARE = 0.117
+# Error [m/s] allowed in a step over (rtol)^(3/2) of the speed, measured on Ting's solutions.
+_STEP_SHARE = 0.15
 # First step after touch, and longest step, as fractions of the time scale of the contact.
-FIRST_STEP, LONGEST_STEP = 1e-4, 0.05
-# Springs per contact radius at rtol = 1e-4; their error falls with the square. Where the instantaneous compliance is
-# too small to matter within one step, the pressure ends in a step at the edge: the error then falls only with the
-# number of springs, so take more. Spacing is even up to a part of the smallest contact expected.
-_SPRINGS_PER_RADIUS, _FINER_FOR_A_STEP, _CORE = 80, 12.0, 0.25
-# Rings per radius of the first contact: later ones are smaller, so it takes more.
-_RINGS_PER_RADIUS, _MOST_RINGS_PER_RADIUS = 120, 1200
-# Steps per decade of time at rest, at rtol = 1e-4.
+_FIRST_STEP, _LONGEST_STEP = 1e-4, 0.05
+# Springs per smallest contact radius expected, at rtol = 1e-4, and at most; rings per radius of the first contact.
+_SPRINGS_PER_RADIUS, _MOST_SPRINGS = 40, 1500
+_RINGS_PER_RADIUS, _MOST_RINGS_PER_RADIUS = 80, 1200
+# Steps per decade of time at rest.
 _STEPS_PER_DECADE = 12
-# A contact that has lasted longer than the period at rest only rings down: its steps may err more.
-_LENIENCY = 8.0
 # Rest is an amplitude below rtol times the static sag, within these bounds; a sphere whose rest is not followed stays
 # where its own swing and the plate's part of it are each below a larger part.
 _REST_RANGE, _STAYS = (1e-5, 1e-3), 0.3
@@ -41,6 +37,10 @@ _HEAVY_PLATE = 10.0
 _EXTENSION = 1.3
 # Steps between two looks at limits and progress.
 _BATCH = 4096
+
+_PACE = np.dtype(
+    [(name, np.float64) for name in ("dt", "leniency", "peak", "rest_start", "slowest", "fastest", "largest")]
+)
 
 
 class AnnularContactError(InputError):
@@ -55,53 +55,71 @@ class AnnularContactError(InputError):
 class Stepper:
     """The springs of one sphere, and how they move on with ``now`` and ``counts``, which are changed in place.
 
-    ``memory`` (element, spring) [m] is the displacement of their elements. ``look`` is called with the contact radius
-    after each batch of steps.
+    ``reach`` [m]: radius out to which there are springs; ``look`` is called with the contact radius after each batch
+    of steps. The springs are at rest until their ``room.memory`` (element, spring) [m] is filled in.
     """
 
     one: Setting
     creep_law: Creep
     expected: Scales
-    springs: Springs
     now: Motion
     counts: Counts
-    memory: Floats
     look: Callable[[float], None]
-    _record: Any = field(init=False)
-    _block: Block = field(init=False)
-    _rules: Rules = field(init=False)
-    _pace: Pace = field(init=False)
+    reach: float
+    bed: SpringBed = field(init=False)
+    room: Room = field(init=False)
     _trail: list[Trail] = field(default_factory=list)
     _batch: Trail = field(default_factory=lambda: np.recarray(_BATCH, MOTION))
+    _work: Any = field(default_factory=lambda: np.zeros(3, np.int64))
+    _spacing: float = field(init=False)
+    _rules: Rules = field(init=False)
+    _record: Any = field(init=False)
+    _pace: Any = field(init=False)
+
+    def __post_init__(self) -> None:
+        one, expected, finer = self.one, self.expected, sqrt(1e-4 / self.one.rtol)
+        if one.solver == "rings":
+            per_radius = min(_RINGS_PER_RADIUS * finer, _MOST_RINGS_PER_RADIUS)
+            self._spacing = one.ring_width or expected.radius / per_radius
+        else:
+            smallest = min(expected.rest_radius, expected.radius)
+            self._spacing = max(smallest / (_SPRINGS_PER_RADIUS * finer), self.reach / _MOST_SPRINGS)
+        self.bed = self._bed()
+        self.room = room_for(self.bed.size, self.creep_law.rate.size)
+
+    def _bed(self) -> SpringBed:
+        """Springs of the solver out to the reach, or to the radius of an exact sphere."""
+        one, spacing = self.one, self._spacing
+        if one.solver == "rings":
+            return ring_bed(self.reach, one.radius, spacing, one.profile)
+        count = ceil(self.reach / spacing)
+        if one.profile == "sphere":
+            count = min(count, int(one.radius / spacing) - 2)
+        return sphere_bed(one.radius, count * spacing, count, one.profile)
 
     def touch(self, speed: float, *, is_new: bool = True) -> None:
         """Begin a contact at a speed [m/s], or go on with one."""
+        one, now, expected, room = self.one, self.now, self.expected, self.room
         # What has decayed this far would only slow the processor down (subnormal numbers).
-        self.memory[np.abs(self.memory) < 1e-200] = 0.0
-        self._fill_block(np.zeros(self.springs.position.size))
-        one, creep, now, expected = self.one, self.creep_law, self.now, self.expected
+        room.memory[np.abs(room.memory) < 1e-200] = 0.0
+        room.load[:], room.displacement[:] = 0.0, room.memory.sum(axis=0)
         tolerance = _STAYS if one.rows_only else min(max(one.rtol, _REST_RANGE[0]), _REST_RANGE[1])
         period, plate_speed = expected.rest_period, inf
         if one.plate is not None:
             period = max(period, 1.0 / one.plate.frequency)
-            plate_speed = _shaking_speed(one, creep, expected) if one.rows_only else expected.rest_speed
+            plate_speed = expected.rest_speed
+            if one.rows_only:
+                plate_speed = _shaking_speed(one, one.plate, self.creep_law, expected)
         self._rules = Rules(
-            one.mass,
-            one.gravity,
-            creep.instantaneous,
-            creep.fluidity,
-            (STEP_SHARE * one.rtol) ** 1.5 * speed,
-            tolerance if one.shortcuts.rest else 0.0,
-            period,
-            expected.rest_speed,
-            plate_speed,
-            *modal(one.plate),
+            allowed=(_STEP_SHARE * one.rtol) ** 1.5 * max(speed, expected.rest_speed),
+            longest=_LONGEST_STEP * expected.duration,
+            rest_tolerance=0.0 if one.full else tolerance,
+            rest_period=period,
+            rest_speed=expected.rest_speed,
+            plate_speed=plate_speed,
         )
-        self._pace = pace = cast("Pace", blank(PACE, slowest=-inf, fastest=inf, largest=inf, leniency=1.0))
-        pace.dt, pace.longest = FIRST_STEP * expected.duration, LONGEST_STEP * expected.duration
-        pace.acceleration_before, pace.rest_start = now.acceleration, now.time
-        pace.lenient_from = now.time + period
-        pace.late_leniency = _LENIENCY * max(1.0, expected.rest_speed / speed)
+        start = _FIRST_STEP * expected.duration
+        self._pace = blank(_PACE, dt=start, leniency=1.0, rest_start=now.time, slowest=-inf, fastest=inf, largest=inf)
         if is_new:
             now.stored, now.contact_radius = float(self.stored().sum()), 0.0
         self._record = now.record()
@@ -110,43 +128,51 @@ class Stepper:
 
     def run(self, until: float) -> str:
         """Step until "lift-off", "rest" or the "end" of time."""
-        ends = {kernel.RELEASED: "lift-off", kernel.RESTING: "rest", kernel.ENDED: "end"}
+        body = Body(self.one.mass, self.one.gravity, *modal(self.one.plate))
+        ends = {kernel.RELEASED: "lift-off", kernel.RESTING: "rest", kernel.DONE: "end"}
         while True:
-            filled, outcome = kernel.steps(
-                self._record, self._pace, self._rules, until, self._block, self.counts, self._batch
-            )
+            springs = Springs(self.bed, self.creep_law.elements, self.room)
+            state = self._record, self._pace, self._batch, self._work
+            filled, outcome = kernel.swing(springs, body, self._rules, until, *state)
             self._trail.append(self._batch[:filled].copy())
             self.now.take(self._record)
-            self.look(self.now.contact_radius)
+            self._count()
             if outcome in ends:
                 return ends[outcome]
-            if outcome == kernel.OUTGROWN:
+            if outcome == OUTGROWN:
                 self._extend()
-            elif outcome == kernel.ANNULAR:
+            elif outcome != kernel.FULL:
                 raise AnnularContactError(
                     f"at {self.now.time:.6g} s the surface would touch in a ring around the axis, which "
                     "the springs of this solver cannot follow; use a smaller rtol"
                 )
 
     def creep(self, until: float) -> None:
-        """Creep on under the weight alone, in steps that grow by a factor each."""
-        now, dt = self.now, LONGEST_STEP * self.expected.duration
-        growth = 10.0 ** (sqrt(self.one.rtol / 1e-4) / _STEPS_PER_DECADE)
+        """Creep on under the weight alone, reported at times that grow by a factor each."""
+        now, one, law = self.now, self.one, self.creep_law.elements
+        weight, dt = one.mass * one.gravity, _LONGEST_STEP * self.expected.duration
+        sag = weight / one.plate.stiffness if one.plate else 0.0
+        answer = np.array([now.approach, weight, now.contact_radius, 0.0, 0.0, now.stored, dt])
+        scales = np.array([weight, float(self.creep_law.compliance(until - now.time)), now.approach])
+        tolerance = one.rtol**1.5
+        self._trail.append(np.array([now.record()], MOTION))
         while now.time < until:
-            length = min(dt, until - now.time)
-            outcome = kernel.creep_step(self._record, self._rules, length, self._block, self.counts)
-            if outcome == kernel.OUTGROWN:
+            if now.contact_radius > 0.8 * self.bed.edge[-1]:
                 self._extend()
-            elif outcome == kernel.REJECTED:
-                self.counts.rejected_steps += 1
-                dt = 0.5 * length
-            else:
-                if until - self._record.time < 1e-12 * until:
-                    self._record.time = until
-                self._trail.append(np.array([self._record], MOTION))
-                now.take(self._record)
-                self.look(now.contact_radius)
-                dt *= growth
+            end = min(now.time + dt, until)
+            before, heat, held = now.time, answer[4], answer[5]
+            loads = kernel.FORCE, end - now.time, weight, weight, tolerance, scales, float(answer[6])
+            if kernel.cross(Springs(self.bed, law, self.room), *loads, answer, self._work) != kernel.DONE:
+                raise AnnularContactError(f"the creep from {now.time:.6g} s on cannot be followed; use a smaller rtol")
+            now.time, now.approach, now.force, now.contact_radius = end, float(answer[0]), weight, float(answer[2])
+            now.spring_work += float(answer[4] - heat + answer[5] - held)
+            now.stored, now.velocity = float(answer[5]), (now.approach + sag - now.position) / (end - before)
+            now.position, now.acceleration = now.approach + sag, 0.0
+            now.plate_displacement, now.plate_velocity, now.plate_acceleration = sag, 0.0, 0.0
+            self._trail.append(np.array([now.record()], MOTION))
+            self.counts.rest_steps += 1
+            self._count()
+            dt *= 10.0 ** (1.0 / _STEPS_PER_DECADE)
 
     def take_trail(self) -> Trail:
         """Return the records (step,) since the last call."""
@@ -156,67 +182,36 @@ class Stepper:
 
     def stored(self) -> Floats:
         """Energy (element,) in J that the unloaded springs hold now."""
-        return 0.5 * self.creep_law.inverse * ((self.memory * self.memory) @ self.springs.weight)
+        return 0.5 * self.creep_law.inverse * (self.room.memory**2 @ self.bed.stiffness)
 
-    def _fill_block(self, load: Floats) -> None:
-        springs, creep, n = self.springs, self.creep_law, self.springs.position.size
-        self._block = Block(
-            springs.gap,
-            springs.weight,
-            springs.position,
-            springs.last_weight,
-            np.concatenate([[0.0], np.cumsum(springs.weight)]),
-            springs.edge_bias,
-            creep.C,
-            creep.tau,
-            0.5 * creep.inverse,
-            self.memory,
-            load,
-            self.memory.sum(axis=0) + creep.instantaneous * load,
-            *(np.zeros(size) for size in (n, n + 1, n, n)),
-            *np.zeros((4, creep.rate.size)),
-        )
+    def _count(self) -> None:
+        steps, rejected, solutions = self._work.tolist()
+        self._work[:] = 0
+        self.counts.solver_steps += steps
+        self.counts.rejected_steps += rejected
+        self.counts.kernel_products += solutions
+        self.counts.spring_updates += solutions * self.room.memory.size
+        self.look(self.now.contact_radius)
 
     def _extend(self) -> None:
         """Add springs that never carried; the state of those in use stays."""
-        known, load = self.memory, self._block.load
-        self.look(float(self.springs.position[-2]))
-        self.springs = self.springs.out_to(_EXTENSION * float(self.springs.position[-1]))
-        if self.springs.position.size == load.size:
+        self.look(float(self.bed.edge[-2]))
+        old, n = self.room, self.bed.size
+        self.reach *= _EXTENSION
+        self.bed = self._bed()
+        if self.bed.size == n:
             self.look(inf)  # no sphere is left
-        self.memory = self.creep_law.rest(self.springs.position.size)
-        self.memory[:, : known.shape[1]] = known
-        self._fill_block(np.concatenate([load, np.zeros(self.springs.position.size - load.size)]))
+        self.room = room_for(self.bed.size, self.creep_law.rate.size)
+        self.room.memory[:, :n], self.room.load[:n], self.room.displacement[:n] = old.memory, old.load, old.displacement
 
 
-def springs_for(one: Setting, creep: Creep, expected: Scales, reach: float) -> Springs:
-    """Springs of the solver out to a radius [m], as fine as rtol asks."""
-    finer = sqrt(1e-4 / one.rtol)
-    # Steps of an impact, or of rest, may be long against the fastest relaxation.
-    longest = max(expected.rest_period / 4.0, (one.duration - one.fall_time) / 10.0)
-    looks = [step_weights(creep, float(dt)) for dt in np.geomspace(expected.duration / 400.0, longest, 8)]
-    if any(look.old_total > MOST_RINGING * look.compliance for look in looks):
-        finer *= _FINER_FOR_A_STEP
-    if one.solver == "rings":
-        # Rings cannot be made so fine: their number is limited.
-        finer = min(finer, _MOST_RINGS_PER_RADIUS / _RINGS_PER_RADIUS)
-        return ring_springs(
-            reach, one.radius, one.ring_width or expected.radius / (_RINGS_PER_RADIUS * finer), one.profile
-        )
-    core = _CORE * min(expected.rest_radius, expected.radius)
-    return line_springs(reach, one.radius, core, _SPRINGS_PER_RADIUS * finer, one.profile)
-
-
-def _shaking_speed(one: Setting, creep: Creep, expected: Scales) -> float:
+def _shaking_speed(one: Setting, plate: Plate, creep: Creep, expected: Scales) -> float:
     """Speed [m/s] of a plate below which it does not shake the sphere off.
 
     The swing of the plate holds the energy of a lift-off then; or, as a heavy plate swings alone,
     its acceleration is that of gravity, raised by the resonance of the sphere on any contact from
     that of its weight at first to the largest.
     """
-    plate = one.plate
-    if plate is None:
-        return inf
     ratio = plate.mass / one.mass
     by_energy = expected.rest_speed / sqrt(ratio)
     if ratio < _HEAVY_PLATE:

@@ -22,6 +22,7 @@ import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
+from labpipe.contact.impact._method import MEANS, N_NODES, NODES, STAGES, TO_POWERS
 from labpipe.contact.impact._radau import (
     UNSOLVED,
     accept,
@@ -35,7 +36,7 @@ from labpipe.contact.impact._radau import (
     summit,
     value_at,
 )
-from labpipe.contact.impact._records import Fall, Law, Nodes, Path, Phase, Room, Scheme
+from labpipe.contact.impact._records import Fall, Law, Phase, Room
 
 # How a contact ends.
 LIFTED, TURNED, FAILED, FULL = range(4)
@@ -56,66 +57,62 @@ _GROWTH, _SHRINK, _SAFETY = 4.0, 0.2, 0.85
 
 
 @inner()
-def _edge_powers(scheme: Scheme, room: Room, phase: Phase) -> None:
+def _edge_powers(room: Room, phase: Phase) -> None:
     """Fill in ``short``: coefficients over the step of what ends the phase.
 
     While the contact recedes that is the load of the central spring, before the square of its radius.
     """
     found = room.short
-    for p in range(scheme.c.size):
+    for p in range(STAGES):
         found[p] = 0.0
-        for m in range(scheme.c.size):
+        for m in range(STAGES):
             change = room.bulk[m] - phase.bulk if phase.recedes else room.edge[m] ** 2 - phase.start_edge
-            found[p] += scheme.to_powers[p, m] * change
+            found[p] += TO_POWERS[p, m] * change
 
 
 @inner()
-def _begin(law: Law, scheme: Scheme, room: Room, path: Path, dent: Floats) -> None:
+def _begin(law: Law, room: Room) -> None:
     """Set what a contact has gathered to nothing, and prepare its dents."""
     for k in range(law.elements):
         room.last[k] = 0.0
-        for m in range(scheme.s.size):
+        for m in range(N_NODES):
             total = 0.0
-            for o in range(scheme.s.size):
-                total += scheme.means[m, o] * dent[k, o]
+            for o in range(N_NODES):
+                total += MEANS[m, o] * room.dent[k, o]
             room.primitive[k, m] = total
-        room.rim[k] = dent[k, 0]
-    path.time[0] = 0.0
+        room.rim[k] = room.dent[k, 0]
+    room.time[0] = 0.0
     for j in range(law.maxwells):
-        path.fading[0, j] = room.held[j] = 0.0
+        room.fading[0, j] = room.held[j] = 0.0
 
 
 @inner()
-def _shorter(scheme: Scheme, room: Room, phase: Phase, error: float) -> float:
+def _shorter(room: Room, phase: Phase, error: float) -> float:
     """Part of a step with too large an error to try next."""
-    S = scheme.c.size
-    shorter = max(_SHRINK, _SAFETY * max(error, 1.0) ** (-1.0 / (S + 1.0)))
-    if phase.recedes and error < UNSOLVED and room.bulk[S - 1] < 0.0:
+    shorter = max(_SHRINK, _SAFETY * max(error, 1.0) ** (-1.0 / (STAGES + 1.0)))
+    if phase.recedes and error < UNSOLVED and room.bulk[STAGES - 1] < 0.0:
         # What lies behind the lift-off says nothing on the step before it.
-        _edge_powers(scheme, room, phase)
+        _edge_powers(room, phase)
         lifted = crossing(room.short[:], -phase.bulk, 1.0)
         shorter = min(max(shorter, lifted), _SAFETY)
     return shorter
 
 
 @inner()
-def _event(
-    scheme: Scheme, room: Room, path: Path, n: int, h: float, phase: Phase, central: float
-) -> tuple[float, bool]:
+def _event(room: Room, n: int, h: float, phase: Phase, central: float) -> tuple[float, bool]:
     """Part of a step at which the phase ends, 1 when it does not, and whether that is its end.
 
     Negative when a contact that receded grows again.
     """
-    S = scheme.c.size
     if phase.recedes:
-        if room.bulk[S - 1] <= _AT_LIFT_OFF * central:
-            _edge_powers(scheme, room, phase)
+        if room.bulk[STAGES - 1] <= _AT_LIFT_OFF * central:
+            _edge_powers(room, phase)
             part = crossing(room.short[:], -phase.bulk, 1.25)
             return part, abs(part - 1.0) < 1e-9
-        return (-1.0 if room.edge[S - 1] <= phase.start_edge else 1.0), False
+        return (-1.0 if room.edge[STAGES - 1] <= phase.start_edge else 1.0), False
     # Over the square of the radius that a steady growth would add in this step.
-    steady = room.edge[S - 1] ** 2 * h / (path.time[n] + h)
-    _edge_powers(scheme, room, phase)
+    steady = room.edge[STAGES - 1] ** 2 * h / (room.time[n] + h)
+    _edge_powers(room, phase)
     rise = slope(room.short[:], 1.0) / steady
     if rise > _AT_SUMMIT:
         return 1.0, False
@@ -123,46 +120,43 @@ def _event(
 
 
 @inner()
-def sample_touch(
-    law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, dent: Floats, outer: float, nodes: Nodes
-) -> None:
+def sample_touch(law: Law, fall: Fall, room: Room, peak: int, outer: float) -> None:
     """Note for each node when it was touched, and its Maxwell elements less the fading integral."""
-    K, J, N = law.elements, law.maxwells, scheme.s.size
-    largest = path.state[peak, 3]
+    largest = room.state[peak, 3]
     step = 0
-    for n in range(N - 1, -1, -1):
-        square = largest**2 * (1.0 - scheme.s[n] ** 2)
-        while step < peak - 1 and path.state[step + 1, 3] ** 2 < square:
+    for n in range(N_NODES - 1, -1, -1):
+        square = largest**2 * (1.0 - NODES[n] ** 2)
+        while step < peak - 1 and room.state[step + 1, 3] ** 2 < square:
             step += 1
-        u, h = 1.0, path.time[step + 1] - path.time[step]
-        if n == N - 1:
+        u, h = 1.0, room.time[step + 1] - room.time[step]
+        if n == N_NODES - 1:
             u = 0.0
         elif n > 0:
-            u = crossing(path.edge[step], square - path.state[step, 3] ** 2, 1.0)
-        time = path.time[step] + u * h
-        nodes.touch[n] = time
-        fade(law, path.fading[step], h, u, path.powers[step], nodes.fading, room.short)
+            u = crossing(room.edge_powers[step], square - room.state[step, 3] ** 2, 1.0)
+        time = room.time[step] + u * h
+        room.touch[n] = time
+        fade(law, room.fading[step], h, u, room.powers[step], room.node_fading, room.short)
         inside = 0.0 if outer <= 0.0 else 1.0 - square / outer**2
         s = math.sqrt(inside) if inside > 0.0 else 0.0
-        for k in range(K):
-            nodes.before[k, n] = 0.0
+        for k in range(law.elements):
+            room.before[k, n] = 0.0
             if outer > 0.0:
-                nodes.before[k, n] = value_at(scheme, dent[k], s)
-        for j in range(J):
-            total = -nodes.fading[j]
+                room.before[k, n] = value_at(room.dent[k], s)
+        for j in range(law.maxwells):
+            total = -room.node_fading[j]
             if outer > 0.0:
-                for k in range(K):
-                    total += law.mixed[j, k] * nodes.before[k, n] * math.exp(-law.creep_rate[k] * time)
-            nodes.base[j, n] = total
+                for k in range(law.elements):
+                    total += law.mixed[j, k] * room.before[k, n] * math.exp(-law.creep_rate[k] * time)
+            room.node_base[j, n] = total
 
 
 @inner()
 def _kelvin(law: Law, displacement: float, maxwell: Floats, load: float, out: Floats) -> None:
     """Kelvin elements (element,) of a spring from its Maxwell elements."""
-    K = law.elements
+    law.elements = law.elements
     rest = displacement - law.instantaneous * load
-    for k in range(K):
-        if law.is_liquid and k == K - 1:
+    for k in range(law.elements):
+        if law.is_liquid and k == law.elements - 1:
             out[k] = rest
             return
         total = law.E_relaxed * displacement
@@ -173,136 +167,115 @@ def _kelvin(law: Law, displacement: float, maxwell: Floats, load: float, out: Fl
 
 
 @inner()
-def sample_release(
-    law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, last: int, nodes: Nodes
-) -> None:
+def sample_release(law: Law, fall: Fall, room: Room, peak: int, last: int) -> None:
     """Note for each node when it lets go, and its Kelvin elements then."""
-    N = scheme.s.size
-    largest = path.state[peak, 3]
+    largest = room.state[peak, 3]
     step, reached = peak, 0.0
-    for n in range(N):
-        place = scheme.s[n]
-        while step < last - 1 and reached + power_sum(path.edge[step], 1.0) < place:
-            reached += power_sum(path.edge[step], 1.0)
+    for n in range(N_NODES):
+        place = NODES[n]
+        while step < last - 1 and reached + power_sum(room.edge_powers[step], 1.0) < place:
+            reached += power_sum(room.edge_powers[step], 1.0)
             step += 1
-        u, h = 1.0, path.time[step + 1] - path.time[step]
+        u, h = 1.0, room.time[step + 1] - room.time[step]
         if n == 0:
             u = 0.0
-        elif n < N - 1:
-            u = crossing(path.edge[step], place - reached, 1.0)
-        time = path.time[step] + u * h
-        nodes.release[n] = time
-        fade(law, path.fading[step], h, u, path.powers[step], nodes.fading, room.short)
+        elif n < N_NODES - 1:
+            u = crossing(room.edge_powers[step], place - reached, 1.0)
+        time = room.time[step] + u * h
+        room.release[n] = time
+        fade(law, room.fading[step], h, u, room.powers[step], room.node_fading, room.short)
         x = largest * math.sqrt(max(1.0 - place**2, 0.0))
-        depth = path.approach[step] + power_sum(path.powers[step], u) - gap(fall, x)
+        depth = room.approach[step] + power_sum(room.powers[step], u) - gap(fall, x)
         for j in range(law.maxwells):
-            nodes.fading[j] += nodes.base[j, n] * math.exp(-law.rate[j] * (time - nodes.touch[n]))
-        _kelvin(law, depth, nodes.fading, 0.0, nodes.element)
+            room.node_fading[j] += room.node_base[j, n] * math.exp(-law.rate[j] * (time - room.touch[n]))
+        _kelvin(law, depth, room.node_fading, 0.0, room.element)
         for k in range(law.elements):
-            nodes.after[k, n] = nodes.element[k]
+            room.after[k, n] = room.element[k]
 
 
 @inner()
-def store(
-    law: Law, scheme: Scheme, fall: Fall, center: Floats, path: Path, last: int, largest: float, nodes: Nodes
-) -> None:
+def store(law: Law, fall: Fall, room: Room, last: int, largest: float) -> None:
     """Energy held by the springs within the largest contact at the end of every step."""
-    N, K = scheme.s.size, law.elements
     for i in range(last + 1):
-        time, total = path.time[i], 0.0
-        for n in range(N):
+        time, total = room.time[i], 0.0
+        for n in range(N_NODES):
             load = 0.0
-            if time < nodes.touch[n] or (time == nodes.touch[n] and n == 0):
-                for k in range(K):
-                    nodes.element[k] = nodes.before[k, n] * math.exp(-law.creep_rate[k] * time)
-            elif time < nodes.release[n]:
-                x = largest * math.sqrt(max(1.0 - scheme.s[n] ** 2, 0.0))
-                depth = path.approach[i] - gap(fall, x)
+            if time < room.touch[n] or (time == room.touch[n] and n == 0):
+                for k in range(law.elements):
+                    room.element[k] = room.before[k, n] * math.exp(-law.creep_rate[k] * time)
+            elif time < room.release[n]:
+                x = largest * math.sqrt(max(1.0 - NODES[n] ** 2, 0.0))
+                depth = room.approach[i] - gap(fall, x)
                 load = law.E_relaxed * depth
                 for j in range(law.maxwells):
-                    left = math.exp(-law.rate[j] * (time - nodes.touch[n]))
-                    nodes.fading[j] = path.fading[i, j] + nodes.base[j, n] * left
-                    load += law.E[j] * nodes.fading[j]
-                _kelvin(law, depth, nodes.fading, load, nodes.element)
+                    left = math.exp(-law.rate[j] * (time - room.touch[n]))
+                    room.node_fading[j] = room.fading[i, j] + room.node_base[j, n] * left
+                    load += law.E[j] * room.node_fading[j]
+                _kelvin(law, depth, room.node_fading, load, room.element)
             else:
-                for k in range(K):
-                    left = math.exp(-law.creep_rate[k] * (time - nodes.release[n]))
-                    nodes.element[k] = nodes.after[k, n] * left
+                for k in range(law.elements):
+                    left = math.exp(-law.creep_rate[k] * (time - room.release[n]))
+                    room.element[k] = room.after[k, n] * left
             energy = 0.5 * law.instantaneous * load**2
             for k in range(law.kelvins):
-                whole = nodes.element[k] + center[k] * math.exp(-law.creep_rate[k] * time)
+                whole = room.element[k] + room.center[k] * math.exp(-law.creep_rate[k] * time)
                 energy += 0.5 * whole**2 / law.C[k]
-            total += scheme.means[0, n] * largest * energy
-        path.stored[i] = total
+            total += MEANS[0, n] * largest * energy
+        room.stored[i] = total
 
 
 @inner()
-def recover(law: Law, scheme: Scheme, center: Floats, path: Path, last: int, nodes: Nodes) -> None:
+def recover(law: Law, room: Room, last: int) -> None:
     """Let the springs recover from their release to the end of the contact, and count from the undeformed surface."""
-    for n in range(scheme.s.size):
+    for n in range(N_NODES):
         for k in range(law.elements):
-            left = math.exp(-law.creep_rate[k] * (path.time[last] - nodes.release[n]))
-            nodes.after[k, n] *= left
-            nodes.after[k, n] += center[k] * math.exp(-law.creep_rate[k] * path.time[last])
+            left = math.exp(-law.creep_rate[k] * (room.time[last] - room.release[n]))
+            room.after[k, n] *= left
+            room.after[k, n] += room.center[k] * math.exp(-law.creep_rate[k] * room.time[last])
 
 
 @inner()
-def _turn(
-    law: Law, scheme: Scheme, fall: Fall, room: Room, path: Path, peak: int, dent: Floats, outer: float, nodes: Nodes
-) -> float:
+def _turn(law: Law, fall: Fall, room: Room, peak: int, outer: float) -> float:
     """Sample the springs where the contact is largest; return the load of the central one."""
-    sample_touch(law, scheme, fall, room, path, peak, dent, outer, nodes)
-    load = law.E_relaxed * path.approach[peak]
+    sample_touch(law, fall, room, peak, outer)
+    load = law.E_relaxed * room.approach[peak]
     for j in range(law.maxwells):
-        for m in range(scheme.s.size):
-            left = math.exp(-law.rate[j] * (path.time[peak] - nodes.touch[m]))
-            nodes.field[j, m] = nodes.base[j, m] * left
-        load += law.E[j] * (nodes.field[j, scheme.s.size - 1] + path.fading[peak, j])
+        for m in range(N_NODES):
+            left = math.exp(-law.rate[j] * (room.time[peak] - room.touch[m]))
+            room.node_field[j, m] = room.node_base[j, m] * left
+        load += law.E[j] * (room.node_field[j, N_NODES - 1] + room.fading[peak, j])
     return load
 
 
 @lean()
-def contact(
-    law: Law,
-    scheme: Scheme,
-    fall: Fall,
-    center: Floats,
-    dent: Floats,
-    outer: float,
-    path: Path,
-    room: Room,
-    nodes: Nodes,
-    has_energy: bool,
-) -> tuple[int, int, int, int]:
+def contact(law: Law, fall: Fall, outer: float, room: Room, has_energy: bool) -> tuple[int, int, int, int]:
     """Follow one contact from touch to lift-off.
 
-    ``law``, ``scheme``, ``fall``: material, method and body; ``center`` (element,) [m]: displacement of the central
-    spring at touch; ``dent`` (element, node) [m]: those of the others less the central one's, on the nodes out to
-    ``outer`` [m]; 0 there when the surface is fresh; ``path``, ``room``, ``nodes``: filled; ``path.state[0]`` and
-    ``path.approach[0]`` hold the start; ``has_energy``: fill in the stored energy. Returns how it ended, the
+    ``room`` holds the start: ``state[0]``, ``approach[0]``, ``center`` and ``dent``, whose edge is ``outer`` [m], 0
+    on a fresh surface; the rest of it is filled. With ``has_energy`` the stored energy is. Returns how it ended, the
     steps taken, those until the contact was largest, and rejected ones.
     """
     dented = outer > 0.0
     n, peak, rejected, tries = 0, 0, 0, 0
-    _begin(law, scheme, room, path, dent)
+    _begin(law, room)
     phase = Phase(False, dented, 0.0, outer, 0.0, 0.0, 0.0)
     h, central = fall.first, 0.0
     while True:
-        if n + 1 >= path.time.size:
+        if n + 1 >= room.time.size:
             return FULL, n, peak, rejected
         h = min(h, fall.longest)
-        is_tiny = tries > _TRIES or not h > 1e-16 * (path.time[n] + 1e-3 * fall.first)
+        is_tiny = tries > _TRIES or not h > 1e-16 * (room.time[n] + 1e-3 * fall.first)
         if phase.recedes and phase.bulk <= (_NEARLY_LIFTED if is_tiny else _AT_LIFT_OFF) * central:
             break
         if is_tiny:
             return FAILED, n, peak, rejected
         tries += 1
-        error = attempt(law, scheme, fall, center, room, path, n, h, phase, dent, nodes)
+        error = attempt(law, fall, room, n, h, phase)
         if not error <= 1.0:
             rejected += 1
-            h *= _shorter(scheme, room, phase, error)
+            h *= _shorter(room, phase, error)
             continue
-        part, ends = _event(scheme, room, path, n, h, phase, central)
+        part, ends = _event(room, n, h, phase, central)
         if part < 0.0:
             return TURNED, n, peak, rejected
         was_summit = not phase.recedes and part < 1e-4 and n > 0
@@ -311,43 +284,42 @@ def contact(
             continue
         tries = 0
         if not was_summit:
-            accept(law, scheme, fall, room, path, n, h, phase)
+            accept(law, fall, room, n, h, phase)
             n += 1
         if phase.recedes and ends:
             break
-        edge, load = room.edge[scheme.c.size - 1], room.bulk[scheme.c.size - 1]
+        edge, load = room.edge[STAGES - 1], room.bulk[STAGES - 1]
         if phase.recedes:
             phase = Phase(True, False, phase.begin, phase.outer, edge, edge, load)
         elif ends or was_summit:
             peak = n
-            central = _turn(law, scheme, fall, room, path, peak, dent, outer, nodes)
+            central = _turn(law, fall, room, peak, outer)
             if not central > 0.0:  # a plate that draws back has unloaded the centre before the rim
                 return TURNED, n, peak, rejected
-            phase = Phase(True, False, path.time[n], path.state[n, 3], _FIRST_PLACE, 0.0, central)
+            phase = Phase(True, False, room.time[n], room.state[n, 3], _FIRST_PLACE, 0.0, central)
         else:
             phase = Phase(False, dented, 0.0, outer, edge, edge**2, load)
-        h *= min(_GROWTH, _SAFETY * max(error, 1e-12) ** (-1.0 / (scheme.c.size + 1.0)))
-    path.state[n, 2] = path.state[n, 3] = 0.0
-    sample_release(law, scheme, fall, room, path, peak, n, nodes)
+        h *= min(_GROWTH, _SAFETY * max(error, 1e-12) ** (-1.0 / (STAGES + 1.0)))
+    room.state[n, 2] = room.state[n, 3] = 0.0
+    sample_release(law, fall, room, peak, n)
     if has_energy:
-        store(law, scheme, fall, center, path, n, path.state[peak, 3], nodes)
-    recover(law, scheme, center, path, n, nodes)
+        store(law, fall, room, n, room.state[peak, 3])
+    recover(law, room, n)
     return LIFTED, n, peak, rejected
 
 
 @inner()
-def _largest(scheme: Scheme, path: Path, n: int, column: int, less: int, short: Floats) -> float:
+def _largest(room: Room, n: int, column: int, less: int, short: Floats) -> float:
     """Largest value over a contact of a column of the state, or of its difference to another."""
-    S = scheme.c.size
     best = 0.0
     for step in range(n):
-        start = path.state[step, column] - (path.state[step, less] if less >= 0 else 0.0)
-        for p in range(S):
+        start = room.state[step, column] - (room.state[step, less] if less >= 0 else 0.0)
+        for p in range(STAGES):
             short[p] = 0.0
-        for m in range(S):
-            value = path.stages[step, m, column] - (path.stages[step, m, less] if less >= 0 else 0.0)
-            for p in range(S):
-                short[p] += scheme.to_powers[p, m] * (value - start)
+        for m in range(STAGES):
+            value = room.stages[step, m, column] - (room.stages[step, m, less] if less >= 0 else 0.0)
+            for p in range(STAGES):
+                short[p] += TO_POWERS[p, m] * (value - start)
         for look in range(_LOOKS):
             low, high = look / _LOOKS, (look + 1) / _LOOKS
             best = max(best, start + power_sum(short, high))
@@ -357,17 +329,17 @@ def _largest(scheme: Scheme, path: Path, n: int, column: int, less: int, short: 
 
 
 @lean()
-def outcome_of(scheme: Scheme, fall: Fall, path: Path, n: int, room: Room, lost: float, row: Floats) -> float:
+def outcome_of(fall: Fall, room: Room, n: int, lost: float, row: Floats) -> float:
     """Fill in largest force, approach and energy mislaid, of a contact of ``n`` steps.
 
     ``lost`` [J]: energy mislaid before; ``row`` (4,): filled: largest force [N], approach [m], position [m], energy
     mislaid [J]. Returns the most energy mislaid on the way [J].
     """
     for i in range(3):  # a constant column would be compiled for itself
-        row[i] = _largest(scheme, path, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
-    first, most = path.state[0], abs(lost)
+        row[i] = _largest(room, n, _LOOKED_AT[i][0], _LOOKED_AT[i][1], room.short[:])
+    first, most = room.state[0], abs(lost)
     for i in range(n + 1):
-        end = path.state[i]
+        end = room.state[i]
         now = lost + 0.5 * fall.mass * (end[1] ** 2 - first[1] ** 2) + end[6] - first[6] + end[7] - first[7]
         now -= fall.mass * fall.gravity * (end[0] - first[0])
         now += 0.5 * fall.plate_mass * (end[5] ** 2 - first[5] ** 2)

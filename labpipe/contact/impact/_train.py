@@ -9,8 +9,8 @@ dents: memory is never reset between bounces.
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
-from math import ceil, inf, nan, sqrt
-from typing import cast
+from functools import partial
+from math import inf, nan, sqrt
 
 import numpy as np
 
@@ -19,10 +19,10 @@ from labpipe.contact.impact._bounce import Curves, Dents, bounce
 from labpipe.contact.impact._flight import time_of_flight
 from labpipe.contact.impact._method import Tables
 from labpipe.contact.impact._plate import PlateState, modal
-from labpipe.contact.impact._records import COUNTS, Counts, Fall, Motion, Trail, blank
+from labpipe.contact.impact._records import Counts, Fall, Motion, Trail
 from labpipe.contact.impact._setting import Scales, Setting
-from labpipe.contact.impact._stepper import LONGEST_STEP, STEP_SHARE, Stepper, springs_for
-from labpipe.contact.impact._trajectory import Contact, Flight, Segment
+from labpipe.contact.impact._stepper import Stepper
+from labpipe.contact.impact._trajectory import FLIGHT_SAMPLES, Course, flown, stepped
 from labpipe.errors import InputError
 
 #: Springs are laid out and taken into a contact this far beyond the radius expected.
@@ -33,9 +33,8 @@ _SLOWEST_BOUNCE = 0.03
 # First and longest step of a collocated contact over the duration of the first one, and tolerance of a step
 # over rtol: restitution errs by less than that, a long train by some ten times.
 _FIRST, _LONGEST, _COLLOCATED_SHARE = 1e-6, 0.34, 0.05
-# Steps of one contact at a step tolerance: 1.7 tolerance^(-1/3), measured; work that a step may take on average, in
-# updates of one element of one spring.
-_STEPS_PER_CONTACT, _UPDATES_PER_STEP = 1.7, 20_000
+# Steps that one contact takes, and work that a step may take on average, in updates of one element of one spring.
+_STEPS_PER_CONTACT, _UPDATES_PER_STEP = 20, 20_000
 
 #: Columns of an impact, by their names in the result.
 COLUMNS = (
@@ -59,8 +58,9 @@ class Train:
     """A drop from its release to its end: set up, then :meth:`run`.
 
     ``most`` is the number of impacts after which it ends, if any; ``observe`` is called with the time since first
-    touch now and then. Afterwards ``rows`` holds a row per impact by :data:`COLUMNS`, times from the release, and
-    ``error`` the largest energy that the motion mislaid over that of the drop.
+    touch now and then; ``times`` (time,) [s] from there are asked for. Afterwards ``rows`` holds a row per impact by
+    :data:`COLUMNS`, times from the release, ``course`` the records, and ``error`` the largest energy that the motion
+    mislaid over that of the drop.
     """
 
     setting: Setting
@@ -68,9 +68,10 @@ class Train:
     expected: Scales
     most: int | None = None
     observe: Callable[[float], None] | None = None
+    times: Floats | None = None
     now: Motion = field(default_factory=Motion)
-    counts: Counts = field(default_factory=lambda: cast("Counts", blank(COUNTS)))
-    segments: list[Segment] = field(default_factory=list)
+    counts: Counts = field(default_factory=Counts)
+    course: Course | None = None
     rows: list[tuple[float, ...]] = field(default_factory=list)
     final_touch: float = nan
     rest_start: float = nan
@@ -96,7 +97,7 @@ class Train:
             )
         is_damped = creep.n_terms or creep.fluidity or (setting.plate and setting.plate.damping_ratio)
         cycle = expected.duration + 2.0 * setting.speed / setting.gravity
-        needed = _STEPS_PER_CONTACT / sqrt(STEP_SHARE * setting.rtol) * setting.duration / cycle
+        needed = _STEPS_PER_CONTACT * setting.duration / cycle
         if not is_damped and needed > setting.max_steps:
             raise InputError(
                 f"an elastic sphere never stops: {setting.duration:.4g} s would take about {needed:.2g} steps, more "
@@ -104,14 +105,14 @@ class Train:
                 "loss"
             )
         self.dents = Dents(creep, has_energy=not setting.rows_only)
+        self.course = None if setting.rows_only else Course(self.times)
         end, touch = setting.duration - setting.fall_time, 0.0
-        if setting.solver == "rings" or not setting.shortcuts.flights:
+        if setting.solver == "rings" or setting.full:
             # Rings touch first at the middle of the innermost, a little after the pole would.
-            gap = float(self._step_on(MARGIN * expected.radius).springs.gap[0])
+            gap = float(self._step_on(MARGIN * expected.radius).bed.gap[0])
             touch = 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap)) if gap else 0.0
         start = Motion(time=-setting.fall_time, position=-setting.height, approach=-setting.height)
-        none = np.zeros(creep.rate.size)
-        self._keep(Flight(start, min(touch, end), none, none, creep.rate, setting))
+        self._keep_flight(start, min(touch, end), end)
         now.velocity, now.acceleration = setting.speed, setting.gravity
         if touch < end:
             self._fly(touch)
@@ -125,7 +126,7 @@ class Train:
 
     def _bounce(self, end: float) -> None:
         """Alternate contacts and flights."""
-        now, least_speed, creep = self.now, _SLOWEST_BOUNCE * self.expected.rest_speed, self.tables.creep
+        now, least_speed = self.now, _SLOWEST_BOUNCE * self.expected.rest_speed
         while True:
             touched, speed = now.time, max(now.velocity, least_speed)
             self._begun = self._begun or copy(now)
@@ -142,7 +143,7 @@ class Train:
                 self._keep_contact(stepper.take_trail())
                 if outcome == "rest":
                     self.final_touch, self.rest_start = touched, now.time
-                    if not self.setting.rows_only:
+                    if self.course is not None:
                         stepper.creep(end)
                         self._keep_contact(stepper.take_trail(), is_resting=True)
                     return
@@ -150,7 +151,7 @@ class Train:
                 return
             self._end_row()
             stop = min(now.time + flight, end)
-            self._keep(Flight(copy(now), stop, *self._free_surface(), creep.rate, self.setting))
+            self._keep_flight(copy(now), stop, end)
             if stop >= end or len(self.rows) == self.most:
                 return
             self._fly(flight)
@@ -171,8 +172,9 @@ class Train:
         self._deepest = max(self._deepest, found.deepest)
         sunk = found.deepest - (self._begun.position if self._begun else 0.0)
         self._peaks.append((found.peak_force, found.largest, found.peak_approach, sunk))
-        if not one.rows_only:
-            self._keep(Curves.of(self.tables, fall, found, end))
+        if self.course is not None:
+            curves = Curves.of(self.tables, fall, found)
+            self.course.add(curves.at, curves.instants(end), curves.time[-1])
         return True
 
     def _keep_contact(self, records: Trail, *, is_resting: bool = False) -> None:
@@ -190,12 +192,10 @@ class Train:
         sunk = records["position"] - (self._begun.position if self._begun else 0.0)
         looked_at = records["force"], records["contact_radius"], records["approach"], sunk
         self._peaks.append(tuple(_peak(time, values) for values in looked_at))
-        if is_resting:
-            last = self.segments[-1]
-            assert isinstance(last, Contact)  # noqa: S101 - rest follows a contact
-            records = np.concatenate([last.records[-1:], records])
         records["surface"] = records["approach"]
-        self._keep(Contact(records, one, is_resting=is_resting))
+        if self.course is not None:
+            own = time[1:] if is_resting else time
+            self.course.add(partial(stepped, records, one, is_resting), own, float(time[-1]))
 
     def _end_row(self) -> None:
         """Write the row of a contact that ended in a flight."""
@@ -219,11 +219,10 @@ class Train:
 
     def _step_on(self, reach: float | None = None) -> Stepper:
         """Go on with springs, out to a radius [m] or to where there are dents."""
-        one, creep, expected = self.setting, self.tables.creep, self.expected
-        reach = reach or MARGIN * (self.dents.layers[0].edge if self.dents.layers else expected.radius)
-        springs = springs_for(one, creep, expected, reach)
-        memory = self.dents.at(springs.position)
-        self.stepper = Stepper(one, creep, expected, springs, self.now, self.counts, memory, self._look)
+        reach = reach or MARGIN * (self.dents.layers[0].edge if self.dents.layers else self.expected.radius)
+        given = self.setting, self.tables.creep, self.expected, self.now, self.counts
+        self.stepper = Stepper(*given, self._look, reach)
+        self.stepper.room.memory[:] = self.dents.at(self.stepper.bed.edge)
         return self.stepper
 
     # -- flights ---------------------------------------------------------------------------------
@@ -232,7 +231,14 @@ class Train:
         """Energy (element,) [J] that the free springs hold, and displacement (element,) [m] at the pole."""
         if self.stepper is None:
             return self.dents.stored(), self.dents.centre
-        return self.stepper.stored(), self.stepper.memory[:, 0].copy()
+        return self.stepper.stored(), self.stepper.room.memory[:, 0].copy()
+
+    def _keep_flight(self, start: Motion, stop: float, end: float) -> None:
+        """Record a flight without the ends that its neighbours bring."""
+        if self.course is not None:
+            own = np.linspace(start.time, stop, FLIGHT_SAMPLES)[(1 if self.rows else 0) : (None if stop >= end else -1)]
+            at = partial(flown, start, self.setting, *self._free_surface(), self.tables.creep.rate)
+            self.course.add(at, own, stop)
 
     def _time_of_flight(self) -> float:
         """Time [s] to the next touch; 0 where the surface follows at once, infinity where no touch is asked for."""
@@ -245,35 +251,25 @@ class Train:
         return time_of_flight(one.gravity, now.velocity, dent, rate, one.plate, start)
 
     def _fly(self, dt: float) -> None:
-        """Move on without contact: ballistic, the dent and the plate relax, exactly; cut into steps on request."""
+        """Move on without contact: ballistic, the dent and the plate relax, exactly."""
         now, gravity, plate = self.now, self.setting.gravity, self.setting.plate
-        pieces = 1
-        if not self.setting.shortcuts.flights:
-            pieces = max(ceil(dt / (LONGEST_STEP * self.expected.duration)), 1)
-            self.counts.solver_steps += pieces - 1
-        for _ in range(pieces):
-            piece = dt / pieces
-            now.position += (now.velocity + 0.5 * gravity * piece) * piece
-            now.velocity += gravity * piece
-            now.time += piece
-            if self.stepper is None:
-                self.dents.relax(piece)
-            else:
-                self.stepper.memory *= np.exp(-piece * self.tables.creep.rate)[:, None]
-            if plate is not None:
-                before = PlateState(now.plate_displacement, now.plate_velocity, now.plate_acceleration)
-                after = plate.free(before, piece)
-                now.plate_displacement, now.plate_velocity, now.plate_acceleration = after
-                now.plate_loss += plate.energy(before) - plate.energy(after)
+        now.position += (now.velocity + 0.5 * gravity * dt) * dt
+        now.velocity += gravity * dt
+        now.time += dt
+        if self.stepper is None:
+            self.dents.relax(dt)
+        else:
+            self.stepper.room.memory[:] *= np.exp(-dt * self.tables.creep.rate)[:, None]
+        if plate is not None:
+            before = PlateState(now.plate_displacement, now.plate_velocity, now.plate_acceleration)
+            after = plate.free(before, dt)
+            now.plate_displacement, now.plate_velocity, now.plate_acceleration = after
+            now.plate_loss += plate.energy(before) - plate.energy(after)
         now.acceleration, now.force = gravity, 0.0
         now.approach = now.position - now.plate_displacement
         now.stored = float(self._free_surface()[0].sum())
 
     # -- limits ----------------------------------------------------------------------------------
-
-    def _keep(self, segment: Segment) -> None:
-        if not self.setting.rows_only:
-            self.segments.append(segment)
 
     def _look(self, radius: float) -> None:
         """Refuse a contact radius [m] that the sphere does not have, and too much work; report the progress."""

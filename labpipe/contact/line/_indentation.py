@@ -23,7 +23,6 @@ from threadpoolctl import ThreadpoolController
 from labpipe.arrays import Floats
 from labpipe.contact._march import Control, March
 from labpipe.contact._memory import Creep, checked_history, checked_load
-from labpipe.contact._springs import NotNestedError
 from labpipe.contact._thesis_scheme import ThesisScheme
 from labpipe.contact.line._surface import LineKernel, line_kernel, strip_bed, tip_height
 from labpipe.errors import InputError
@@ -248,8 +247,6 @@ class _Line:
             raise InputError(f"rtol is {rtol}, expected 1e-8 to 0.1, or None for one step per sample")
         if unknown := [name for name in outputs if name not in ("pressure", "surface", "energy")]:
             raise InputError(f'output "{unknown[0]}" is unknown; use any of pressure, surface, energy')
-        names = ["displacement", "force", "contact_half_width"]
-        names += ["work_done", "stored_energy", "dissipated_energy"] if "energy" in outputs else []
         maps = [name for name in ("pressure", "surface") if name in outputs]
         if (n_bytes := len(maps) * time.size * elements * 8) > _MAX_MAP:
             raise InputError(
@@ -259,32 +256,22 @@ class _Line:
         heights = tip_height(self.profile, kernel.position, self.tip_radius, kernel.period, kernel.spacing)
         limit = self._limit(heights, value if control == "displacement" else None)
         reach, values = (float(value.max()), value) if control == "displacement" else (np.inf, value / self.depth)
-        rows = {name: np.empty(time.size) for name in names} | {n: np.empty((time.size, elements)) for n in maps}
+        rows, answers = {name: np.empty((time.size, elements)) for name in maps}, np.empty((time.size, 7))
         with _libraries().limit(limits=1 if elements <= _BY_ONE_THREAD else None, user_api="blas"):
             # The strip at half a period is stored once, at index 0; a circle ends before.
             half = np.append(heights[elements // 2 :], heights[0])
-            bed = strip_bed(kernel, half[np.isfinite(half)], reach, limit)
-            march = March(bed.springs, self.creep, control, rtol, "energy" in outputs)
-            try:
-                for n, state in enumerate(march.run(time, values)):
-                    load, force, displacement, half_width = state.answer
-                    found: list[Any] = [displacement, force, half_width]
-                    found += [state.work, march.stored(state), state.dissipated] if march.has_energy else []
-                    for name, number in zip(names, found, strict=True):
-                        rows[name][n] = number
-                    if "pressure" in maps:
-                        rows["pressure"][n] = bed.pressure(kernel, load)
-                    if "surface" in maps:
-                        strain = self.creep.instantaneous * load + state.memory.sum(axis=0)
-                        rows["surface"][n] = kernel.displacement(bed.pressure(kernel, strain))
-                    if progress is not None and n % max(time.size // 100, 1) == 0:
-                        progress((n + 1) / time.size)
-            except NotNestedError:
-                raise InputError(
-                    f"at {time[march.samples_done]:g} s the contact stops being one growing and shrinking strip about "
-                    "the centre of the period, which the springs of this solver cannot follow; give a smaller rtol or "
-                    "more samples"
-                ) from None
+            bed = strip_bed(kernel, half[np.isfinite(half)], reach)
+            march = March(bed.springs, self.creep, control, rtol, limit)
+            for n, found in enumerate(march.run(time, values)):
+                answers[n] = found
+                if "pressure" in maps:
+                    rows["pressure"][n] = bed.pressure(kernel, march.room.load)
+                if "surface" in maps:
+                    rows["surface"][n] = kernel.displacement(bed.pressure(kernel, march.room.displacement))
+                if progress is not None and n % max(time.size // 100, 1) == 0:
+                    progress((n + 1) / time.size)
+        names = ("displacement", "force", "contact_half_width", "work_done", "dissipated_energy", "stored_energy")
+        rows = dict(zip(names[: 6 if "energy" in outputs else 3], answers.T, strict=False)) | rows
         if "pressure" in maps:
             least, most = rows["pressure"].min(axis=1), rows["pressure"].max(axis=1)
             if np.any(least < -1e-6 * most):  # more than rounding
@@ -292,7 +279,7 @@ class _Line:
             rows["pressure"] = np.maximum(rows["pressure"], 0.0)
         counts = march.counts | {"unknowns": march.contact.size}
         result = self._dataset(time, rows, counts, ("springs", "nested contact"))
-        if march.has_energy:
+        if "energy" in outputs:
             error = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
             largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
             result.attrs["energy_error"] = float(np.abs(error).max()) / max(largest, np.finfo(float).tiny)

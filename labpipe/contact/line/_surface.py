@@ -223,13 +223,12 @@ class StripBed:
         return full
 
 
-def strip_bed(kernel: LineKernel, profile: Floats, reach: float, limit: str) -> StripBed:
+def strip_bed(kernel: LineKernel, profile: Floats, reach: float) -> StripBed:
     """Factor the half period of a symmetric profile from the centre outwards.
 
     ``profile`` (n,) [m] is the height of the indenter above its lowest point at x = 0, Δx, 2Δx, ..., fewer values than
     ``elements/2 + 1`` when it ends before; only strips that an approach of ``reach`` [m] can touch are factored, all
-    for infinity; ``limit`` is the message when the contact reaches the last strip. A layer too thin for its strips,
-    whose influence matrix is not positive definite, raises InputError.
+    for infinity. A layer too thin for its strips, whose influence matrix is not positive definite, raises InputError.
     """
     half = kernel.elements // 2
     is_half_plane = kernel.mean_compliance == 0.0
@@ -261,7 +260,6 @@ def strip_bed(kernel: LineKernel, profile: Floats, reach: float, limit: str) -> 
         kernel.spacing * np.maximum(np.arange(keep) - EDGE_OFFSET, 0.0),
         # Where strips beyond the reach were left out, running into them would be a mistake of this module.
         1 if keep < available else 0 if n == half + 1 else _OPEN_STRIPS,
-        limit,
         full_width=min((keep - 0.5) * kernel.spacing, 0.5 * kernel.period),
     )
     return StripBed(springs, factor[:keep, :keep], scale[:keep])

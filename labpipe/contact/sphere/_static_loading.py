@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.contact._march import Control, March
 from labpipe.contact._memory import Creep, checked_history, checked_load
-from labpipe.contact._springs import NotNestedError, sphere_bed
+from labpipe.contact._springs import sphere_bed
 from labpipe.contact.sphere._counter_body import Substrate, counter_compliance
 from labpipe.contact.sphere.hertz import static_approach, static_load
 from labpipe.errors import InputError
@@ -143,19 +143,6 @@ def press_sphere(
     return _run(creep, radius, reach, profile, springs, times, depth, "displacement", rtol)
 
 
-def sphere_gap(position: Floats, radius: float) -> Floats:
-    """Approach [m] of an elastic contact of the exact sphere with the contact radius [m].
-
-    (x/2) ln((R + x)/(R − x)) = x artanh(x/R).
-
-    Examples
-    --------
-    >>> float(np.round(sphere_gap(np.array(0.1), 1.0), 6))
-    0.010034
-    """
-    return np.asarray(position * np.arctanh(position / radius))
-
-
 def _run(
     creep: Creep,
     radius: float,
@@ -177,24 +164,17 @@ def _run(
             f"the contact would be as wide as the sphere ({reach:.4g} m against a radius of "
             f"{radius:.4g} m); reduce the load or the approach"
         )
-    gap = (lambda x: sphere_gap(x, radius)) if profile == "sphere" else None
-    march = March(sphere_bed(radius, _SPARE_REACH * reach, springs, gap), creep, control, rtol)
-    try:
-        answers = [state.answer for state in march.run(time, value)]
-    except NotNestedError:
-        raise InputError(
-            f"at {time[march.samples_done]:g} s the surface would touch the sphere in a ring around "
-            "the axis, which independent springs cannot follow; give a smaller rtol, more samples, or "
-            "a material with more of an instantaneous compliance"
-        ) from None
+    limit = "the contact reaches the end of the springs; give a smaller load or approach"
+    march = March(sphere_bed(radius, _SPARE_REACH * reach, springs, profile), creep, control, rtol, limit)
+    answers = np.array([answer[:3] for answer in map(np.copy, march.run(time, value))])
     columns = {
-        "approach": ("m", "Approach of the sphere", [a.displacement for a in answers]),
-        "force": ("N", "Normal force", [a.force for a in answers]),
-        "contact_radius": ("m", "Contact radius", [a.half_width for a in answers]),
+        "approach": ("m", "Approach of the sphere", answers[:, 0]),
+        "force": ("N", "Normal force", answers[:, 1]),
+        "contact_radius": ("m", "Contact radius", answers[:, 2]),
     }
     counts = march.counts | {"springs": march.contact.size, "terms": creep.n_terms}
     return xr.Dataset(
-        {name: variable("time", np.array(values), units, text) for name, (units, text, values) in columns.items()},
+        {name: variable("time", values, units, text) for name, (units, text, values) in columns.items()},
         {"time": variable("time", time, "s", "Time")},
         {"work": json.dumps(counts)},
     )

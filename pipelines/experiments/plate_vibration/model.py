@@ -205,8 +205,7 @@ def _dropped(
         plate=plate,
         substrate=counter_body_of(settings.counter_body),
         times=times,
-        fold=not full,
-        shortcuts=contact.Shortcuts.chosen(full=full),
+        full=full,
     )
 
 

@@ -90,8 +90,7 @@ def simulated_drop(
         times=np.arange(0.0, duration, step),
         plate=under,
         substrate=flat,
-        fold=not full,
-        shortcuts=contact.Shortcuts.chosen(full=full),
+        full=full,
     )
     count = min(made.sizes["impact"], followed)
     trials = [_Trial("", settings.height, 1.0, solid)]

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from labpipe.contact._memory import Creep, advance, condense, history, step_weights
+from labpipe.contact._memory import Creep, condense
+from labpipe.contact._springs import SpringBed
+from labpipe.contact._stepping import advance, look_ahead, weigh
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
@@ -11,13 +13,17 @@ PMMA15 = Creep.of(Prony.from_creep(2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), n
 
 
 def displacement_under(creep, times, loads):
-    """Displacement at every time for a load that is linear between them."""
-    memory, out = creep.rest(1), [creep.instantaneous * loads[0]]
+    """Displacement at every time of one spring under a load that jumps to its first value, then is linear."""
+    law = creep.elements
+    bed = SpringBed(np.zeros(1), np.ones(1), np.zeros(1))
+    memory, weights, past = np.zeros((law.rate.size, 1)), np.zeros((3, law.rate.size)), np.zeros(1)
+    out = [creep.instantaneous * loads[0]]
     for i, dt in enumerate(np.diff(times)):
-        weights = step_weights(creep, dt)
         old, new = np.array([loads[i]]), np.array([loads[i + 1]])
-        out.append(float((history(weights, memory, old) + weights.compliance * new)[0]))
-        memory = advance(weights, memory, old, new)
+        compliance, late = weigh(law, float(dt), weights)
+        look_ahead(bed.gap, weights, late, memory, old, past)
+        out.append(float(past[0] + compliance * new[0]))
+        advance(bed, law, float(dt), weights, memory, old, new, memory)
     return np.array(out)
 
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.contact._springs import NotNestedError, sphere_bed
+from labpipe.contact._springs import NOT_NESTED, OUTGROWN, balance, press, sphere_bed
 from labpipe.contact.line._surface import line_kernel, strip_bed, tip_height
-from labpipe.errors import InputError
 
 PERIOD, RADIUS, ELEMENTS = 8e-3, 2e-3, 256
 
@@ -15,7 +14,7 @@ def bed_of(thickness=np.inf, reach=4e-4, profile="parabola"):
     heights = tip_height(profile, kernel.position, RADIUS, PERIOD, kernel.spacing)
     half = np.append(heights[ELEMENTS // 2 :], heights[0])
     half = half[np.isfinite(half)]
-    return kernel, half, strip_bed(kernel, half, reach, "closed")
+    return kernel, half, strip_bed(kernel, half, reach)
 
 
 @pytest.mark.parametrize("thickness", [np.inf, 1e-3])
@@ -23,8 +22,9 @@ def bed_of(thickness=np.inf, reach=4e-4, profile="parabola"):
 def test_pressure_of_the_springs_solves_the_contact_problem(thickness, profile) -> None:
     kernel, half, strips = bed_of(thickness, profile=profile)
     bed = strips.springs
-    answer = bed.press(np.zeros(bed.size), 1.0, 2e-4, 0.0)
-    pressure = strips.pressure(kernel, answer.load)
+    load = np.empty(bed.size)
+    press(bed, bed.gap, 1.0, 2e-4, False, load)
+    pressure = strips.pressure(kernel, load)
     surface = kernel.displacement(pressure)
     contact = pressure > 0.0
     centre = ELEMENTS // 2
@@ -38,25 +38,24 @@ def test_pressure_of_the_springs_solves_the_contact_problem(thickness, profile) 
 
 def test_a_history_that_lifts_an_outer_spring_first_is_not_nested() -> None:
     bed = bed_of()[2].springs
-    history = np.zeros(bed.size)
-    history[:5] = 1e-4
-    with pytest.raises(NotNestedError):
-        bed.press(history, 1.0, 5e-5, 0.0)
-    with pytest.raises(NotNestedError):
-        bed.push(history, 1.0, 1e-5, 0.0)
+    threshold = bed.gap.copy()
+    threshold[:5] += 1e-4
+    assert press(bed, threshold, 1.0, 5e-5, False, np.empty(bed.size))[0] == NOT_NESTED
 
 
 def test_contact_beyond_the_bed_is_refused() -> None:
     bed = bed_of(reach=1e-4)[2].springs
-    with pytest.raises(InputError, match="closed"):
-        bed.press(np.zeros(bed.size), 1.0, 1e-3, 0.0)
+    assert press(bed, bed.gap, 1.0, 1e-3, False, np.empty(bed.size))[0] == OUTGROWN
 
 
 @pytest.mark.parametrize("springs", [10, 50, 400])
 def test_hertz_at_any_edge(springs) -> None:
     bed = sphere_bed(1.0, 0.1, springs)
-    rest = np.zeros(bed.size)
     for width in np.linspace(0.06, 0.1, 23):
-        answer = bed.press(rest, 1.0, width**2, 0.0)
-        assert answer.force == pytest.approx(4 / 3 * width**3, rel=0.07 / springs**2)
-        assert answer.half_width == pytest.approx(width, rel=1e-12)
+        _, force, radius = press(bed, bed.gap, 1.0, width**2, False, np.empty(bed.size))
+        assert force == pytest.approx(4 / 3 * width**3, rel=0.07 / springs**2)
+        assert radius == pytest.approx(width, rel=1e-12)
+
+    _, force, _ = press(bed, bed.gap, 1.0, 0.0617**2, False, np.empty(bed.size))
+    assert balance(bed, bed.gap, 0.0, 0.0, force) == pytest.approx((0.0617**2, force), rel=1e-12)
+    assert balance(bed, bed.gap, 1.0, 0.0617**2 + force, 0.0) == pytest.approx((0.0617**2, force), rel=1e-12)

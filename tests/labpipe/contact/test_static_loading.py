@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.contact.sphere._static_loading import load_sphere, press_sphere, sphere_gap
+from labpipe.contact.sphere._static_loading import load_sphere, press_sphere
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
@@ -17,7 +17,6 @@ def test_exact_sphere_differs_by_the_known_amount() -> None:
     sphere = press_sphere(SLS, RADIUS, [0.0], [7e-5], profile="sphere")
     ratio = float(sphere.force[0] / parabola.force[0])
     assert ratio == pytest.approx(1.0 - 0.1 * (radius / RADIUS) ** 2, abs=3e-5)
-    assert sphere_gap(np.array(1e-3), 1.0) == pytest.approx(1e-6 * (1 + 1e-6 / 3), rel=1e-12, abs=0.0)
 
 
 def test_unloading_to_nothing_leaves_a_dent_that_recovers() -> None:
