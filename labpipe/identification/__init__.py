@@ -7,12 +7,7 @@ whether the data show a plateau.
 """
 
 from labpipe.identification._drops import Bounces as Bounces, DropModel as DropModel, drop_evidence as drop_evidence
-from labpipe.identification._evidence import (
-    Evidence as Evidence,
-    Group as Group,
-    JoinedModel as JoinedModel,
-    LinearModel as LinearModel,
-)
+from labpipe.identification._evidence import Evidence as Evidence, Group as Group, LinearModel as LinearModel
 from labpipe.identification._fit import Fit as Fit, fit as fit
 from labpipe.identification._linear import (
     force_evidence as force_evidence,

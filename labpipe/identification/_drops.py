@@ -11,7 +11,7 @@ derivatives are those of a common factor of all moduli (of the sphere's alone, w
 same to a percent). A plate moves by the ratio of the masses.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import sqrt
@@ -36,8 +36,7 @@ _DENSE = (0.03, 30.0)  # durations of a contact between which the derivative ben
 _FROZEN = 100.0  # a term this many times slower than the record does not relax in it
 _VISCOUS = 0.003  # in durations of a contact: quicker terms are dashpots, with derivatives as times
 _FAST = 3e-4  # rtol of the fast model: smooth to 1/100 of a deviation of a touch, off by some 1e-5
-_MORE_TIME = 1.3  # a run lasts longer than the record: a trial may bounce higher
-_TRIES = 3
+_MORE_TIME = 4.0  # a run may last longer than the record: a trial may bounce higher
 _RESOLVED = 0.1  # of a contact's duration is the shortest time of which it tells
 ROLES = ("height", "mass", "radius", "modulus", "trigger", "pulse", "pixel", "plate")
 """What of a drop may be unknown: fall [m], mass [kg] that moves, radius [m] of the sphere, factor of the
@@ -98,75 +97,62 @@ class DropModel:
 
     def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return differences; see :meth:`Model.derivatives`."""
-        # Of the times of the material, those whose derivatives are worth a run.
-        first = max(int(np.searchsorted(material.rho, _VISCOUS * self.expected_duration, "right")) - 1, 0)
-        nodes = material.rho[first:][material.rho[first:] <= _FROZEN * self.last]
-        nodes = nodes[_nodes(nodes / self.expected_duration)]
+        # Of the times of the material, those whose derivatives are worth a run. Slower terms are stiffness to a
+        # record, quicker ones viscosity; between the nodes the derivative is a smooth curve.
+        rho, lasting = material.rho, self.expected_duration
+        first = max(int(np.searchsorted(rho, _VISCOUS * lasting, "right")) - 1, 0)
+        nodes = rho[first:][rho[first:] <= _FROZEN * self.last]
+        relative = nodes / lasting
+        is_dense = (relative >= _DENSE[0]) & (relative <= _DENSE[1])
+        is_end = np.isin(np.arange(nodes.size), (0, nodes.size - 1))
+        nodes = nodes[is_dense | is_end | (np.arange(nodes.size) % 2 == 0)]
+        step = _ONE_SIDED * abs(complex(material.complex_modulus(np.array([np.pi / lasting]))[0]))
         moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
         moved = [self.names[role] for role in moved if role in self.names]
-        trials = [_Trial(material, given), *self._term_trials(material, nodes, given)]
+        trials = [
+            _Trial(material, given),
+            _Trial(Prony(material.E_relaxed + step, material.E, rho, material.nu), given),
+        ]
+        more = [material.E + step * (rho == time) for time in nodes]
+        trials += [_Trial(Prony(material.E_relaxed, terms, rho, material.nu), given) for terms in more]
         scaled = _STIFFNESS & set(self.names)  # by terms it would be a small difference of large ones
         trials += [_Trial(material.scaled(factor), given) for factor in _BOTH_SIDES if scaled]
         for name in moved:
             trials += [_Trial(material, {**given, name: factor * given[name]}) for factor in _BOTH_SIDES]
         made = iter(self._runs(trials))
         at = next(made)
-        by_term = self._by_term(material, nodes, at, made)
-        others = self._of_body(_central(made) if scaled else np.zeros(at.size), at, given)
-        for name in moved:
-            others[name] = _central(made) / given[name]
+        by_term = np.empty((at.size, rho.size + 1))
+        by_term[:] = ((next(made) - at) / step)[:, None]
+        columns = [(next(made) - at) / step for _ in nodes]
+        if columns:
+            is_moving = rho <= _FROZEN * self.last
+            inside = np.log(np.clip(rho[is_moving], nodes[0], nodes[-1]))
+            several = len(columns) > 1
+            curve = PchipInterpolator(np.log(nodes), np.stack(columns))(inside).T if several else columns[0][:, None]
+            by_term[:, 1:][:, is_moving] = curve
+            by_term[:, 1:] *= np.where(rho < nodes[0], rho / nodes[0], 1.0)
+
+        def central() -> Floats:
+            """Return the derivative (n,) by the logarithm of a quantity changed on both sides."""
+            return np.asarray((next(made) - next(made)) / (2.0 * _CHANGE))
+
+        is_touch, is_radius, by_pulse = self._kinds
+        by_factor = central() if scaled else np.zeros(at.size)
+        body = {"modulus": by_factor, "mass": -by_factor, "radius": 0.5 * (by_factor + is_radius * at)}
+        others = {
+            self.names[role]: column / given[self.names[role]] for role, column in body.items() if role in self.names
+        }
+        others |= {name: central() / given[name] for name in moved}
         factor = self._film(given)
         finished = {name: factor * column for name, column in others.items()}
-        is_touch, is_radius, by_pulse = self._kinds
         recording = {"trigger": -is_touch, "pulse": by_pulse, "pixel": is_radius * at}
         finished |= {self.names[role]: column for role, column in recording.items() if role in self.names}
         return factor[:, None] * by_term, finished
-
-    def _by_term(self, material: Prony, nodes: Floats, at: Floats, made: Iterator[Floats]) -> Floats:
-        """Return derivatives (n, 1 + term) by the long-time modulus and terms of times [1/Pa].
-
-        A term that relaxes long after the record is stiffness to it, one that relaxes at once is
-        viscosity: neither costs a run. Between the nodes the derivative is a smooth curve.
-        """
-        step, rho = self._term_step(material), material.rho
-        found = np.empty((at.size, rho.size + 1))
-        found[:, 0] = (next(made) - at) / step
-        found[:, 1:] = found[:, :1]
-        if not nodes.size:
-            return found
-        columns = [(next(made) - at) / step for _ in nodes]
-        inside = np.clip(rho, nodes[0], nodes[-1])
-        is_moving = rho <= _FROZEN * self.last
-        if len(columns) > 1:
-            curve = PchipInterpolator(np.log(nodes), np.stack(columns))
-            found[:, 1:][:, is_moving] = curve(np.log(inside[is_moving])).T
-        else:
-            found[:, 1:][:, is_moving] = columns[0][:, None]
-        found[:, 1:] *= np.where(rho < nodes[0], rho / nodes[0], 1.0)
-        return found
-
-    def _term_step(self, material: Prony) -> float:
-        """Return by how much [Pa] a term is changed for a difference."""
-        omega = np.pi / self.expected_duration
-        return _ONE_SIDED * abs(complex(material.complex_modulus(np.array([omega]))[0]))
-
-    def _term_trials(self, material: Prony, nodes: Floats, given: Given) -> list["_Trial"]:
-        """Return the simulations for differences by the long-time modulus and by terms of times."""
-        step, terms, rho = self._term_step(material), material.E, material.rho
-        changed = [Prony(material.E_relaxed + step, terms, rho, nu=material.nu)]
-        changed += [Prony(material.E_relaxed, terms + step * (rho == time), rho, nu=material.nu) for time in nodes]
-        return [_Trial(other, given) for other in changed]
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the numbers of an accurate run."""
         numbers = self._runs([_Trial(material, given)], is_full=True)[0]
         return self._finished(numbers, given)
-
-    def _of_body(self, by_factor: Floats, at: Floats, given: Given) -> dict[str, Floats]:
-        """Return derivatives by mass, radius and modulus of the contact, from those of a factor of all moduli."""
-        columns = {"modulus": by_factor, "mass": -by_factor, "radius": 0.5 * (by_factor + self._kinds[1] * at)}
-        named = {self.names[role]: column for role, column in columns.items() if role in self.names}
-        return {name: column / given[name] for name, column in named.items()}
 
     def _finished(self, numbers: Floats, given: Given) -> Floats:
         is_touch, _, by_pulse = self._kinds
@@ -210,31 +196,23 @@ class DropModel:
             )
             for _, given in trials
         ]
-        after = _MORE_TIME * self.last + 2.0 * self.expected_duration
-        found = np.full((len(trials), 3, needed), np.nan)
-        missing = list(range(len(trials)))
-        for attempt in range(_TRIES):
-            longer = 1.5**attempt
-            made = contact.impacts(
-                [solids[i] for i in missing],
-                self.radius,
-                self.mass,
-                [heights[i] for i in missing],
-                [longer * (sqrt(2.0 * heights[i] / self.gravity) + after) for i in missing],
-                needed,
-                self.profile,
-                self.rtol if is_full else max(_FAST, self.rtol),
-                gravity=self.gravity,
-                plate=[plates[i] for i in missing],
-                substrate=[flats[i] for i in missing],
-            )
-            happened = made["impacts"].values
-            for column, name in enumerate(("impact_time", "contact_duration", "peak_contact_radius")):
-                found[missing, column] = made[name].values
-            is_done = (happened >= needed) | np.isfinite(made["final_contact_time"].values)
-            missing = [i for i, done in zip(missing, is_done.tolist(), strict=True) if not done]
-            if not missing:
-                break
+        # Simulations end with the last impact that was observed, or at rest.
+        after = _MORE_TIME * (self.last + self.expected_duration)
+        made = contact.impacts(
+            solids,
+            self.radius,
+            self.mass,
+            heights,
+            [sqrt(2.0 * height / self.gravity) + after for height in heights],
+            needed,
+            self.profile,
+            self.rtol if is_full else max(_FAST, self.rtol),
+            gravity=self.gravity,
+            plate=plates,
+            substrate=list(flats),
+        )
+        names = ("impact_time", "contact_duration", "peak_contact_radius")
+        found = np.stack([made[name].values for name in names], axis=1)
         return [self._observed(columns, factor) for columns, factor in zip(found, wider, strict=True)]
 
     def _observed(self, columns: Floats, wider: float) -> Floats:
@@ -258,20 +236,8 @@ class _Trial(NamedTuple):
     given: Given
 
 
-def _central(made: Iterator[Floats]) -> Floats:
-    """Return the derivative (n,) by the logarithm of a quantity changed on both sides."""
-    return np.asarray((next(made) - next(made)) / (2.0 * _CHANGE))
-
-
 def _at(values: Floats, index: Integers) -> Floats:
     return np.asarray(values[np.minimum(index, values.size - 1)])
-
-
-def _nodes(relative: Floats) -> Integers:
-    """Choose from ascending times, in durations of a contact, where a derivative is worth a run."""
-    is_dense = (relative >= _DENSE[0]) & (relative <= _DENSE[1])
-    is_end = np.isin(np.arange(relative.size), (0, relative.size - 1))
-    return np.flatnonzero(is_dense | is_end | (np.arange(relative.size) % 2 == 0))
 
 
 @dataclass(frozen=True, eq=False)

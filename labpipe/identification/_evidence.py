@@ -6,7 +6,7 @@ not part of their uncertainties: it is an unknown of the problem, with a prior.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -54,29 +54,19 @@ class Model(Protocol):
     @property
     def unknowns(self) -> tuple[str, ...]:
         """Names of the nuisance parameters on which it depends."""
-        ...
 
     @property
     def window(self) -> tuple[float, float]:
         """Shortest and longest time in s on which the observations depend."""
-        ...
 
     def predict(self, material: Prony, given: Given) -> Floats:
         """Return the numbers (n,) of all groups, one behind the other."""
-        ...
 
     def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
-        """Return the derivatives by the terms (E_relaxed, E) and by the unknowns.
-
-        Returns
-        -------
-        array (n, 1 + term) [per Pa], dict of array (n,)
-        """
-        ...
+        """Return the derivatives by the terms (E_relaxed, E), (n, 1 + term) [per Pa], and by the unknowns, (n,)."""
 
     def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the predictions (n,) of a costlier, fuller model; None where there is none."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +142,18 @@ class LinearModel:
         factor, _, offset = self._parts(given)
         return np.asarray(factor * self.fuller(material, given) + offset)
 
+    @classmethod
+    def stacked(cls, parts: Sequence["LinearModel"]) -> "LinearModel":
+        """Return the numbers of several models of the same factors, one behind the other, without a fuller model."""
+        shifts, offsets = ({n: None for part in parts for n in getattr(part, of)} for of in ("shifts", "offsets"))
+        return cls(
+            np.vstack([part.basis for part in parts]),
+            (min(part.window[0] for part in parts), max(part.window[1] for part in parts)),
+            {n: np.vstack([part.shifts.get(n, np.zeros_like(part.basis)) for part in parts]) for n in shifts},
+            parts[0].factors,
+            {n: np.concatenate([part.offsets.get(n, np.zeros(len(part.basis))) for part in parts]) for n in offsets},
+        )
+
     def _parts(self, given: Given) -> tuple[float, Floats, Floats]:
         """Return factor, basis (n, 1 + term) and offset (n,) at values of the unknowns."""
         basis, offset = self.basis, np.zeros(len(self.basis))
@@ -160,39 +162,3 @@ class LinearModel:
         for name, added in self.offsets.items():
             offset = offset + given[name] * added
         return math.prod(given[name] for name in self.factors), basis, offset
-
-
-@dataclass(frozen=True, eq=False)
-class JoinedModel:
-    """Numbers of several models without corrections, one behind the other."""
-
-    parts: tuple[Model, ...]
-
-    @property
-    def unknowns(self) -> tuple[str, ...]:
-        """Unknowns of all parts, each once."""
-        return tuple(dict.fromkeys(n for part in self.parts for n in part.unknowns))
-
-    @property
-    def window(self) -> tuple[float, float]:
-        """Shortest and longest time of all parts [s]."""
-        windows = [part.window for part in self.parts]
-        return min(w[0] for w in windows), max(w[1] for w in windows)
-
-    def predict(self, material: Prony, given: Given) -> Floats:
-        """Return the numbers (n,) of all parts."""
-        return np.concatenate([part.predict(material, given) for part in self.parts])
-
-    def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
-        """Return the derivatives of all parts; see :meth:`Model.derivatives`."""
-        made = [part.derivatives(material, given) for part in self.parts]
-        sizes = [len(by_term) for by_term, _ in made]
-        others = {
-            name: np.concatenate([own.get(name, np.zeros(n)) for (_, own), n in zip(made, sizes, strict=True)])
-            for name in self.unknowns
-        }
-        return np.vstack([by_term for by_term, _ in made]), others
-
-    def refined(self, material: Prony, given: Given) -> None:
-        """No part has a fuller model."""
-        del material, given

@@ -19,7 +19,7 @@ from scipy.special import gammaincinv
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, LabpipeError
 from labpipe.identification._problem import Corrections, Misfit, Problem, split_by_group
-from labpipe.identification._tangent import Surrogate, Tangent
+from labpipe.identification._tangent import Tangent
 from labpipe.uncertainty import propagated_variance
 
 Misfits = dict[tuple[str, str], Misfit]
@@ -154,7 +154,7 @@ class Objective:
 
     def data_jacobian(self, xi: Floats) -> Floats:
         """Return the derivative (n, parameter) of the predictions over their deviations."""
-        return self._surrogate(xi, np.zeros(self._size)).jacobian(xi)
+        return self.surrogate(xi, np.zeros(self._size)).jacobian(xi)
 
     def tangent(self, xi: Floats) -> Tangent:
         """Return the derivatives of the models at a point; those of the last point are kept."""
@@ -163,15 +163,10 @@ class Objective:
             self._last = Tangent.of(self.problem, xi)
         return self._last
 
-    def _surrogate(self, xi: Floats, rest: Floats) -> Surrogate:
-        tangent = self.tangent(xi)
-        ratio, deviations = np.concatenate(self.corrections)[:, None], self.deviations[:, None]
-        by_terms, by_values = (ratio * part / deviations for part in (tangent.by_terms, tangent.by_values))
-        return Surrogate(self.problem, xi, rest, by_terms, by_values)
-
-    def surrogate(self, xi: Floats) -> Surrogate:
-        """Return the surrogate around a point, by the models' derivatives there."""
-        return self._surrogate(xi, self._height(xi)[1])
+    def surrogate(self, xi: Floats, rest: Floats | None = None) -> Tangent:
+        """Return the surrogate around a point, by the models' derivatives and the residuals (n,) there."""
+        factor = np.concatenate(self.corrections) / self.deviations
+        return self.tangent(xi).weighed(factor, self._height(xi)[1] if rest is None else rest)
 
     def cost(self, xi: Floats) -> float:
         """Return half the sum of squares."""
@@ -189,7 +184,7 @@ class Objective:
         xi, damping = np.clip(start, -_BOUND, _BOUND), _DAMPING
         height, rest = self._height(xi)
         for _ in range(_MOST_STEPS):
-            trial, promised = self._surrogate(xi, rest).lowest(damping, _BOUND)
+            trial, promised = self.surrogate(xi, rest).lowest(damping, _BOUND)
             if height - promised < decrease or damping > _MOST_DAMPING:
                 break
             new, found = self._height(trial)

@@ -6,6 +6,7 @@ modulus ``A``. Under a small oscillation about a mean depth it is ``K* = E*(omeg
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -107,12 +108,14 @@ def stiffness_evidence(
     then loss.
     """
     omega = 2.0 * np.pi * frequency
-    parts = modulus_basis(omega, rho)
-    reduced = np.vstack(parts) / (1.0 - nu**2)
-    twice = np.concatenate([slope, slope])
-    shifts = {n: np.concatenate([d, d])[:, None] * reduced for n, d in (slope_by or {}).items()}
-    model = LinearModel(twice[:, None] * reduced, _window(omega), shifts, factors, dict(offsets or {}), fuller)
-    groups = _storage_and_loss("stiffness", "N/m", frequency, storage, loss)
+    reduced = np.vstack(modulus_basis(omega, rho)) / (1.0 - nu**2)
+    shifts = {n: np.tile(d, 2)[:, None] * reduced for n, d in (slope_by or {}).items()}
+    window = 1.0 / float(omega.max()), 1.0 / float(omega.min())
+    model = LinearModel(np.tile(slope, 2)[:, None] * reduced, window, shifts, factors, dict(offsets or {}), fuller)
+    groups = tuple(
+        Group(f"{label} stiffness", values, u, frequency, "N/m", "frequency", "Hz")
+        for label, (values, u) in (("storage", storage), ("loss", loss))
+    )
     return Evidence(name, groups, model)
 
 
@@ -131,22 +134,6 @@ def modulus_evidence(
     ``loss`` [Pa]: Moduli with their uncertainty. ``rho`` (term,) [s]: Of the spectrum. ``factors``: Unknowns that
     multiply every modulus, such as the specimen's dimensions.
     """
-    omega = 2.0 * np.pi * frequency
-    basis = np.vstack(modulus_basis(omega, rho))
-    model = LinearModel(basis, _window(omega), factors=factors)
-    groups = _storage_and_loss("modulus", "Pa", frequency, storage, loss)
-    return Evidence(name, groups, model, is_prior=True)
-
-
-def _storage_and_loss(
-    noun: str, unit: str, frequency: Floats, storage: tuple[Floats, Floats], loss: tuple[Floats, Floats]
-) -> tuple[Group, ...]:
-    return tuple(
-        Group(f"{label} {noun}", values, u, frequency, unit, "frequency", "Hz")
-        for label, (values, u) in (("storage", storage), ("loss", loss))
-    )
-
-
-def _window(omega: Floats) -> tuple[float, float]:
-    """Return the times [s] of the frequencies."""
-    return 1.0 / float(omega.max()), 1.0 / float(omega.min())
+    made = stiffness_evidence(name, frequency, storage, loss, np.ones(frequency.size), rho, 0.0, factors=factors)
+    groups = tuple(replace(g, name=g.name.replace("stiffness", "modulus"), units="Pa") for g in made.groups)
+    return replace(made, groups=groups, is_prior=True)

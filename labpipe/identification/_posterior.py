@@ -95,11 +95,10 @@ class Moduli:
     """Storage modulus and loss factor over frequency, before and after.
 
     ``frequency`` (n,) [Hz]. ``storage``, ``loss_factor`` (n,) [Pa], [1]: Most probable. ``u_ln_storage``,
-    ``u_ln_loss_factor`` (n,): Standard deviations of their natural logarithms. ``structure_ln_storage``,
-    ``structure_ln_loss_factor`` (n,): Contribution of the structure of the spectrum, in quadrature.
-    ``prior_ln_storage``, ``prior_ln_loss_factor`` (n,): Those of the prior. ``derivatives`` (2 n, parameter): Of the
-    logarithms (storage, then loss factor) of the fit by standard coordinates. ``data`` [Hz]: Lowest and highest
-    frequency that the observations cover.
+    ``u_ln_loss_factor`` (n,): Standard deviations of their natural logarithms. ``prior_ln_storage``,
+    ``prior_ln_loss_factor`` (n,): Those of the prior. ``derivatives`` (2 n, parameter): Of the logarithms (storage,
+    then loss factor) of the fit by standard coordinates. ``data`` [Hz]: Lowest and highest frequency that the
+    observations cover.
     """
 
     frequency: Floats
@@ -107,8 +106,6 @@ class Moduli:
     loss_factor: Floats
     u_ln_storage: Floats
     u_ln_loss_factor: Floats
-    structure_ln_storage: Floats
-    structure_ln_loss_factor: Floats
     prior_ln_storage: Floats
     prior_ln_loss_factor: Floats
     derivatives: Floats
@@ -136,7 +133,6 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
     problem, xi = known.fit.problem, known.fit.xi
     omega = 2.0 * np.pi * frequency
     by_xi = ln_moduli(problem.spectrum, xi, omega)[1]
-    own = propagated_u(by_xi, known.covariance)
     logarithms, u = known.averaged(lambda spectrum, at: ln_moduli(spectrum, at, omega))
     # Of the prior, half the width of the central 68 %, from draws that are the same every time.
     draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, problem.n_material))
@@ -144,15 +140,13 @@ def moduli(known: Posterior, frequency: Floats) -> Moduli:
     storage, loss = (terms @ basis.T for basis in modulus_basis(omega, problem.spectrum.rho))
     ends = (np.quantile(np.log(values), ndtr([-1.0, 1.0]), axis=0) for values in (storage, loss / storage))
     prior = [0.5 * (high - low) for low, high in ends]
-    half, added = frequency.size, np.sqrt(np.maximum(u**2 - own**2, 0.0))
+    half = frequency.size
     return Moduli(
         frequency,
         np.exp(logarithms[:half]),
         np.exp(logarithms[half:]),
         u[:half],
         u[half:],
-        added[:half],
-        added[half:],
         prior[0],
         prior[1],
         by_xi,

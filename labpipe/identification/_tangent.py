@@ -7,7 +7,7 @@ tangent holds far along the valleys that the data leave open, where a linear ste
 logarithms would end after a factor of two.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -20,45 +20,35 @@ _MOST_STEPS = 60
 
 @dataclass(frozen=True, eq=False)
 class Tangent:
-    """Derivatives of all models of a problem at one point.
+    """Predictions of all models of a problem near one point: cheap enough to be minimised at every step.
 
-    ``at`` (parameter,): Standard coordinates of the point. ``by_terms`` (n, 1 + term): Of the fast models of all
-    experiments, one below the other, per Pa. ``by_values`` (n, nuisance): By the nuisances in their units.
+    ``at`` (parameter,): Standard coordinates of the point. ``by_terms`` (n, 1 + term), ``by_values`` (n, nuisance):
+    Derivatives of the fast models of all experiments, one below the other, per Pa and by the nuisances in their
+    units. ``rest`` (n,): Residuals of the data there.
     """
 
+    problem: Problem
     at: Floats
     by_terms: Floats
     by_values: Floats
+    rest: Floats
 
     @classmethod
     def of(cls, problem: Problem, xi: Floats) -> "Tangent":
         """Differentiate every model at standard coordinates (parameter,)."""
         solid, given = problem.material(xi), problem.nuisance_values(xi)
-        place = {p.name: i for i, p in enumerate(problem.nuisances)}
         by_terms, by_values = [], []
         for each in problem.evidence:
             by_term, others = each.model.derivatives(solid, given)
-            columns = np.zeros((each.values.size, len(place)))
-            for name, column in others.items():
-                columns[:, place[name]] = column
+            none = np.zeros(each.values.size)
             by_terms.append(by_term)
-            by_values.append(columns)
-        return cls(xi, np.vstack(by_terms), np.vstack(by_values))
+            by_values.append(np.array([others.get(p.name, none) for p in problem.nuisances]).reshape(-1, none.size).T)
+        return cls(problem, xi, np.vstack(by_terms), np.vstack(by_values), np.zeros(0))
 
-
-@dataclass(frozen=True, eq=False)
-class Surrogate:
-    """Residuals near a point, by a tangent: cheap enough to be minimised at every step.
-
-    ``at`` (parameter,): The point. ``rest`` (n,): Residuals of the data there. ``by_terms``, ``by_values`` (n, 1 +
-    term): Derivatives of the predictions over their deviations.
-    """
-
-    problem: Problem
-    at: Floats
-    rest: Floats
-    by_terms: Floats
-    by_values: Floats
+    def weighed(self, factor: Floats, rest: Floats) -> "Tangent":
+        """Return the same in units of the deviations: a factor (n,) for all derivatives, and the residuals there."""
+        by_terms, by_values = factor[:, None] * self.by_terms, factor[:, None] * self.by_values
+        return replace(self, by_terms=by_terms, by_values=by_values, rest=rest)
 
     def rows(self, xi: Floats) -> tuple[Floats, Floats]:
         """Return residuals (n,) of the data at a point, and their derivative (n, parameter)."""
@@ -75,7 +65,7 @@ class Surrogate:
         return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
 
     def lowest(self, damping: float, bound: float) -> tuple[Floats, float]:
-        """Return the place of the least cost of the surrogate, and that cost.
+        """Return the place of the least cost, and that cost.
 
         ``damping``: Weight of half the squared way from the point. ``bound``: Within which standard coordinates stay.
         """

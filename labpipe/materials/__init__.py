@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from labpipe.materials._shift_law import (
         ShiftLaw as ShiftLaw,
         arrhenius as arrhenius,
-        isofrictional_temperature as isofrictional_temperature,
         shift_at as shift_at,
         wlf as wlf,
     )

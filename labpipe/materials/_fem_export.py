@@ -42,8 +42,7 @@ CODES: dict[str, str] = {"abaqus": ".inp", "ansys": ".mac", "comsol": ".txt", "l
 """The codes, and the suffixes of their files."""
 
 _SMALLEST = 1e-12  # long-time over instantaneous modulus that is left of 1 - sum in double precision
-_ENOUGH = 1e-9  # the same, of which no more is asked
-_OF_TOLERANCE = 1e-3  # of the storage modulus at the end of the window, which a liquid may be wrong by
+_OF_TOLERANCE = 1e-3  # of the storage modulus at the end of the window, which the long-time modulus may be wrong by
 _WIDTH = 74  # of a line of remarks; LS-DYNA reads 80 characters
 _MOST_TERMS = 17  # LS-DYNA reads 18, of which one is the long-time modulus
 _NEARLY = 1000.0  # bulk over shear modulus where a code has no incompressible material
@@ -53,29 +52,12 @@ _NEARLY = 1000.0  # bulk over shear modulus where a code has no incompressible m
 class Deck:
     """A material as simulation codes need it.
 
-    Attributes
-    ----------
-    name : str
-    tension : Prony
-        The reduced series of the tension modulus.
-    shear : Prony
-        Relaxation terms of the shear modulus, as E_relaxed, E and rho.
-    shares : array (term,)
-        G_i over the instantaneous shear modulus, as they are printed; their sum is below one.
-    bulk : {"constant", "relaxing", "incompressible"}
-    K : float [Pa]
-        Instantaneous bulk modulus; infinite for an incompressible material.
-    nu : float
-        Instantaneous Poisson's ratio.
-    window : (float, float) [Hz]
-    T_ref : float [degC]
-    wlf : (float, float), optional
-        C1 and C2 [K] about T_ref; None where no law holds.
-    shifts : (array, array)
-        Temperatures [degC] and log10 a_T.
-    error : float
-        Root-mean-square relative error of the worse modulus over the window.
-    notes, warnings : tuple of str
+    ``tension``, ``shear``: Reduced series of the tension modulus, and of the shear modulus as E_relaxed, E and rho.
+    ``shares`` (term,): G_i over the instantaneous shear modulus, as they are printed; their sum is below one.
+    ``K`` [Pa], ``nu``: Instantaneous bulk modulus, infinite for an incompressible material, and Poisson's ratio.
+    ``window`` [Hz], ``T_ref`` [degC]: Where the series holds. ``wlf``: C1 and C2 [K] about T_ref; None where no law
+    holds. ``shifts``: Temperatures [degC] and log10 a_T. ``error``: Root-mean-square relative error of the worse
+    modulus over the window. ``notes``, ``warnings``: Sentences for the reader of the file.
     """
 
     name: str
@@ -158,14 +140,17 @@ def make_deck(
     if not np.isfinite(material.E_unrelaxed):
         raise InputError("the material has no finite instantaneous modulus (a dashpot in parallel); codes need one")
     chosen: Bulk = bulk or ("incompressible" if material.nu == 0.5 else "relaxing")
-    few, error = fewest_terms(material, *window, tolerance)
-    looser = tolerance
+    few, error, looser = *fewest_terms(material, *window, tolerance), tolerance
     while few.E.size > _MOST_TERMS and looser < 1.0:
         looser *= 1.5
         few, error = fewest_terms(material, *window, looser)
-    few, liquid = _with_rest(few, window, tolerance, flows=material.is_liquid)
-    K = np.inf if chosen == "incompressible" else few.E_unrelaxed / (3.0 * (1.0 - 2.0 * few.nu))
+    # The shares of a liquid's terms too must add up to less than one.
+    ends = few.complex_modulus(2.0 * np.pi * np.asarray(window)).real
+    rest = max(_OF_TOLERANCE * tolerance * float(ends[0]), _SMALLEST * few.E_unrelaxed)
+    is_raised = few.E_relaxed < rest
+    few = Prony(max(few.E_relaxed, rest), few.E, few.rho, few.nu)
     nu = 0.5 if chosen == "incompressible" else few.nu
+    K = np.inf if chosen == "incompressible" else few.E_unrelaxed / (3.0 * (1.0 - 2.0 * nu))
     if chosen != "constant" or measured == "shear":
         shear = few.scaled(0.5 / (1.0 + (few.nu if measured == "shear" else nu)))
     else:
@@ -174,107 +159,74 @@ def make_deck(
         family = relaxation_from_creep(Retardation(unrelaxed, 3.0 * C, tau, 3.0 * few.fluidity))
         shear = Prony(family.relaxed, family.weight, family.time, few.nu)
     temperatures, log10_aT = np.asarray(shifts[0], float), np.asarray(shifts[1], float)
-    wlf = None
-    if law is not None and np.unique(temperatures).size != 1 and law.holds:
-        C1, C2 = law.as_wlf
-        wlf = (C1, C2) if np.isfinite([C1, C2]).all() and C2 > 0 else None
-    times = [0.5 / np.pi / f for f in reversed(window)]
-    kept = "The shear modulus was measured and stays as it is." if measured == "shear" else ""
     behaviour = {
         "incompressible": "Incompressible: the bulk modulus is infinite.",
         "relaxing": f"Poisson's ratio is constant, nu = {nu:.6g}: the bulk modulus relaxes as the shear modulus does.",
         "constant": f"The bulk modulus is constant, K = {K:.6g} Pa, from nu = {nu:.6g} of the instantaneous modulus.",
     }[chosen]
+    slowest, fastest = 0.5 / np.pi / window[0], 0.5 / np.pi / window[1]
+    wlf, law_notes = _law_of(law, T_ref, temperatures, log10_aT, np.asarray(b_T, float))
     notes = [
         f"{name}: linear viscoelastic material at {T_ref:.6g} degC; SI units (Pa, s)",
-        f"Valid from {window[0]:.4g} to {window[1]:.4g} Hz, times from {times[0]:.4g} to {times[1]:.4g} s; "
+        f"Valid from {window[0]:.4g} to {window[1]:.4g} Hz, times from {fastest:.4g} to {slowest:.4g} s; "
         "outside, it is extrapolated.",
         f"{few.E.size} terms; root-mean-square error against the full series within the window: "
         f"{max(100 * error, 1e-4):.2g} % of the worse modulus in tension.",
-        f"{behaviour} {kept}".strip(),
-        *_law_notes(law, wlf, T_ref, temperatures, log10_aT, np.asarray(b_T, float)),
+        behaviour + " The shear modulus was measured and stays as it is." * (measured == "shear"),
+        *law_notes,
     ]
+    if is_raised or material.is_liquid:
+        notes.append(
+            f"{'The material flows. ' * material.is_liquid}{few.E_relaxed:.3g} Pa is written as its long-time modulus, "
+            "because the shares of the terms must add up to less than one; that is "
+            f"{few.E_relaxed / ends[0]:.1e} of the storage modulus at the lower end of the window."
+        )
+    extrapolated = [
+        f"the {which} modulus, {modulus:.4g} Pa in tension, is extrapolated: at {frequency:.4g} Hz, the {end} end of "
+        f"the window, the storage modulus is {storage:.4g} Pa"
+        for which, modulus, end, frequency, storage in (
+            ("instantaneous", few.E_unrelaxed, "upper", window[1], float(ends[1])),
+            ("long-time", few.E_relaxed, "lower", window[0], float(ends[0])),
+        )
+        if abs(modulus - storage) > tolerance * storage
+    ]
+    # Their sum stays below one: the long-time modulus is larger than what rounding to 14 digits may add.
+    shares = np.array([float(f"{share:.14g}") for share in shear.E / shear.E_unrelaxed])
     return Deck(
-        name=name,
-        tension=few,
-        shear=shear,
-        # Their sum stays below one: the long-time modulus is larger than what rounding to 14 digits may add.
-        shares=np.array([float(f"{share:.14g}") for share in shear.E / shear.E_unrelaxed]),
-        bulk=chosen,
-        K=float(K),
-        nu=float(nu),
-        window=window,
-        T_ref=T_ref,
-        wlf=wlf,
-        shifts=(temperatures, log10_aT),
-        error=error,
-        notes=(*notes, *([liquid] if liquid else [])),
-        warnings=tuple(_extrapolated(few, window, tolerance)),
-    )
+        name, few, shear, shares, chosen, float(K), float(nu), window, T_ref, wlf, (temperatures, log10_aT), error,
+        tuple(notes), tuple(extrapolated),
+    )  # fmt: skip
 
 
-def _with_rest(few: Prony, window: tuple[float, float], tolerance: float, *, flows: bool) -> tuple[Prony, str]:
-    """Leave a liquid a long-time modulus so small that it is not seen; codes need shares below one."""
-    storage = float(few.complex_modulus(2.0 * np.pi * window[0]).real)
-    rest = max(_OF_TOLERANCE * tolerance * storage, _SMALLEST * few.E_unrelaxed)
-    is_enough = few.E_relaxed >= min(rest, _ENOUGH * few.E_unrelaxed)
-    if is_enough and not flows:
-        return few, ""
-    modulus = few.E_relaxed if is_enough else rest
-    text = (
-        f"{'The material flows: its long-time modulus is zero. ' if flows else ''}{modulus:.3g} Pa is written as its "
-        "long-time modulus, because the shares of the terms must add up to less than one; that is "
-        f"{modulus / storage:.1e} of the storage modulus at the lower end of the window."
-    )
-    return Prony(modulus, few.E, few.rho, few.nu), text
-
-
-def _law_notes(
-    law: ShiftLaw | None, wlf: tuple[float, float] | None, T_ref: float, T: Floats, log10_aT: Floats, b_T: Floats
-) -> list[str]:
+def _law_of(
+    law: ShiftLaw | None, T_ref: float, T: Floats, log10_aT: Floats, b_T: Floats
+) -> tuple[tuple[float, float] | None, list[str]]:
+    """Return C1 and C2 where a law holds, and the remarks on the shifts."""
     span = f" Measured from {np.nanmin(T):.6g} to {np.nanmax(T):.6g} degC." if T.size else ""
+    C1, C2 = (np.nan, np.nan) if law is None or np.unique(T).size == 1 else law.as_wlf
     notes = []
-    if wlf is None:
+    if law is not None and law.holds and np.isfinite([C1, C2]).all() and C2 > 0:
+        name = "the WLF law" if law.name == "wlf" else f"Arrhenius' law, {law.activation_energy:.6g} J/mol, "
+        same = "" if law.name == "wlf" else "written as the WLF law with C2 = T_ref in kelvin, the same function"
+        notes.append(f"Shifts by {name}{same}.{span}")
+    else:
         reason = "The shifts follow a straight line over temperature, a WLF law without finite constants"
-        if law is None or np.unique(T).size == 1:
+        if np.isnan(C1):
             reason = "No shift law is known"
-        elif not law.holds:
+        elif law is not None and not law.holds:
             reason = "Neither WLF nor Arrhenius describes the shifts within their uncertainty"
+        C1 = np.nan
         notes.append(f"{reason}; the material holds at {T_ref:.6g} degC only.{span}")
         if T.size:
             table = ", ".join(f"({t:.6g}, {a:.6g})" for t, a in zip(T, log10_aT, strict=True))
             notes.append(f"Shifts as measured, not expressed below: (temperature in degC, log10 a_T) = {table}.")
-    elif law is not None and law.name != "wlf":
-        notes.append(
-            f"Shifts by Arrhenius' law, {law.activation_energy:.6g} J/mol, written as the WLF law with C2 = T_ref in "
-            f"kelvin, which is the same function.{span}"
-        )
-    else:
-        notes.append(f"Shifts by the WLF law.{span}")
     factors = b_T[np.isfinite(b_T)]
     if factors.size and np.ptp(factors) > 1e-6:
         notes.append(
             f"The moduli change with temperature too, by factors b_T from {factors.min():.4g} to {factors.max():.4g}; "
             "this is not expressed below."
         )
-    return notes
-
-
-def _extrapolated(few: Prony, window: tuple[float, float], tolerance: float) -> list[str]:
-    """Name the moduli after no time and after an infinite one that lie beyond the measured ones."""
-    storage = few.complex_modulus(2.0 * np.pi * np.asarray(window)).real
-    found = []
-    if few.E_unrelaxed > (1.0 + tolerance) * storage[1]:
-        found.append(
-            f"the instantaneous modulus, {few.E_unrelaxed:.4g} Pa in tension, is extrapolated: at {window[1]:.4g} Hz, "
-            f"the upper end of the window, the storage modulus is {storage[1]:.4g} Pa"
-        )
-    if few.E_relaxed < (1.0 - tolerance) * storage[0]:
-        found.append(
-            f"the long-time modulus, {few.E_relaxed:.4g} Pa in tension, is extrapolated: at {window[0]:.4g} Hz, the "
-            f"lower end of the window, the storage modulus is {storage[0]:.4g} Pa"
-        )
-    return found
+    return None if np.isnan(C1) else (C1, C2), notes
 
 
 def _abaqus(deck: Deck) -> list[str]:
@@ -373,6 +325,7 @@ def _lsdyna(deck: Deck) -> list[str]:
 
 
 def _json(deck: Deck) -> list[str]:
+    shear, tension = deck.shear, deck.tension
     document = {
         "name": deck.name,
         "units": {"modulus": "Pa", "time": "s", "temperature": "degC", "frequency": "Hz"},
@@ -381,18 +334,9 @@ def _json(deck: Deck) -> list[str]:
         "bulk": deck.bulk,
         "K_unrelaxed": deck.K if np.isfinite(deck.K) else None,
         "nu_unrelaxed": deck.nu,
-        "shear": {
-            "G_relaxed": deck.shear.E_relaxed,
-            "G_unrelaxed": deck.shear.E_unrelaxed,
-            "G": deck.shear.E.tolist(),
-            "rho": deck.shear.rho.tolist(),
-            "shares": deck.shares.tolist(),
-        },
-        "tension": {
-            "E_relaxed": deck.tension.E_relaxed,
-            "E": deck.tension.E.tolist(),
-            "rho": deck.tension.rho.tolist(),
-        },
+        "shear": {"G_relaxed": shear.E_relaxed, "G_unrelaxed": shear.E_unrelaxed}
+        | {"G": shear.E.tolist(), "rho": shear.rho.tolist(), "shares": deck.shares.tolist()},
+        "tension": {"E_relaxed": tension.E_relaxed, "E": tension.E.tolist(), "rho": tension.rho.tolist()},
         "rms_relative_error": deck.error,
         "wlf": None if deck.wlf is None else {"C1": deck.wlf[0], "C2": deck.wlf[1]},
         "shifts": {
@@ -405,13 +349,8 @@ def _json(deck: Deck) -> list[str]:
     return [json.dumps(document, indent=1, allow_nan=False)]
 
 
-_WRITERS: dict[str, Callable[[Deck], list[str]]] = {
-    "abaqus": _abaqus,
-    "ansys": _ansys,
-    "comsol": _comsol,
-    "lsdyna": _lsdyna,
-    "json": _json,
-}
+_WRITERS: dict[str, Callable[[Deck], list[str]]]
+_WRITERS = {"abaqus": _abaqus, "ansys": _ansys, "comsol": _comsol, "lsdyna": _lsdyna, "json": _json}
 
 
 def deck_text(deck: Deck, code: Code | str) -> str:

@@ -113,25 +113,20 @@ class ShiftLaw:
             )
         return value
 
-    def u_log10_aT(self, temperature: ArrayLike) -> Floats:
-        """Return the standard uncertainty of log10 a_T from the parameters' covariance."""
-        slope = law_slopes(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
-        return propagated_u(slope, self.covariance)
+    @property
+    def _slope_and_curvature(self) -> tuple[float, float]:
+        return self.parameters if self.name == "wlf" else (float("nan"), float("nan"))  # type: ignore[return-value]
 
     @property
     def C1(self) -> float:
         """WLF constant C₁ (1); NaN for another law."""
-        if self.name != "wlf":
-            return float("nan")
-        m, q = self.parameters
+        m, q = self._slope_and_curvature
         return m / q if q != 0 else float("inf")
 
     @property
     def C2(self) -> float:
         """WLF constant C₂ in K; NaN for another law."""
-        if self.name != "wlf":
-            return float("nan")
-        q = self.parameters[1]
+        q = self._slope_and_curvature[1]
         return 1.0 / q if q != 0 else float("inf")
 
     @property
@@ -145,16 +140,13 @@ class ShiftLaw:
     @property
     def u_C1(self) -> float:
         """Standard uncertainty of C₁."""
-        m, q = self.parameters if self.name == "wlf" else (np.nan, np.nan)
-        slope = np.array([1.0 / q, -m / q**2])
-        return float(propagated_u(slope, self.covariance)) if self.name == "wlf" else np.nan
+        m, q = self._slope_and_curvature
+        return float(propagated_u(np.array([1.0 / q, -m / q**2]), self.covariance)) if self.name == "wlf" else np.nan
 
     @property
     def u_C2(self) -> float:
         """Standard uncertainty of C₂ in K."""
-        if self.name != "wlf":
-            return float("nan")
-        return float(np.sqrt(self.covariance[1, 1])) * self.C2**2
+        return float(np.sqrt(self.covariance[1, 1])) * self.C2**2 if self.name == "wlf" else np.nan
 
     @property
     def activation_energy(self) -> float:
@@ -285,33 +277,3 @@ def _first_parameters(name: LawName, temperature: Floats, log10_aT: Floats, T_re
         q = 0.0
         m = -float(difference @ log10_aT / (difference @ difference))
     return np.array([m, q])
-
-
-def isofrictional_temperature(temperature: float, molar_mass: float, fox_flory: float) -> float:
-    """Return the temperature [degC] where a melt has the friction that long chains have at another one.
-
-    Chain ends carry free volume, so that the glass transition of short chains is lower, by
-    T_g(M) = T_g(∞) − K/M (Fox & Flory, J. Appl. Phys. 21 (1950) 581, doi:10.1063/1.1699711). Melts of one polymer
-    have the same friction at the same distance to it.
-
-    Parameters
-    ----------
-    temperature : float [degC]
-        Of the long chains.
-    molar_mass : float [kg/mol]
-    fox_flory : float [K kg/mol]
-        K of T_g(M) = T_g(∞) − K/M.
-
-    Raises
-    ------
-    InputError
-        The molar mass is not positive or K is negative.
-
-    Examples
-    --------
-    >>> isofrictional_temperature(25.0, 5.0, 14.65)
-    22.07
-    """
-    if not (molar_mass > 0 and np.isfinite(fox_flory) and fox_flory >= 0):
-        raise InputError(f"molar mass {molar_mass} kg/mol, K = {fox_flory} K kg/mol: expected positive numbers")
-    return temperature - fox_flory / molar_mass

@@ -12,9 +12,9 @@ Ferry, Viscoelastic Properties of Polymers, 3rd ed., Wiley, 1980, ch. 3.
 """
 
 import json
-from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
@@ -30,7 +30,6 @@ _MARGIN = 1.5  # decades of terms beyond the measured times
 _PER_DECADE = 5  # frequencies, on a grid that all temperatures share
 _ONE_TEMPERATURE = 1.5  # K between neighbouring readings of one test
 _SWEEP = ("frequency", "storage_modulus", "loss_modulus", "temperature")
-_UNITS = {"frequency": "Hz", "storage_modulus": "Pa", "loss_modulus": "Pa", "temperature": "degC"}
 
 
 def prony_of_relaxation(time: ArrayLike, modulus: ArrayLike, nu: float = 0.5) -> Prony:
@@ -152,7 +151,7 @@ def with_responses(readings: xr.Dataset) -> xr.Dataset:
         return readings
     tables: list[dict[str, Floats]] = []
     problems: list[str] = []
-    for rows in _tables(readings, clock):
+    for rows in _runs(readings, clock):
         for name in names:
             if np.isfinite(readings[name].values[rows]).sum() < 2:
                 continue
@@ -160,35 +159,46 @@ def with_responses(readings: xr.Dataset) -> xr.Dataset:
                 tables.append(_sweep(readings, clock, name, rows))
             except InputError as error:
                 problems.append(str(error))
+    has_sweeps = all(name in readings and bool(np.isfinite(readings[name]).any()) for name in _SWEEP[:3])
     if not tables:
-        if problems and not _has_sweeps(readings):
+        if problems and not has_sweeps:
             message = f"{readings.attrs.get('source', 'the export')}: no test over time can be used: {problems[0]}"
             raise InputError(message)
         return readings
-    if _has_sweeps(readings):
-        count = np.cumsum([entry["rows"] for entry in json.loads(readings.attrs["tests"])])
-        parts = np.split(np.arange(readings.sizes["sample"]), count[:-1])
-        parts = [rows for rows in parts if np.isfinite(readings["frequency"].values[rows]).any()]
+    if has_sweeps:
         held = [name for name in (*_SWEEP, "is_valid") if name in readings]
-        tables = [
-            {name: np.asarray(readings[name].values[rows], dtype=float) for name in held} for rows in parts
-        ] + tables
-    return _joined(readings, tables)
+        parts = [{name: readings[name].values[rows].astype(float) for name in held} for rows in tables_of(readings)]
+        tables = [part for part in parts if np.isfinite(part["frequency"]).any()] + tables
+    # all tables one below the other
+    frame = pd.concat([pd.DataFrame(table) for table in tables], keys=range(1, len(tables) + 1))
+    columns = {"frequency": "Hz", "storage_modulus": "Pa", "loss_modulus": "Pa", "temperature": "degC"}
+    variables = {
+        name: variable("sample", frame[name].to_numpy(), units, name.replace("_", " "))
+        for name, units in columns.items()
+        if name in frame
+    }
+    valid = frame["is_valid"].fillna(1.0) if "is_valid" in frame else pd.Series(1.0, frame.index)
+    variables["is_valid"] = variable("sample", valid.to_numpy(np.int8), "1", "0 where marked invalid")
+    interval = variable("sample", frame.index.get_level_values(0).to_numpy(), "1", "number of the table")
+    kept = {key: value for key, value in readings.attrs.items() if key in ("source", "instrument", "layout", "work")}
+    entries = json.dumps([{"rows": len(table["frequency"]), "interval": k} for k, table in enumerate(tables, 1)])
+    return xr.Dataset(variables, {"interval": interval}, {**kept, "tests": entries, "time_domain": 1})
 
 
-def _has_sweeps(readings: xr.Dataset) -> bool:
-    return all(name in readings and bool(np.isfinite(readings[name]).any()) for name in _SWEEP[:3])
-
-
-def _tables(readings: xr.Dataset, clock: str) -> list[NDArray[np.intp]]:
-    """Return the valid rows of every test: of one table, at one temperature, the clock running on."""
+def tables_of(readings: xr.Dataset) -> list[NDArray[np.intp]]:
+    """Return the rows of every table of a rheometer's export."""
     stops = np.cumsum([entry["rows"] for entry in json.loads(readings.attrs["tests"])])
+    return np.split(np.arange(readings.sizes["sample"]), stops[:-1])
+
+
+def _runs(readings: xr.Dataset, clock: str) -> list[NDArray[np.intp]]:
+    """Return the valid rows of every test: of one table, at one temperature, the clock running on."""
     time = readings[clock].values
     good = np.isfinite(time)
     if "is_valid" in readings:
         good &= readings["is_valid"].values.astype(bool)
     found = []
-    for table in np.split(np.arange(readings.sizes["sample"]), stops[:-1]):
+    for table in tables_of(readings):
         rows = table[good[table]]
         begins = np.diff(time[rows]) < 0
         if "temperature" in readings:
@@ -214,25 +224,3 @@ def _sweep(readings: xr.Dataset, clock: str, name: str, rows: NDArray[np.intp]) 
     if "temperature" in readings:
         found["temperature"] = np.full(frequency.size, float(np.nanmean(readings["temperature"].values[rows])))
     return found
-
-
-def _joined(readings: xr.Dataset, tables: list[dict[str, Floats]]) -> xr.Dataset:
-    """Put tables one below the other."""
-    sizes = [table["frequency"].size for table in tables]
-    names = [name for name in _SWEEP if any(name in table for table in tables)]
-    variables: dict[str, Any] = {
-        name: variable(
-            "sample",
-            np.concatenate([table.get(name, np.full(n, np.nan)) for table, n in zip(tables, sizes, strict=True)]),
-            _UNITS[name],
-            name.replace("_", " "),
-        )
-        for name in names
-    }
-    valid = [table.get("is_valid", np.ones(n)) for table, n in zip(tables, sizes, strict=True)]
-    variables["is_valid"] = variable("sample", np.concatenate(valid).astype(np.int8), "1", "0 where marked invalid")
-    interval = np.repeat(np.arange(1, len(sizes) + 1), sizes)
-    coords = {"interval": variable("sample", interval, "1", "number of the table")}
-    entries = json.dumps([{"rows": n, "interval": k} for k, n in enumerate(sizes, 1)])
-    kept = {key: value for key, value in readings.attrs.items() if key in ("source", "instrument", "layout", "work")}
-    return xr.Dataset(variables, coords, {**kept, "tests": entries, "time_domain": 1})

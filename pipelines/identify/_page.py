@@ -32,7 +32,6 @@ SHAPE = ("level", "change ")  # begin the names of the unknowns of a spectrum's 
 _DIGITS = 4  # of the ends of an interval
 _NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
 _NU_STEP = 0.01  # by which Poisson's ratio of a polymer is commonly uncertain, where nothing is stated
-_LEAST_PERCENT = 0.1  # a smaller share is said to be less than it
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
 
 
@@ -160,16 +159,6 @@ def _found(found: Identified, made: xr.Dataset) -> list[str]:
         else f"contacts show moduli over 1 − ν²: Poisson's ratio is stated as {nu:.3g} ± {known.sd / by_ratio:.2g}, "
         f"which makes {100 * known.sd:.2g} % of every modulus and is included in these uncertainties"
     )
-    if found.known.structures:
-        percent = [100.0 * float(made[f"open_ln_{name}"].values[inside].max()) for name in ("storage", "loss_factor")]
-        of_modulus, of_loss = (
-            f"at most {p:.1g} %" if p >= _LEAST_PERCENT else f"less than {_LEAST_PERCENT:g} %" for p in percent
-        )
-        texts.append(
-            "of a polymer's spectrum it is assumed that it is smooth, or that it has a shoulder or a peak half a "
-            f"decade wide; which of the two it is changes the modulus there by {of_modulus} and "
-            f"the loss factor by {of_loss}, included in these uncertainties"
-        )
     return texts
 
 

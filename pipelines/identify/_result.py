@@ -42,8 +42,7 @@ def dataset(found: Identified) -> xr.Dataset:
 
     Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``, of the
     most probable structure. Over ``frequency``, by all structures: storage modulus and loss
-    factor with ``u_ln_``, the standard deviations of their logarithms, ``open_ln_``,
-    contribution of the unknown structure to them, those of the prior, and ``is_determined``.
+    factor with ``u_ln_``, the standard deviations of their logarithms, those of the prior, and ``is_determined``.
     Over ``parameter``: values with 95 % intervals, prior and verdict. Over ``structure``: its
     probability. Over ``observation``: observed,
     predicted, residuals.
@@ -68,11 +67,9 @@ def dataset(found: Identified) -> xr.Dataset:
     for name, values, units, text in (
         ("storage", curve.storage, "Pa", "storage modulus"),
         ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
-        ("open_ln_storage", curve.structure_ln_storage, "1", "contribution of the unknown structure"),
         ("prior_ln_storage", curve.prior_ln_storage, "1", "the same, of the prior"),
         ("loss_factor", curve.loss_factor, "1", "loss factor"),
         ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
-        ("open_ln_loss_factor", curve.structure_ln_loss_factor, "1", "contribution of the unknown structure"),
         ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same, of the prior"),
         ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where determined"),
     ):
@@ -99,14 +96,8 @@ def dataset(found: Identified) -> xr.Dataset:
 
 
 def structure(found: Identified) -> dict[str, float]:
-    """Return the probabilities of the structures of the spectrum, most probable first.
-
-    Empty where the spectrum was given a form.
-    """
-    made: dict[str, float] = {}
-    for one in found.known.structures:
-        made[one.name] = made.get(one.name, 0.0) + one.weight
-    return dict(sorted(made.items(), key=lambda pair: -pair[1]))
+    """Return the probabilities of the structures of the spectrum, most probable first."""
+    return {one.name: one.weight for one in found.known.structures}
 
 
 def _parameters(found: Identified) -> dict[str, Any]:

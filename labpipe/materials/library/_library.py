@@ -25,19 +25,10 @@ from labpipe.units import Measure, Quantity, quantity, require_positive, si
 
 NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
 _ALSO_CALLED = {
-    "pmma": "acrylic",
-    "plexiglas": "acrylic",
-    "plexiglass": "acrylic",
-    "perspex": "acrylic",
-    "acrylglas": "acrylic",
-    "pa": "nylon",
-    "pa66": "nylon",
-    "polyamide": "nylon",
-    "polyamid": "nylon",
+    **dict.fromkeys(("pmma", "plexiglas", "plexiglass", "perspex", "acrylglas"), "acrylic"),
+    **dict.fromkeys(("pa", "pa66", "polyamide", "polyamid"), "nylon"),
+    **dict.fromkeys(("nitrile", "nitril", "perbunan"), "nbr"),
     "teflon": "ptfe",
-    "nitrile": "nbr",
-    "nitril": "nbr",
-    "perbunan": "nbr",
 }
 STATUSES = ("measured", "datasheet", "estimate")
 
@@ -236,68 +227,70 @@ class _Reader:
     """The checks of one file, with its lines at hand for messages."""
 
     def __init__(self, path: Path, text: str, tree: dict[str, Any]) -> None:
-        self.path, self.lines, self.tree = path, text.splitlines(), tree
+        self.path, self.lines, self.tree = path, [line.strip() for line in text.splitlines()], tree
 
     def fail(self, key: str, message: str) -> NoReturn:
+        """Refuse the file, at the line of a key ("table.field"), else at that of its table."""
         table, _, field = key.partition(".")
-        start = next((i for i, s in enumerate(self.lines) if s.strip().startswith(f"[{table}]")), 0)
-        wanted = field or table
-        line = next((i for i, s in enumerate(self.lines) if i >= start and s.strip().startswith(wanted)), start)
-        raise SourceError(self.path, f"{key}: {message}", line=line + 1, hint=_WHOLE).because(MATERIAL_FILE)
+        start = next((i for i, line in enumerate(self.lines) if line.startswith(f"[{table}]")), 0)
+        end = next((i for i, line in enumerate(self.lines) if i > start > 0 and line.startswith("[")), len(self.lines))
+        found = (i for i in range(start, end) if self.lines[i].startswith(field or table))
+        raise SourceError(self.path, f"{key}: {message}", line=next(found, start) + 1, hint=_WHOLE).because(
+            MATERIAL_FILE
+        )
 
-    def table(self, name: str) -> dict[str, Any]:
-        found = self.tree.get(name)
+    def get(self, key: str) -> Any:
+        table, _, field = key.partition(".")
+        found = self.tree.get(table)
         if not isinstance(found, dict):
-            self.fail(name, f"expected a table [{name}]")
+            self.fail(table, f"expected a table [{table}]")
+        return found.get(field)
+
+    def text(self, key: str) -> str:
+        found = self.get(key)
+        if not isinstance(found, str) or not found:
+            self.fail(key, "expected text")
         return found
 
-    def entry(self, name: str, si: str) -> Entry:
-        table = self.table(name)
-        for key in ("value", "source", "status"):
-            if not isinstance(table.get(key), str) or not table[key]:
-                self.fail(f"{name}.{key}", "expected text")
-        if table["status"] not in STATUSES:
-            self.fail(f"{name}.status", f"expected one of {', '.join(STATUSES)}")
-        value, u = self.quantity(f"{name}.value", table["value"], si)
-        return Entry(name, value, u, si, table["source"], table["status"])
-
-    def quantity(self, key: str, text: str, si: str) -> tuple[float, float]:
+    def quantity(self, key: str, si: str) -> Quantity:
+        text = self.text(key)
         try:
             found = quantity(text)
         except InputError as error:
             self.fail(key, str(error))
         if found.si != si:
             self.fail(key, f'expected a quantity in {si}, found "{text}"')
-        return found.value, found.u
+        return found
 
-    def numbers(self, name: str) -> list[float]:
-        found = self.table("relaxation").get(name)
-        if not isinstance(found, list) or not all(
-            isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) for x in found
-        ):
-            self.fail(f"relaxation.{name}", "expected a list of finite numbers")
+    def entry(self, name: str, si: str = "") -> Entry:
+        """Return a number with its origin; without a unit the origin of a table of several."""
+        found = self.quantity(f"{name}.value", si) if si else Quantity(math.nan, 0.0, "")
+        source, status = self.text(f"{name}.source"), self.text(f"{name}.status")
+        if status not in STATUSES:
+            self.fail(f"{name}.status", f"expected one of {', '.join(STATUSES)}")
+        return Entry(name, found.value, found.u, si, source, status)
+
+    def numbers(self, key: str) -> list[float]:
+        found = self.get(key)
+        if not isinstance(found, list) or not all(type(x) in (int, float) and math.isfinite(x) for x in found):
+            self.fail(key, "expected a list of finite numbers")
         return [float(x) for x in found]
 
     def shift(self) -> ShiftLaw:
-        table = self.table("shift")
-        reference, _ = self.quantity("shift.T_ref", str(table.get("T_ref", "")), "degC")
-        law = table.get("law")
-        names = {"arrhenius": ("activation_energy",), "wlf": ("C1", "C2")}.get(str(law))
+        reference = self.quantity("shift.T_ref", "degC").value
+        numbers: list[float] = []
+        names = {"arrhenius": ("activation_energy",), "wlf": ("C1", "C2")}.get(str(self.get("shift.law")))
         if names is None:
             self.fail("shift.law", 'expected "arrhenius" or "wlf"')
-        values = [table.get(name) for name in names]
-        numbers = []
-        for name, value in zip(names, values, strict=True):
-            text = str(value).removesuffix("K").strip()
+        for name in names:
+            value = self.get(f"shift.{name}")
             try:
-                numbers.append(float(text))
+                numbers.append(float(str(value).removesuffix("K")))
             except ValueError:
                 self.fail(f"shift.{name}", f'expected a number, found "{value}"')
-        if min(numbers) <= 0:
-            self.fail(f"shift.{names[0]}", "expected positive numbers")
-        if law == "arrhenius":
-            return arrhenius(numbers[0], reference)
-        return wlf(numbers[0], numbers[1], reference)
+            if not numbers[-1] > 0:
+                self.fail(f"shift.{name}", "expected a positive number")
+        return arrhenius(numbers[0], reference) if len(names) == 1 else wlf(numbers[0], numbers[1], reference)
 
     def material(self) -> Material:
         unknown = set(self.tree) - _TABLES
@@ -305,34 +298,23 @@ class _Reader:
             self.fail(min(unknown), f"is unknown; known are {', '.join(sorted(_TABLES))}")
         if self.tree.get("labpipe_material") != 1:
             self.fail("labpipe_material", "expected 1, the version of this form")
-        poisson = self.entry("poisson", "1")
-        relaxed = self.entry("E_relaxed", "Pa")
-        rho, E = self.numbers("rho"), self.numbers("E")
+        entries = [self.entry("poisson", "1"), self.entry("E_relaxed", "Pa")]
+        rho, E = self.numbers("relaxation.rho"), self.numbers("relaxation.E")
         if len(rho) != len(E):
             self.fail("relaxation.E", f"{len(E)} moduli stand beside {len(rho)} times")
         try:
-            prony = Prony(relaxed.value, np.array(E), np.array(rho), nu=poisson.value)
+            prony = Prony(entries[1].value, np.array(E), np.array(rho), nu=entries[0].value)
         except InputError as error:
             self.fail("relaxation", str(error))
-        law = self.shift()
-        entries = [poisson, relaxed]
-        if "density" in self.tree:
-            entries.append(self.entry("density", "kg/m3"))
-        for name in ("relaxation", "shift"):
-            table = self.table(name)
-            source, status = str(table.get("source", "")), str(table.get("status", ""))
-            if not source or status not in STATUSES:
-                self.fail(name, f"expected a source and a status ({', '.join(STATUSES)})")
-            entries.append(Entry(name, math.nan, 0.0, "", source, status))
-        flow = None
+        law, flow = self.shift(), None
+        entries += [self.entry("density", "kg/m3")] if "density" in self.tree else []
+        entries += [self.entry("relaxation"), self.entry("shift")]
         if "yield_stress" in self.tree:
-            stress, table = self.entry("yield_stress", "Pa"), self.table("yield_stress")
-            rate, _ = self.quantity("yield_stress.rate", str(table.get("rate", "")), "1/s")
-            per_decade, _ = self.quantity("yield_stress.per_decade", str(table.get("per_decade", "")), "Pa")
+            entries.append(stress := self.entry("yield_stress", "Pa"))
+            rate = self.quantity("yield_stress.rate", "1/s").value
             if min(stress.value, rate) <= 0.0:
                 self.fail("yield_stress", "expected a positive stress and rate")
-            entries.append(stress)
-            flow = YieldStress(stress.value, stress.u, rate, per_decade)
+            flow = YieldStress(stress.value, stress.u, rate, self.quantity("yield_stress.per_decade", "Pa").value)
         name, summary = str(self.tree.get("name", self.path.stem)), str(self.tree.get("summary", ""))
         return Material(name, summary, prony, tuple(entries), law.T_ref, law, flow)
 

@@ -13,7 +13,7 @@ compliance, positive times.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Literal
@@ -102,7 +102,6 @@ class Prony:
         rho: ArrayLike,
         nu: float = 0.5,
         viscosity: float = 0.0,
-        *,
         _given_creep: Retardation | None = None,
     ) -> None:
         _not_negative("E_relaxed", E_relaxed, "Pa")
@@ -112,14 +111,10 @@ class Prony:
             raise InputError(f"nu = {nu}: Poisson's ratio of an isotropic solid lies in (−1, 0.5]")
         if E_relaxed == 0 and weight.size == 0:
             raise InputError("E_relaxed = 0 and no terms: the material has no stiffness; give a modulus")
-        for name, value in (
-            ("E_relaxed", float(E_relaxed)),
-            ("E", _frozen(weight)),
-            ("rho", _frozen(time)),
-            ("nu", float(nu)),
-            ("viscosity", float(viscosity)),
-            ("_given_creep", _given_creep),
-        ):
+        if (creep := _given_creep) is not None:
+            creep = replace(creep, weight=_frozen(creep.weight), time=_frozen(creep.time))
+        terms = (float(E_relaxed), _frozen(weight), _frozen(time), float(nu), float(viscosity), creep)
+        for name, value in zip(("E_relaxed", "E", "rho", "nu", "viscosity", "_given_creep"), terms, strict=True):
             object.__setattr__(self, name, value)
 
     @classmethod
@@ -151,17 +146,16 @@ class Prony:
         if not (np.isfinite(E_relaxed) and E_relaxed > 0):
             raise InputError(f"E_relaxed = {E_relaxed} Pa: creep terms need a positive long-time modulus")
         weight, time = _checked_terms("C", "tau", C, tau, 1.0 / E_relaxed)
-        unrelaxed = _instantaneous_compliance(float(E_relaxed), weight)
-        creep = Retardation(unrelaxed, _frozen(weight), _frozen(time))
+        creep = Retardation(_instantaneous_compliance(float(E_relaxed), weight), weight, time)
         family = relaxation_from_creep(creep)
-        return cls(E_relaxed, family.weight, family.time, nu, family.viscosity, _given_creep=creep)
+        return cls(E_relaxed, family.weight, family.time, nu, family.viscosity, creep)
 
     @cached_property
     def _creep(self) -> Retardation:
         if self._given_creep is not None:
             return self._given_creep
         family = creep_from_relaxation(Relaxation(self.E_relaxed, self.E, self.rho, self.viscosity))
-        return Retardation(family.unrelaxed, _frozen(family.weight), _frozen(family.time), family.fluidity)
+        return replace(family, weight=_frozen(family.weight), time=_frozen(family.time))
 
     @property
     def E_unrelaxed(self) -> float:
@@ -280,9 +274,9 @@ class Prony:
         terms = (self.E_relaxed * stiffer, self.E * stiffer, self.rho * slower, self.nu)
         creep = self._given_creep
         if creep is not None:
-            weight, time = _frozen(creep.weight / stiffer), _frozen(creep.time * slower)
-            creep = Retardation(creep.unrelaxed / stiffer, weight, time, creep.fluidity / slower / stiffer)
-        return Prony(*terms, self.viscosity * slower * stiffer, _given_creep=creep)
+            flow = creep.fluidity / slower / stiffer
+            creep = Retardation(creep.unrelaxed / stiffer, creep.weight / stiffer, creep.time * slower, flow)
+        return Prony(*terms, self.viscosity * slower * stiffer, creep)
 
     def __eq__(self, other: object) -> bool:
         """Compare by value, term by term."""
@@ -294,9 +288,8 @@ class Prony:
 
     def _key(self) -> tuple[object, ...]:
         creep = self._given_creep
-        terms = () if creep is None else (creep.weight.tobytes(), creep.time.tobytes())
-        scalars = (self.E_relaxed, self.nu, self.viscosity)
-        return (*scalars, self.E.tobytes(), self.rho.tobytes(), *terms)
+        arrays = (self.E, self.rho) if creep is None else (self.E, self.rho, creep.weight, creep.time)
+        return (self.E_relaxed, self.nu, self.viscosity, *(array.tobytes() for array in arrays))
 
     def __repr__(self) -> str:
         return f"Prony({self._caption})"
@@ -316,14 +309,7 @@ class Prony:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Rebuild from the terms of both families, so that a copy is bit-identical."""
-        terms = (self.E_relaxed, self.E, self.rho, self.nu, self.viscosity)
-        return _rebuilt, (*terms, self._given_creep)
-
-
-def _rebuilt(E_relaxed: float, E: Floats, rho: Floats, nu: float, viscosity: float, creep: Retardation | None) -> Prony:
-    if creep is not None:
-        creep = Retardation(creep.unrelaxed, _frozen(creep.weight), _frozen(creep.time), creep.fluidity)
-    return Prony(E_relaxed, E, rho, nu, viscosity, _given_creep=creep)
+        return Prony, (self.E_relaxed, self.E, self.rho, self.nu, self.viscosity, self._given_creep)
 
 
 def _sum_over_terms(weight: Floats, scale: Floats, argument: Floats, shape: Callable[[Floats], Floats]) -> Floats:
@@ -379,17 +365,19 @@ def _checked_terms(
             f"{weight_name} has shape {weights.shape} and {time_name} {times.shape}: "
             "expected two lists of equal length, one weight and one time per term"
         )
-    bad_weight = ~(np.isfinite(weights) & (weights >= 0))
-    if bad_weight.any():
-        k = int(np.argmax(bad_weight))
-        raise InputError(
-            f"{weight_name}[{k}] = {weights[k]}: with a negative weight the material would "
-            f"return more work than was put in (not admissible); fit the terms with weights ≥ 0"
-        )
-    bad_time = ~(np.isfinite(times) & (times > 0))
-    if bad_time.any():
-        k = int(np.argmax(bad_time))
-        raise InputError(f"{time_name}[{k}] = {times[k]} s: expected a positive, finite time")
+    for name, values, good, wrong in (
+        (
+            weight_name,
+            weights,
+            np.isfinite(weights) & (weights >= 0),
+            ": with a negative weight the material would return more work than was put in (not admissible); fit the "
+            "terms with weights ≥ 0",
+        ),
+        (time_name, times, np.isfinite(times) & (times > 0), " s: expected a positive, finite time"),
+    ):
+        if not good.all():
+            k = int(np.argmin(good))
+            raise InputError(f"{name}[{k}] = {values[k]}{wrong}")
     floor = _NEGLIGIBLE * (constant + float(np.sum(weights)))
     return merged(np.where(weights > floor, weights, 0.0), times)
 

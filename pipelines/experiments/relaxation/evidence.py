@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.identification import Evidence, JoinedModel, Parameter, force_evidence, lee_radok_basis
+from labpipe.identification import Evidence, LinearModel, Parameter, force_evidence, lee_radok_basis
 from pipelines.experiments.relaxation.moduli import elastic_area
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
@@ -48,7 +48,9 @@ def evidence(
         if len(each) == 1:
             return each[0]
         groups = tuple(replace(g, name=f"{g.name}, test {i}") for i, one in enumerate(each, 1) for g in one.groups)
-        return Evidence(name, groups, JoinedModel(tuple(one.model for one in each)))
+        return Evidence(
+            name, groups, LinearModel.stacked([one.model for one in each if isinstance(one.model, LinearModel)])
+        )
 
     return MaterialEvidence(parts[0][0].nu, (float(lags.min()), float(lags.max())), tuple(unknowns), joined)
 

@@ -10,7 +10,7 @@ def test_surrogate_of_forces_is_exact_far_away() -> None:
     objective = Objective(problem, problem.no_corrections(), {})
     at = np.zeros(len(problem.parameters))
     rest = objective.residuals(at)[: -at.size]
-    surrogate = objective._surrogate(at, rest)
+    surrogate = objective.surrogate(at, rest)
     there = at.copy()
     there[: problem.n_material] = np.linspace(-1.0, 1.0, problem.n_material)
     found, _ = surrogate.rows(there)

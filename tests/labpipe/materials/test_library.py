@@ -88,7 +88,7 @@ def test_a_file_of_the_laboratory_reads(tmp_path: Path) -> None:
         ("labpipe_material = 1", "labpipe_material = 2", 1, "version"),
         ("labpipe_material = 1", "labpipe_material = 1\ncolour = 3", 2, "unknown"),
         ("[shift]", "[drift]", 16, "unknown"),
-        ('source = "here"\nstatus = "measured"\n[shift]', 'status = "measured"\n[shift]', 11, "a source and a status"),
+        ('source = "here"\nstatus = "measured"\n[shift]', 'status = "measured"\n[shift]', 11, "source: expected text"),
     ],
 )
 def test_a_mistake_is_named_with_its_line(tmp_path: Path, old: str, new: str, line: int, words: str) -> None:

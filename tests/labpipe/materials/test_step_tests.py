@@ -1,4 +1,4 @@
-"""Tests over time give the moduli over frequency of the same material; melts differ by their distance to T_g."""
+"""Tests over time give the moduli over frequency of the same material."""
 
 import json
 
@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.materials import Prony, isofrictional_temperature, prony_of_creep, prony_of_relaxation, with_responses
+from labpipe.materials import Prony, prony_of_creep, prony_of_relaxation, with_responses
 
 RHO = np.geomspace(1e-6, 1e6, 60)
 SOLID = Prony(5e6, 1e8 / (1 + np.log10(RHO) ** 2), RHO, nu=0.4)
@@ -76,8 +76,3 @@ def test_readings_without_such_tests_stay_as_they_are():
     short = readings([20.0]).isel(sample=slice(0, 5)).assign_attrs(tests='[{"rows": 5}]')
     with pytest.raises(InputError, match=r"holds.csv: no test over time can be used: found 5 readings after the step"):
         with_responses(short)
-
-
-def test_a_melt_has_a_positive_molar_mass():
-    with pytest.raises(InputError, match="expected positive numbers"):
-        isofrictional_temperature(25.0, 0.0, 14.65)
