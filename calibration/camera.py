@@ -12,7 +12,7 @@ from typing import Any, cast
 import xarray as xr
 
 from calibration.record import CameraRecord, CameraValues, Record, require
-from labpipe.errors import CalibrationError, InputError
+from labpipe.errors import InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
 from labpipe.variables import with_u
@@ -96,16 +96,12 @@ def image_scale(
 
 
 def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
-    sources = []
     if values.scale is not None:
-        size = values.scale
-        sources.append(Source.of("scale", size, 1.0))
+        size, sources = values.scale, [Source.of("scale", values.scale, 1.0)]
     else:
-        length, pixels = values.reference_length, values.pixel_length
-        if length is None or pixels is None:
-            raise CalibrationError("a camera record holds a scale, or a length with its pixels")
+        length, pixels = cast("Quantity", values.reference_length), cast("Quantity", values.pixel_length)
         size = pixel_size(length, pixels)
-        sources += [
+        sources = [
             Source.of("reference length", length, 1 / pixels.value),
             Source.of("pixel distance", pixels, size.value / pixels.value),
         ]
