@@ -19,19 +19,14 @@ from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import (
-    Colour,
-    coloured_covariance,
-    corner_in_flight,
-    estimate_corner,
-    velocity_factor,
-)
+from labpipe.signals._noise_spectrum import Colour, corner_in_flight, estimate_corner, velocity_factor
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
     FEWEST_IN_FLIGHT,
     SURE,
     Turn,
+    arc,
     common_fall,
     curvature,
     find_turns,
@@ -68,7 +63,7 @@ _SHARED = (
 """Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
 
 TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
-"""Quantities of an impact that are compared beside each other: what they have in common is told with its sign."""
+"""Quantities of an impact that are compared together: the part of their errors in common is stated with its sign."""
 
 LABELS = {
     "touch_time": ("s", "time of touch"),
@@ -226,7 +221,7 @@ def _measured(
             f"m/s in {turns[0].duration:.3g} s, no more than {_IMPULSIVE:.0f} times the fall does"
         )
     prior = PRIORS[contact]
-    impacts, last_touch = _fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior, floor)
+    impacts, last_touch = fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior, floor)
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
@@ -271,12 +266,10 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
     """Follow a record and find its turns."""
     fit = smooth(time, values, sigma)
     # +1 when upwards is positive: contact forces are far larger than gravity, and push up
-    acceleration, u = evaluate(fit, time, 2)
+    (level, u_level), (speed, u_speed), (acceleration, u) = evaluate(fit, time, 0, 1, 2)
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
-    speed, u_speed = evaluate(fit, time, 1)
-    level, u_level = evaluate(fit, time, 0)
     share = (u_level / fit.sigma) ** 2
     corner = estimate_corner((values - level) / sigma, share, fit.time_scale)
     u_speed = u_speed * velocity_factor(share, fit.time_scale, corner)
@@ -307,7 +300,7 @@ def _is_flight(value: float, u: float, fall: float) -> bool:
     return u <= _FALL_TOLERANCE * fall and abs(value - fall) <= max(_FALL_TOLERANCE * fall, 3.0 * u)
 
 
-def _fitted(
+def fitted(
     time: Floats,
     height: Floats,
     noise: tuple[float, Colour],
@@ -401,56 +394,37 @@ def _release(
     direction: int,
 ) -> dict[str, Any]:
     """Release: where the falling arc has no speed. First contact: the first touch."""
-    sigma, colour = noise
-    start, touch = turn.before + (turn.descent - turn.before) // 10, float(impact.value[0])
-    # Slow drift or hum makes the turn begin while the body still rests. The last third of what is
-    # left falls for certain and says when the release was.
-    late = int(np.searchsorted(time, touch - (touch - time[start]) / 3))
-    (_, speed, fall_rate), _ = _falling_arc(time, height, sigma, late, impact, gravity)
-    release = touch + speed / fall_rate
-    if release - time[start] > _RESTED * (touch - release):
-        start = int(np.searchsorted(time, release))
-    (level, speed, fall_rate), design = _falling_arc(time, height, sigma, start, impact, gravity)
-    t = time[start : int(np.searchsorted(time, touch))]
+    touch, contact = float(impact.value[0]), float(impact.value[4])
+    u_touch, u_contact = np.sqrt(np.diag(impact.covariance)[[0, 4]]).tolist()
+
+    def fallen(start: int) -> tuple[Floats, Floats]:
+        part = slice(start, int(np.searchsorted(time, touch)))
+        return arc(time[part], height[part] - contact, *noise, touch, gravity)
+
+    start = turn.before + (turn.descent - turn.before) // 10
     try:
-        inverse = np.linalg.inv(design.T @ design)
-        # The last row is the common fall, not a reading.
-        covariance = sigma**2 * coloured_covariance(design, inverse, t, colour, sigma)
+        # Slow drift or hum makes the turn begin while the body still rests. The last third of what is
+        # left falls for certain and says when the release was.
+        (_, speed, rate), _ = fallen(int(np.searchsorted(time, touch - (touch - time[start]) / 3)))
+        release = touch + speed / rate
+        if release - time[start] > _RESTED * (touch - release):
+            start = int(np.searchsorted(time, release))
+        (level, speed, rate), covariance = fallen(start)
     except np.linalg.LinAlgError as error:
-        raise InputError(
-            f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "
-            f"not determine when it began"
-        ) from error
-    begin = speed / fall_rate
-    by_arc = np.array([0.0, 1.0 / fall_rate, -speed / fall_rate**2])
-    drop = level + 0.5 * speed**2 / fall_rate
-    drop_by_arc = np.array([1.0, speed / fall_rate, -0.5 * speed**2 / fall_rate**2])
-    u_touch, u_level = (float(np.sqrt(u)) for u in np.diag(impact.covariance)[[0, 4]].tolist())
-    release = float(impact.value[0] + begin)
-    if release < time[0]:
-        text = f"the body was already falling when the record began; its release at {release:.4g} s is extrapolated"
-        warnings.warn(text, UserWarning, stacklevel=3)
-    u_drop = float(np.hypot(propagated_u(drop_by_arc, covariance), u_level))
+        text = f"the readings of the fall before the first touch at {touch:.6g} s do not determine when it began"
+        raise InputError(text) from error
+    begin, drop = speed / rate, float(level + 0.5 * speed**2 / rate)
+    by_arc, drop_by_arc = np.array([0.0, 1.0, -begin]) / rate, np.array([1.0, begin, -0.5 * begin**2])
+    if touch + begin < time[0]:
+        text = f"the body was already falling when the record began; its release at {touch + begin:.4g} s is "
+        warnings.warn(text + "extrapolated", UserWarning, stacklevel=4)
+    u_drop = float(np.hypot(propagated_u(drop_by_arc, covariance), u_contact))
     return (
-        with_u("release_time", (), release, float(propagated_u(by_arc, covariance)), "s", "release")
-        | with_u("first_contact_time", (), float(impact.value[0]), u_touch, "s", "first contact")
-        | with_u("contact_level", (), direction * float(impact.value[4]), u_level, "m", "displacement at first touch")
-        | with_u("drop_height", (), float(drop), u_drop, "m", "height of the fall")
+        with_u("release_time", (), float(touch + begin), float(propagated_u(by_arc, covariance)), "s", "release")
+        | with_u("first_contact_time", (), touch, u_touch, "s", "first contact")
+        | with_u("contact_level", (), direction * contact, u_contact, "m", "displacement at first touch")
+        | with_u("drop_height", (), drop, u_drop, "m", "height of the fall")
     )
-
-
-def _falling_arc(
-    time: Floats, height: Floats, sigma: float, start: int, impact: ImpactFit, gravity: tuple[float, float]
-) -> tuple[tuple[float, float, float], Floats]:
-    """Fit the fall from one reading to the first touch: level, speed and acceleration there."""
-    fall = slice(start, int(np.searchsorted(time, impact.value[0])))
-    t = time[fall] - impact.value[0]
-    design = np.stack([np.ones_like(t), t, -0.5 * t**2], axis=1)
-    # The common fall is one more, very certain, reading.
-    design = np.vstack([design, [0.0, 0.0, sigma / gravity[1]]])
-    right = np.append(height[fall] - impact.value[4], gravity[0] * sigma / gravity[1])
-    level, speed, rate = np.linalg.lstsq(design, right, rcond=None)[0].tolist()
-    return (level, speed, rate), design
 
 
 def _rest(

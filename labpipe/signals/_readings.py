@@ -27,6 +27,8 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     t = np.array(time, float)
     if t.ndim != 1:
         raise InputError(f"{what} must be one-dimensional; found the shape {t.shape}")
+    if t.size > 1 and np.min(np.diff(t)) > LEAST and t[0] > -LARGEST and t[-1] < LARGEST:
+        return t
     if t.size and not np.isfinite(t[0]):
         raise InputError(f"{what} must be finite; sample 0 is at {t[0]} s")
     # An infinite time may well follow a finite one, and nothing but infinity follows it.
@@ -36,7 +38,7 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
         raise InputError(f"{what} must increase; sample {i + 1} is at {t[i + 1]} s after {t[i]} s")
     if t.size and not (t[0] > -LARGEST and t[-1] < LARGEST):
         raise InputError(f"{what} must be in s; found {t[0]:.3g} to {t[-1]:.3g} s")
-    if t.size > 1 and not float(np.min(np.diff(t))) > LEAST:
+    if t.size > 1:
         raise InputError(f"{what} must be in s; found readings {np.min(np.diff(t)):.3g} s apart")
     return t
 

@@ -140,7 +140,7 @@ def test_damping_over_two_decades(zeta):
     fit = damped_oscillation(time, ring)
     assert fit.frequency == pytest.approx(damped, rel=1e-3)
     assert fit.damping_ratio == pytest.approx(zeta, abs=1e-3)
-    assert fit.start_time == 3.0
+    assert fit.reference_time == 3.0
 
 
 @pytest.mark.parametrize(
