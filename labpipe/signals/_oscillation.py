@@ -14,12 +14,12 @@ searched; the covariance is that of all parameters together.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize_scalar
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -109,8 +109,7 @@ class Oscillation:
         return np.asarray(np.polynomial.polynomial.polyval(s, self.trend) + (np.array(self.waves) @ turns).imag)
 
 
-@dataclass(frozen=True, slots=True)
-class CommonFit:
+class CommonFit(NamedTuple):
     """Position and force at one frequency.
 
     ``phase_lag`` (rad) is how far the force leads the position, positive for a lossy solid;
@@ -192,15 +191,20 @@ def fit_sinusoid(
     n_parameters = trend_order + 2 + 2 * n_waves
     if len(t) < 2 * n_parameters:
         raise InputError(f"{len(t)} readings cannot determine {n_parameters} parameters of a sinusoid")
-    linear = partial(_linear, s, y, n_waves=n_waves, degree=trend_order)
-    # The misfit has one minimum within 1.2 / T; a guess may lie as far off, the strongest line lies within a fraction.
-    ends = max(guess - 1.2 / span, 0.2 * guess), min(guess + 1.2 / span, nyquist)
-    trials = np.linspace(*ends, 17)[1:-1] if frequency_guess is not None else [guess]
-    begin = min(trials, key=lambda f: float(np.sum(linear(f)[1] ** 2)))
-    bounds = (np.nextafter(ends[0] / guess, 0.0), np.nextafter(ends[1] / guess, 9.0))
-    scatter, close = float(np.std(y)), {"ftol": 1e-14, "xtol": 1e-11, "gtol": None}
-    found = least_squares(lambda p: linear(guess * p[0])[1] / scatter, [begin / guess], bounds=bounds, **close)
-    return _described(s, y, guess * float(found.x[0]), 0.0, n_waves, trend_order, reference, 1, resolution)
+    model = _Model(s, y, n_waves, trend_order)
+
+    def misfit(frequency: float) -> float:
+        return float(np.sum(model.linear(frequency)[1] ** 2))
+
+    # The misfit has one minimum within 1.2 / T. A guess may be as far off, the strongest line half as far.
+    reach = (1.2 if frequency_guess is not None else 0.6) / span
+    bounds = max(guess - reach, 0.2 * guess), min(guess + reach, nyquist)
+    if frequency_guess is not None:
+        trials = np.linspace(*bounds, 17)
+        best = int(np.argmin([misfit(frequency) for frequency in trials]))
+        bounds = trials[max(best - 1, 0)], trials[min(best + 1, 16)]
+    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9 * guess})
+    return model.described(float(found.x), 0.0, reference, 1, resolution)
 
 
 def damped_oscillation(
@@ -247,14 +251,15 @@ def damped_oscillation(
             f"a vibration of {guess:.6g} Hz needs {_FEWEST_CYCLES} cycles and {_FEWEST_READINGS} "
             f"readings; found {guess * span:.3g} cycles in {len(t)} readings"
         )
-    scatter = float(np.std(y))  # in units of the signal, or the optimiser's absolute tolerances would end it at once
+    # In units of the signal, or the optimiser's absolute tolerances would end it at once.
+    model, scatter = _Model(s, y), float(np.std(y))
 
     def residual(p: Floats) -> Floats:
-        return _linear(s, y, guess * p[0], p[1] / span)[1] / scatter
+        return model.linear(guess * p[0], p[1] / span)[1] / scatter
 
     begin = min(_TRIAL_RATES, key=lambda rate: float(np.sum(residual(np.array([1.0, rate])) ** 2)))
     best = least_squares(residual, [1.0, begin], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0])
-    return _described(s, y, guess * float(best.x[0]), float(best.x[1]) / span, 1, 1, start, 2)
+    return model.described(guess * float(best.x[0]), float(best.x[1]) / span, start, 2)
 
 
 def common_fit(
@@ -307,7 +312,9 @@ def common_fit(
     readings_of(t, load)  # a constant force has no phase
     moved = fit_sinusoid(t, x, frequency_guess, trend_order=2, resolution=resolutions[0])
     s, omega = t - moved.reference_time, 2 * np.pi * moved.frequency
-    recorded = _described(s, load, moved.frequency, 0.0, len(moved.waves), 2, moved.reference_time, 0, resolutions[1])
+    recorded = _Model(s, load, len(moved.waves), 2).described(
+        moved.frequency, 0.0, moved.reference_time, 0, resolutions[1]
+    )
     factor = 1.0 + 0.0j if response is None else response(moved.frequency)
     wave = recorded.waves[0] / factor
     pushed = replace(
@@ -365,76 +372,70 @@ def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
     return float(frequency[possible][np.argmax(power[possible])])
 
 
-def _linear(
-    s: Floats, y: Floats, frequency: float, rate: float = 0.0, n_waves: int = 1, degree: int = 1
-) -> tuple[Floats, Floats, Floats]:
-    """Return coefficients, residuals and columns at a given frequency and decay.
+class _Model:
+    """A fit of waves with harmonics about a polynomial trend, linear but for their frequency and rate."""
 
-    Columns are sin and cos of every wave, then powers of the time in units of half the record.
-    """
-    turns = np.exp((2j * np.pi * frequency * np.arange(1, n_waves + 1)[:, None] - rate) * s)
-    powers = (s / max(float(s[-1]), float(-s[0]))) ** np.arange(degree + 1)[:, None]
-    columns = np.vstack([turns.imag, turns.real, powers])
-    # Waves over a cycle or more and low powers are well conditioned: normal equations suffice.
-    mean = float(np.mean(y))
-    coefficients = np.linalg.lstsq(columns @ columns.T, columns @ (y - mean), rcond=None)[0]
-    left = y - mean - coefficients @ columns
-    coefficients[2 * n_waves] += mean
-    return coefficients, left, columns.T
+    def __init__(self, s: Floats, y: Floats, n_waves: int = 1, degree: int = 1) -> None:
+        self.s, self.y, self.n_waves, self.mean = s, y, n_waves, float(np.mean(y))
+        self.half = float(np.max(np.abs(s)))
+        self.powers = np.vander(s / self.half, degree + 1, increasing=True).T
 
+    def linear(self, frequency: float, rate: float = 0.0) -> tuple[Floats, Floats, Floats]:
+        """Return coefficients, residuals and columns: sin and cos of every wave, then powers of the time."""
+        turns = np.exp(2j * np.pi * frequency * self.s)[None]
+        if self.n_waves > 1:
+            turns = np.cumprod(np.repeat(turns, self.n_waves, axis=0), axis=0)
+        turns = turns * np.exp(-rate * self.s) if rate else turns
+        columns = np.concatenate([turns.imag, turns.real, self.powers])
+        # Waves over a cycle or more and low powers are well conditioned: normal equations suffice.
+        coefficients = np.linalg.lstsq(columns @ columns.T, columns @ (self.y - self.mean), rcond=None)[0]
+        left = self.y - self.mean - coefficients @ columns
+        coefficients[2 * self.n_waves] += self.mean
+        return coefficients, left, columns.T
 
-def _described(
-    s: Floats,
-    y: Floats,
-    frequency: float,
-    rate: float,
-    n_waves: int,
-    degree: int,
-    reference: float,
-    n_free: int,
-    step: float = 0.0,
-) -> Oscillation:
-    """Describe the fit at its best frequency and rate, of which the first ``n_free`` were fitted."""
-    coefficients, left, design = _linear(s, y, frequency, rate, n_waves, degree)
-    waves = coefficients[:n_waves] + 1j * coefficients[n_waves : 2 * n_waves]
-    curves = waves * (design[:, n_waves : 2 * n_waves] + 1j * design[:, :n_waves])
-    by_frequency, by_rate = 2 * np.pi * s * (curves.real @ np.arange(1, n_waves + 1)), -s * curves.imag.sum(axis=1)
-    jacobian = np.column_stack([design, *[by_frequency, by_rate][:n_free]])
-    covariances = [parameter_covariance(jacobian, left)]
-    scatter = float(left @ left) / max(len(left) - jacobian.shape[1], 1)
-    if n_free == 2:
-        # The spectrum of a short residual is known to a fifth at best; the larger u is stated.
-        scale = np.linalg.norm(jacobian, axis=0)
-        white = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True) / np.outer(scale, scale)
-        covariances.append(scatter * white)
-    if step > 0.0:
-        beyond = max(1.0 - step**2 / 12 / scatter, 0.0) if scatter > 0.0 else 0.0
-        covariances = [beyond * covariances[0] + _rounding_covariance(jacobian, y - left, step)]
+    def described(self, frequency: float, rate: float, reference: float, n_free: int, step: float = 0.0) -> Oscillation:
+        """Describe the fit at its best frequency and rate, of which the first ``n_free`` were fitted."""
+        s, y, n_waves = self.s, self.y, self.n_waves
+        coefficients, left, design = self.linear(frequency, rate)
+        waves = coefficients[:n_waves] + 1j * coefficients[n_waves : 2 * n_waves]
+        curves = waves * (design[:, n_waves : 2 * n_waves] + 1j * design[:, :n_waves])
+        by_frequency, by_rate = 2 * np.pi * s * (curves.real @ np.arange(1, n_waves + 1)), -s * curves.imag.sum(axis=1)
+        jacobian = np.column_stack([design, *[by_frequency, by_rate][:n_free]])
+        covariances = [parameter_covariance(jacobian, left)]
+        scatter = float(left @ left) / max(len(left) - jacobian.shape[1], 1)
+        if n_free == 2:
+            # The spectrum of a short residual is known to a fifth at best; the larger u is stated.
+            scale = np.linalg.norm(jacobian, axis=0)
+            white = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True) / np.outer(scale, scale)
+            covariances.append(scatter * white)
+        if step > 0.0:
+            beyond = max(1.0 - step**2 / 12 / scatter, 0.0) if scatter > 0.0 else 0.0
+            covariances = [beyond * covariances[0] + _rounding_covariance(jacobian, y - left, step)]
 
-    def u_of(gradient: dict[int, float]) -> float:
-        along = np.zeros(jacobian.shape[1])
-        along[list(gradient)] = list(gradient.values())
-        return max(float(propagated_u(along, covariance)) for covariance in covariances)
+        def u_of(gradient: dict[int, float]) -> float:
+            along = np.zeros(jacobian.shape[1])
+            along[list(gradient)] = list(gradient.values())
+            return max(float(propagated_u(along, covariance)) for covariance in covariances)
 
-    amplitude, unit = abs(waves[0]), waves[0] / max(abs(waves[0]), np.finfo(float).tiny)
-    omega, m = 2 * np.pi * frequency, design.shape[1]
-    natural, half = float(np.hypot(omega, rate)), max(float(s[-1]), float(-s[0]))
-    by_both = {m: -2 * np.pi * rate * omega / natural**3, m + 1: omega**2 / natural**3}
-    return Oscillation(
-        frequency=frequency,
-        u_frequency=u_of({m: 1.0}) if n_free else 0.0,
-        damping_ratio=rate / natural,
-        u_damping_ratio=u_of(by_both) if n_free == 2 else 0.0,
-        amplitude=float(amplitude),
-        u_amplitude=u_of({0: unit.real, n_waves: unit.imag}),
-        phase=float(np.angle(waves[0])),
-        u_phase=u_of({0: -unit.imag, n_waves: unit.real}) / float(amplitude),
-        reference_time=reference,
-        rate=rate,
-        waves=tuple(waves.tolist()),
-        trend=tuple((coefficients[2 * n_waves :] / half ** np.arange(degree + 1)).tolist()),
-        residual_rms=float(np.sqrt(np.mean(left**2))),
-    )
+        amplitude, unit = abs(waves[0]), waves[0] / max(abs(waves[0]), np.finfo(float).tiny)
+        omega, m = 2 * np.pi * frequency, design.shape[1]
+        natural = float(np.hypot(omega, rate))
+        by_both = {m: -2 * np.pi * rate * omega / natural**3, m + 1: omega**2 / natural**3}
+        return Oscillation(
+            frequency=frequency,
+            u_frequency=u_of({m: 1.0}) if n_free else 0.0,
+            damping_ratio=rate / natural,
+            u_damping_ratio=u_of(by_both) if n_free == 2 else 0.0,
+            amplitude=float(amplitude),
+            u_amplitude=u_of({0: unit.real, n_waves: unit.imag}),
+            phase=float(np.angle(waves[0])),
+            u_phase=u_of({0: -unit.imag, n_waves: unit.real}) / float(amplitude),
+            reference_time=reference,
+            rate=rate,
+            waves=tuple(waves.tolist()),
+            trend=tuple((coefficients[2 * n_waves :] / self.half ** np.arange(len(self.powers))).tolist()),
+            residual_rms=float(np.sqrt(np.mean(left**2))),
+        )
 
 
 def _rounding_covariance(jacobian: Floats, curve: Floats, step: float) -> Floats:

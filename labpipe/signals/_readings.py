@@ -9,9 +9,6 @@ from labpipe.errors import InputError
 LARGEST, LEAST = 1e75, 1e-75
 """Beyond it no quantity in SI units lies; fourth powers of both are still numbers."""
 
-_MOST_SAMPLES = 20_000_000
-"""Of a common time base: a thousand times a long record, and still in memory."""
-
 
 def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     """Return times as float64, or say where they do not increase.
@@ -44,14 +41,9 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
 
 
 def refuse_infinite(values: Floats, what: str) -> None:
-    """Refuse infinite readings: NaN is how a reading says that there is none.
+    """Refuse infinite readings, and those larger than any quantity (1e75); NaN says that there is no reading.
 
-    A value larger than any quantity (1e75) is refused as well: its square would be infinite.
-
-    Raises
-    ------
-    InputError
-        Names the first one.
+    InputError names the first one.
     """
     wrong = np.flatnonzero(np.abs(values) > LARGEST)
     if wrong.size:
@@ -62,18 +54,3 @@ def refuse_infinite(values: Floats, what: str) -> None:
 def is_constant(values: Floats) -> bool:
     """Return True where finite readings do not vary, or by less than any quantity does (1e-75)."""
     return values.size == 0 or float(np.ptp(values)) <= LEAST
-
-
-def refuse_endless(span: float, interval: float) -> None:
-    """Refuse a common time base that no memory holds, as of records with times in s and in ns.
-
-    Raises
-    ------
-    InputError
-        More than twenty million samples.
-    """
-    if not span <= _MOST_SAMPLES * interval:
-        raise InputError(
-            f"{span:.3g} s at the finest interval of {interval:.3g} s are more than "
-            f"{_MOST_SAMPLES} samples; give all records their times in s"
-        )
