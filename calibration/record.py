@@ -246,14 +246,13 @@ def load_record(path: str | os.PathLike[str]) -> Record:
     document = parse(path)
     version, kind = document.tree.get("version"), document.tree.get("kind")
     if isinstance(version, int) and version > VERSION:
-        message = f"{path}: the record has version {version}, this labpipe knows {VERSION}; "
-        message += "update labpipe (pip install --upgrade labpipe)"
-        raise CalibrationError(message)
+        raise CalibrationError(
+            f"{path}: the record has version {version}, this labpipe knows {VERSION}; "
+            "update labpipe (pip install --upgrade labpipe)"
+        )
     if not isinstance(kind, str) or kind not in KINDS:
-        line = document.lines.get(("kind",), 1)
-        known = ", ".join(f'"{name}"' for name in KINDS)
-        found = "nothing" if kind is None else f'"{kind}"'
-        raise ConfigError([f"{path}:{line}: kind: expected one of {known}, found {found}"])
+        known, found = ", ".join(f'"{name}"' for name in KINDS), "nothing" if kind is None else f'"{kind}"'
+        raise ConfigError([f"{path}:{document.lines.get(('kind',), 1)}: kind: expected one of {known}, found {found}"])
     return config.read(path, KINDS[kind])
 
 
@@ -301,29 +300,25 @@ def require(
             f"of a {kind.replace('_', ' ')}; name that file instead"
         )
     if view is not None and record.view != view:
-        message = (
-            f'record "{record.id}" belongs to '
-            + (f'the view "{record.view}"' if record.view else "no view")
-            + f', the measurement to the view "{view}"; take the record of that view'
+        own = f'the view "{record.view}"' if record.view else "no view"
+        raise CalibrationError(
+            f'record "{record.id}" belongs to {own}, the measurement to the view "{view}"; take the record of that view'
         )
-        raise CalibrationError(message)
     validity, no_day = _check_validity(record, attrs, measured, ignore_validity)
-    return {
-        "id": record.id,
-        "kind": record.kind,
-        "instrument": record.instrument,
-        "serial": record.serial,
-        "valid_from": record.valid_from.isoformat(),
-        "valid_until": record.valid_until.isoformat(),
-        "who": record.who,
-        "when": record.when.isoformat(),
-        "how": record.how,
-        "sensor_check": _check_sensor(record, attrs),
-        "validity_check": validity,
-        "no_day": no_day,
-        "stated_day": measured.isoformat() if isinstance(measured, date) else "",
-        "recorded_day": _recorded_day(attrs),
-    }
+    start, fields = _day(str(attrs.get("start", ""))), ("id", "kind", "instrument", "serial", "who", "how")
+    dates = {name: getattr(record, name).isoformat() for name in ("valid_from", "valid_until", "when")}
+    return (
+        {name: getattr(record, name) for name in fields}
+        | dates
+        | {
+            "sensor_check": _check_sensor(record, attrs),
+            "validity_check": validity,
+            "no_day": no_day,
+            "stated_day": measured.isoformat() if isinstance(measured, date) else "",
+            # the day that the readings themselves say, "" where they have none or their clock cannot be right
+            "recorded_day": start.isoformat() if start and _CLOCKS_SET <= start <= date.today() else "",
+        }
+    )
 
 
 def _check_sensor(record: Record, attrs: Mapping[str, Any]) -> str:
@@ -370,20 +365,10 @@ def _check_validity(
     )
 
 
-def _recorded_day(attrs: Mapping[str, Any]) -> str:
-    """Return the day that the readings themselves say, "" where they have none or their clock cannot be right."""
-    day = _day(str(attrs.get("start", "")))
-    return "" if day is None or not _CLOCKS_SET <= day <= date.today() else day.isoformat()
-
-
 def _day(text: str | date) -> date | None:
-    if isinstance(text, datetime):
-        return text.date()
-    if isinstance(text, date):
-        return text
-    if not text:
-        return None
+    if isinstance(text, date):  # or a time of a day
+        return text.date() if isinstance(text, datetime) else text
     try:
-        return datetime.fromisoformat(text).date()
+        return datetime.fromisoformat(text).date() if text else None
     except ValueError:
         raise CalibrationError(f'the day of the measurement must read like "2024-05-14", found "{text}"') from None
