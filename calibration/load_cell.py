@@ -33,11 +33,9 @@ def force(
     readings: xr.Dataset,
     record: Record | None = None,
     *,
-    axis: str = "z",
     zero: _quiet.Zero | None = None,
     compression_sign: int | None = None,
     measured: str | date | None = None,
-    ignore_validity: bool = False,
 ) -> xr.Dataset:
     """Make a compression-positive, tared force with uncertainty.
 
@@ -48,14 +46,12 @@ def force(
     record : Record, optional
         Of the kind ``load_cell``; without one the factor that the instrument applied is kept,
         ``u_gain`` is NaN, and the budget holds only the scatter of the readings themselves.
-    axis : {"x", "y", "z"}
-        Which force.
     zero : "start" or (float, float) or Quantity or float, optional
         Where the force is zero: the quiet beginning of the (first) block, a window of it in s,
         or a reading [N]. By default nothing is subtracted: a block may begin under load.
     compression_sign : {1, -1}, optional
         Where the file does not state the type of its load cell.
-    measured, ignore_validity
+    measured
         See :func:`calibration.record.require`.
 
     Returns
@@ -73,7 +69,7 @@ def force(
     InputError
         There is no such force.
     """
-    name = f"force_{axis}"
+    name = "force_z"
     if name not in readings:
         raise InputError(f'the readings have no "{name}"')
     if compression_sign not in (None, 1, -1):
@@ -89,7 +85,7 @@ def force(
     if record is not None:
         names = {(block["load_cell"] or {}).get("name") or "" for block in _blocks(readings.attrs)}
         attrs = readings.attrs | {"sensor": names.pop() if len(names) == 1 else ""}
-        checked = require(record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity)
+        checked = require(record, "load_cell", attrs, measured=measured)
         values = cast("LoadCellRecord", record).values
     gain = values.scale if values else _UNKNOWN
     raw = np.asarray(readings[name].values, dtype=float)

@@ -257,13 +257,7 @@ def load_record(path: str | os.PathLike[str]) -> Record:
 
 
 def require(
-    record: Record,
-    kind: str,
-    attrs: Mapping[str, Any],
-    *,
-    measured: str | date | None = None,
-    view: str | None = None,
-    ignore_validity: bool = False,
+    record: Record, kind: str, attrs: Mapping[str, Any], *, measured: str | date | None = None, view: str | None = None
 ) -> dict[str, Any]:
     """Refuse a record that does not belong to a measurement; else list the checks.
 
@@ -281,8 +275,6 @@ def require(
         known, the result says that the validity was not checked.
     view : str, optional
         Camera view.
-    ignore_validity : bool
-        Use a record outside its period; the result says so.
 
     Returns
     -------
@@ -304,7 +296,7 @@ def require(
         raise CalibrationError(
             f'record "{record.id}" belongs to {own}, the measurement to the view "{view}"; take the record of that view'
         )
-    validity, no_day = _check_validity(record, attrs, measured, ignore_validity)
+    validity, no_day = _check_validity(record, attrs, measured)
     start, fields = _day(str(attrs.get("start", ""))), ("id", "kind", "instrument", "serial", "who", "how")
     dates = {name: getattr(record, name).isoformat() for name in ("valid_from", "valid_until", "when")}
     return (
@@ -344,9 +336,7 @@ def _check_sensor(record: Record, attrs: Mapping[str, Any]) -> str:
     raise CalibrationError(text)
 
 
-def _check_validity(
-    record: Record, attrs: Mapping[str, Any], measured: str | date | None, ignore_validity: bool
-) -> tuple[str, str]:
+def _check_validity(record: Record, attrs: Mapping[str, Any], measured: str | date | None) -> tuple[str, str]:
     """Compare the period of a record with the day of a measurement; return the result, and the reason if unknown."""
     day = _day(measured if measured is not None else str(attrs.get("start", "")))
     if day is None:
@@ -355,8 +345,6 @@ def _check_validity(
         return f"valid on {day}", ""
     if not isinstance(measured, date) and not _CLOCKS_SET <= day <= date.today():
         return f"not known: the clock of the instrument says {day}", WRONG_CLOCK
-    if ignore_validity:
-        return f"ignored: measured on {day}, outside the period of the record", ""
     word = "expired" if day > record.valid_until else "was not yet valid"
     raise CalibrationError(
         f'record "{record.id}" is valid from {record.valid_from} until {record.valid_until}; it '

@@ -91,12 +91,7 @@ _DERIVED: dict[str, Callable[[Any], Any]] = {
 
 
 def bounces(
-    displacement: xr.Dataset | xr.DataArray,
-    *,
-    gravity: float | None = None,
-    noise: float | None = None,
-    contact: Literal["any", "polymer"] = "any",
-    floor: Floor | None = None,
+    displacement: xr.Dataset | xr.DataArray, *, contact: Literal["any", "polymer"] = "any", floor: Floor | None = None
 ) -> xr.Dataset:
     """Find and measure every bounce of a body that was dropped.
 
@@ -105,11 +100,6 @@ def bounces(
     displacement : Dataset with ``displacement`` or DataArray, over time [m]
         Either direction, any offset. NaN samples are left out. An attribute ``hum`` of the Dataset
         says which hum was taken out of it already; it is found again with the flights.
-    gravity : float, optional [m/s2]
-        Acceleration of the free fall in the record. Default: fitted, common to all flights; an
-        uncorrected inclination of the sensor then cancels in the restitution.
-    noise : float, optional [m]
-        Standard deviation of white noise; default estimated from the record.
     contact : {"any", "polymer"}
         What is known of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
         ``"polymer"`` (a solid with a broad relaxation spectrum, such as acrylic, PEEK, nylon or
@@ -181,26 +171,20 @@ def bounces(
     time, values = time[is_read], values[is_read]
     if len(time) < 4 * FEWEST_IN_FLIGHT:
         raise InputError(f"a drop needs at least {4 * FEWEST_IN_FLIGHT} readings; found {len(time)}")
-    sigma = noise if noise is not None else estimate_noise(values - values[0], time).sigma
+    sigma = estimate_noise(values - values[0], time).sigma
     if is_constant(values) or not (np.isfinite(sigma) and sigma > 0.0):
         raise InputError("the displacement does not change: no drop in this record")
     wild = outliers(values, time, noise=sigma)
     known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
     try:
-        return _measured(time[~wild.flags], values[~wild.flags], sigma, known, gravity, contact, floor)
+        return _measured(time[~wild.flags], values[~wild.flags], sigma, known, contact, floor)
     except InputError as error:
         disturbed = wild.interruption(time, values)
         raise (InputError(f"{disturbed}; {error}") if disturbed else error) from None
 
 
 def _measured(
-    time: Floats,
-    values: Floats,
-    sigma: float,
-    known: Hum | None,
-    gravity: float | None,
-    contact: str,
-    floor: Floor | None,
+    time: Floats, values: Floats, sigma: float, known: Hum | None, contact: str, floor: Floor | None
 ) -> xr.Dataset:
     """Find and measure the bounces of readings that are all valid."""
     motion = _followed(time, values, sigma, known)
@@ -214,7 +198,7 @@ def _measured(
     direction, turns = motion.direction, motion.turns
     colour = Colour(corner_in_flight(time, values, sigma, free, motion.colour.corner), hum)
     height = direction * values
-    fall, u_fall = common_fall(time, height, sigma, turns, gravity, colour)
+    fall, u_fall = common_fall(time, height, sigma, turns, colour)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
         raise InputError(
             f"no bounce found: the strongest reversal changes the speed by {turns[0].jump:.3g} "
@@ -280,7 +264,7 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
 def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) -> list[Stretch]:
     """Return where no specimen swings: the rest before the release, and all flights."""
     height, colour = motion.direction * values, motion.colour
-    fall, _ = common_fall(time, height, sigma, motion.turns, None, colour)
+    fall, _ = common_fall(time, height, sigma, motion.turns, colour)
     first = motion.turns[0]
     # A hum makes the turn begin while the body still rests: the speed of the impact tells the release.
     lasts = -float(motion.speed[first.descent]) / fall

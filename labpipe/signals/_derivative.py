@@ -227,9 +227,6 @@ def _spline(
             n_updates += fit.n_updates
             (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
     residual, share = (y - level)[kept], (u_level / fit.sigma) ** 2
-    # Residuals below 1e-6 of the range are those of a computed curve.
-    if len(residual) >= 64 and known.block == 1 and float(np.std(residual)) > 1e-6 * float(np.ptp(y)):
-        _warn_of_fast_motion(residual)
     if colour is None:
         colour = Colour(estimate_corner(residual / known.sigma, share[kept], fit.time_scale))
     u *= velocity_factor(share, fit.time_scale, colour.corner)
@@ -237,25 +234,6 @@ def _spline(
         u = np.hypot(u, colour.hum.remaining_rate(t))
     counts |= {"coefficients": len(fit.coefficients), "band_solves": n_updates}
     return v, u, _attributes(known, n_spikes, counts) | {"noise_corner": colour.corner}
-
-
-def _warn_of_fast_motion(residual: Floats) -> None:
-    """Say when one frequency holds most of the power of residuals, of which the five bins of a line hold few."""
-    near = [float(np.sum(residual[k:] * residual[:-k])) for k in (1, 2)]
-    if np.linalg.norm(near) < 0.3 * float(np.sum(residual**2)):  # half of a power at any one frequency gives 0.33
-        return
-    size = min(500, len(residual))
-    blocks = residual[: len(residual) // size * size].reshape(-1, size) * np.hanning(size)
-    power = np.sum(np.abs(np.fft.rfft(blocks)) ** 2, axis=0)
-    peak = int(np.argmax(power))
-    share = float(np.sum(power[max(peak - 2, 0) : peak + 3]) / np.sum(power))
-    if share > 0.5:
-        text = (
-            f"{100 * share:.0f} % of the estimated noise power is at one frequency, "
-            f"{peak / size:.3f} of the sampling rate: motion too fast for this sampling is missing from the "
-            "velocity and its uncertainty"
-        )
-        warnings.warn(text, UserWarning, stacklevel=4)
 
 
 def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Floats, Floats]:

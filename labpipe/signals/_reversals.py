@@ -123,7 +123,7 @@ def curvature(time: Floats, height: Floats, sigma: float, colour: Colour = WHITE
 
 
 def common_fall(
-    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: float | None, colour: Colour = WHITE
+    time: Floats, height: Floats, sigma: float, turns: list[Turn], colour: Colour = WHITE
 ) -> tuple[float, float]:
     """Acceleration of the free fall, common to the longest flights."""
     if not turns:
@@ -133,8 +133,6 @@ def common_fall(
     values, spread = found[(found[:, 1] < np.inf) & (found[:, 0] > 3.0 * found[:, 1])].T
     if len(values) == 0:
         raise InputError("no bounce found: no stretch of constant downward acceleration around one")
-    if gravity is not None:
-        return gravity, 1e-6 * gravity
     # Vibration in contact looks like short flights with less acceleration: the longest decide.
     best = float(values[np.argmin(spread)])
     near = np.abs(values - best) < np.maximum(5.0 * spread, 0.02 * best)

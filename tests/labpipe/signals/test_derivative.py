@@ -104,13 +104,6 @@ def test_three_readings_use_differences_and_say_so(displacement_of):
     assert np.isnan(result["u_velocity"]).all()
 
 
-def test_motion_faster_than_the_sampling_can_show_is_reported(displacement_of):
-    time = np.arange(2000) / 10e3
-    values = 1e-5 * np.sin(2 * np.pi * 3000 * time)
-    with pytest.warns(UserWarning, match=r"0\.300 of the sampling rate"):
-        velocity(displacement_of(time, values + 1e-7 * np.random.default_rng(0).random(2000)))
-
-
 def test_runs_of_outliers_are_left_out_and_named(displacement_of):
     time = np.arange(5000) / 5000
     values = np.sin(20 * time) + 1e-3 * np.random.default_rng(0).standard_normal(5000)
