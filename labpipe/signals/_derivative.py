@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from labpipe.arrays import Floats
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._hum import Hum
 from labpipe.signals._noise import Noise, deviation, estimate_noise
@@ -212,7 +212,7 @@ def _spline(
     for text in (wild.message(t) if n_spikes else "", wild.interruption(t, y)):
         if text:
             warnings.warn(text, UserWarning, stacklevel=3)
-    kept = ~wild.flags if n_spikes else slice(None)
+    kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
     fit = smooth(t[kept], y[kept], known.sigma, *cuts)
     (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
     n_updates = fit.n_updates

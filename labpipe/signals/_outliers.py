@@ -103,22 +103,22 @@ def outliers(values: Floats, time: Floats | None = None, *, noise: float | None 
     [(100, 101)]
     """
     values = np.asarray(values, float)
-    flags, jumps = np.zeros(values.size, bool), np.zeros(0, np.int64)
+    flags, jumps = np.zeros(values.size, bool), list[int]()
     read = np.flatnonzero(np.isfinite(values))
     times = np.arange(values.size, dtype=float) if time is None else np.asarray(time, float)
     if noise is None and read.size >= 2 * _NEIGHBOURS:
         noise = estimate_noise(values[read] - values[read[0]], times[read]).sigma
     while noise and read.size >= 2 * _NEIGHBOURS:  # every round flags a reading or is the last
         is_whole = read.size == values.size
-        wild, jumps = _round(*((times, values) if is_whole else (times[read], values[read])), noise, ends)
-        jumps = read[jumps]
+        wild, found = _round(*((times, values) if is_whole else (times[read], values[read])), noise, ends)
+        jumps = read[found].tolist()
         if not wild:
             break
         flags[read[wild]] = True
         read = np.delete(read, wild)
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0)) if flags.any() else np.zeros(0, int)
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return Outliers(flags, runs, jumps.tolist())
+    return Outliers(flags, runs, jumps)
 
 
 def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> tuple[list[int], list[int]]:
