@@ -120,7 +120,7 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
 
     Notes
     -----
-    A repeat is an outlier when its root-mean-square distance from the median curve lies more than
+    A repeat is an outlier when its root-mean-square distance from the median curve is more than
     five robust standard deviations above that of the others; with fewer than four repeats nothing
     is flagged. Records are interpolated linearly.
     """

@@ -46,7 +46,7 @@ LONGEST_ARC = 12e-3
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _RESTED = 0.1  # of the fall, by which a turn begins too early when the body still rests
-_ENDS = 4  # readings at either end of a record that do not tell which way it falls
+_ENDS = 4  # readings at either end of a record that do not show which way it falls
 _LEAST_READINGS = 8  # about a contact, fewer than which hold no two arcs
 _HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
@@ -101,7 +101,7 @@ def bounces(
         Either direction, any offset. NaN samples are left out. An attribute ``hum`` of the Dataset
         says which hum was taken out of it already; it is found again with the flights.
     contact : {"any", "polymer"}
-        What is known of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
+        Prior knowledge of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
         ``"polymer"`` (a solid with a broad relaxation spectrum, such as acrylic, PEEK, nylon or
         PTFE) halves the uncertainties; ``"any"`` also covers bodies with one relaxation time and
         losses proportional to velocity.
@@ -119,8 +119,8 @@ def bounces(
         and ``chi_square`` [1] of each fit. Times, speeds and restitution also have a
         ``shared_u_``: the part of their ``u_`` that the unknown shape of the pulse brings about,
         which drops of the same body share, so that a mean over repeats keeps it. ``common_`` of
-        restitution, duration, incoming speed and penetration (impact, ``unknown``): what one deviation
-        of each unknown of the pulse's shape, then of the impact's own noise, adds to them, with its sign.
+        restitution, duration, incoming speed and penetration (impact, ``unknown``): the change by one deviation
+        of each unknown of the pulse's shape, then of the impact's own noise, with its sign.
         Scalars with ``u_``: ``release_time``, ``first_contact_time``, ``rest_time`` [s] (NaN when
         the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
         ``fall_acceleration`` [m/s2]. Scalar ``settling_time`` [s]: the last touch seen, after
@@ -128,7 +128,7 @@ def bounces(
         higher), ``noise`` (m) of neighbouring samples, ``noise_corner`` (Hz) below which the noise is
         more than twice as strong (0 when it is white), ``work``; where there is a hum of the mains,
         ``hum`` (:meth:`labpipe.signals.Hum.to_text`), which was taken out before anything was
-        measured, and ``u_hum`` (m), what is left of it, which is in every ``u_``.
+        measured, and ``u_hum`` (m), its remainder, which is in every ``u_``.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def bounces(
     Touch and lift-off are where the contact force begins and ends. A later touch is lower than the
     first (a dent is left), and lift-off is lower than touch. Speeds are read there, not where the
     level is crossed. The record's scale (an inclined sensor, cos theta) multiplies all levels and
-    speeds of a record alike; it is not in the ``u_`` here, and it cancels exactly in
+    speeds of a record equally; it is not in the ``u_`` here, and it cancels exactly in
     ``restitution`` and in all times.
 
     The uncertainties cover the unknown shape of the contact pulse (see
@@ -266,7 +266,7 @@ def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) 
     height, colour = motion.direction * values, motion.colour
     fall, _ = common_fall(time, height, sigma, motion.turns, colour)
     first = motion.turns[0]
-    # A hum makes the turn begin while the body still rests: the speed of the impact tells the release.
+    # A hum makes the turn begin while the body still rests: the speed of the impact determines the release.
     lasts = -float(motion.speed[first.descent]) / fall
     ends = first.touch - lasts * np.array([1.0 + _HELD, 1.0 - _HELD])
     held, released = (int(i) for i in np.searchsorted(time, ends))
@@ -312,7 +312,7 @@ def fitted(
         if window.stop - window.start < _LEAST_READINGS:
             if impacts:
                 return impacts, turn.touch
-            raise InputError(f"no bounce found: hardly any reading lies about the contact at {turn.touch:.4g} s")
+            raise InputError(f"no bounce found: hardly any reading is near the contact at {turn.touch:.4g} s")
         impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour, beneath))
         beneath = impacts[-1].beneath
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan
@@ -339,7 +339,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             found[f"shared_u_{name}"] = variable("impact", shared, unit, text)
     for name, parts in zip(TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
-        text = f"what one deviation of each common unknown adds to {LABELS[name][1]}"
+        text = f"change of {LABELS[name][1]} by one deviation of each common unknown"
         found[f"common_{name}"] = variable(("impact", "unknown"), parts, LABELS[name][0], text)
     chi_square = [impact.chi_square for impact in impacts]
     found["chi_square"] = variable("impact", chi_square, "1", "scatter about the fit over the noise, squared")
@@ -347,10 +347,10 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
 
 
 def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
-    """Return what each common unknown adds to each of :data:`TOGETHER` (quantity, unknown) of one impact.
+    """Return the change by each common unknown of each of :data:`TOGETHER` (quantity, unknown) of one impact.
 
     Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the
-    symmetric root of what is left of the covariance, which is alike in all repeats.
+    symmetric root of the rest of the covariance, which is the same in all repeats.
     """
     by_shape = gradients @ impact.by_shape
     left = propagated_covariance(gradients, impact.covariance) - by_shape @ by_shape.T
@@ -387,8 +387,8 @@ def _release(
 
     start = turn.before + (turn.descent - turn.before) // 10
     try:
-        # Slow drift or hum makes the turn begin while the body still rests. The last third of what is
-        # left falls for certain and says when the release was.
+        # Slow drift or hum makes the turn begin while the body still rests. The last third of the
+        # rest falls for certain and says when the release was.
         (_, speed, rate), _ = fallen(int(np.searchsorted(time, touch - (touch - time[start]) / 3)))
         release = touch + speed / rate
         if release - time[start] > _RESTED * (touch - release):

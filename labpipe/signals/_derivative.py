@@ -95,8 +95,8 @@ def velocity(
     -----
     For the spline ``u_velocity`` is the posterior standard deviation and includes the expected
     smoothing error. It cannot include motion that stays below the noise over its whole life, such
-    as the last, sub-noise cycles of a decaying vibration, nor what the spline itself smooths of a
-    computed curve: up to 3e-4 of the largest velocity where there is no noise. For the two
+    as the last, sub-noise cycles of a decaying vibration, nor the smoothing of a
+    computed curve by the spline itself: up to 3e-4 of the largest velocity where there is no noise. For the two
     difference schemes it is the propagated noise alone: their blunting of an impact is not in it.
 
     Measured on bouncing records of 0.5 s, 1 µm noise, 0.1 µm steps, noise not given, rms over the
@@ -158,7 +158,7 @@ def velocity(
 
 
 def _displacement_of(given: object) -> xr.DataArray:
-    """Return the record that :func:`velocity` was given, or say how to make one of what it was given."""
+    """Return the record that :func:`velocity` was given, or say how to make one of another argument."""
     if isinstance(given, xr.DataArray):
         return given
     if not isinstance(given, xr.Dataset):
@@ -176,7 +176,7 @@ def _displacement_of(given: object) -> xr.DataArray:
 
 
 def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
-    """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
+    """Time and values of a displacement record as float64 copies, or say why it is none."""
     if displacement.dims != ("time",) or "time" not in displacement.coords:
         raise InputError(
             f"displacement must have the one dimension time with its coordinate; found dimensions {displacement.dims}"

@@ -62,7 +62,7 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     """
     z, f = np.asarray(position, float), np.asarray(force, float)
     if z.ndim != 1 or z.shape != f.shape:
-        raise InputError(f"position and force must be one-dimensional and alike: {z.shape} and {f.shape}")
+        raise InputError(f"position and force must be one-dimensional, of one shape: {z.shape} and {f.shape}")
     refuse_infinite(z, "position")
     refuse_infinite(f, "force")
     finite = np.isfinite(z) & np.isfinite(f)

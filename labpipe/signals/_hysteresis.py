@@ -55,7 +55,7 @@ def active_window(time: ArrayLike, position: ArrayLike, frequency_guess: float |
     """
     t, x = np.asarray(time, float), np.asarray(position, float)
     if t.ndim != 1 or t.shape != x.shape:
-        raise InputError(f"time and position must be one-dimensional and alike: {t.shape} and {x.shape}")
+        raise InputError(f"time and position must be one-dimensional, of one shape: {t.shape} and {x.shape}")
     t = checked_times(t)
     refuse_infinite(x, "position")
     finite = np.isfinite(x)
@@ -126,7 +126,7 @@ def hysteresis_loops(
     """
     t, x, load = (np.asarray(a, float) for a in (time, position, force))
     if not (t.shape == x.shape == load.shape and t.size):
-        raise InputError(f"time, position and force must be alike: {t.shape}, {x.shape} and {load.shape}")
+        raise InputError(f"time, position and force must be of one shape: {t.shape}, {x.shape} and {load.shape}")
     t = checked_times(t)
     refuse_infinite(x, "position")
     refuse_infinite(load, "force")

@@ -1,8 +1,8 @@
 """Spectrum of a sensor's noise: how much stronger it is at low frequencies than between neighbouring samples.
 
 Neighbouring samples determine the white part of the noise. Drift and flicker change little from sample to
-sample, but they pass every fit over many samples. They show in what a fit leaves: a smoothing spline at all
-frequencies above those that it follows, a parabola through a flight at nearly all. The power is described by one
+sample, but they pass every fit over many samples. They show in the residuals of a fit: of a smoothing spline at all
+frequencies above those that it follows, of a parabola through a flight at nearly all. The power is described by one
 number more, ``1 + corner / f`` times that of the white part: a flicker noise is exactly so, and other noise counts as
 the flicker that is as strong.
 """
@@ -29,10 +29,10 @@ _WIDTH = float(np.pi / 8 / np.sin(np.pi / 8))
 
 
 class Colour(NamedTuple):
-    """What noise has besides its white part.
+    """The part of noise that is not white.
 
     ``corner`` [Hz]: Below which it is more than twice as strong. ``hum``: Of the mains, taken out of the record
-    already: what is left of it is noise.
+    already: its remainder is noise.
     """
 
     corner: float = 0.0
@@ -45,7 +45,7 @@ WHITE = Colour()
 def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     """Find the frequency below which the noise is more than twice as strong as its white part.
 
-    ``residual`` (n,) is what a smoothing spline leaves of samples in their order, ``interval`` [s] apart, over the
+    ``residual`` (n,) is that of a smoothing spline through samples in their order, ``interval`` [s] apart, over the
     standard deviation of the white part, and ``share`` (n,) the variance of the spline over that of a sample. The
     frequency [Hz] is 0 for white noise, and where the spline follows everything that is slow.
 
@@ -130,7 +130,7 @@ def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, col
 
 
 def coloured_power(count: int, interval: float, corner: float) -> float:
-    """Return the mean power of what a fit leaves of ``count`` samples, over that of the white part."""
+    """Return the mean power of the residuals of a fit to ``count`` samples, over that of the white part."""
     frequency = np.fft.rfftfreq(count, interval)[2:]
     return 1.0 + corner * float(np.mean(1.0 / frequency)) if len(frequency) else 1.0
 

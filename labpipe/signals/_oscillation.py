@@ -291,7 +291,7 @@ def common_fit(
 
     Notes
     -----
-    A parabolic trend leaves room for a relaxing mean force. An uneven stage moves force and position alike: only the
+    A parabolic trend leaves room for a relaxing mean force. An uneven stage moves force and position together: only the
     part of the force that does not follow the position, delayed by the lag, makes their ratio uncertain.
 
     Examples
@@ -344,7 +344,7 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
     """
     t, y = np.array(time, float), np.array(signal, float)
     if t.ndim != 1 or t.shape != y.shape:
-        raise InputError(f"time and signal must be one-dimensional and alike: {t.shape} and {y.shape}")
+        raise InputError(f"time and signal must be one-dimensional, of one shape: {t.shape} and {y.shape}")
     checked_times(t)
     refuse_infinite(y, "the signal")
     finite = np.isfinite(y)

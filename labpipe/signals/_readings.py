@@ -7,13 +7,13 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
 LARGEST, LEAST = 1e75, 1e-75
-"""Beyond it no quantity in SI units lies; fourth powers of both are still numbers."""
+"""No quantity in SI units is beyond it; fourth powers of both are still numbers."""
 
 
 def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     """Return times as float64, or say where they do not increase.
 
-    ``what`` is how the message calls the record; times that are not one-dimensional, not finite, repeated or running
+    ``what`` names the record in the message; times that are not one-dimensional, not finite, repeated or running
     backwards raise InputError.
 
     Examples

@@ -94,7 +94,7 @@ def arc(
 ) -> tuple[Floats, Floats]:
     """Fit a parabola: level, speed upwards and acceleration downwards at an origin [s], with their covariance (3, 3).
 
-    ``gravity`` is what is known of the acceleration, with its uncertainty; the origin is the middle by default.
+    ``gravity`` is the known acceleration, with its uncertainty; the origin is the middle by default.
     """
     t = time - (time.mean() if origin is None else origin)
     half = float(np.max(np.abs(t), initial=0.0)) or 1.0
@@ -108,7 +108,7 @@ def arc(
     left = (right - design @ found)[: len(t)]
     inverse = np.linalg.inv(design.T @ design)
     covariance = coloured_covariance(design, inverse, time, colour, sigma) * sigma**2
-    # What is left by more than the noise means another motion: the larger uncertainty is stated.
+    # Residuals beyond the noise mean another motion: the larger uncertainty is stated.
     scatter = max(sigma**2, float(np.sum(left**2) / max(len(design) - 3, 1)))
     covariance *= max(1.0, scatter * inverse[2, 2] / covariance[2, 2])
     return found * units + [height.mean(), 0.0, 0.0], covariance * np.outer(units, units)

@@ -117,7 +117,7 @@ def evaluate(fit: Smooth, time: Floats, *derivatives: int) -> list[tuple[Floats,
 
 
 def _places(breaks: Floats, x: Floats) -> tuple[Indices, Floats]:
-    """Return the first sample of each interval (interval + 1,), and where in it each lies, from -1/2 to 1/2."""
+    """Return the first sample of each interval (interval + 1,), and the place of each in it, from -1/2 to 1/2."""
     ends = np.searchsorted(x, breaks)
     ends[-1] = len(x)
     over, count = 1.0 / np.diff(breaks), np.diff(ends)

@@ -163,13 +163,21 @@ def followed(coefficients: Floats, place: Floats, ends: Indices, value: Floats) 
 
 @lean(fastmath=_FAST)
 def penalised(
-    normal: Floats, right: Floats, rough: Floats, power: Floats, octave: Indices, first: Indices, work: Floats,
-    band: Floats, coefficients: Floats, inverse: Floats,
-) -> int:  # fmt: skip
+    normal: Floats,
+    right: Floats,
+    rough: Floats,
+    power: Floats,
+    octave: Indices,
+    first: Indices,
+    work: Floats,
+    band: Floats,
+    coefficients: Floats,
+    inverse: Floats,
+) -> int:
     """Fit a spline whose roughness costs as much as the samples say (Fellner and Schall's update).
 
-    ``normal``, ``rough`` (interval, 6, 6): what samples and unit penalty add to the normal matrix; ``right`` (m + 5,);
-    ``power`` (interval,): lengths to the power in which a penalty grows; ``octave``: rounded logarithm of the
+    ``normal``, ``rough`` (interval, 6, 6): parts of samples and of a unit penalty in the normal matrix; ``right``
+    (m + 5,); ``power`` (interval,): lengths to the power in which a penalty grows; ``octave``: rounded logarithm of the
     lengths. ``work`` (5, interval) and ``band`` (m + 5, 6) are work space; ``coefficients`` (m + 5,) and ``inverse``
     (m + 5, 6), the band of their covariance, are filled. Returns the solves of the band system, 0 when a matrix was
     not positive definite.

@@ -148,7 +148,7 @@ def test_damping_over_two_decades(zeta):
     [
         (np.arange(100.0), np.zeros(100), "does not vary"),
         (np.arange(4.0), np.arange(4.0), "6 readings"),
-        (np.arange(100.0), np.zeros(99), "one-dimensional and alike"),
+        (np.arange(100.0), np.zeros(99), "one-dimensional, of one shape"),
         (np.ones(50), np.arange(50.0), "must increase"),
     ],
 )
