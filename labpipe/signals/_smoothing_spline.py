@@ -128,7 +128,10 @@ def _distances(z: Floats) -> Floats:
     """Return the distance of knots, in samples, for every leaf of samples ``z`` (n,) with a noise of 1."""
     n = len(z)
     found = np.full(-(-n // LEAF), max(n / 10.0, _CLOSEST))
-    curved(np.concatenate([[0.0], np.cumsum(z)]), float(np.sqrt(140.0 * np.log(n))), _CLOSEST, found)
+    # White noise exceeds it in one record of a hundred: fourth differences of means have a variance of 70, and the
+    # probability of t deviations is below exp(-t^2 / 2) in each of n differences.
+    limit = float(np.sqrt(70.0 * 2.0 * np.log(100.0 * n)))
+    curved(np.concatenate([[0.0], np.cumsum(z)]), limit, _CLOSEST, found)
     # A long stretch that ends just inside a short one would otherwise bring its coarse knots there.
     rise = _SLOPE * LEAF * np.arange(len(found))
     rising = np.minimum.accumulate(found - rise) + rise
