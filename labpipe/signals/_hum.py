@@ -115,9 +115,10 @@ def hum_at_rest(time: Floats, values: Floats, noise: float) -> tuple[Hum, bool] 
     if not found:
         return None
     gain, line = found[0]
-    left, freedom = rest.values @ rest.values - gain, time.size - 4
+    total, freedom = float(rest.values @ rest.values), time.size - 4
+    left = total - gain
     # The probability that white noise looks like this is (left/all)^(freedom / 2).
-    if left >= (rest.values @ rest.values) * _SURE ** (2 / freedom):
+    if left >= total * _SURE ** (2 / freedom):
         return None
     hum = rest.fitted(line, (1,), left / freedom)
     # One frequency of the mains is better than the other by 14 in chi-square: odds of a thousand.

@@ -7,7 +7,7 @@ predicts the next block to within the noise.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,7 +125,7 @@ def ringing(
             f"the ringing ({fit.amplitude:.2g} m) is not larger than the noise ({sigma:.2g} m): "
             "it cannot be evaluated; drop from higher, or bring the sensor nearer"
         )
-    widened = {}
+    widened: dict[str, Any] = {}
     for name in ("frequency", "damping_ratio", "amplitude"):
         changes = [getattr(other, name) - getattr(fit, name) for other in others]
         widened[f"u_{name}"] = float(np.hypot(getattr(fit, f"u_{name}"), np.linalg.norm(changes)))

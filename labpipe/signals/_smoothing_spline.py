@@ -76,8 +76,8 @@ def smooth(
     power, highest = length**7, basis[:, 4:] * np.array([[24.0], [120.0 / np.sqrt(12.0)]])
     rough = highest.transpose(0, 2, 1) @ highest / power[:, None, None]
     octave = np.unique(np.round(np.log2(length)), return_inverse=True)[1]
-    coefficients, band, inverse = np.empty_like(right), *np.empty((2, count + DEGREE, DEGREE + 1))
-    work = np.empty((5, len(start)))
+    coefficients, work = np.empty(count + DEGREE), np.empty((5, len(start)))
+    band, inverse = np.empty((2, count + DEGREE, DEGREE + 1))
     n_solves = penalised(normal, right, rough, power, octave, first, work, band, coefficients, inverse)
     if not n_solves:
         raise np.linalg.LinAlgError("the penalised spline's matrix is not positive definite")
