@@ -217,7 +217,7 @@ def _spline(
     (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
     n_updates = fit.n_updates
     if may_refine and known.block == 1:
-        freedom, left = float(np.sum(u_level[kept] ** 2)) / fit.sigma**2, (y - level)[kept]
+        freedom, left = float(np.sum((u_level[kept] / fit.sigma) ** 2)), (y - level)[kept]
         # The median leaves out the few samples around a jump that no spline follows.
         found = deviation(left) * float(np.sqrt(left.size / max(left.size - freedom, 1.0)))
         found = max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)

@@ -24,8 +24,9 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     t = np.array(time, float)
     if t.ndim != 1:
         raise InputError(f"{what} must be one-dimensional; found the shape {t.shape}")
-    if t.size > 1 and np.min(np.diff(t)) > LEAST and t[0] > -LARGEST and t[-1] < LARGEST:
-        return t
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        if t.size > 1 and np.min(np.diff(t)) > LEAST and t[0] > -LARGEST and t[-1] < LARGEST:
+            return t
     if t.size and not np.isfinite(t[0]):
         raise InputError(f"{what} must be finite; sample 0 is at {t[0]} s")
     # An infinite time may well follow a finite one, and nothing but infinity follows it.
