@@ -16,12 +16,8 @@ from labpipe.installation import BUILD
 
 __all__ = ["APPLY", "BUILD", "KINDS", "Record", "apply", "load_record", "require"]
 
-#: Kind of record to the function that applies it, imported only when it is called.
-APPLY: dict[str, str] = {
-    "laser": "calibration.laser:displacement",
-    "load_cell": "calibration.load_cell:force",
-    "camera": "calibration.camera:motion",
-}
+#: Kind of record to the function of the module of its name that applies it, imported only when it is called.
+APPLY: dict[str, str] = {"laser": "displacement", "load_cell": "force", "camera": "motion"}
 
 
 def apply(readings: Any, record: Record | str | os.PathLike[str], **options: Any) -> Any:
@@ -58,5 +54,5 @@ def apply(readings: Any, record: Record | str | os.PathLike[str], **options: Any
             f'record "{record.id}" is of the kind "{record.kind}", which is not applied to '
             f"readings; these are: {', '.join(APPLY)}"
         )
-    module, function = APPLY[record.kind].split(":")
-    return getattr(importlib.import_module(module), function)(readings, record, **options)
+    module = importlib.import_module(f"calibration.{record.kind}")
+    return getattr(module, APPLY[record.kind])(readings, record, **options)

@@ -14,16 +14,6 @@ from labpipe.units import Quantity
 _BLOCK = 16  # independent samples whose median is compared with the beginning
 _FIRST = 2 * _BLOCK  # the least that can be called a window
 _FACTOR = 5.0  # standard deviations that count as motion: 1 in 2 million for a single sample
-_GOES_ON = 3.0  # standard deviations of a slope that goes on, behind one that is no chance
-_MARGIN = 2  # blocks left out before the motion that was seen: it began a little earlier
-_PERIODS, _LEFT = (2.0, 1.0, 0.6), 2.0
-"""Periods of the mains that distinguish a hum from motion, the most first; multiple of the noise that a hum leaves of
-a beginning: a fall of as long leaves more than ten times."""
-_LONGER = 1.25  # times as long a rest, that a hum makes of what looks like motion
-_WANDERS, _LASTING = 0.02, 6
-"""Of the way that a record shows, by which its beginning may wander and be a zero all the same, to so much; and
-windows for which it does: what begins to fall leaves them."""
-_MEDIAN = 1.2533141373155003  # sqrt(pi / 2): standard error of a median over that of a mean
 
 
 class Quiet(NamedTuple):
@@ -77,30 +67,29 @@ def of_zero(
 ) -> Quiet:
     """Find the zero that a caller names; the beginning and windows lie in the ``first`` part of a record.
 
+    ``values`` (n,) are NaN where there is no reading; ``resolution`` is the step of the display, and ``correlated`` the
+    number of samples over which the sensor averages.
+
     Raises
     ------
     CalibrationError
         There is no such window, or the record begins in motion.
     """
-    if isinstance(zero, Quantity):
-        return given(values, zero.value, zero.u, resolution=resolution)
-    if isinstance(zero, tuple):
+    if isinstance(zero, tuple) and not isinstance(zero, Quantity):
         return in_window(time[first], values[first], zero, resolution=resolution, correlated=correlated)
     if isinstance(zero, str):
         return from_start(time[first], values[first], resolution=resolution, correlated=correlated)
-    return given(values, float(zero), 0.0, resolution=resolution)
+    level, u_level = (zero.value, zero.u) if isinstance(zero, Quantity) else (float(zero), 0.0)
+    finite = values[np.isfinite(values)]  # the noise is judged from the whole record
+    noise = max(estimate_noise(finite).sigma if finite.size > 2 else 0.0, resolution / np.sqrt(12))
+    return Quiet(level, u_level, float(noise), np.nan, np.nan, 0)
 
 
 def from_start(time: Floats, values: Floats, *, resolution: float = 0.0, correlated: int = 1) -> Quiet:
     """Find the quiet window with which a record begins.
 
-    ``values`` (n,) are NaN where there is no reading; ``resolution`` is the step of the display, and ``correlated`` the
-    number of samples over which the sensor averages. Too few valid samples, or a record that begins in motion, raise
-    CalibrationError.
-
-    Notes
-    -----
-    A hum of the mains is no motion: the level is that about which the beginning swings.
+    Too few valid samples, or a record that begins in motion, raise CalibrationError. A hum of the mains is no motion:
+    the level is that about which the beginning swings.
     """
     is_valid = np.isfinite(values)
     time, values = time[is_valid], values[is_valid]
@@ -108,13 +97,21 @@ def from_start(time: Floats, values: Floats, *, resolution: float = 0.0, correla
     block, first = _BLOCK * correlated, _FIRST * correlated
     if values.size < first:
         raise CalibrationError(f"found {values.size} valid samples, a zero needs {first} or a given value")
-    n = 0 if _begins_in_motion(values[::correlated], resolution) else _still(values, block, resolution)
+
+    def still(values: Floats) -> int:
+        """Return with how many samples a record rests on its first level; it began to move two blocks earlier."""
+        usable = values[: values.size - values.size % block].reshape(-1, block)
+        level, spread = float(np.median(values[:first])), _spread(values[:first], resolution)
+        moved = np.flatnonzero(np.abs(np.median(usable, axis=1) - level) > _FACTOR * spread)
+        return block * (max(int(moved[0]) - 2, 2) if moved.size else len(usable))
+
+    n = 0 if _begins_in_motion(values[::correlated], resolution) else still(values)
     swing = _swing(time, values, resolution)
-    if swing is not None and (longer := _still(values - swing, block, resolution)) > _LONGER * n:
+    if swing is not None and (longer := still(values - swing)) > 1.25 * n:
         n = longer
-    wanders = float(np.ptp(values[: _LASTING * first]))
-    if n == 0 and wanders < _WANDERS * float(np.ptp(values)):
-        # a sensor that averages or swings: its zero is known to what it wanders
+    wanders = float(np.ptp(values[: 6 * first]))
+    if n == 0 and wanders < 0.02 * float(np.ptp(values)):
+        # A sensor that averages or swings: its zero is known to what it wanders; what begins to fall wanders further.
         quiet = _describe(time[:first], values[:first], resolution, correlated)
         return quiet._replace(u_level=max(quiet.u_level, wanders / np.sqrt(12)))
     if n == 0:
@@ -132,25 +129,10 @@ def from_start(time: Floats, values: Floats, *, resolution: float = 0.0, correla
     return quiet._replace(u_level=u_level, hum=hum if is_decided else None)
 
 
-def _still(values: Floats, block: int, resolution: float) -> int:
-    """Return with how many samples a record rests on its first level."""
-    first = _FIRST // _BLOCK * block
-    usable = values[: values.size - values.size % block].reshape(-1, block)
-    level, spread = float(np.median(values[:first])), _spread(values[:first], resolution)
-    moved = np.flatnonzero(np.abs(np.median(usable, axis=1) - level) > _FACTOR * spread)
-    return block * (max(int(moved[0]) - _MARGIN, _FIRST // _BLOCK) if moved.size else len(usable))
-
-
 def in_window(
     time: Floats, values: Floats, window: tuple[float, float], *, resolution: float = 0.0, correlated: int = 1
 ) -> Quiet:
-    """Take a window that the caller knows to be quiet.
-
-    Raises
-    ------
-    CalibrationError
-        It holds fewer than two valid samples.
-    """
+    """Take a window that the caller knows to be quiet; fewer than two valid samples raise CalibrationError."""
     inside = (time >= window[0]) & (time <= window[1]) & np.isfinite(values)
     if inside.sum() < 2:
         raise CalibrationError(
@@ -160,27 +142,10 @@ def in_window(
     return _describe(time[inside], values[inside], resolution, correlated)
 
 
-def given(values: Floats, level: float, u_level: float, *, resolution: float = 0.0) -> Quiet:
-    """Take a level that the caller knows; the noise is judged from the whole record."""
-    finite = values[np.isfinite(values)]
-    estimated = estimate_noise(finite).sigma if finite.size > 2 else 0.0
-    noise = max(estimated, resolution / np.sqrt(12))
-    return Quiet(level, u_level, float(noise), np.nan, np.nan, 0)
-
-
 def resolution_of(values: Floats, stated: float | None) -> float:
-    """Return the step of a record: as displayed, or coarser when the values show it.
-
-    Parameters
-    ----------
-    values : array (n,)
-        Readings.
-    stated : float, optional
-        Step of the display, from its decimals.
-    """
+    """Return the step of readings (n,): as displayed, by its decimals, or coarser when the values show it."""
     finite = values[np.isfinite(values)]
-    found = quantisation_step(finite) if finite.size > 2 else 0.0
-    return max(found, stated or 0.0)
+    return max(quantisation_step(finite) if finite.size > 2 else 0.0, stated or 0.0)
 
 
 def largest(values: Floats) -> float:
@@ -194,33 +159,32 @@ def _begins_in_motion(values: Floats, resolution: float) -> bool:
 
     One of 10,000 beginnings at rest has such a slope by chance; the readings behind it are on the level again.
     """
-    slope, u_slope, noise = _slope(values[:_FIRST], resolution)
-    if abs(slope) <= _FACTOR * u_slope or abs(slope) * _FIRST <= 2 * noise:
+
+    def slope(values: Floats) -> tuple[float, float, float]:
+        """Return the slope per reading, its standard uncertainty, and the noise about it."""
+        position = np.arange(values.size) - (values.size - 1) / 2
+        # From the first reading, so that equal readings far from zero have no slope by rounding.
+        moved = values - values[0]
+        found = float(position @ moved / (position @ position))
+        rest = moved - moved.mean() - found * position
+        noise = max(float(rest.std()), resolution / np.sqrt(12), float(np.spacing(np.abs(values).max())))
+        return found, noise / float(np.sqrt(position @ position)), noise
+
+    rate, u_rate, noise = slope(values[:_FIRST])
+    if abs(rate) <= _FACTOR * u_rate or abs(rate) * _FIRST <= 2 * noise:
         return False
     follows = values[_FIRST : 2 * _FIRST]
     if follows.size < _FIRST:
         return True
     away = abs(float(np.mean(follows - values[0])) - float(np.mean(values[:_FIRST] - values[0])))
-    slope, u_slope, _ = _slope(follows, resolution)
-    return away > _FACTOR * noise * np.sqrt(2 / _FIRST) or abs(slope) > _GOES_ON * u_slope
-
-
-def _slope(values: Floats, resolution: float) -> tuple[float, float, float]:
-    """Return the slope per reading, its standard uncertainty, and the noise about it."""
-    position = np.arange(values.size) - (values.size - 1) / 2
-    # From the first reading, so that equal readings far from zero have no slope by rounding.
-    moved = values - values[0]
-    slope = float(position @ moved / (position @ position))
-    rest = moved - moved.mean() - slope * position
-    rounding = float(np.spacing(np.abs(values).max()))
-    noise = max(float(rest.std()), resolution / np.sqrt(12), rounding)
-    return slope, noise / float(np.sqrt(position @ position)), noise
+    rate, u_rate, _ = slope(follows)
+    return away > _FACTOR * noise * np.sqrt(2 / _FIRST) or abs(rate) > 3.0 * u_rate
 
 
 def _swing(time: Floats, values: Floats, resolution: float) -> Floats | None:
-    """Return the line of the mains that explains how a record begins; None where none does."""
+    """Return the line of the mains that explains how a record begins, by most periods first; None where none does."""
     since = time - time[0]
-    for periods in _PERIODS:
+    for periods in (2.0, 1.0, 0.6):
         for line in MAINS:
             n = int(np.searchsorted(since, periods / line))
             if not _FIRST < n < time.size:
@@ -228,8 +192,9 @@ def _swing(time: Floats, values: Floats, resolution: float) -> Floats | None:
             angle = 2 * np.pi * line * since
             basis = np.stack([np.ones_like(since), np.cos(angle), np.sin(angle)], axis=1)
             fit = np.linalg.lstsq(basis[:n], values[:n], rcond=None)[0]
+            # A fall of as long leaves more than ten times the noise.
             left = float(np.std(values[:n] - basis[:n] @ fit))
-            if left < _LEFT * max(estimate_noise(values[:n]).sigma, resolution / np.sqrt(12)):
+            if left < 2.0 * max(estimate_noise(values[:n]).sigma, resolution / np.sqrt(12)):
                 return np.asarray(basis[:, 1:] @ fit[1:])
     return None
 
@@ -240,13 +205,12 @@ def _spread(values: Floats, resolution: float) -> float:
 
 def _describe(time: Floats, values: Floats, resolution: float, correlated: int) -> Quiet:
     noise = _spread(values, resolution)
-    independent = max(values.size / correlated, 1.0)
-    u_level = _MEDIAN * noise / np.sqrt(independent)
+    # the standard error of a median over that of a mean is sqrt(pi / 2)
+    u_level = math.sqrt(math.pi / 2) * noise / math.sqrt(max(values.size / correlated, 1.0))
     if noise < resolution / 2:
         # All readings fall on one or two steps: averaging does not see between them.
-        u_level = max(u_level, resolution / np.sqrt(12))
-    level = _grouped_median(values, resolution)
-    return Quiet(level, float(u_level), noise, float(time[0]), float(time[-1]), values.size)
+        u_level = max(u_level, resolution / math.sqrt(12))
+    return Quiet(_grouped_median(values, resolution), u_level, noise, float(time[0]), float(time[-1]), values.size)
 
 
 def _grouped_median(values: Floats, step: float) -> float:

@@ -62,30 +62,12 @@ def time_base(attrs: Mapping[str, Any], deviation: Quantity | None = None, avera
     if "sampling_interval" not in attrs:
         raise InputError("the readings do not say their sampling_interval")
     known = deviation or Quantity(0.0, UNCHECKED_CLOCK, "1")
-    stretch = 1.0 + known.value
-    interval = float(attrs["sampling_interval"]) * stretch
+    stretch, stated = 1.0 + known.value, float(attrs["sampling_interval"])
     n_averaged = int(averaging if averaging is not None else attrs.get("averaging", 1))
-    cycle = float(attrs.get("sampling_cycle", attrs["sampling_interval"])) * stretch
-    return TimeBase(
-        interval=interval,
-        u_interval=interval * known.u / stretch,
-        u_relative=known.u / stretch,
-        averaging=n_averaged,
-        delay=filter_delay(n_averaged, cycle),
-        is_calibrated=deviation is not None,
-    )
+    delay = filter_delay(n_averaged, float(attrs.get("sampling_cycle", stated)) * stretch)
+    return TimeBase(stated * stretch, stated * known.u, known.u / stretch, n_averaged, delay, deviation is not None)
 
 
 def corrected(time: Floats, base: TimeBase, stated: float) -> Floats:
-    """Return the times at which the readings were true.
-
-    Parameters
-    ----------
-    time : array (n,) [s]
-        As read, on the stated interval.
-    base : TimeBase
-        From :func:`time_base`.
-    stated : float [s]
-        The stated interval.
-    """
+    """Return the times (n,) [s] at which readings were true, from those on the ``stated`` interval [s]."""
     return time * (base.interval / stated) - base.delay

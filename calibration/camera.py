@@ -12,7 +12,7 @@ from typing import Any, cast
 import xarray as xr
 
 from calibration.record import CameraRecord, CameraValues, Record, require
-from labpipe.errors import CalibrationError, InputError
+from labpipe.errors import InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
 from labpipe.variables import with_u
@@ -55,7 +55,7 @@ def pixel_size(reference_length: Quantity, pixel_length: Quantity) -> Quantity:
 
 
 def image_scale(
-    record: Record, view: str, *, measured: str | date | None = None, recorded: str = "", ignore_validity: bool = False
+    record: Record, view: str, *, measured: str | date | None = None, recorded: str = ""
 ) -> tuple[Quantity, dict[str, Any]]:
     """Return the scale of a view from its record.
 
@@ -65,7 +65,7 @@ def image_scale(
         Of the kind ``camera``.
     view : str
         The view of the film; a record of another one is refused.
-    measured, ignore_validity
+    measured
         See :func:`calibration.record.require`.
     recorded : str
         Day that the film itself says, as ISO text; "" where it says none.
@@ -83,7 +83,7 @@ def image_scale(
         The record is of another kind, view or time.
     """
     film = {"start": recorded}
-    checked = require(record, "camera", film, measured=measured, view=view, ignore_validity=ignore_validity)
+    checked = require(record, "camera", film, measured=measured, view=view)
     values = cast("CameraRecord", record).values
     size, sources = _size(values)
     total = combined_uncertainty(sources)
@@ -96,16 +96,12 @@ def image_scale(
 
 
 def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
-    sources = []
     if values.scale is not None:
-        size = values.scale
-        sources.append(Source.of("scale", size, 1.0))
+        size, sources = values.scale, [Source.of("scale", values.scale, 1.0)]
     else:
-        length, pixels = values.reference_length, values.pixel_length
-        if length is None or pixels is None:
-            raise CalibrationError("a camera record holds a scale, or a length with its pixels")
+        length, pixels = cast("Quantity", values.reference_length), cast("Quantity", values.pixel_length)
         size = pixel_size(length, pixels)
-        sources += [
+        sources = [
             Source.of("reference length", length, 1 / pixels.value),
             Source.of("pixel distance", pixels, size.value / pixels.value),
         ]
@@ -114,9 +110,7 @@ def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
     return size, sources
 
 
-def motion(
-    track: xr.Dataset, record: Record, *, view: str, measured: str | date | None = None, ignore_validity: bool = False
-) -> xr.Dataset:
+def motion(track: xr.Dataset, record: Record, *, view: str, measured: str | date | None = None) -> xr.Dataset:
     """Turn displacements in pixels into metres, upwards positive.
 
     Parameters
@@ -128,7 +122,7 @@ def motion(
         Of the kind ``camera``.
     view : str
         The view of the film.
-    measured, ignore_validity
+    measured
         See :func:`calibration.record.require`.
 
     Returns
@@ -149,7 +143,7 @@ def motion(
         if name not in track:
             raise InputError(f'the track has no "{name}"; expected the result of labpipe.imaging.track')
     day = str(track.attrs.get("recorded", ""))
-    size, checked = image_scale(record, view, measured=measured, recorded=day, ignore_validity=ignore_validity)
+    size, checked = image_scale(record, view, measured=measured, recorded=day)
     result = track.drop_vars(["dx", "dy", "u_dx", "u_dy"])
     # image rows count downwards, heights upwards
     for axis, sign, text in (("x", 1.0, "to the right"), ("y", -1.0, "upwards")):

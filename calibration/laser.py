@@ -48,7 +48,6 @@ def displacement(
     inclination: Quantity | None = None,
     averaging: int | None = None,
     measured: str | date | None = None,
-    ignore_validity: bool = False,
 ) -> xr.Dataset:
     """Calibrate the readings of a laser displacement sensor.
 
@@ -71,8 +70,6 @@ def displacement(
         Samples of the moving average, where the file does not say it.
     measured : date or ISO text, optional
         Day of the measurement, where the file does not say it.
-    ignore_validity : bool
-        Use a record outside its period.
 
     Returns
     -------
@@ -98,7 +95,7 @@ def displacement(
     """
     if direction not in (1, -1):
         raise InputError(f"direction must be 1 or -1, found {direction}")
-    checked = require(record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity)
+    checked = require(record, "laser", readings.attrs, measured=measured)
     values = cast("LaserRecord", record).values
     raw, stated_step, gain = _raw(readings, output, values)
     angle = inclination or values.inclination

@@ -33,11 +33,9 @@ def force(
     readings: xr.Dataset,
     record: Record | None = None,
     *,
-    axis: str = "z",
     zero: _quiet.Zero | None = None,
     compression_sign: int | None = None,
     measured: str | date | None = None,
-    ignore_validity: bool = False,
 ) -> xr.Dataset:
     """Make a compression-positive, tared force with uncertainty.
 
@@ -48,14 +46,12 @@ def force(
     record : Record, optional
         Of the kind ``load_cell``; without one the factor that the instrument applied is kept,
         ``u_gain`` is NaN, and the budget holds only the scatter of the readings themselves.
-    axis : {"x", "y", "z"}
-        Which force.
     zero : "start" or (float, float) or Quantity or float, optional
         Where the force is zero: the quiet beginning of the (first) block, a window of it in s,
         or a reading [N]. By default nothing is subtracted: a block may begin under load.
     compression_sign : {1, -1}, optional
         Where the file does not state the type of its load cell.
-    measured, ignore_validity
+    measured
         See :func:`calibration.record.require`.
 
     Returns
@@ -73,16 +69,23 @@ def force(
     InputError
         There is no such force.
     """
-    name = f"force_{axis}"
+    name = "force_z"
     if name not in readings:
         raise InputError(f'the readings have no "{name}"')
-    sign = _sign(readings, compression_sign)
+    if compression_sign not in (None, 1, -1):
+        raise InputError(f"compression_sign must be 1 or -1, found {compression_sign}")
+    sign = int(readings.attrs.get("compression_sign", 0)) if compression_sign is None else compression_sign
+    if sign == 0:
+        raise CalibrationError(
+            "the file does not state whether compression is positive (single-axis cell) or "
+            "negative (six-axis cell); give compression_sign=1 or compression_sign=-1"
+        )
     checked: dict[str, Any] | str = "no record: the factor of the instrument, uncertainty unknown"
     values: LoadCellValues | None = None
     if record is not None:
         names = {(block["load_cell"] or {}).get("name") or "" for block in _blocks(readings.attrs)}
         attrs = readings.attrs | {"sensor": names.pop() if len(names) == 1 else ""}
-        checked = require(record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity)
+        checked = require(record, "load_cell", attrs, measured=measured)
         values = cast("LoadCellRecord", record).values
     gain = values.scale if values else _UNKNOWN
     raw = np.asarray(readings[name].values, dtype=float)
@@ -127,19 +130,6 @@ def force(
 
 
 _KEPT = ("source", "start", "header", "function", "block_number", "work")
-
-
-def _sign(readings: xr.Dataset, given: int | None) -> int:
-    """Return the sign of compression, from the file or from the caller."""
-    if given is not None and given not in (1, -1):
-        raise InputError(f"compression_sign must be 1 or -1, found {given}")
-    stated = int(readings.attrs.get("compression_sign", 0))
-    if given is None and stated == 0:
-        raise CalibrationError(
-            "the file does not state whether compression is positive (single-axis cell) or "
-            "negative (six-axis cell); give compression_sign=1 or compression_sign=-1"
-        )
-    return stated if given is None else given
 
 
 def _blocks(attrs: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -225,15 +215,14 @@ def filter_lag(
     if frequency <= 0 or order < 1 or cutoff <= 0:
         raise InputError(f"expected positive numbers, found {frequency} Hz, order {order}, {cutoff} Hz")
     factors = [poles / (poles - 1j * frequency / cutoff) for poles in _poles(order)]
-    gains = [float(np.prod(np.abs(each))) for each in factors]
-    phases = [float(-np.sum(np.angle(each))) for each in factors]  # summed over poles the lag has no jumps
-    u_gain = _edge(gains)
-    if measured_delay is not None:
-        turn = 2 * math.pi * frequency
-        phase, u_phase = turn * measured_delay.value, turn * measured_delay.u
-        return FilterLag(gains[0], u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record")
-    delay = phases[0] / (2 * math.pi * frequency)
-    return FilterLag(gains[0], u_gain, phases[0], _edge(phases), delay, _NOTE)
+    turn = 2 * math.pi * frequency
+    gain, u_gain = _range([float(np.prod(np.abs(each))) for each in factors])
+    # summed over poles the lag has no jumps
+    phase, u_phase = _range([float(-np.sum(np.angle(each))) for each in factors])
+    if measured_delay is None:
+        return FilterLag(gain, u_gain, phase, u_phase, phase / turn, _NOTE)
+    phase, u_phase = turn * measured_delay.value, turn * measured_delay.u
+    return FilterLag(gain, u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record")
 
 
 @cache
@@ -246,26 +235,19 @@ def _poles(order: int) -> list[Complexes]:
     return [signal.buttap(order)[1], signal.besselap(order, norm="mag")[1], np.full(order, -higher, dtype=complex)]
 
 
-def _edge(every: list[float]) -> float:
-    """Return the standard deviation about the first value of a rectangle over all values."""
+def _range(every: list[float]) -> tuple[float, float]:
+    """Return the first value, and the standard deviation about it of a rectangle over all values."""
     low, high = min(every), max(every)
-    return math.hypot((high - low) / math.sqrt(12), (low + high) / 2 - every[0])
+    return every[0], math.hypot((high - low) / math.sqrt(12), (low + high) / 2 - every[0])
 
 
 def declared_filter(attrs: Mapping[str, Any]) -> dict[str, float] | None:
-    """Return order and cutoff [Hz] that the header declares, or None.
+    """Return ``order`` and ``cutoff`` [Hz] that the header declares; None without a filter, or when blocks differ.
 
     Parameters
     ----------
     attrs : mapping
         Of the readings.
-
-    Returns
-    -------
-    dict or None
-        ``order`` and ``cutoff``; None without a filter, or when blocks differ.
     """
     declared = [block.get("filter") for block in _blocks(attrs)]
-    if not declared or any(each != declared[0] for each in declared):
-        return None
-    return declared[0]
+    return declared[0] if declared and all(each == declared[0] for each in declared) else None

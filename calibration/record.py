@@ -246,25 +246,18 @@ def load_record(path: str | os.PathLike[str]) -> Record:
     document = parse(path)
     version, kind = document.tree.get("version"), document.tree.get("kind")
     if isinstance(version, int) and version > VERSION:
-        message = f"{path}: the record has version {version}, this labpipe knows {VERSION}; "
-        message += "update labpipe (pip install --upgrade labpipe)"
-        raise CalibrationError(message)
+        raise CalibrationError(
+            f"{path}: the record has version {version}, this labpipe knows {VERSION}; "
+            "update labpipe (pip install --upgrade labpipe)"
+        )
     if not isinstance(kind, str) or kind not in KINDS:
-        line = document.lines.get(("kind",), 1)
-        known = ", ".join(f'"{name}"' for name in KINDS)
-        found = "nothing" if kind is None else f'"{kind}"'
-        raise ConfigError([f"{path}:{line}: kind: expected one of {known}, found {found}"])
+        known, found = ", ".join(f'"{name}"' for name in KINDS), "nothing" if kind is None else f'"{kind}"'
+        raise ConfigError([f"{path}:{document.lines.get(('kind',), 1)}: kind: expected one of {known}, found {found}"])
     return config.read(path, KINDS[kind])
 
 
 def require(
-    record: Record,
-    kind: str,
-    attrs: Mapping[str, Any],
-    *,
-    measured: str | date | None = None,
-    view: str | None = None,
-    ignore_validity: bool = False,
+    record: Record, kind: str, attrs: Mapping[str, Any], *, measured: str | date | None = None, view: str | None = None
 ) -> dict[str, Any]:
     """Refuse a record that does not belong to a measurement; else list the checks.
 
@@ -282,8 +275,6 @@ def require(
         known, the result says that the validity was not checked.
     view : str, optional
         Camera view.
-    ignore_validity : bool
-        Use a record outside its period; the result says so.
 
     Returns
     -------
@@ -301,29 +292,25 @@ def require(
             f"of a {kind.replace('_', ' ')}; name that file instead"
         )
     if view is not None and record.view != view:
-        message = (
-            f'record "{record.id}" belongs to '
-            + (f'the view "{record.view}"' if record.view else "no view")
-            + f', the measurement to the view "{view}"; take the record of that view'
+        own = f'the view "{record.view}"' if record.view else "no view"
+        raise CalibrationError(
+            f'record "{record.id}" belongs to {own}, the measurement to the view "{view}"; take the record of that view'
         )
-        raise CalibrationError(message)
-    validity, no_day = _check_validity(record, attrs, measured, ignore_validity)
-    return {
-        "id": record.id,
-        "kind": record.kind,
-        "instrument": record.instrument,
-        "serial": record.serial,
-        "valid_from": record.valid_from.isoformat(),
-        "valid_until": record.valid_until.isoformat(),
-        "who": record.who,
-        "when": record.when.isoformat(),
-        "how": record.how,
-        "sensor_check": _check_sensor(record, attrs),
-        "validity_check": validity,
-        "no_day": no_day,
-        "stated_day": measured.isoformat() if isinstance(measured, date) else "",
-        "recorded_day": _recorded_day(attrs),
-    }
+    validity, no_day = _check_validity(record, attrs, measured)
+    start, fields = _day(str(attrs.get("start", ""))), ("id", "kind", "instrument", "serial", "who", "how")
+    dates = {name: getattr(record, name).isoformat() for name in ("valid_from", "valid_until", "when")}
+    return (
+        {name: getattr(record, name) for name in fields}
+        | dates
+        | {
+            "sensor_check": _check_sensor(record, attrs),
+            "validity_check": validity,
+            "no_day": no_day,
+            "stated_day": measured.isoformat() if isinstance(measured, date) else "",
+            # the day that the readings themselves say, "" where they have none or their clock cannot be right
+            "recorded_day": start.isoformat() if start and _CLOCKS_SET <= start <= date.today() else "",
+        }
+    )
 
 
 def _check_sensor(record: Record, attrs: Mapping[str, Any]) -> str:
@@ -349,9 +336,7 @@ def _check_sensor(record: Record, attrs: Mapping[str, Any]) -> str:
     raise CalibrationError(text)
 
 
-def _check_validity(
-    record: Record, attrs: Mapping[str, Any], measured: str | date | None, ignore_validity: bool
-) -> tuple[str, str]:
+def _check_validity(record: Record, attrs: Mapping[str, Any], measured: str | date | None) -> tuple[str, str]:
     """Compare the period of a record with the day of a measurement; return the result, and the reason if unknown."""
     day = _day(measured if measured is not None else str(attrs.get("start", "")))
     if day is None:
@@ -360,8 +345,6 @@ def _check_validity(
         return f"valid on {day}", ""
     if not isinstance(measured, date) and not _CLOCKS_SET <= day <= date.today():
         return f"not known: the clock of the instrument says {day}", WRONG_CLOCK
-    if ignore_validity:
-        return f"ignored: measured on {day}, outside the period of the record", ""
     word = "expired" if day > record.valid_until else "was not yet valid"
     raise CalibrationError(
         f'record "{record.id}" is valid from {record.valid_from} until {record.valid_until}; it '
@@ -370,20 +353,10 @@ def _check_validity(
     )
 
 
-def _recorded_day(attrs: Mapping[str, Any]) -> str:
-    """Return the day that the readings themselves say, "" where they have none or their clock cannot be right."""
-    day = _day(str(attrs.get("start", "")))
-    return "" if day is None or not _CLOCKS_SET <= day <= date.today() else day.isoformat()
-
-
 def _day(text: str | date) -> date | None:
-    if isinstance(text, datetime):
-        return text.date()
-    if isinstance(text, date):
-        return text
-    if not text:
-        return None
+    if isinstance(text, date):  # or a time of a day
+        return text.date() if isinstance(text, datetime) else text
     try:
-        return datetime.fromisoformat(text).date()
+        return datetime.fromisoformat(text).date() if text else None
     except ValueError:
         raise CalibrationError(f'the day of the measurement must read like "2024-05-14", found "{text}"') from None

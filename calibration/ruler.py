@@ -3,8 +3,7 @@
 Their distance in pixels, with a standard uncertainty, is for the ``pixel_length`` of a camera record.
 """
 
-from dataclasses import dataclass
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,7 @@ _BANDS = 8  # pieces of the image in which the lines are located, for the tilt
 _CLEAR = 4.0  # a line must stand out of the noise by so many standard deviations
 
 
-@dataclass(frozen=True, slots=True)
-class Ruler:
+class Ruler(NamedTuple):
     """A ruler found in an image.
 
     Attributes
@@ -71,16 +69,12 @@ def graduations(image: NDArray[np.generic], *, axis: str = "x", dark: bool = Tru
     grey = np.asarray(image, float)
     if grey.ndim != 2:
         raise InputError(f"expected one image (row, column), found {grey.ndim} dimensions")
-    grey = grey if axis == "x" else grey.T
-    grey = -grey if dark else grey
+    grey = (grey if axis == "x" else grey.T) * (-1.0 if dark else 1.0)
     centres = _lines(grey.mean(axis=0))
-    edges = np.linspace(0, grey.shape[0], _BANDS + 1).astype(int)
-    middles = 0.5 * (edges[1:] + edges[:-1] - 1)
-    middle = 0.5 * (grey.shape[0] - 1)
     half = np.median(np.diff(centres)) / 2
-    rows = [_near(grey[a:b].mean(axis=0), centres, half) for a, b in pairwise(edges)]
-    places = np.array(rows)
-    at_middle, across = places.mean(axis=0), middles - middle
+    bands = np.array_split(np.arange(grey.shape[0]), _BANDS)
+    places = np.array([_near(grey[band].mean(axis=0), centres, half) for band in bands])
+    at_middle, across = places.mean(axis=0), np.array([band.mean() for band in bands]) - 0.5 * (grey.shape[0] - 1)
     drifts = across @ (places - at_middle) / (across @ across)  # of every line
     tilt, u_tilt = float(np.arctan(drifts.mean())), float(drifts.std(ddof=1) / np.sqrt(drifts.size))
     number = np.rint((at_middle - at_middle[0]) / np.median(np.diff(at_middle)))

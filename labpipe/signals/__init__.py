@@ -5,12 +5,7 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.signals._alignment import (
-        combine_repeats as combine_repeats,
-        interpolated_at as interpolated_at,
-        lag as lag,
-        timed_from_event as timed_from_event,
-    )
+    from labpipe.signals._alignment import combine_repeats as combine_repeats, lag as lag
     from labpipe.signals._as_fitted import as_fitted as as_fitted
     from labpipe.signals._bounces import PHASES as PHASES, bounces as bounces
     from labpipe.signals._derivative import velocity as velocity
@@ -32,16 +27,12 @@ if TYPE_CHECKING:
     from labpipe.signals._noise import estimate_noise as estimate_noise, quantisation_step as quantisation_step
     from labpipe.signals._oscillation import (
         CommonFit as CommonFit,
-        Sinusoid as Sinusoid,
+        Oscillation as Oscillation,
         common_fit as common_fit,
+        damped_oscillation as damped_oscillation,
         fit_sinusoid as fit_sinusoid,
     )
     from labpipe.signals._outliers import LONGEST_RUN as LONGEST_RUN, Outliers as Outliers, outliers as outliers
-    from labpipe.signals._ringing import (
-        Damped as Damped,
-        Ringing as Ringing,
-        damped_oscillation as damped_oscillation,
-        ringing as ringing,
-    )
+    from labpipe.signals._ringing import Ringing as Ringing, ringing as ringing
 else:
     __getattr__ = lazily(__name__)

@@ -1,4 +1,4 @@
-"""Records on another time axis: from an event, at given times, and repeats on a common one with their band."""
+"""Records on a common time axis: the lag between two, and repeats with their band."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,65 +12,13 @@ from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._noise import estimate_noise
 from labpipe.signals._oscillation import parameter_covariance
-from labpipe.signals._readings import checked_times, is_constant, refuse_endless, refuse_infinite
+from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
 from labpipe.signals._smoothing_spline import evaluate, smooth
 from labpipe.variables import described, variable
 
-_OUTLYING = 5.0  # robust standard deviations from the median of the repeats
 _STEPS, _SETTLED = 30, 1e-6  # of Gauss and Newton at most, four are usual; in sampling intervals
 _FEWEST = 12  # readings that determine a lag
 _ROUNDING = 1e-6  # of an interval
-_FEWEST_FOR_OUTLIERS = 4  # among three, none can be called wrong
-
-
-def timed_from_event(record: xr.DataArray, event: float) -> xr.DataArray:
-    """Count time from an event.
-
-    Parameters
-    ----------
-    record : DataArray (time,)
-    event : float [s]
-        Time in the record that becomes 0, for example ``first_contact_time``.
-
-    Returns
-    -------
-    DataArray (time,)
-        A copy with shifted ``time`` (long name "time from the event").
-
-    Raises
-    ------
-    InputError
-        The event is not finite.
-    """
-    if not np.isfinite(event):
-        raise InputError(f"cannot align at {event}: the event was not found in this record")
-    shifted = record.assign_coords(time=record["time"] - event)
-    shifted["time"].attrs = described("s", "time from the event")
-    return shifted
-
-
-def interpolated_at(record: xr.DataArray, time: Floats) -> xr.DataArray:
-    """Interpolate linearly; NaN outside the record and next to unread samples.
-
-    Parameters
-    ----------
-    record : DataArray (time,)
-    time : array (m,) [s]
-
-    Returns
-    -------
-    DataArray (time,)
-
-    Raises
-    ------
-    InputError
-        The record's times do not increase, or a value is infinite.
-    """
-    own = checked_times(record["time"].values)
-    refuse_infinite(np.asarray(record.values, float), "a record")
-    values = np.interp(time, own, record.values, left=np.nan, right=np.nan)
-    coordinate = ("time", np.asarray(time, float), record["time"].attrs)
-    return xr.DataArray(values, dims="time", coords={"time": coordinate}, name=record.name, attrs=record.attrs)
 
 
 class Lag(NamedTuple):
@@ -135,7 +83,7 @@ def lag(first: xr.DataArray, second: xr.DataArray, largest: float) -> Lag:
     smoothed = smooth(t2, y2, estimate_noise(y2 - y2[0], t2).sigma)
     interval, shift = float(np.median(np.diff(t))), 0.0
     for _ in range(_STEPS):
-        moved, rate = spline(t + shift), evaluate(smoothed, t + shift, 1)[0]
+        moved, ((rate, _),) = spline(t + shift), evaluate(smoothed, t + shift, 1)
         jacobian = np.column_stack([y, np.ones_like(t), -rate])
         gain, offset, step = np.linalg.lstsq(jacobian, moved, rcond=None)[0].tolist()
         shift = float(np.clip(shift + np.clip(step, -2 * interval, 2 * interval), -largest, largest))
@@ -172,7 +120,7 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
 
     Notes
     -----
-    A repeat is an outlier when its root-mean-square distance from the median curve lies more than
+    A repeat is an outlier when its root-mean-square distance from the median curve is more than
     five robust standard deviations above that of the others; with fewer than four repeats nothing
     is flagged. Records are interpolated linearly.
     """
@@ -193,15 +141,16 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     own = [r["time"].values - s for r, s in zip(records, starts, strict=True)]
     interval = min(float(np.median(np.diff(t))) for t in own)
     first, last = min(float(t[0]) for t in own), max(float(t[-1]) for t in own)
-    refuse_endless(last - first, interval)
+    if not last - first <= 20_000_000 * interval:  # a thousand times a long record, and still in memory
+        raise InputError(
+            f"{last - first:.3g} s at the finest interval of {interval:.3g} s are more than 20000000 samples; give all "
+            "records their times in s"
+        )
     time = interval * np.arange(np.ceil(first / interval - _ROUNDING), np.floor(last / interval + _ROUNDING) + 1)
-    slack = [_ROUNDING * (t[-1] - t[0]) / (t.size - 1) for t in own]
-    values = np.array(
-        [
-            np.where((time >= t[0] - s) & (time <= t[-1] + s), np.interp(time, t, r.values), np.nan)
-            for t, s, r in zip(own, slack, records, strict=True)
-        ]
-    )
+    values = np.empty((len(own), len(time)))
+    for row, t, record in zip(values, own, records, strict=True):
+        slack = _ROUNDING * (t[-1] - t[0]) / (t.size - 1)
+        row[:] = np.where((time >= t[0] - slack) & (time <= t[-1] + slack), np.interp(time, t, record.values), np.nan)
     n = np.isfinite(values).sum(axis=0)
     mean = np.where(n > 0, np.nansum(values, axis=0) / np.maximum(n, 1), np.nan)
     spread = np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1)
@@ -227,15 +176,12 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
 
 
 def _outliers(values: Floats) -> Flags:
-    if len(values) < _FEWEST_FOR_OUTLIERS:
+    shared = values[:, np.isfinite(values).all(axis=0)]
+    if len(values) < 4 or not shared.size:  # among three, none can be called wrong
         return np.zeros(len(values), dtype=bool)
-    covered = np.isfinite(values).all(axis=0)
-    if not covered.any():
-        return np.zeros(len(values), dtype=bool)
-    shared = values[:, covered]
     distance = np.sqrt(np.mean((shared - np.median(shared, axis=0)) ** 2, axis=1))
     centre = np.median(distance)
     scale = 1.4826 * np.median(np.abs(distance - centre))
     # identical repeats have no scatter to be compared with
     floor = 1e-12 * max(float(np.ptp(shared)), np.finfo(float).tiny)
-    return distance > centre + _OUTLYING * max(scale, 0.1 * centre, floor)
+    return np.asarray(distance > centre + 5.0 * max(scale, 0.1 * centre, floor))

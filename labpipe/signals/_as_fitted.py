@@ -5,14 +5,12 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.signals._bounces import LABELS, LONGEST_ARC, TOGETHER, combined
-from labpipe.signals._floor import Beneath, Floor
-from labpipe.signals._impact_fit import fit_impact
+from labpipe.signals._bounces import LABELS, TOGETHER, combined, fitted
+from labpipe.signals._floor import Floor
+from labpipe.signals._noise_spectrum import WHITE
+from labpipe.signals._reversals import Turn
 from labpipe.signals._shape_prior import PRIORS
 from labpipe.variables import variable
-
-_AFTER_LIFTOFF = 0.1  # of the contact, before a flight counts
-_ASTRAY = 0.3  # of the contact, by which no fit misses its touch
 
 
 def as_fitted(
@@ -82,22 +80,17 @@ def as_fitted(
     if not noise > 0.0:
         raise InputError(f"noise = {noise} m: expected the positive standard deviation of the record's noise")
     time, height = displacement["time"].values, displacement.values
+    ends = np.searchsorted(time, np.append(touch_time[1:], np.inf))
+    turns = [
+        Turn(int(np.searchsorted(time, touch)), 0, int(end), float(touch), float(touch + lasts), 0.0)
+        for touch, lasts, end in zip(touch_time, contact_duration, ends, strict=True)
+        if np.isfinite(lasts)
+    ]
+    fits, _ = fitted(time, height, (noise, WHITE), turns[:count], (gravity, u_gravity), PRIORS[contact], floor)
     found = np.full((count, len(TOGETHER)), np.nan)
-    beneath = None if floor is None else Beneath(floor)
-    liftoff = touch_time + contact_duration
-    for i in range(min(count, int(np.isfinite(liftoff).sum()))):
-        # of the fall, what the record's own fit takes
-        begin = liftoff[i - 1] + _AFTER_LIFTOFF * contact_duration[i - 1] if i else touch_time[0] / 3.0
-        end = touch_time[i + 1] if i + 1 < touch_time.size and np.isfinite(touch_time[i + 1]) else time[-1]
-        between = [max(begin, touch_time[i] - LONGEST_ARC), min(end, liftoff[i] + LONGEST_ARC)]
-        window = slice(*(int(n) for n in np.searchsorted(time, between)))
-        guess = (float(touch_time[i]), float(liftoff[i]))
-        fit = fit_impact(
-            time[window], height[window], noise, guess, gravity, u_gravity, PRIORS[contact], beneath=beneath
-        )
-        beneath = fit.beneath
-        if abs(fit.value[0] - touch_time[i]) < _ASTRAY * contact_duration[i]:
-            found[i] = [combined(name, fit.value, 1)[0] for name in TOGETHER]
+    for row, fit, turn in zip(found, fits, turns, strict=False):
+        if abs(fit.value[0] - turn.touch) < 0.3 * turn.duration:  # no fit of the same impact is further off
+            row[:] = [combined(name, fit.value, 1)[0] for name in TOGETHER]
     return xr.Dataset(
         {
             name: variable("impact", values, LABELS[name][0], f"{LABELS[name][1]}, as a fit to the motion finds it")

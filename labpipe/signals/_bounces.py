@@ -19,19 +19,14 @@ from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import (
-    Colour,
-    coloured_covariance,
-    corner_in_flight,
-    estimate_corner,
-    velocity_factor,
-)
+from labpipe.signals._noise_spectrum import Colour, corner_in_flight, estimate_corner, velocity_factor
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
     FEWEST_IN_FLIGHT,
     SURE,
     Turn,
+    arc,
     common_fall,
     curvature,
     find_turns,
@@ -51,7 +46,7 @@ LONGEST_ARC = 12e-3
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _RESTED = 0.1  # of the fall, by which a turn begins too early when the body still rests
-_ENDS = 4  # readings at either end of a record that do not tell which way it falls
+_ENDS = 4  # readings at either end of a record that do not show which way it falls
 _LEAST_READINGS = 8  # about a contact, fewer than which hold no two arcs
 _HELD = 0.1  # of the fall, before which the body surely rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
@@ -68,7 +63,7 @@ _SHARED = (
 """Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
 
 TOGETHER = ("restitution", "contact_duration", "incoming_speed", "penetration")
-"""Quantities of an impact that are compared beside each other: what they have in common is told with its sign."""
+"""Quantities of an impact that are compared together: the part of their errors in common is stated with its sign."""
 
 LABELS = {
     "touch_time": ("s", "time of touch"),
@@ -96,12 +91,7 @@ _DERIVED: dict[str, Callable[[Any], Any]] = {
 
 
 def bounces(
-    displacement: xr.Dataset | xr.DataArray,
-    *,
-    gravity: float | None = None,
-    noise: float | None = None,
-    contact: Literal["any", "polymer"] = "any",
-    floor: Floor | None = None,
+    displacement: xr.Dataset | xr.DataArray, *, contact: Literal["any", "polymer"] = "any", floor: Floor | None = None
 ) -> xr.Dataset:
     """Find and measure every bounce of a body that was dropped.
 
@@ -110,13 +100,8 @@ def bounces(
     displacement : Dataset with ``displacement`` or DataArray, over time [m]
         Either direction, any offset. NaN samples are left out. An attribute ``hum`` of the Dataset
         says which hum was taken out of it already; it is found again with the flights.
-    gravity : float, optional [m/s2]
-        Acceleration of the free fall in the record. Default: fitted, common to all flights; an
-        uncorrected inclination of the sensor then cancels in the restitution.
-    noise : float, optional [m]
-        Standard deviation of white noise; default estimated from the record.
     contact : {"any", "polymer"}
-        What is known of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
+        Prior knowledge of the contact force's shape, see :data:`labpipe.signals._shape_prior.PRIORS`.
         ``"polymer"`` (a solid with a broad relaxation spectrum, such as acrylic, PEEK, nylon or
         PTFE) halves the uncertainties; ``"any"`` also covers bodies with one relaxation time and
         losses proportional to velocity.
@@ -134,8 +119,8 @@ def bounces(
         and ``chi_square`` [1] of each fit. Times, speeds and restitution also have a
         ``shared_u_``: the part of their ``u_`` that the unknown shape of the pulse brings about,
         which drops of the same body share, so that a mean over repeats keeps it. ``common_`` of
-        restitution, duration, incoming speed and penetration (impact, ``unknown``): what one deviation
-        of each unknown of the pulse's shape, then of the impact's own noise, adds to them, with its sign.
+        restitution, duration, incoming speed and penetration (impact, ``unknown``): the change by one deviation
+        of each unknown of the pulse's shape, then of the impact's own noise, with its sign.
         Scalars with ``u_``: ``release_time``, ``first_contact_time``, ``rest_time`` [s] (NaN when
         the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
         ``fall_acceleration`` [m/s2]. Scalar ``settling_time`` [s]: the last touch seen, after
@@ -143,7 +128,7 @@ def bounces(
         higher), ``noise`` (m) of neighbouring samples, ``noise_corner`` (Hz) below which the noise is
         more than twice as strong (0 when it is white), ``work``; where there is a hum of the mains,
         ``hum`` (:meth:`labpipe.signals.Hum.to_text`), which was taken out before anything was
-        measured, and ``u_hum`` (m), what is left of it, which is in every ``u_``.
+        measured, and ``u_hum`` (m), its remainder, which is in every ``u_``.
 
     Raises
     ------
@@ -161,7 +146,7 @@ def bounces(
     Touch and lift-off are where the contact force begins and ends. A later touch is lower than the
     first (a dent is left), and lift-off is lower than touch. Speeds are read there, not where the
     level is crossed. The record's scale (an inclined sensor, cos theta) multiplies all levels and
-    speeds of a record alike; it is not in the ``u_`` here, and it cancels exactly in
+    speeds of a record equally; it is not in the ``u_`` here, and it cancels exactly in
     ``restitution`` and in all times.
 
     The uncertainties cover the unknown shape of the contact pulse (see
@@ -186,26 +171,20 @@ def bounces(
     time, values = time[is_read], values[is_read]
     if len(time) < 4 * FEWEST_IN_FLIGHT:
         raise InputError(f"a drop needs at least {4 * FEWEST_IN_FLIGHT} readings; found {len(time)}")
-    sigma = noise if noise is not None else estimate_noise(values - values[0], time).sigma
+    sigma = estimate_noise(values - values[0], time).sigma
     if is_constant(values) or not (np.isfinite(sigma) and sigma > 0.0):
         raise InputError("the displacement does not change: no drop in this record")
     wild = outliers(values, time, noise=sigma)
     known = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
     try:
-        return _measured(time[~wild.flags], values[~wild.flags], sigma, known, gravity, contact, floor)
+        return _measured(time[~wild.flags], values[~wild.flags], sigma, known, contact, floor)
     except InputError as error:
         disturbed = wild.interruption(time, values)
         raise (InputError(f"{disturbed}; {error}") if disturbed else error) from None
 
 
 def _measured(
-    time: Floats,
-    values: Floats,
-    sigma: float,
-    known: Hum | None,
-    gravity: float | None,
-    contact: str,
-    floor: Floor | None,
+    time: Floats, values: Floats, sigma: float, known: Hum | None, contact: str, floor: Floor | None
 ) -> xr.Dataset:
     """Find and measure the bounces of readings that are all valid."""
     motion = _followed(time, values, sigma, known)
@@ -219,14 +198,14 @@ def _measured(
     direction, turns = motion.direction, motion.turns
     colour = Colour(corner_in_flight(time, values, sigma, free, motion.colour.corner), hum)
     height = direction * values
-    fall, u_fall = common_fall(time, height, sigma, turns, gravity, colour)
+    fall, u_fall = common_fall(time, height, sigma, turns, colour)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
         raise InputError(
             f"no bounce found: the strongest reversal changes the speed by {turns[0].jump:.3g} "
             f"m/s in {turns[0].duration:.3g} s, no more than {_IMPULSIVE:.0f} times the fall does"
         )
     prior = PRIORS[contact]
-    impacts, last_touch = _fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior, floor)
+    impacts, last_touch = fitted(time, height, (sigma, colour), turns, (fall, u_fall), prior, floor)
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
@@ -271,12 +250,10 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
     """Follow a record and find its turns."""
     fit = smooth(time, values, sigma)
     # +1 when upwards is positive: contact forces are far larger than gravity, and push up
-    acceleration, u = evaluate(fit, time, 2)
+    (level, u_level), (speed, u_speed), (acceleration, u) = evaluate(fit, time, 0, 1, 2)
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
-    speed, u_speed = evaluate(fit, time, 1)
-    level, u_level = evaluate(fit, time, 0)
     share = (u_level / fit.sigma) ** 2
     corner = estimate_corner((values - level) / sigma, share, fit.time_scale)
     u_speed = u_speed * velocity_factor(share, fit.time_scale, corner)
@@ -287,9 +264,9 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
 def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) -> list[Stretch]:
     """Return where no specimen swings: the rest before the release, and all flights."""
     height, colour = motion.direction * values, motion.colour
-    fall, _ = common_fall(time, height, sigma, motion.turns, None, colour)
+    fall, _ = common_fall(time, height, sigma, motion.turns, colour)
     first = motion.turns[0]
-    # A hum makes the turn begin while the body still rests: the speed of the impact tells the release.
+    # A hum makes the turn begin while the body still rests: the speed of the impact determines the release.
     lasts = -float(motion.speed[first.descent]) / fall
     ends = first.touch - lasts * np.array([1.0 + _HELD, 1.0 - _HELD])
     held, released = (int(i) for i in np.searchsorted(time, ends))
@@ -307,7 +284,7 @@ def _is_flight(value: float, u: float, fall: float) -> bool:
     return u <= _FALL_TOLERANCE * fall and abs(value - fall) <= max(_FALL_TOLERANCE * fall, 3.0 * u)
 
 
-def _fitted(
+def fitted(
     time: Floats,
     height: Floats,
     noise: tuple[float, Colour],
@@ -335,7 +312,7 @@ def _fitted(
         if window.stop - window.start < _LEAST_READINGS:
             if impacts:
                 return impacts, turn.touch
-            raise InputError(f"no bounce found: hardly any reading lies about the contact at {turn.touch:.4g} s")
+            raise InputError(f"no bounce found: hardly any reading is near the contact at {turn.touch:.4g} s")
         impacts.append(fit_impact(time[window], height[window], sigma, guess, *gravity, prior, colour, beneath))
         beneath = impacts[-1].beneath
     return impacts, float(impacts[-1].value[0]) if impacts else np.nan
@@ -362,7 +339,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             found[f"shared_u_{name}"] = variable("impact", shared, unit, text)
     for name, parts in zip(TOGETHER, np.moveaxis(np.array(common), 1, 0), strict=True):
-        text = f"what one deviation of each common unknown adds to {LABELS[name][1]}"
+        text = f"change of {LABELS[name][1]} by one deviation of each common unknown"
         found[f"common_{name}"] = variable(("impact", "unknown"), parts, LABELS[name][0], text)
     chi_square = [impact.chi_square for impact in impacts]
     found["chi_square"] = variable("impact", chi_square, "1", "scatter about the fit over the noise, squared")
@@ -370,10 +347,10 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> dict[str, Any]:
 
 
 def _in_common(gradients: Floats, impact: ImpactFit) -> Floats:
-    """Return what each common unknown adds to each of :data:`TOGETHER` (quantity, unknown) of one impact.
+    """Return the change by each common unknown of each of :data:`TOGETHER` (quantity, unknown) of one impact.
 
     Unknown are the shape of the pulse and, independent of it, as many deviations of the noise: the
-    symmetric root of what is left of the covariance, which is alike in all repeats.
+    symmetric root of the rest of the covariance, which is the same in all repeats.
     """
     by_shape = gradients @ impact.by_shape
     left = propagated_covariance(gradients, impact.covariance) - by_shape @ by_shape.T
@@ -401,56 +378,37 @@ def _release(
     direction: int,
 ) -> dict[str, Any]:
     """Release: where the falling arc has no speed. First contact: the first touch."""
-    sigma, colour = noise
-    start, touch = turn.before + (turn.descent - turn.before) // 10, float(impact.value[0])
-    # Slow drift or hum makes the turn begin while the body still rests. The last third of what is
-    # left falls for certain and says when the release was.
-    late = int(np.searchsorted(time, touch - (touch - time[start]) / 3))
-    (_, speed, fall_rate), _ = _falling_arc(time, height, sigma, late, impact, gravity)
-    release = touch + speed / fall_rate
-    if release - time[start] > _RESTED * (touch - release):
-        start = int(np.searchsorted(time, release))
-    (level, speed, fall_rate), design = _falling_arc(time, height, sigma, start, impact, gravity)
-    t = time[start : int(np.searchsorted(time, touch))]
+    touch, contact = float(impact.value[0]), float(impact.value[4])
+    u_touch, u_contact = np.sqrt(np.diag(impact.covariance)[[0, 4]]).tolist()
+
+    def fallen(start: int) -> tuple[Floats, Floats]:
+        part = slice(start, int(np.searchsorted(time, touch)))
+        return arc(time[part], height[part] - contact, *noise, touch, gravity)
+
+    start = turn.before + (turn.descent - turn.before) // 10
     try:
-        inverse = np.linalg.inv(design.T @ design)
-        # The last row is the common fall, not a reading.
-        covariance = sigma**2 * coloured_covariance(design, inverse, t, colour, sigma)
+        # Slow drift or hum makes the turn begin while the body still rests. The last third of the
+        # rest falls for certain and says when the release was.
+        (_, speed, rate), _ = fallen(int(np.searchsorted(time, touch - (touch - time[start]) / 3)))
+        release = touch + speed / rate
+        if release - time[start] > _RESTED * (touch - release):
+            start = int(np.searchsorted(time, release))
+        (level, speed, rate), covariance = fallen(start)
     except np.linalg.LinAlgError as error:
-        raise InputError(
-            f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "
-            f"not determine when it began"
-        ) from error
-    begin = speed / fall_rate
-    by_arc = np.array([0.0, 1.0 / fall_rate, -speed / fall_rate**2])
-    drop = level + 0.5 * speed**2 / fall_rate
-    drop_by_arc = np.array([1.0, speed / fall_rate, -0.5 * speed**2 / fall_rate**2])
-    u_touch, u_level = (float(np.sqrt(u)) for u in np.diag(impact.covariance)[[0, 4]].tolist())
-    release = float(impact.value[0] + begin)
-    if release < time[0]:
-        text = f"the body was already falling when the record began; its release at {release:.4g} s is extrapolated"
-        warnings.warn(text, UserWarning, stacklevel=3)
-    u_drop = float(np.hypot(propagated_u(drop_by_arc, covariance), u_level))
+        text = f"the readings of the fall before the first touch at {touch:.6g} s do not determine when it began"
+        raise InputError(text) from error
+    begin, drop = speed / rate, float(level + 0.5 * speed**2 / rate)
+    by_arc, drop_by_arc = np.array([0.0, 1.0, -begin]) / rate, np.array([1.0, begin, -0.5 * begin**2])
+    if touch + begin < time[0]:
+        text = f"the body was already falling when the record began; its release at {touch + begin:.4g} s is "
+        warnings.warn(text + "extrapolated", UserWarning, stacklevel=4)
+    u_drop = float(np.hypot(propagated_u(drop_by_arc, covariance), u_contact))
     return (
-        with_u("release_time", (), release, float(propagated_u(by_arc, covariance)), "s", "release")
-        | with_u("first_contact_time", (), float(impact.value[0]), u_touch, "s", "first contact")
-        | with_u("contact_level", (), direction * float(impact.value[4]), u_level, "m", "displacement at first touch")
-        | with_u("drop_height", (), float(drop), u_drop, "m", "height of the fall")
+        with_u("release_time", (), float(touch + begin), float(propagated_u(by_arc, covariance)), "s", "release")
+        | with_u("first_contact_time", (), touch, u_touch, "s", "first contact")
+        | with_u("contact_level", (), direction * contact, u_contact, "m", "displacement at first touch")
+        | with_u("drop_height", (), drop, u_drop, "m", "height of the fall")
     )
-
-
-def _falling_arc(
-    time: Floats, height: Floats, sigma: float, start: int, impact: ImpactFit, gravity: tuple[float, float]
-) -> tuple[tuple[float, float, float], Floats]:
-    """Fit the fall from one reading to the first touch: level, speed and acceleration there."""
-    fall = slice(start, int(np.searchsorted(time, impact.value[0])))
-    t = time[fall] - impact.value[0]
-    design = np.stack([np.ones_like(t), t, -0.5 * t**2], axis=1)
-    # The common fall is one more, very certain, reading.
-    design = np.vstack([design, [0.0, 0.0, sigma / gravity[1]]])
-    right = np.append(height[fall] - impact.value[4], gravity[0] * sigma / gravity[1])
-    level, speed, rate = np.linalg.lstsq(design, right, rcond=None)[0].tolist()
-    return (level, speed, rate), design
 
 
 def _rest(

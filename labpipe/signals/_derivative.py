@@ -5,11 +5,9 @@ Three estimators: ``"spline"`` (default, see :mod:`._smoothing_spline`), ``"thes
 alone).
 """
 
-from __future__ import annotations
-
 import json
 import warnings
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -19,7 +17,7 @@ from scipy import sparse
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._hum import Hum
-from labpipe.signals._noise import Noise, estimate_noise
+from labpipe.signals._noise import Noise, deviation, estimate_noise
 from labpipe.signals._noise_spectrum import Colour, estimate_corner, velocity_factor
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
@@ -33,9 +31,6 @@ THESIS_WINDOW = 5
 """Span of the thesis's ``smooth(v, N)``: N is not printed, so the default of that function."""
 
 _FEWEST_FOR_SPLINE = 12  # below, noise and motion cannot be distinguished
-_COMPUTED = 1e-6  # residuals below this part of the range: a computed curve, not a measured one
-_LINE_SHARE = 0.5  # of the residual power in one spectral line
-_WHITE_RESIDUAL = 1.1  # residuals this much larger or smaller than the noise: fit once more
 
 
 def velocity(
@@ -79,8 +74,7 @@ def velocity(
     DataArray (time,) [m/s]
         Named ``velocity``, with the non-index coordinate ``u_velocity`` (time,) [m/s], the
         standard uncertainty. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over
-        which the noise is correlated), ``quantisation`` (m); ``bandwidth`` (Hz: smallest and
-        largest over the record; a moving average of N samples has 1 / (2 N dt)); ``n_spikes``
+        which the noise is correlated), ``noise_corner`` (Hz, of the spline), ``quantisation`` (m); ``n_spikes``
         (outliers given no weight); ``work`` (JSON counts).
         NaN where the displacement is NaN.
 
@@ -101,13 +95,13 @@ def velocity(
     -----
     For the spline ``u_velocity`` is the posterior standard deviation and includes the expected
     smoothing error. It cannot include motion that stays below the noise over its whole life, such
-    as the last, sub-noise cycles of a decaying vibration, nor what the spline itself smooths of a
-    computed curve: up to 3e-4 of the largest velocity where there is no noise. For the two
+    as the last, sub-noise cycles of a decaying vibration, nor the smoothing of a
+    computed curve by the spline itself: up to 3e-4 of the largest velocity where there is no noise. For the two
     difference schemes it is the propagated noise alone: their blunting of an impact is not in it.
 
     Measured on bouncing records of 0.5 s, 1 µm noise, 0.1 µm steps, noise not given, rms over the
-    record: spline 0.29-0.47 mm/s at 50 kHz and 0.43-0.61 at 20 kHz; differences 35 and 14;
-    thesis scheme 10 and 4. Cost is linear: 25 000 samples take 0.012-0.018 s.
+    record: spline 0.26-0.47 mm/s at 50 kHz and 0.42-0.62 at 20 kHz; differences 35 and 14;
+    thesis scheme 10 and 4. Cost is linear: 25 000 samples take 0.005-0.007 s.
 
     Examples
     --------
@@ -126,16 +120,16 @@ def velocity(
             values = values if hum is None else values + sign * hum.at(time)
         edges = np.concatenate([events["touch_time"].values, events["liftoff_time"].values])
         breaks = np.sort(edges[np.isfinite(edges)]) if breaks is None else breaks
-    noise = None if noise is None else si(noise, "m", "noise")
-    if noise is not None and not (np.isfinite(noise) and noise >= 0.0):
-        raise InputError(f"noise must be a standard deviation in m, >= 0; found {noise}")
     is_read = np.isfinite(values)
     t, y = time[is_read], values[is_read]
     known = estimate_noise(y - y[0], t)
-    if noise is None and len(t) < _FEWEST_FOR_SPLINE:
-        known = Noise(float("nan"), known.step, 1)
     if noise is not None:
-        known = Noise(max(noise, known.step / np.sqrt(12.0)), known.step, 1)
+        sigma = si(noise, "m", "noise")
+        if not (np.isfinite(sigma) and sigma >= 0.0):
+            raise InputError(f"noise must be a standard deviation in m, >= 0; found {sigma}")
+        known = Noise(max(sigma, known.step / np.sqrt(12.0)), known.step, 1)
+    elif len(t) < _FEWEST_FOR_SPLINE:
+        known = Noise(float("nan"), known.step, 1)
     used: str = method
     if method == "spline" and len(t) < _FEWEST_FOR_SPLINE:
         text = (
@@ -144,7 +138,6 @@ def velocity(
         )
         warnings.warn(text, UserWarning, stacklevel=2)
         used = "difference"
-    attributes: dict[str, object] = {}
     if used == "spline":
         cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
         v, u, attributes = _spline(t, y, known, noise is None, cuts, colour)
@@ -153,24 +146,19 @@ def velocity(
             raise InputError(f"window must be from 1 to the {len(t)} readings; found {window}")
         span = window - 1 + window % 2 if used == "thesis" else 1
         v, u = _differences(t, y, known.sigma, span)
-        half_rate = 0.5 / float(np.median(np.diff(t)))
-        attributes = _attributes(known, [half_rate / max(span, 2)] * 2, 0, {"samples": len(t)}) | {"window": span}
+        attributes = _attributes(known, 0, {"samples": len(t)}) | {"window": span}
     else:
         raise InputError(f'method must be "spline", "thesis" or "difference"; found "{method}"')
-    full = np.full((2, len(time)), np.nan)
-    full[:, is_read] = v, u
-    u_velocity = ("time", full[1], described("m/s", "standard uncertainty of velocity"))
-    return xr.DataArray(
-        full[0],
-        dims="time",
-        coords={"time": record["time"].copy(), "u_velocity": u_velocity},
-        name="velocity",
-        attrs={**described("m/s", "velocity"), "method": used, **attributes},
-    )
+    if not is_read.all():
+        v, u = (np.insert(each, np.searchsorted(t, time[~is_read]), np.nan) for each in (v, u))
+    u_velocity = ("time", u, described("m/s", "standard uncertainty of velocity"))
+    attributes = {**described("m/s", "velocity"), "method": used, **attributes}
+    coordinates = {"time": record["time"].variable, "u_velocity": u_velocity}
+    return xr.DataArray(v, coordinates, ["time"], "velocity", attributes)
 
 
 def _displacement_of(given: object) -> xr.DataArray:
-    """Return the record that :func:`velocity` was given, or say how to make one of what it was given."""
+    """Return the record that :func:`velocity` was given, or say how to make one of another argument."""
     if isinstance(given, xr.DataArray):
         return given
     if not isinstance(given, xr.Dataset):
@@ -188,7 +176,7 @@ def _displacement_of(given: object) -> xr.DataArray:
 
 
 def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
-    """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
+    """Time and values of a displacement record as float64 copies, or say why it is none."""
     if displacement.dims != ("time",) or "time" not in displacement.coords:
         raise InputError(
             f"displacement must have the one dimension time with its coordinate; found dimensions {displacement.dims}"
@@ -213,62 +201,39 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
 
 def _spline(
     t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]], colour: Colour | None
-) -> tuple[Floats, Floats, dict[str, object]]:
+) -> tuple[Floats, Floats, dict[str, Any]]:
     """Velocity, uncertainty and attributes of the smoothing spline."""
     counts = {"samples": len(t)}
     if known.sigma <= 0.0:
         # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
-        return np.zeros(len(t)), np.zeros(len(t)), _attributes(known, [0.0, 0.0], 0, counts)
+        return np.zeros(len(t)), np.zeros(len(t)), _attributes(known, 0, counts)
     wild = outliers(y, t, noise=known.sigma)
     n_spikes = int(wild.flags.sum())
-    kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
     for text in (wild.message(t) if n_spikes else "", wild.interruption(t, y)):
         if text:
             warnings.warn(text, UserWarning, stacklevel=3)
+    kept: Flags | slice = ~wild.flags if n_spikes else slice(None)
     fit = smooth(t[kept], y[kept], known.sigma, *cuts)
+    (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
     n_updates = fit.n_updates
-    level, u_level = evaluate(fit, t, 0)
     if may_refine and known.block == 1:
-        freedom = float(np.sum((u_level[kept] / fit.sigma) ** 2))
-        left = (y - level)[kept]
+        freedom, left = float(np.sum((u_level[kept] / fit.sigma) ** 2)), (y - level)[kept]
         # The median leaves out the few samples around a jump that no spline follows.
-        found = 1.4826 * float(np.median(np.abs(left))) * float(np.sqrt(left.size / max(left.size - freedom, 1.0)))
+        found = deviation(left) * float(np.sqrt(left.size / max(left.size - freedom, 1.0)))
         found = max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)
-        if not 1 / _WHITE_RESIDUAL < found / known.sigma < _WHITE_RESIDUAL:
+        if abs(np.log(found / known.sigma)) > 0.1:  # fit once more
             known = known._replace(sigma=found)
             fit = smooth(t[kept], y[kept], known.sigma, *cuts)
             n_updates += fit.n_updates
-            level, u_level = evaluate(fit, t, 0)
-    _warn_of_fast_motion((y - level)[kept], float(np.ptp(y)), known)
-    v, u = evaluate(fit, t, 1)
-    share = (u_level / fit.sigma) ** 2
+            (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
+    residual, share = (y - level)[kept], (u_level / fit.sigma) ** 2
     if colour is None:
-        colour = Colour(estimate_corner(((y - level) / known.sigma)[kept], share[kept], fit.time_scale))
-    u = u * velocity_factor(share, fit.time_scale, colour.corner)
+        colour = Colour(estimate_corner(residual / known.sigma, share[kept], fit.time_scale))
+    u *= velocity_factor(share, fit.time_scale, colour.corner)
     if colour.hum is not None:
         u = np.hypot(u, colour.hum.remaining_rate(t))
-    half_rate = 0.5 / fit.time_scale
-    band = [half_rate * float(share.min()), half_rate * min(float(share.max()), 1.0)]
     counts |= {"coefficients": len(fit.coefficients), "band_solves": n_updates}
-    return v, u, _attributes(known, band, n_spikes, counts) | {"noise_corner": colour.corner}
-
-
-def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:
-    """Say when one frequency dominates what was taken for noise."""
-    is_computed = float(np.std(residual)) < _COMPUTED * extent
-    if is_computed or len(residual) < 64 or known.block > 1:
-        return
-    power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
-    peak = int(np.argmax(power))
-    line = float(np.sum(power[max(peak - 2, 0) : peak + 3]))
-    # Of n / 2 bins of white noise the five around the highest hold some 2 log(n) / n of the power.
-    if line > _LINE_SHARE * float(np.sum(power)):
-        text = (
-            f"{100 * line / float(np.sum(power)):.0f} % of the estimated noise power is at one frequency, "
-            f"{peak / len(residual):.3f} of the sampling rate: motion too fast for this sampling is missing from the "
-            "velocity and its uncertainty"
-        )
-        warnings.warn(text, UserWarning, stacklevel=4)
+    return v, u, _attributes(known, n_spikes, counts) | {"noise_corner": colour.corner}
 
 
 def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Floats, Floats]:
@@ -289,12 +254,6 @@ def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Float
     return np.asarray(combined @ (y - y.mean())), u
 
 
-def _attributes(known: Noise, band: list[float], n_spikes: int, counts: dict[str, int]) -> dict[str, object]:
-    return {
-        "noise": known.sigma,
-        "noise_block": known.block,
-        "quantisation": known.step,
-        "bandwidth": band,
-        "n_spikes": n_spikes,
-        "work": json.dumps(counts),
-    }
+def _attributes(known: Noise, n_spikes: int, counts: dict[str, int]) -> dict[str, Any]:
+    noise = {"noise": known.sigma, "noise_block": known.block, "quantisation": known.step}
+    return noise | {"n_spikes": n_spikes, "work": json.dumps(counts)}

@@ -62,7 +62,7 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     """
     z, f = np.asarray(position, float), np.asarray(force, float)
     if z.ndim != 1 or z.shape != f.shape:
-        raise InputError(f"position and force must be one-dimensional and alike: {z.shape} and {f.shape}")
+        raise InputError(f"position and force must be one-dimensional, of one shape: {z.shape} and {f.shape}")
     refuse_infinite(z, "position")
     refuse_infinite(f, "force")
     finite = np.isfinite(z) & np.isfinite(f)
@@ -73,35 +73,25 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
         raise InputError("the position does not change: no approach")
     # Second differences: a force that rises evenly, by any step a reading, has none.
     noise = float(1.4826 * np.median(np.abs(np.diff(f, 2))) / np.sqrt(6))
-    start, end = float(np.median(f[:_FEWEST])), float(f[-3:].mean())
-    flat = (
+    start, end, span = float(np.median(f[:_FEWEST])), float(f[-3:].mean()), float(np.ptp(z))
+    flat = InputError(
         f"the force does not rise over the approach: {start:.4g} N at its beginning, "
         f"{end:.4g} N at its end; give the position of first touch in the settings"
     )
     if not end - start > 1e-12:
-        raise InputError(flat)
-    span = float(np.ptp(z))
-    rising = np.flatnonzero(f > start + 0.5 * (end - start))
-    guess = float(z[rising[0]]) - 0.05 * span
-
+        raise flat
+    guess = float(z[np.flatnonzero(f > start + 0.5 * (end - start))[0]]) / span - 0.05
+    slope = (end - start) / max(float(z[-1]) - guess * span, 1e-3 * span)
     scatter = max(noise, 1e-9 * (end - start))
 
     def residual(p: Floats) -> Floats:
-        touch, slope, level = p
-        bent = level + slope * np.maximum(0.0, z - touch * span)
-        return np.asarray((f - bent) / scatter)
+        return np.asarray((f - p[2] - p[1] * np.maximum(0.0, z - p[0] * span)) / scatter)
 
-    slope = (end - start) / max(float(z[-1]) - guess, 1e-3 * span)
-    trials = [
-        least_squares(residual, [(guess - back * span) / span, slope, start], x_scale="jac")
-        for back in (0.0, 0.02, 0.1)
-    ]
+    trials = [least_squares(residual, [guess - back, slope, start], x_scale="jac") for back in (0.0, 0.02, 0.1)]
     best = min(trials, key=lambda trial: float(trial.cost))
-    chi_square = 2 * best.cost / max(z.size - 3, 1)
-    level = np.sum(((f - f.mean()) / scatter) ** 2)
-    if not (best.x[1] > 0.0 and level - 2.0 * best.cost > _CLEAR**2 * max(chi_square, 1.0)):
-        raise InputError(flat)
-    covariance = np.linalg.pinv(best.jac.T @ best.jac) * max(chi_square, 1.0)
-    u_time, u_level = (float(np.sqrt(covariance[i, i])) for i in (0, 2))
-    when, u_when = float(best.x[0] * span), u_time * span
-    return FirstTouch(when, u_when, float(best.x[2]), u_level, float(best.x[1]), noise)
+    chi_square = max(2 * best.cost / max(z.size - 3, 1), 1.0)
+    gain = np.sum(((f - f.mean()) / scatter) ** 2) - 2.0 * best.cost
+    if not (best.x[1] > 0.0 and gain > _CLEAR**2 * chi_square):
+        raise flat
+    (touch, stiffness, level), u = best.x, np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)) * chi_square)
+    return FirstTouch(float(touch * span), float(u[0] * span), float(level), float(u[2]), float(stiffness), noise)

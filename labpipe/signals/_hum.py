@@ -1,10 +1,8 @@
 """Hum of the mains in a record: one line and its multiples, fitted where nothing else can swing.
 
-Where a body rests or flies its position is a polynomial of time, whatever its material. A line
-at the frequency of the mains is then the sensor's, not the specimen's; contacts and the ringing
-after them are no part of the fit. Each stretch has a polynomial of its own, and one line
-runs through all of them, so that short stretches determine amplitude and phase and their distance in time
-the frequency.
+Where a body rests or flies its position is a polynomial of time, whatever its material: a line at the frequency of
+the mains is then the sensor's. Each stretch has a polynomial of its own, and one line runs through all of them, so
+that short stretches determine amplitude and phase, and their distance in time the frequency.
 """
 
 import json
@@ -17,20 +15,10 @@ import numpy as np
 from labpipe.arrays import Floats
 
 MAINS = (50.0, 60.0)
-_U_MAINS = 0.05
-"""Hz, standard uncertainty of the frequency of a grid before it is measured: the range in which grids are kept."""
-_ORDERS = (1, 2, 3)  # the mains, what a rectifier makes of it, and what a transformer does
-_FURTHEST = 0.5  # Hz, from which on a line is none of the mains
-_SURE = 1e-6  # probability by chance of a line that is told
-_BESIDE, _CONTROLS = 0.45, 16
-"""Of the frequency of the mains, how far from a line, and at how many places, its noise is looked for."""
-_NEAREST, _FAR = 0.12, 0.35  # nearest, and at most so
-_SHORTEST = 0.1  # of a period, that a stretch lasts at least
-_UPDATES = 4  # of the frequency, about which the fit is linear
-_PERIODS = 0.6  # without which hum cannot be told from drift
-_PER_PERIOD = 8  # readings without which a line is not followed
-_RATE_STEP = 1e-3  # rad, over which a rate is a difference: good to 2e-7
-_DECIDED = 14.0  # of the sum of squares over the variance, by which one frequency of the mains is better than another
+_U_MAINS = 0.05  # Hz, standard uncertainty of the frequency of a grid: the range in which grids are kept
+_ORDERS = (1, 2, 3)  # the mains, and its multiples by a rectifier and a transformer
+_SURE = 1e-6  # probability by chance of a line that is reported
+_CONTROLS = 16  # neighbouring frequencies at which the noise of a line is determined
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +53,8 @@ class Hum:
 
     def modes(self, time: Floats) -> Floats:
         """Return the possible remainder of the hum: independent errors (n, p) of all readings, of one u each."""
-        design = _design(time - self.epoch, self.frequency, self.orders, self.parameters)
         values, vectors = np.linalg.eigh(self.covariance)
+        design = _waves(time - self.epoch, self.frequency, self.orders, self.parameters)
         return np.asarray(design @ (vectors * np.sqrt(np.maximum(values, 0.0))))
 
     def remaining(self, time: Floats) -> Floats:
@@ -75,7 +63,7 @@ class Hum:
 
     def remaining_rate(self, time: Floats) -> Floats:
         """Return the standard uncertainty (n,) of the rate of the hum [unit/s]."""
-        step = _RATE_STEP / (2 * np.pi * self.frequency * max(self.orders))
+        step = 1e-3 / (2 * np.pi * self.frequency * max(self.orders))  # a difference over 1e-3 rad is good to 2e-7
         return np.asarray(np.linalg.norm(self.modes(time + step) - self.modes(time - step), axis=1)) / (2 * step)
 
     def scaled(self, factor: float) -> "Hum":
@@ -120,23 +108,21 @@ def hum_at_rest(time: Floats, values: Floats, noise: float) -> tuple[Hum, bool] 
         The hum, and whether the frequency of the mains is determined, without which it
         must not be continued beyond these readings. None where none is found.
     """
-    span = float(time[-1] - time[0])
-    stretches = _Stretches(time, values, [Stretch(slice(None), 1)])
-    found = []
-    for line in MAINS:
-        if span * line < _PERIODS or line * span * _PER_PERIOD > time.size:
-            continue
-        gain = stretches.gain(line, stretches.values)
-        left = stretches.sum_of_squares - gain
-        # The probability that white noise looks like this is (left/all)^((n - 4)/2).
-        is_sure = left < stretches.sum_of_squares * _SURE ** (2 / (time.size - 4))
-        found.append((gain, line, left / (time.size - 4), is_sure))
-    if not found or not max(found)[3]:
+    rest = _Stretches(time, values, [Stretch(slice(None), 1)])
+    # Hardly a period cannot be distinguished from drift, and few readings a period do not follow a line.
+    lines = [line for line in MAINS if rest.span * line >= 0.6 and 8 * line * rest.span <= time.size]
+    found = sorted(((rest.gain(line, rest.values), line) for line in lines), reverse=True)
+    if not found:
         return None
-    found.sort(reverse=True)
-    gain, line, variance, _ = found[0]
-    hum = stretches.fitted(line, (1,), variance)
-    is_decided = len(found) > 1 and gain - found[1][0] > _DECIDED * variance
+    gain, line = found[0]
+    total, freedom = float(rest.values @ rest.values), time.size - 4
+    left = total - gain
+    # The probability that white noise looks like this is (left/all)^(freedom / 2).
+    if left >= total * _SURE ** (2 / freedom):
+        return None
+    hum = rest.fitted(line, (1,), left / freedom)
+    # One frequency of the mains is better than the other by 14 in chi-square: odds of a thousand.
+    is_decided = len(found) > 1 and gain - found[1][0] > 14.0 * left / freedom
     return (hum, is_decided) if hum.amplitude > noise else None
 
 
@@ -156,13 +142,15 @@ def hum_of(
     the others is F(2, 2 m).
     """
     known = _Stretches(time, values, stretches)
-    if not known.count or max(_NEAREST, 1.0 / (known.span * MAINS[0])) > _FAR:
+    # The controls lie at least a line's width away, and nearer than the next multiple.
+    nearest = max(0.12, 1.0 / (known.span * MAINS[0])) if known.span else np.inf
+    if nearest > 0.35:
         return otherwise
+    away = np.linspace(nearest, 0.45, _CONTROLS // 2)
 
-    def beside(line: float, order: int, left: Floats) -> float:
-        """Return the variance of white noise with the mean power of the lines about a multiple of the mains."""
-        steps = np.linspace(max(_NEAREST, 1.0 / (known.span * line)), _BESIDE, _CONTROLS // 2)
-        return float(np.mean([known.gain((order + step) * line, left) / 2 for step in [*steps, *-steps]]))
+    def variance_near(line: float, order: int, left: Floats) -> float:
+        """Return the variance of white noise with the mean power of the neighbours of a multiple of the mains."""
+        return float(np.mean([known.gain((order + step) * line, left) / 2 for step in [*away, *-away]]))
 
     def is_sure(gain: float, variance: float) -> bool:
         return (1.0 + gain / (2 * variance) / _CONTROLS) ** -_CONTROLS < _SURE
@@ -175,7 +163,7 @@ def hum_of(
             if is_sure(gain, noise**2):
                 design = known.reduced(order * line, (1,))
                 gains[order], left = gain, left - design @ np.linalg.lstsq(design, left, rcond=None)[0]
-        gains = {o: gain for o, gain in gains.items() if is_sure(gain, max(noise**2, beside(line, o, left)))}
+        gains = {o: gain for o, gain in gains.items() if is_sure(gain, max(noise**2, variance_near(line, o, left)))}
         if gains and (best is None or sum(gains.values()) > best[0]):
             best = (sum(gains.values()), line, tuple(gains))
     if best is None:
@@ -184,35 +172,32 @@ def hum_of(
     hum = known.fitted(line, orders, noise**2)
     # The neighbouring power is known once the line is out at its own frequency.
     left = known.values - known.reduced(hum.frequency, hum.orders) @ hum.parameters
-    hum = known.fitted(line, orders, max(noise**2, *(beside(hum.frequency, order, left) for order in orders)))
-    return hum if abs(hum.frequency - line) < _FURTHEST else None
+    hum = known.fitted(line, orders, max(noise**2, *(variance_near(hum.frequency, order, left) for order in orders)))
+    return hum if abs(hum.frequency - line) < 10 * _U_MAINS else None
 
 
 class _Stretches:
-    """Readings of all stretches less the polynomial of each."""
+    """Readings of all stretches, a tenth of a period or longer, less the polynomial of each."""
 
     def __init__(self, time: Floats, values: Floats, stretches: Sequence[Stretch]) -> None:
         self._parts: list[tuple[Floats, Floats]] = []
         readings = [np.zeros(0)]
         for part, degree in stretches:
             t = time[part]
-            if len(t) > 4 * (degree + 1) and t[-1] - t[0] > _SHORTEST / MAINS[0]:
+            if len(t) > 4 * (degree + 1) and t[-1] - t[0] > 0.1 / MAINS[0]:
                 s = (t - t[0]) / (t[-1] - t[0])
                 basis = np.linalg.qr(np.polynomial.polynomial.polyvander(s, degree))[0]
                 self._parts.append((t, basis))
                 readings.append(values[part] - basis @ (basis.T @ values[part]))
         self.values = np.concatenate(readings)
-        self.count = self.values.size
-        self._middle = float(np.mean(np.concatenate([t for t, _ in self._parts]))) if self._parts else 0.0
-        self.span = float(self._parts[-1][0][-1] - self._parts[0][0][0]) if self._parts else 0.0
-        self.sum_of_squares = float(self.values @ self.values)
+        times = np.concatenate([t for t, _ in self._parts]) if self._parts else np.zeros(1)
+        self._middle, self.span = float(np.mean(times)), float(times[-1] - times[0])
 
     def reduced(self, frequency: float, orders: tuple[int, ...], parameters: Floats | None = None) -> Floats:
         """Return the waves, or all derivatives at parameters, less their part in the polynomials."""
         columns = []
         for t, basis in self._parts:
-            s = t - self._middle
-            waves = _waves(s, frequency, orders) if parameters is None else _design(s, frequency, orders, parameters)
+            waves = _waves(t - self._middle, frequency, orders, parameters)
             columns.append(waves - basis @ (basis.T @ waves))
         return np.concatenate(columns)
 
@@ -226,7 +211,7 @@ class _Stretches:
         """Fit the line; its frequency is known beforehand as a grid keeps it."""
         frequency = line
         parameters: Floats = np.asarray(np.linalg.lstsq(self.reduced(frequency, orders), self.values)[0], float)
-        for _ in range(_UPDATES):
+        for _ in range(4):  # the fit is linear in small changes of the frequency
             design = self.reduced(frequency, orders, parameters)
             normal = design.T @ design / variance
             right = design.T @ (self.values - design[:, :-1] @ parameters) / variance
@@ -237,13 +222,11 @@ class _Stretches:
         return Hum(frequency, self._middle, orders, parameters, np.asarray(np.linalg.inv(normal), float))
 
 
-def _waves(s: Floats, frequency: float, orders: tuple[int, ...]) -> Floats:
-    angles = [2 * np.pi * order * frequency * s for order in orders]
-    return np.stack([wave(angle) for angle in angles for wave in (np.cos, np.sin)], axis=-1)
-
-
-def _design(s: Floats, frequency: float, orders: tuple[int, ...], parameters: Floats) -> Floats:
-    """Return derivatives by all parameters and the frequency."""
-    waves = _waves(s, frequency, orders)
+def _waves(s: Floats, frequency: float, orders: tuple[int, ...], parameters: Floats | None = None) -> Floats:
+    """Return cosine and sine of each order (n, 2 k); with parameters the derivative by the frequency, too."""
+    angles = 2 * np.pi * frequency * np.outer(s, orders)
+    waves = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(len(s), -1)
+    if parameters is None:
+        return waves
     weights = 2 * np.pi * np.repeat(orders, 2) * parameters
     return np.column_stack([waves, s * (waves[:, ::2] @ weights[1::2] - waves[:, 1::2] @ weights[::2])])

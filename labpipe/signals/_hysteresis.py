@@ -1,7 +1,7 @@
 """Cycles of a harmonic test: the interval of motion, and the work of every cycle."""
 
 import json
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -18,12 +18,10 @@ from labpipe.variables import variable
 _MOVED_SIGMA, _MOVED_SHARE = 6.0, 5e-3  # off its rest level by noise, and by part of the range
 _FIRST = 10  # readings that are taken to be at rest, if any are
 _LEAST_CYCLES = 2.5  # of a motion: one, and those in which the stage eases in and out
-_ROUNDING = 0.05  # of a cycle that a part may lack of a whole number
 _POINTS_PER_CYCLE = 512  # of the path whose area is taken; its error is below 1e-5
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
+class Window(NamedTuple):
     """Begin and end of a driven motion [s], and its frequency [Hz], a fit to its middle."""
 
     start: float
@@ -48,7 +46,7 @@ def active_window(time: ArrayLike, position: ArrayLike, frequency_guess: float |
     Raises
     ------
     InputError
-        There is no motion, or hardly a cycle of it beside those in which the stage eases in and out.
+        There is no motion, or hardly a cycle besides those in which the stage eases in and out.
 
     Notes
     -----
@@ -57,7 +55,7 @@ def active_window(time: ArrayLike, position: ArrayLike, frequency_guess: float |
     """
     t, x = np.asarray(time, float), np.asarray(position, float)
     if t.ndim != 1 or t.shape != x.shape:
-        raise InputError(f"time and position must be one-dimensional and alike: {t.shape} and {x.shape}")
+        raise InputError(f"time and position must be one-dimensional, of one shape: {t.shape} and {x.shape}")
     t = checked_times(t)
     refuse_infinite(x, "position")
     finite = np.isfinite(x)
@@ -128,7 +126,7 @@ def hysteresis_loops(
     """
     t, x, load = (np.asarray(a, float) for a in (time, position, force))
     if not (t.shape == x.shape == load.shape and t.size):
-        raise InputError(f"time, position and force must be alike: {t.shape}, {x.shape} and {load.shape}")
+        raise InputError(f"time, position and force must be of one shape: {t.shape}, {x.shape} and {load.shape}")
     t = checked_times(t)
     refuse_infinite(x, "position")
     refuse_infinite(load, "force")
@@ -137,9 +135,8 @@ def hysteresis_loops(
     inside = (t >= begin - 1.0 / frequency) & (t <= stop + 1.0 / frequency)
     t, x, load = t[inside], x[inside], load[inside]
     # A window of whole cycles at a slightly other frequency still holds that many.
-    count = int((stop - begin) * frequency + _ROUNDING)
-    while len(t) and count and begin + count / frequency > t[-1] + 1e-9 / frequency:
-        count -= 1
+    last = float(t[-1]) if t.size else begin
+    count = min(int((stop - begin) * frequency + 0.05), int((last - begin) * frequency + 1e-9))
     interval = float(np.median(np.diff(t))) if len(t) > 1 else np.inf
     if count < 1 or interval * frequency > 1.0 / 8.0:
         raise InputError(
@@ -148,15 +145,11 @@ def hysteresis_loops(
         )
     if not (np.isfinite(x).all() and np.isfinite(load).all()):
         raise InputError("position or force has unread samples inside the cycles; choose start and end")
-    path = CubicSpline(t, np.column_stack([x, load]))
-    phase = np.arange(_POINTS_PER_CYCLE) / _POINTS_PER_CYCLE
-    starts = begin + np.arange(count) / frequency
-    work = np.empty(count)
-    for n, first in enumerate(starts.tolist()):
-        ends = path(np.array([first, first + 1.0 / frequency]))
-        loop = path(first + phase / frequency) - phase[:, None] * (ends[1] - ends[0])
-        moved, pushed = (loop - loop.mean(axis=0)).T
-        work[n] = 0.5 * np.sum(np.roll(moved, -1) * pushed - moved * np.roll(pushed, -1))
+    starts, phase = begin + np.arange(count) / frequency, np.linspace(0.0, 1.0, _POINTS_PER_CYCLE + 1)
+    loops = CubicSpline(t, np.column_stack([x, load]))(starts[:, None] + phase / frequency)
+    loops -= phase[:, None] * (loops[:, -1:] - loops[:, :1])
+    moved, pushed = np.moveaxis(loops - loops.mean(axis=1, keepdims=True), -1, 0)
+    work = 0.5 * np.sum(moved[:, 1:] * pushed[:, :-1] - moved[:, :-1] * pushed[:, 1:], axis=1)
     return xr.Dataset(
         {
             "cycle_start": variable("cycle", starts, "s", "start of the cycle"),

@@ -188,18 +188,16 @@ def _of_unread(value: Floats, gap: float) -> Floats:
     the gap are not known at all. Fitted and true time are both somewhere in
     the gap: their difference has the standard deviation gap / sqrt(6).
     """
-    by_name = {name: i for i, name in enumerate(OUTPUTS)}
-    incoming, outgoing = value[by_name["incoming_speed"]], value[by_name["outgoing_speed"]]
-    gravity = value[by_name["gravity"]]
-    rows = np.zeros((4, len(OUTPUTS)))
-    rows[0, by_name["touch_time"]], rows[0, by_name["touch_level"]] = 1.0, -incoming
-    rows[0, by_name["incoming_speed"]] = gravity
-    rows[1, by_name["liftoff_time"]], rows[1, by_name["liftoff_level"]] = 1.0, outgoing
-    rows[1, by_name["outgoing_speed"]] = -gravity
-    rows[:2, by_name["restitution"]] = [-outgoing * gravity / incoming**2, -gravity / incoming]
-    rows[2, by_name["deepest_level"]] = incoming
-    rows[:3] *= gap / np.sqrt(6.0)
-    rows[3, by_name["peak_acceleration"]] = value[by_name["peak_acceleration"]]
+    touch, liftoff, incoming, outgoing, touch_level, liftoff_level, deepest, peak, restitution, _ = np.eye(len(OUTPUTS))
+    _, _, before, after, _, _, _, strongest, _, gravity = value
+    rows = np.array(
+        [
+            touch - before * touch_level + gravity * incoming - gravity * after / before**2 * restitution,
+            liftoff + after * liftoff_level - gravity * outgoing - gravity / before * restitution,
+            before * deepest,
+        ]
+    )
+    rows = np.vstack([rows * gap / np.sqrt(6.0), strongest * peak])
     return rows.T @ rows
 
 
@@ -218,24 +216,16 @@ def _minimise(
 
     def residual(scaled: Floats) -> Floats:
         p = scaled * scale
-        misfit = (_position(t, p) - y) / sigma
+        misfit = (_model(t, p)[0] - y) / sigma
         return np.concatenate([misfit, pull.whitening @ (p[_WITH_PRIOR] - pull.mean)])
 
     def jacobian(scaled: Floats) -> Floats:
-        return np.concatenate([_position_gradient(t, scaled * scale) / sigma, ties]) * scale
+        return np.concatenate([_model(t, scaled * scale)[1] / sigma, ties]) * scale
 
     def solved(start: Floats) -> tuple[Floats, dict[str, Any]]:
         # The steps of `least_squares`, without what it does around them.
-        found, _, details, *_ = leastsq(
-            residual,
-            start / scale,
-            Dfun=jacobian,
-            full_output=True,
-            ftol=1e-7,
-            xtol=1e-8,
-            gtol=1e-8,
-            maxfev=_MOST_EVALUATIONS,
-        )
+        options = {"ftol": 1e-7, "xtol": 1e-8, "gtol": 1e-8, "maxfev": _MOST_EVALUATIONS}
+        found, _, details, *_ = leastsq(residual, start / scale, Dfun=jacobian, full_output=True, **options)
         return found, details
 
     found, details = solved(start)
@@ -282,22 +272,11 @@ def _start(t: Floats, y: Floats, duration: float, gravity: float) -> Floats:
     return np.array([level, speed, pulse, *np.zeros(len(_SHAPE)), -0.5 * duration, 0.5 * duration, gravity])
 
 
-def _position(t: Floats, p: Floats) -> Floats:
+def _model(t: Floats, p: Floats) -> tuple[Floats, Floats]:
+    """Return the position at times (n,), and its derivative by all parameters (n, parameter)."""
     level, speed, pulse, *_, touch, liftoff, gravity = p
-    length = liftoff - touch
-    shape = np.append(1.0, p[_SHAPE])
+    length, shape = liftoff - touch, np.append(1.0, p[_SHAPE])
     s = (t - touch) / length
-    (second,) = _at(s, (shape @ _SECOND)[None])
-    second += np.maximum(s - 1.0, 0.0) * (shape @ _FIRST[:, -1])
-    return level + speed * t - 0.5 * gravity * t**2 + pulse * length**2 * second
-
-
-def _position_gradient(t: Floats, p: Floats) -> Floats:
-    """Differentiate the position by all parameters."""
-    pulse, touch, liftoff = p[2], p[_TOUCH], p[_LIFTOFF]
-    length = liftoff - touch
-    s = (t - touch) / length
-    shape = np.append(1.0, p[_SHAPE])
     first, *seconds = _at(s, np.vstack([shape @ _FIRST, _SECOND]))
     each = np.array(seconds) + np.multiply.outer(_FIRST[:, -1], np.maximum(s - 1.0, 0.0))
     second = shape @ each
@@ -308,7 +287,7 @@ def _position_gradient(t: Floats, p: Floats) -> Floats:
     # d s/d touch = (s - 1)/length, d s/d liftoff = -s/length, d length = -1, +1.
     result[:, _TOUCH] = pulse * length * ((s - 1.0) * first - 2.0 * second)
     result[:, _LIFTOFF] = pulse * length * (-s * first + 2.0 * second)
-    return result
+    return level + speed * t - 0.5 * gravity * t**2 + pulse * length**2 * second, result
 
 
 def _outputs(p: Floats, scale: Floats) -> tuple[Floats, Floats]:
@@ -316,7 +295,7 @@ def _outputs(p: Floats, scale: Floats) -> tuple[Floats, Floats]:
     steps = np.diag(1e-5 * scale)
     sets = p + np.vstack([np.zeros(len(p)), steps, -steps])
     level, speed, pulse, touch, liftoff, gravity = sets[:, [0, 1, 2, _TOUCH, _LIFTOFF, _GRAVITY]].T
-    length, shape = liftoff - touch, _shapes(sets)
+    length, shape = liftoff - touch, np.insert(sets[:, _SHAPE], 0, 1.0, axis=1)
     inside = touch + np.multiply.outer(_S[::_STRIDE], length)
     path = level + speed * inside - 0.5 * gravity * inside**2 + pulse * length**2 * (shape @ _SECOND[:, ::_STRIDE]).T
     acceleration = pulse * (shape @ _SHAPES).T
@@ -327,12 +306,8 @@ def _outputs(p: Floats, scale: Floats) -> tuple[Floats, Floats]:
     return found[0], (upper - lower).T / (2.0 * np.diag(steps))
 
 
-def _shapes(p: Floats) -> Floats:
-    return np.hstack([np.ones((len(p), 1)), p[:, _SHAPE]])
-
-
 def _speeds(p: Floats) -> tuple[Floats, Floats]:
     """Return the speeds before and after the contact (n,) of several sets of parameters."""
     speed, pulse, touch, liftoff, gravity = p[:, [1, 2, _TOUCH, _LIFTOFF, _GRAVITY]].T
-    outgoing = speed - gravity * liftoff + pulse * (liftoff - touch) * (_shapes(p) @ _FIRST[:, -1])
-    return -(speed - gravity * touch), outgoing
+    impulse = pulse * (liftoff - touch) * (_FIRST[0, -1] + p[:, _SHAPE] @ _FIRST[1:, -1])
+    return -(speed - gravity * touch), speed - gravity * liftoff + impulse

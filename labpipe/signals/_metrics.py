@@ -3,8 +3,7 @@
 The thesis compares by eye; these are the figures that it lacks.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -43,10 +42,9 @@ def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
     0.05
     """
     a, b = _pairs(measured, model)
-    extent = float(np.ptp(b))
     if is_constant(b):
         raise InputError("the model does not vary, so an error relative to its range is undefined")
-    return round(float(np.sqrt(np.mean((a - b) ** 2)) / extent), 15)
+    return round(float(np.sqrt(np.mean((a - b) ** 2)) / np.ptp(b)), 15)
 
 
 def _pairs(measured: ArrayLike, model: ArrayLike) -> tuple[Floats, Floats]:
@@ -90,27 +88,22 @@ def compare(measured: xr.DataArray, model: xr.DataArray) -> xr.Dataset:
     a, b = _pairs(measured.values, model.values)
     difference = a - b
     label = measured.attrs.get("long_name", str(measured.name))
-
-    def scalar(value: float, unit: str, text: str) -> Any:
-        return variable((), value, unit, text)
-
     residual = np.asarray(measured.values - model.values, float)
     largest = float(difference[np.argmax(np.abs(difference))])
     return xr.Dataset(
         {
             "residual": variable("time", residual, units, f"measured minus model: {label}"),
-            "nrmse": scalar(nrmse(a, b), "1", "root-mean-square error over range of model"),
-            "bias": scalar(float(difference.mean()), units, "mean of measured minus model"),
-            "rms_error": scalar(float(np.sqrt(np.mean(difference**2))), units, "root-mean-square error"),
-            "max_error": scalar(largest, units, "difference of largest magnitude"),
-            "n_compared": scalar(float(a.size), "1", "points compared"),
+            "nrmse": variable((), nrmse(a, b), "1", "root-mean-square error over range of model"),
+            "bias": variable((), float(difference.mean()), units, "mean of measured minus model"),
+            "rms_error": variable((), float(np.sqrt(np.mean(difference**2))), units, "root-mean-square error"),
+            "max_error": variable((), largest, units, "difference of largest magnitude"),
+            "n_compared": variable((), float(a.size), "1", "points compared"),
         },
         coords={"time": measured["time"]},
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Agreement:
+class Agreement(NamedTuple):
     """Agreement of two methods of measurement (Bland and Altman).
 
     ``bias`` is the mean of first minus second, ``sd`` the standard deviation of the differences,
@@ -168,7 +161,7 @@ def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = N
 def independent_count(values: ArrayLike) -> float:
     """Effective number of independent samples of a stationary series.
 
-    The autocorrelation is summed up to its first negative value, as usual for noise with memory.
+    The autocorrelation is summed up to its first negative value, as usual for autocorrelated noise.
 
     Examples
     --------
@@ -182,9 +175,6 @@ def independent_count(values: ArrayLike) -> float:
     power = float(x @ x)
     if x.size < 4 or power == 0:
         return float(x.size)
-    size = 1 << (2 * x.size - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(x, size)) ** 2
-    correlation = np.fft.irfft(spectrum, size)[: x.size] / power
-    negative = np.flatnonzero(correlation[1:] <= 0)
-    last = int(negative[0]) + 1 if negative.size else x.size
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * x.size)) ** 2)[: x.size] / power
+    last = 1 + int(np.argmax(np.append(correlation[1:], 0.0) <= 0))
     return float(max(1.0, x.size / (1 + 2 * correlation[1:last].sum())))

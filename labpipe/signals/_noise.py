@@ -17,12 +17,9 @@ from labpipe.arrays import Floats
 DIFFERENCE_ORDER = 8
 """High enough that a sinusoid of 20 samples per period is suppressed 2e4 times against noise."""
 
-_MEDIAN_TO_SIGMA = 1.4826022185056018
-_LARGEST_BLOCK = 64
-_FEWEST_DIFFERENCES = 64
+_LARGEST_BLOCK, _FEWEST_DIFFERENCES = 64, 64
 _PLATEAU = 1.3  # two doublings of the block that change no more than this: it no longer grows
 _DYNAMIC_RANGE = 1e-9  # no sensor resolves more; a computed curve without noise is treated so
-_UNEVEN = 1e-3  # relative spread of the sampling interval from which times are taken into account
 
 
 class Noise(NamedTuple):
@@ -71,11 +68,15 @@ def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
     step = quantisation_step(values)
     resolution = 4.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))
     floor = max(step / sqrt(12.0), resolution, _DYNAMIC_RANGE * float(np.ptp(values)))
+    if time is not None and np.ptp(interval := np.diff(time)) < 1e-3 * np.min(interval):
+        time = None
     levels: list[float] = []
     block = 1
     while block == 1 or (block <= _LARGEST_BLOCK and len(values) >= _FEWEST_DIFFERENCES):
         levels.append(sqrt(block) * difference_sigma(values, time))
-        values, time = _means_of_two(values), None if time is None else _means_of_two(time)
+        even = slice(len(values) // 2 * 2)
+        values = 0.5 * (values[even][::2] + values[even][1::2])
+        time = None if time is None else 0.5 * (time[even][::2] + time[even][1::2])
         block *= 2
         three = levels[-3:]
         if len(three) == 3 and all(abs(np.log(b / a)) < np.log(_PLATEAU) for a, b in pairwise(three) if a and b):
@@ -90,24 +91,19 @@ def difference_sigma(values: Floats, time: Floats | None = None) -> float:
     order = min(DIFFERENCE_ORDER, len(values) - 2)
     if order < 1:
         return 0.0
-    interval = None if time is None else np.diff(time)
-    if time is None or interval is None or np.ptp(interval) < _UNEVEN * np.min(interval):
-        differences = np.diff(values, order) / sqrt(comb(2 * order, order))
-    else:
-        differences = _divided_differences(values, time, order)
-    return _MEDIAN_TO_SIGMA * float(np.median(np.abs(differences)))
-
-
-def _divided_differences(values: Floats, time: Floats, order: int) -> Floats:
-    """Differences over uneven times, scaled so that white noise keeps its level."""
-    count = len(values) - order
-    t = np.stack([time[j : j + count] for j in range(order + 1)], axis=1)
+    if time is None:
+        return deviation(np.diff(values, order) / sqrt(comb(2 * order, order)))
+    # Divided differences, scaled so that white noise keeps its level.
+    t, y = (np.lib.stride_tricks.sliding_window_view(each, order + 1) for each in (time, values))
     t = (t - t[:, :1]) / (t[:, -1:] - t[:, :1])
-    gaps = t[:, :, None] - t[:, None, :] + np.eye(order + 1)
-    weights = 1.0 / np.prod(gaps, axis=2)
-    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    y = np.stack([values[j : j + count] for j in range(order + 1)], axis=1)
-    return np.asarray(np.sum(weights * y, axis=1))
+    weights = 1.0 / np.prod(t[:, :, None] - t[:, None, :] + np.eye(order + 1), axis=2)
+    return deviation(np.sum(weights * y, axis=1) / np.linalg.norm(weights, axis=1))
+
+
+def deviation(values: Floats) -> float:
+    """Return the standard deviation of normal values (n,) about 0 from their median magnitude, robust to few others."""
+    middle = len(values) // 2
+    return 1.4826022185056018 * float(np.partition(np.abs(values), middle)[middle])
 
 
 def quantisation_step(values: Floats) -> float:
@@ -117,23 +113,15 @@ def quantisation_step(values: Floats) -> float:
     or of another multiple must occur, and nine in ten differences must be multiples to a twentieth;
     noise of a continuous sensor passes none of these.
     """
-    differences = np.abs(np.diff(values))
-    resolution = 16.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))
+    some = max(len(values) // 5000, 1)  # of a long record
+    differences = np.abs(values[1::some] - values[:-1:some])
     # What is smaller is rounding of floating-point arithmetic on top of the step.
-    positive = differences[differences > resolution]
+    positive = differences[differences > 16.0 * float(np.finfo(float).eps) * float(np.max(np.abs(values), initial=0.0))]
     if len(positive) < 8:
         return 0.0
-    smallest = float(np.min(positive))
-    near = positive[positive < 1.5 * smallest]
+    near = positive[positive < 1.5 * float(np.min(positive))]
     step = float(np.median(near))
     ratio = positive[positive < 20.0 * step] / step
-    is_multiple = np.abs(ratio - np.round(ratio)) < 0.05
     has_variety = len(positive) < len(differences) or float(np.ptp(ratio)) > 0.5
-    if len(near) < 3 or not has_variety or float(np.mean(is_multiple)) < 0.9:
-        return 0.0
-    return step
-
-
-def _means_of_two(values: Floats) -> Floats:
-    end = len(values) // 2 * 2
-    return 0.5 * (values[0:end:2] + values[1:end:2])
+    is_rounded = len(near) >= 3 and has_variety and float(np.mean(np.abs(ratio - np.round(ratio)) < 0.05)) >= 0.9
+    return step if is_rounded else 0.0

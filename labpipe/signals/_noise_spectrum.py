@@ -1,11 +1,10 @@
-"""Colour of a sensor's noise: how much stronger it is at low frequencies than between neighbours.
+"""Spectrum of a sensor's noise: how much stronger it is at low frequencies than between neighbouring samples.
 
-Neighbouring samples tell the white part of the noise. Drift and hum change little from sample to
-sample, but they pass every fit over many samples. What a smoothing spline leaves of a record holds
-the noise at all frequencies above those that the spline follows, which are few where the body rests,
-flies or creeps. Where it is known to fly, a parabola leaves the slower ones too, and tells far more. The
-power is described by one number more, ``1 + corner / f`` times that of the white part: a flicker
-noise is exactly so, and other noise counts as the flicker that is as strong.
+Neighbouring samples determine the white part of the noise. Drift and flicker change little from sample to
+sample, but they pass every fit over many samples. They show in the residuals of a fit: of a smoothing spline at all
+frequencies above those that it follows, of a parabola through a flight at nearly all. The power is described by one
+number more, ``1 + corner / f`` times that of the white part: a flicker noise is exactly so, and other noise counts as
+the flicker that is as strong.
 """
 
 from collections.abc import Sequence
@@ -18,23 +17,10 @@ from scipy import fft
 from labpipe.arrays import Floats
 from labpipe.signals._hum import Hum, Stretch
 
-_SIZES = (1024, 512, 256, 128)
-"""Samples of a stretch, the longest that fit first."""
-
-_FITTING = 3.0
-"""Root mean square over the white part's that what is left of a stretch keeps to if the spline follows it."""
-
-_FOLLOWED = 1.5
-"""Multiple of the spline's cutoff from which on it takes less than a tenth of the noise's power."""
-
-_LEAST, _LOW_SHARE = 2, 8
-"""Lowest frequency that is compared, in inverse lengths, and the share of the lowest ones that are."""
-
-_CORNERS = np.concatenate([[0.0], np.geomspace(1e-4, 0.5, 200)])  # in units of the sampling rate
-_CERTAIN = 2.0
-"""Gain in log likelihood below which the noise is called white."""
-
-_PARABOLA, _FEWEST_TERMS = 2, 4  # degree of a flight, and terms of its cosine transform that are worth to be seen
+_SIZES = (1024, 256)  # samples of the stretches of a spline's residuals, the longest first
+_LOW_SHARE = 8  # share of the lowest frequencies that are compared
+_CORNERS = np.concatenate([[0.0], np.geomspace(1e-4, 0.5, 100)])  # in units of the sampling rate
+_CERTAIN = 2.0  # gain in log likelihood below which the noise is called white
 
 # Of a spline that penalises the fourth derivative, response 1 / (1 + (f / cutoff)^8): the integral of
 # f over that of f^2 times the cutoff, and the integral of the response over the cutoff.
@@ -43,10 +29,10 @@ _WIDTH = float(np.pi / 8 / np.sin(np.pi / 8))
 
 
 class Colour(NamedTuple):
-    """What noise has besides its white part.
+    """The part of noise that is not white.
 
     ``corner`` [Hz]: Below which it is more than twice as strong. ``hum``: Of the mains, taken out of the record
-    already: what is left of it is noise.
+    already: its remainder is noise.
     """
 
     corner: float = 0.0
@@ -59,14 +45,9 @@ WHITE = Colour()
 def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     """Find the frequency below which the noise is more than twice as strong as its white part.
 
-    ``residual`` (n,) is what a smoothing spline leaves of samples in their order, ``interval`` [s] apart, over the
+    ``residual`` (n,) is that of a smoothing spline through samples in their order, ``interval`` [s] apart, over the
     standard deviation of the white part, and ``share`` (n,) the variance of the spline over that of a sample. The
     frequency [Hz] is 0 for white noise, and where the spline follows everything that is slow.
-
-    Notes
-    -----
-    Whittle's likelihood of the periodograms of stretches, each from a multiple of the spline's own
-    cutoff on.
 
     Examples
     --------
@@ -74,29 +55,18 @@ def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
     >>> estimate_corner(rng.standard_normal(4000), np.full(4000, 1e-3), 1e-4)
     0.0
     """
-    cost = np.zeros(len(_CORNERS))
-    is_used = np.zeros(len(residual), bool)
+    cost, used = np.zeros(len(_CORNERS)), np.zeros(residual.size, bool)
     for size in _SIZES:
-        bins = slice(_LEAST + 1, size // (2 * _LOW_SHARE))
-        every = np.fft.rfftfreq(size)[bins]
-        half, count = size // 2, len(residual) // (size // 2)
-        pieces = slice(count * half), (count, half)
-        square = np.sum(residual[pieces[0]].reshape(pieces[1]) ** 2, axis=1)
-        most = np.max(share[pieces[0]].reshape(pieces[1]), axis=1, initial=0.0)
-        used = np.max(is_used[pieces[0]].reshape(pieces[1]), axis=1, initial=False)
-        lowest = _FOLLOWED * np.maximum(most[:-1], most[1:]) / (2.0 * _WIDTH)
-        fits = (square[:-1] + square[1:] < _FITTING**2 * size) & (lowest < every[-1]) & ~(used[:-1] | used[1:])
-        chosen: list[int] = []
-        for place in np.flatnonzero(fits).tolist():
-            if not chosen or place > chosen[-1] + 1:  # stretches begin half a length apart
-                chosen.append(place)
-        if chosen:
-            where = half * np.array(chosen)[:, None] + np.arange(size)
-            is_used[where] = True
-            kept = every > lowest[chosen, None]
-            power = np.abs(np.fft.rfft(residual[where], axis=1)[:, bins]) ** 2 / size
-            expected = 1.0 + _CORNERS[:, None] / every
-            cost += np.log(expected) @ kept.sum(axis=0) + (1.0 / expected) @ np.sum(power, axis=0, where=kept)
+        part, term = slice(residual.size // size * size), np.arange(size // _LOW_SHARE)
+        blocks, taken = residual[part].reshape(-1, size), used[part].reshape(-1, size)
+        # from 1.5 cutoffs on the spline takes less than a tenth of the power; larger residuals are motion
+        lowest = np.maximum(1.5 / _WIDTH * size * np.max(share[part].reshape(-1, size), axis=1, initial=0.0), 5.0)
+        fits = (np.mean(blocks**2, axis=1) < 9.0) & (lowest < term[-1]) & ~taken[:, 0]
+        if fits.any():
+            taken[fits] = True
+            kept = term > lowest[fits, None]
+            power = fft.dct(blocks[fits], norm="ortho", axis=1)[:, term] ** 2
+            cost += _cost(np.sum(power, axis=0, where=kept)[6:], kept.sum(axis=0)[6:], term[6:] / (2.0 * size))
     return _likeliest(cost, interval)
 
 
@@ -107,26 +77,26 @@ def corner_in_flight(
 
     ``sigma`` is the standard deviation of the white part of ``values`` (n,); ``stretches`` that follow a parabola are
     used. ``otherwise`` [Hz] is returned where no flight has enough readings.
-
-    Notes
-    -----
-    Likelihood of the cosine transforms of what parabolas leave, whose terms are independent (within 3 %
-    of the variance of a flicker noise) from one more than the parabola's degree on.
     """
-    interval = float(np.median(np.diff(time)))
     cost, count = np.zeros(len(_CORNERS)), 0
     for part, degree in stretches:
         n = part.stop - part.start
-        every = np.arange(degree + 1, n // _LOW_SHARE) / (2.0 * n)
-        if degree < _PARABOLA or len(every) < _FEWEST_TERMS:
-            continue
-        basis = np.linalg.qr(np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, n), degree))[0]
-        left = values[part] - basis @ (basis.T @ values[part])
-        power = (fft.dct(left, norm="ortho")[degree + 1 : n // _LOW_SHARE] / sigma) ** 2
-        expected = 1.0 + _CORNERS[:, None] / every
-        cost += 0.5 * (np.log(expected).sum(axis=1) + (1.0 / expected) @ power)
-        count += len(every)
-    return _likeliest(cost, interval) if count else otherwise
+        term = np.arange(degree + 1, n // _LOW_SHARE)
+        if degree >= 2 and len(term) >= 4:
+            basis = np.linalg.qr(np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, n), degree))[0]
+            left = (values[part] - basis @ (basis.T @ values[part])) / sigma
+            cost += _cost(fft.dct(left, norm="ortho")[term] ** 2, np.ones(len(term)), term / (2.0 * n))
+            count += 1
+    return _likeliest(cost, float(np.median(np.diff(time)))) if count else otherwise
+
+
+def _cost(power: Floats, count: Floats, frequency: Floats) -> Floats:
+    """Return minus the log likelihood (corner,) of summed powers of a cosine transform, by frequency per sample.
+
+    The terms are independent (within 3 % of the variance of a flicker noise).
+    """
+    expected = 1.0 + _CORNERS[:, None] / frequency
+    return np.asarray(0.5 * (np.log(expected) @ count + (1.0 / expected) @ power))
 
 
 def _likeliest(cost: Floats, interval: float) -> float:
@@ -160,8 +130,8 @@ def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, col
 
 
 def coloured_power(count: int, interval: float, corner: float) -> float:
-    """Return the mean power of what a fit leaves of ``count`` samples, over that of the white part."""
-    frequency = np.fft.rfftfreq(count, interval)[_LEAST:]
+    """Return the mean power of the residuals of a fit to ``count`` samples, over that of the white part."""
+    frequency = np.fft.rfftfreq(count, interval)[2:]
     return 1.0 + corner * float(np.mean(1.0 / frequency)) if len(frequency) else 1.0
 
 
@@ -171,5 +141,7 @@ def velocity_factor(share: Floats, interval: float, corner: float) -> Any:
     ``share`` (n,): variance of the spline over that of a sample, if the noise were white: parameters per sample;
     ``interval`` [s]: between samples; ``corner`` [Hz]. Returns the factors (n,).
     """
+    if corner == 0.0:
+        return np.ones_like(share)
     cutoff = np.maximum(share, 1e-12) / (2.0 * _WIDTH * interval)
     return np.sqrt(1.0 + _PASSED * corner / cutoff)

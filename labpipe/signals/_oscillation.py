@@ -1,4 +1,4 @@
-"""Sinusoids: frequency, amplitude, phase, stiffness and lag, with uncertainties.
+"""Oscillations, steady or decaying: frequency, damping, amplitude, phase, stiffness and lag, with uncertainties.
 
 The frequency is always fitted, never taken from a header: instruments are off by up to a per cent,
 and a lock-in at the wrong frequency turns by tens of degrees over twenty cycles.
@@ -7,15 +7,19 @@ Rounding is not noise: a sinusoid that runs over the same steps again in every c
 equally in every cycle. Part of that error looks exactly like the sinusoid, is taken up by the fit and
 leaves nothing in the residuals. Where the step of the readings is known, its contribution is
 therefore found by rounding the fitted curve itself.
+
+Variable projection: at a trial frequency and decay everything else is linear, so only these are
+searched; the covariance is that of all parameters together.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
-from scipy.optimize import minimize_scalar
+from scipy.optimize import least_squares, minimize_scalar
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
@@ -55,65 +59,65 @@ def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
     left = np.maximum(1.0 - uniform_filter1d(taken, width, mode="wrap"), 1.0 / width)
     middle = np.real(spectra.conj().T @ ((power / left)[:, None] * spectra)) / n
     both = np.outer(scale, scale)
-    # A parameter on which nothing depends has no uncertainty that could be told: NaN.
+    # A parameter on which nothing depends has no uncertainty: NaN.
     return np.divide(inverse @ middle @ inverse, both, out=np.full_like(both, np.nan), where=both > 0)
 
 
-_GRID = 4  # trial frequencies per 1/T in the coarse search
-_REACH = 1.2  # in 1/T: the misfit has one minimum within a line's width
-_FEWEST_PER_PARAMETER = 2
-_TREND = 2  # degree of a relaxing mean force
-# Places of the curve between two steps over which rounding is averaged: u is good to 9 %.
-_OFFSETS = 64
+_OFFSETS = 64  # places of the curve between two steps over which rounding is averaged: u is good to 9 %
+_TRIAL_RATES = (0.1, 0.5, 1.5, 4.0, 10.0, 30.0)  # decay over the record, to begin the fit with
+_FEWEST_CYCLES, _FEWEST_READINGS = 1.5, 14  # of a decaying vibration
 
 
 @dataclass(frozen=True, slots=True)
-class Sinusoid:
-    """``trend_0 + trend_1 s + ... + sum amplitude_k sin(2 pi k frequency s + phase_k)``.
+class Oscillation:
+    """``sum of trend_k s^k + exp(-rate s) sum of amplitude_k sin(2 pi k frequency s + phase_k)``.
 
-    ``s`` is the time from ``reference_time`` (the middle of the record). Amplitudes and phases are
-    those of the fundamental; ``harmonic_amplitudes`` and ``harmonic_phases`` start with it.
-    ``u_`` are standard uncertainties that account for autocorrelated residuals. Phases in rad,
-    frequency in Hz, the rest in units of the signal.
+    ``s`` is the time from ``reference_time``. ``frequency`` is the damped one fd = f0 sqrt(1 - zeta^2) in Hz, ``rate``
+    2 pi f0 zeta in 1/s and ``damping_ratio`` zeta. Amplitude and phase are those of the fundamental, at the reference
+    time; ``waves`` are amplitude_k exp(i phase_k). ``u_`` are standard uncertainties that account for autocorrelated
+    residuals. Phases in rad, the rest in units of the signal.
     """
 
     frequency: float
     u_frequency: float
+    damping_ratio: float
+    u_damping_ratio: float
     amplitude: float
     u_amplitude: float
     phase: float
     u_phase: float
     reference_time: float
-    harmonic_amplitudes: tuple[float, ...]
-    harmonic_phases: tuple[float, ...]
+    rate: float
+    waves: tuple[complex, ...]
     trend: tuple[float, ...]
+    residual_rms: float
 
     @property
     def offset(self) -> float:
         """Mean of the signal at the reference time."""
         return self.trend[0]
 
-    def __call__(self, time: ArrayLike) -> Floats:
-        """Evaluate the fitted curve."""
+    @property
+    def natural_frequency(self) -> float:
+        """Frequency without damping [Hz]."""
+        return float(np.hypot(self.frequency, self.rate / (2 * np.pi)))
+
+    def at(self, time: ArrayLike) -> Floats:
+        """Return the fitted curve at times [s]."""
         s = np.asarray(time, float) - self.reference_time
-        angle = 2 * np.pi * self.frequency * s
-        waves = zip(self.harmonic_amplitudes, self.harmonic_phases, strict=True)
-        value = np.polynomial.polynomial.polyval(s, self.trend)
-        for k, (amplitude, phase) in enumerate(waves, start=1):
-            value = value + amplitude * np.sin(k * angle + phase)
-        return np.asarray(value)
+        turns = np.exp((2j * np.pi * self.frequency * np.arange(1, len(self.waves) + 1)[:, None] - self.rate) * s)
+        return np.asarray(np.polynomial.polynomial.polyval(s, self.trend) + (np.array(self.waves) @ turns).imag)
 
 
-@dataclass(frozen=True, slots=True)
-class CommonFit:
+class CommonFit(NamedTuple):
     """Position and force at one frequency.
 
     ``phase_lag`` (rad) is how far the force leads the position, positive for a lossy solid;
     ``storage_stiffness`` and ``loss_stiffness`` are ``|F/x| cos`` and ``|F/x| sin`` of it (N/m).
     """
 
-    position: Sinusoid
-    force: Sinusoid
+    position: Oscillation
+    force: Oscillation
     phase_lag: float
     u_phase_lag: float
     storage_stiffness: float
@@ -130,7 +134,7 @@ def fit_sinusoid(
     harmonics: int = 3,
     trend_order: int = 1,
     resolution: float = 0.0,
-) -> Sinusoid:
+) -> Oscillation:
     """Fit a sinusoid of unknown frequency with harmonics and a slow trend.
 
     Parameters
@@ -151,7 +155,7 @@ def fit_sinusoid(
 
     Returns
     -------
-    Sinusoid
+    Oscillation
 
     Raises
     ------
@@ -160,9 +164,8 @@ def fit_sinusoid(
 
     Notes
     -----
-    Variable projection: for a trial frequency everything else is linear, so only the frequency is
-    searched; the covariance is that of all parameters together. That of rounding is the mean over
-    the places of the curve between two steps; the residuals count only as far as they exceed it.
+    The covariance by rounding is the mean over the places of the curve between two steps; the residuals count
+    only as far as they exceed it.
     For a slow sinusoid of amplitude A in steps q it tends to 0.11 q sqrt(q/A) of the amplitude,
     however many cycles and readings there are (the Bessel series of Blachman, IEEE Trans. Commun.
     33 (1985) 1371).
@@ -176,8 +179,7 @@ def fit_sinusoid(
     """
     t, y = readings_of(time, signal)
     reference = 0.5 * (t[0] + t[-1])
-    s = t - reference
-    span = float(t[-1] - t[0])
+    s, span = t - reference, float(t[-1] - t[0])
     nyquist = 0.5 / float(np.median(np.diff(t)))
     guess = strongest_line(s, y) if frequency_guess is None else float(frequency_guess)
     if not 0.0 < guess < nyquist or guess * span < 1.0 - 1e-9:
@@ -187,24 +189,77 @@ def fit_sinusoid(
         )
     n_waves = max(min(harmonics, int(0.98 * nyquist / guess)), 1)
     n_parameters = trend_order + 2 + 2 * n_waves
-    if len(t) < _FEWEST_PER_PARAMETER * n_parameters:
+    if len(t) < 2 * n_parameters:
         raise InputError(f"{len(t)} readings cannot determine {n_parameters} parameters of a sinusoid")
+    model = _Model(s, y, n_waves, trend_order)
 
     def misfit(frequency: float) -> float:
-        return float(np.sum(_linear(s, y, frequency, n_waves, trend_order)[1] ** 2))
+        return float(np.sum(model.linear(frequency)[1] ** 2))
 
-    reach = _REACH / span
-    bounds = (max(guess - reach, 0.2 * guess), min(guess + reach, nyquist))
+    # The misfit has one minimum within 1.2 / T. A guess may be as far off, the strongest line half as far.
+    reach = (1.2 if frequency_guess is not None else 0.6) / span
+    bounds = max(guess - reach, 0.2 * guess), min(guess + reach, nyquist)
     if frequency_guess is not None:
-        # A guess may lie a line's width off: the best of a few trials brackets the minimum.
-        grid = np.linspace(*bounds, 4 * _GRID + 1)
-        best = int(np.argmin([misfit(f) for f in grid]))
-        bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
-    else:
-        bounds = (max(guess - 0.5 * reach, bounds[0]), min(guess + 0.5 * reach, bounds[1]))
-    tolerance = {"xatol": 1e-9 * guess}
-    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=tolerance)
-    return _described(s, y, float(found.x), n_waves, trend_order, reference, step=resolution)
+        trials = np.linspace(*bounds, 17)
+        best = int(np.argmin([misfit(frequency) for frequency in trials]))
+        bounds = trials[max(best - 1, 0)], trials[min(best + 1, 16)]
+    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9 * guess})
+    return model.described(float(found.x), 0.0, reference, 1, resolution)
+
+
+def damped_oscillation(
+    time: ArrayLike, signal: ArrayLike, frequency_guess: float | None = None, reference_time: float | None = None
+) -> Oscillation:
+    """Fit one decaying vibration about a slowly drifting rest position.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+        From the moment from which the vibration is free.
+    signal : array (n,)
+        NaN is left out.
+    frequency_guess : float, optional [Hz]
+        Default the strongest line of the spectrum.
+    reference_time : float, optional [s]
+        Where amplitude and phase are stated, with the uncertainty that they have there; default
+        the first reading.
+
+    Returns
+    -------
+    Oscillation
+
+    Raises
+    ------
+    InputError
+        Too few readings or cycles, or no vibration.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 0.1, 5e-5)
+    >>> ring = 1e-5 * np.exp(-0.02 * 2 * np.pi * 300 * time) * np.cos(2 * np.pi * 299.94 * time)
+    >>> fit = damped_oscillation(time, ring)
+    >>> round(fit.frequency, 2), round(fit.damping_ratio, 4)
+    (299.94, 0.02)
+    """
+    t, y = readings_of(time, signal)
+    start, span = float(t[0]) if reference_time is None else float(reference_time), float(t[-1] - t[0])
+    s = t - start
+    # A vibration that dies out early is all at the beginning, where a taper would hide it.
+    guess = strongest_line(s, y, taper=False) if frequency_guess is None else float(frequency_guess)
+    if guess * span < _FEWEST_CYCLES or len(t) < _FEWEST_READINGS:
+        raise InputError(
+            f"a vibration of {guess:.6g} Hz needs {_FEWEST_CYCLES} cycles and {_FEWEST_READINGS} "
+            f"readings; found {guess * span:.3g} cycles in {len(t)} readings"
+        )
+    # In units of the signal, or the optimiser's absolute tolerances would end it at once.
+    model, scatter = _Model(s, y), float(np.std(y))
+
+    def residual(p: Floats) -> Floats:
+        return model.linear(guess * p[0], p[1] / span)[1] / scatter
+
+    begin = min(_TRIAL_RATES, key=lambda rate: float(np.sum(residual(np.array([1.0, rate])) ** 2)))
+    best = least_squares(residual, [1.0, begin], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0])
+    return model.described(guess * float(best.x[0]), float(best.x[1]) / span, start, 2)
 
 
 def common_fit(
@@ -236,7 +291,7 @@ def common_fit(
 
     Notes
     -----
-    A parabolic trend leaves room for a relaxing mean force. An uneven stage moves force and position alike: only the
+    A parabolic trend leaves room for a relaxing mean force. An uneven stage moves force and position together: only the
     part of the force that does not follow the position, delayed by the lag, makes their ratio uncertain.
 
     Examples
@@ -255,35 +310,30 @@ def common_fit(
     both = np.isfinite(x) & np.isfinite(load)
     t, x, load = t[both], x[both], load[both]
     readings_of(t, load)  # a constant force has no phase
-    moved = fit_sinusoid(t, x, frequency_guess, trend_order=_TREND, resolution=resolutions[0])
-    s, n_waves = t - moved.reference_time, len(moved.harmonic_amplitudes)
-    pushed = recorded = _described(
-        s, load, moved.frequency, n_waves, _TREND, moved.reference_time, fixed=True, step=resolutions[1]
+    moved = fit_sinusoid(t, x, frequency_guess, trend_order=2, resolution=resolutions[0])
+    s, omega = t - moved.reference_time, 2 * np.pi * moved.frequency
+    recorded = _Model(s, load, len(moved.waves), 2).described(
+        moved.frequency, 0.0, moved.reference_time, 0, resolutions[1]
     )
-    if response is not None:
-        factor = response(moved.frequency)
-        gain, amplitude = abs(factor), recorded.amplitude / abs(factor)
-        phase = recorded.phase - float(np.angle(factor))
-        pushed = replace(
-            recorded,
-            amplitude=amplitude,
-            u_amplitude=recorded.u_amplitude / gain,
-            phase=phase,
-            harmonic_amplitudes=(amplitude, *recorded.harmonic_amplitudes[1:]),
-            harmonic_phases=(phase, *recorded.harmonic_phases[1:]),
-        )
-    lag = float(np.angle(np.exp(1j * (pushed.phase - moved.phase))))
-    stiffness = pushed.amplitude / moved.amplitude
-    omega, delayed = 2 * np.pi * moved.frequency, float(np.angle(np.exp(1j * (recorded.phase - moved.phase))))
-    followed = np.interp(t + delayed / omega, t, x - moved(t))
-    own = (load - recorded(t)) / recorded.amplitude - followed / moved.amplitude
+    factor = 1.0 + 0.0j if response is None else response(moved.frequency)
+    wave = recorded.waves[0] / factor
+    pushed = replace(
+        recorded,
+        amplitude=abs(wave),
+        u_amplitude=recorded.u_amplitude / abs(factor),
+        phase=float(np.angle(wave)),
+        waves=(wave, *recorded.waves[1:]),
+    )
+    ratio = wave / moved.waves[0]
+    delayed = float(np.angle(recorded.waves[0] / moved.waves[0]))
+    followed = np.interp(t + delayed / omega, t, x - moved.at(t))
+    own = (load - recorded.at(t)) / recorded.amplitude - followed / moved.amplitude
     angle = omega * s + recorded.phase
     covariance = parameter_covariance(np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(t)]), own)
     relative, u_lag = np.sqrt(np.diag(covariance)[:2]).tolist()
-    cosine, sine = float(np.cos(lag)), float(np.sin(lag))
-    u_storage = stiffness * float(np.hypot(relative * cosine, u_lag * sine))
-    u_loss = stiffness * float(np.hypot(relative * sine, u_lag * cosine))
-    return CommonFit(moved, pushed, lag, u_lag, stiffness * cosine, u_storage, stiffness * sine, u_loss)
+    u_storage = float(np.hypot(relative * ratio.real, u_lag * ratio.imag))
+    u_loss = float(np.hypot(relative * ratio.imag, u_lag * ratio.real))
+    return CommonFit(moved, pushed, float(np.angle(ratio)), u_lag, ratio.real, u_storage, ratio.imag, u_loss)
 
 
 def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
@@ -294,7 +344,7 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
     """
     t, y = np.array(time, float), np.array(signal, float)
     if t.ndim != 1 or t.shape != y.shape:
-        raise InputError(f"time and signal must be one-dimensional and alike: {t.shape} and {y.shape}")
+        raise InputError(f"time and signal must be one-dimensional, of one shape: {t.shape} and {y.shape}")
     checked_times(t)
     refuse_infinite(y, "the signal")
     finite = np.isfinite(y)
@@ -314,7 +364,7 @@ def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
     even = np.linspace(s[0], s[-1], len(s))
     values = np.interp(even, s, y)
     values = values - np.polynomial.polynomial.polyval(even, np.polynomial.polynomial.polyfit(even, values, 1))
-    size = _GRID * len(s)
+    size = 4 * len(s)
     window = np.hanning(len(s)) if taper else np.ones(len(s))
     power = np.abs(np.fft.rfft(values * window, size))
     frequency = np.fft.rfftfreq(size, float(even[1] - even[0]))
@@ -322,66 +372,70 @@ def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
     return float(frequency[possible][np.argmax(power[possible])])
 
 
-def _linear(s: Floats, y: Floats, frequency: float, n_waves: int, trend_order: int) -> tuple[Floats, Floats, Floats]:
-    """Coefficients, residuals and columns at a given frequency.
+class _Model:
+    """A fit of waves with harmonics about a polynomial trend, linear but for their frequency and rate."""
 
-    Columns are sin and cos of every wave, then powers of the time in units of half the record.
-    """
-    columns = np.empty((2 * n_waves + trend_order + 1, len(s)))
-    fundamental = np.exp(2j * np.pi * frequency * s)
-    wave = np.ones_like(fundamental)
-    for k in range(n_waves):
-        wave = wave * fundamental
-        columns[k], columns[n_waves + k] = wave.imag, wave.real
-    half = max(float(s[-1]), float(-s[0]))
-    for power in range(trend_order + 1):
-        columns[2 * n_waves + power] = (s / half) ** power
-    # Waves over a cycle or more and low powers are well conditioned: normal equations suffice.
-    coefficients = np.asarray(np.linalg.solve(columns @ columns.T, columns @ y))
-    return coefficients, y - coefficients @ columns, columns.T
+    def __init__(self, s: Floats, y: Floats, n_waves: int = 1, degree: int = 1) -> None:
+        self.s, self.y, self.n_waves, self.mean = s, y, n_waves, float(np.mean(y))
+        self.half = float(np.max(np.abs(s)))
+        self.powers = np.vander(s / self.half, degree + 1, increasing=True).T
 
+    def linear(self, frequency: float, rate: float = 0.0) -> tuple[Floats, Floats, Floats]:
+        """Return coefficients, residuals and columns: sin and cos of every wave, then powers of the time."""
+        turns = np.exp(2j * np.pi * frequency * self.s)[None]
+        if self.n_waves > 1:
+            turns = np.cumprod(np.repeat(turns, self.n_waves, axis=0), axis=0)
+        turns = turns * np.exp(-rate * self.s) if rate else turns
+        columns = np.concatenate([turns.imag, turns.real, self.powers])
+        # Waves over a cycle or more and low powers are well conditioned: normal equations suffice.
+        coefficients = np.linalg.lstsq(columns @ columns.T, columns @ (self.y - self.mean), rcond=None)[0]
+        left = self.y - self.mean - coefficients @ columns
+        coefficients[2 * self.n_waves] += self.mean
+        return coefficients, left, columns.T
 
-def _described(
-    s: Floats,
-    y: Floats,
-    frequency: float,
-    n_waves: int,
-    trend_order: int,
-    reference: float,
-    *,
-    fixed: bool = False,
-    step: float = 0.0,
-) -> Sinusoid:
-    """Everything about the fit at its best frequency, or at a fixed one."""
-    coefficients, left, design = _linear(s, y, frequency, n_waves, trend_order)
-    sines, cosines = coefficients[:n_waves], coefficients[n_waves : 2 * n_waves]
-    waves = np.arange(1, n_waves + 1)
-    turned = (design[:, n_waves : 2 * n_waves] * sines - design[:, :n_waves] * cosines) * waves
-    by_frequency = 2 * np.pi * s * turned.sum(axis=1)
-    jacobian = design if fixed else np.column_stack([design, by_frequency])
-    covariance = parameter_covariance(jacobian, left)
-    if step > 0.0:
+    def described(self, frequency: float, rate: float, reference: float, n_free: int, step: float = 0.0) -> Oscillation:
+        """Describe the fit at its best frequency and rate, of which the first ``n_free`` were fitted."""
+        s, y, n_waves = self.s, self.y, self.n_waves
+        coefficients, left, design = self.linear(frequency, rate)
+        waves = coefficients[:n_waves] + 1j * coefficients[n_waves : 2 * n_waves]
+        curves = waves * (design[:, n_waves : 2 * n_waves] + 1j * design[:, :n_waves])
+        by_frequency, by_rate = 2 * np.pi * s * (curves.real @ np.arange(1, n_waves + 1)), -s * curves.imag.sum(axis=1)
+        jacobian = np.column_stack([design, *[by_frequency, by_rate][:n_free]])
+        covariances = [parameter_covariance(jacobian, left)]
         scatter = float(left @ left) / max(len(left) - jacobian.shape[1], 1)
-        beyond = max(1.0 - step**2 / 12 / scatter, 0.0) if scatter > 0.0 else 0.0
-        covariance = beyond * covariance + _rounding_covariance(jacobian, y - left, step)
-    amplitude = float(np.hypot(sines[0], cosines[0]))
-    pair = np.ix_([0, n_waves], [0, n_waves])
-    along = np.array([sines[0], cosines[0]]) / max(amplitude, np.finfo(float).tiny)
-    across = np.array([-along[1], along[0]])
-    half = max(float(s[-1]), float(-s[0]))
-    trend = coefficients[2 * n_waves :] / half ** np.arange(trend_order + 1)
-    return Sinusoid(
-        frequency=frequency,
-        u_frequency=0.0 if fixed else float(np.sqrt(max(covariance[-1, -1], 0.0))),
-        amplitude=amplitude,
-        u_amplitude=float(propagated_u(along, covariance[pair])),
-        phase=float(np.arctan2(cosines[0], sines[0])),
-        u_phase=float(propagated_u(across, covariance[pair])) / amplitude,
-        reference_time=reference,
-        harmonic_amplitudes=tuple(np.hypot(sines, cosines).tolist()),
-        harmonic_phases=tuple(np.arctan2(cosines, sines).tolist()),
-        trend=tuple(trend.tolist()),
-    )
+        if n_free == 2:
+            # The spectrum of a short residual is known to a fifth at best; the larger u is stated.
+            scale = np.linalg.norm(jacobian, axis=0)
+            white = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True) / np.outer(scale, scale)
+            covariances.append(scatter * white)
+        if step > 0.0:
+            beyond = max(1.0 - step**2 / 12 / scatter, 0.0) if scatter > 0.0 else 0.0
+            covariances = [beyond * covariances[0] + _rounding_covariance(jacobian, y - left, step)]
+
+        def u_of(gradient: dict[int, float]) -> float:
+            along = np.zeros(jacobian.shape[1])
+            along[list(gradient)] = list(gradient.values())
+            return max(float(propagated_u(along, covariance)) for covariance in covariances)
+
+        amplitude, unit = abs(waves[0]), waves[0] / max(abs(waves[0]), np.finfo(float).tiny)
+        omega, m = 2 * np.pi * frequency, design.shape[1]
+        natural = float(np.hypot(omega, rate))
+        by_both = {m: -2 * np.pi * rate * omega / natural**3, m + 1: omega**2 / natural**3}
+        return Oscillation(
+            frequency=frequency,
+            u_frequency=u_of({m: 1.0}) if n_free else 0.0,
+            damping_ratio=rate / natural,
+            u_damping_ratio=u_of(by_both) if n_free == 2 else 0.0,
+            amplitude=float(amplitude),
+            u_amplitude=u_of({0: unit.real, n_waves: unit.imag}),
+            phase=float(np.angle(waves[0])),
+            u_phase=u_of({0: -unit.imag, n_waves: unit.real}) / float(amplitude),
+            reference_time=reference,
+            rate=rate,
+            waves=tuple(waves.tolist()),
+            trend=tuple((coefficients[2 * n_waves :] / self.half ** np.arange(len(self.powers))).tolist()),
+            residual_rms=float(np.sqrt(np.mean(left**2))),
+        )
 
 
 def _rounding_covariance(jacobian: Floats, curve: Floats, step: float) -> Floats:

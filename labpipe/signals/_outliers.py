@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.signals._noise import estimate_noise
@@ -17,6 +18,7 @@ from labpipe.signals._noise import estimate_noise
 LONGEST_RUN = 10
 """Readings of one run that are left out; a longer interruption hides motion and is reported instead."""
 _THRESHOLD, _NEIGHBOURS = 8.0, 8  # in units of the noise, and readings on either side that a run is compared with
+Indices = NDArray[np.int64]
 
 
 class Outliers(NamedTuple):
@@ -101,72 +103,66 @@ def outliers(values: Floats, time: Floats | None = None, *, noise: float | None 
     [(100, 101)]
     """
     values = np.asarray(values, float)
-    flags = np.zeros(values.size, bool)
+    flags, jumps = np.zeros(values.size, bool), list[int]()
     read = np.flatnonzero(np.isfinite(values))
-    if read.size < 2 * _NEIGHBOURS:
-        return Outliers(flags, [], [])
     times = np.arange(values.size, dtype=float) if time is None else np.asarray(time, float)
-    y, t = values[read], times[read]
-    sigma = estimate_noise(y - y[0], t).sigma if noise is None else noise
-    jumps: list[int] = []
-    if sigma > 0.0:
-        found = np.zeros(y.size, bool)
-        while True:  # every round flags a reading or is the last
-            kept = np.flatnonzero(~found)
-            more, jumps = _round(t[kept], y[kept], sigma, ends)
-            jumps = [int(read[kept[i]]) for i in jumps]
-            if not more:
-                break
-            found[kept[more]] = True
-        flags[read[found]] = True
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    if noise is None and read.size >= 2 * _NEIGHBOURS:
+        noise = estimate_noise(values[read] - values[read[0]], times[read]).sigma
+    while noise and read.size >= 2 * _NEIGHBOURS:  # every round flags a reading or is the last
+        is_whole = read.size == values.size
+        wild, found = _round(*((times, values) if is_whole else (times[read], values[read])), noise, ends)
+        jumps = read[found].tolist()
+        if not wild:
+            break
+        flags[read[wild]] = True
+        read = np.delete(read, wild)
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0)) if flags.any() else np.zeros(0, int)
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     return Outliers(flags, runs, jumps)
 
 
 def _round(t: Floats, y: Floats, sigma: float, ends: bool) -> tuple[list[int], list[int]]:
     """Return the readings of all runs that do not overlap, and the jumps that no run explains."""
-    n = y.size
-    if n < 2 * _NEIGHBOURS:
-        return [], []
-    interval = np.diff(t)
+    n, interval = y.size, np.diff(t)
     bend = np.abs(np.diff(np.diff(y) / interval))
-    away = np.zeros((2, n))  # from the line through the two readings before, or behind
-    away[0, 2:], away[1, :-2] = bend * interval[1:], bend * interval[:-1]
-    away[0, 1], away[1, -2] = abs(y[1] - y[0]), abs(y[-2] - y[-1])
-    off = away > _THRESHOLD * sigma
-    half = 2 * _NEIGHBOURS
-    for steps, found in zip(away, off, strict=True):  # the few above the noise exceed the median around as well
-        for some in np.array_split(places := np.flatnonzero(found), places.size // 4096 + 1):
-            near = np.abs(some[:, None] + np.arange(-half, half + 1))
-            near = n - 1 - np.abs(n - 1 - near)  # mirrored at both ends
-            found[some] = steps[some] > _THRESHOLD * np.median(steps[near], axis=1)
-    enters, leaves = off
+    # Readings far from the line through the two readings before, and through the two behind.
+    enters = 2 + _above(bend * interval[1:], sigma)
+    leaves = _above(bend * interval[:-1], sigma)
+    enters = np.append(1, enters) if abs(y[1] - y[0]) > _THRESHOLD * sigma else enters
+    leaves = np.append(leaves, n - 2) if abs(y[-2] - y[-1]) > _THRESHOLD * sigma else leaves
+    firsts, lasts = set(enters.tolist()), set(leaves.tolist())
     taken: list[int] = []
     used = np.zeros(n, bool)
     for length in range(1, LONGEST_RUN + 1):
-        firsts = set(np.flatnonzero(enters[: n - length + 1] & leaves[length - 1 :]).tolist())
-        if ends and enters[n - length]:
-            firsts.add(n - length)
-        if ends and leaves[length - 1]:
-            firsts.add(0)
-        for first in sorted(firsts):
+        candidates = {i for i in firsts if i + length - 1 in lasts}
+        if ends:
+            candidates |= {n - length} & firsts | ({0} if length - 1 in lasts else set())
+        for first in sorted(candidates):
             around = slice(max(first - _NEIGHBOURS, 0), first + length + _NEIGHBOURS)
-            if used[around].any():
-                continue
-            wild = _deviating(t[around], y[around], first - around.start, length, sigma)
-            if wild.any():
+            if not used[around].any():
+                wild = _deviating(t[around], y[around], first - around.start, length, sigma)
                 taken += (first + np.flatnonzero(wild)).tolist()
-                used[first : first + length] = True
+                used[first : first + length] = wild.any()
     if taken:
         return taken, []
-    steps = np.abs(np.diff(y))
     jumps = []
-    for i in np.flatnonzero(enters).tolist():
-        nearby = np.delete(steps[max(i - 1 - _NEIGHBOURS, 0) : i + _NEIGHBOURS], min(i - 1, _NEIGHBOURS))
-        if steps[i - 1] > _THRESHOLD * max(sigma, float(nearby.max(initial=0.0))):
+    for i in enters.tolist():
+        begin = max(i - 1 - _NEIGHBOURS, 0)
+        nearby = np.delete(np.abs(np.diff(y[begin : i + _NEIGHBOURS + 1])), i - 1 - begin)
+        if abs(y[i] - y[i - 1]) > _THRESHOLD * max(sigma, float(nearby.max(initial=0.0))):
             jumps.append(i)
     return [], jumps
+
+
+def _above(away: Floats, sigma: float) -> Indices:
+    """Return which distances exceed the noise, and the median of those around as well."""
+    places = np.flatnonzero(away > _THRESHOLD * sigma)
+    found = []
+    for some in np.array_split(places, places.size // 4096 + 1):
+        near = np.abs(some[:, None] + np.arange(-2 * _NEIGHBOURS, 2 * _NEIGHBOURS + 1))
+        near = np.clip(away.size - 1 - np.abs(away.size - 1 - near), 0, None)  # mirrored at both ends
+        found.append(some[away[some] > _THRESHOLD * np.median(away[near], axis=1)])
+    return np.concatenate(found)
 
 
 def _deviating(t: Floats, y: Floats, first: int, length: int, sigma: float) -> Flags:

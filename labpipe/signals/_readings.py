@@ -7,16 +7,13 @@ from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
 LARGEST, LEAST = 1e75, 1e-75
-"""Beyond it no quantity in SI units lies; fourth powers of both are still numbers."""
-
-_MOST_SAMPLES = 20_000_000
-"""Of a common time base: a thousand times a long record, and still in memory."""
+"""No quantity in SI units is beyond it; fourth powers of both are still numbers."""
 
 
 def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     """Return times as float64, or say where they do not increase.
 
-    ``what`` is how the message calls the record; times that are not one-dimensional, not finite, repeated or running
+    ``what`` names the record in the message; times that are not one-dimensional, not finite, repeated or running
     backwards raise InputError.
 
     Examples
@@ -27,6 +24,9 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     t = np.array(time, float)
     if t.ndim != 1:
         raise InputError(f"{what} must be one-dimensional; found the shape {t.shape}")
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        if t.size > 1 and np.min(np.diff(t)) > LEAST and t[0] > -LARGEST and t[-1] < LARGEST:
+            return t
     if t.size and not np.isfinite(t[0]):
         raise InputError(f"{what} must be finite; sample 0 is at {t[0]} s")
     # An infinite time may well follow a finite one, and nothing but infinity follows it.
@@ -36,20 +36,15 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
         raise InputError(f"{what} must increase; sample {i + 1} is at {t[i + 1]} s after {t[i]} s")
     if t.size and not (t[0] > -LARGEST and t[-1] < LARGEST):
         raise InputError(f"{what} must be in s; found {t[0]:.3g} to {t[-1]:.3g} s")
-    if t.size > 1 and not float(np.min(np.diff(t))) > LEAST:
+    if t.size > 1:
         raise InputError(f"{what} must be in s; found readings {np.min(np.diff(t)):.3g} s apart")
     return t
 
 
 def refuse_infinite(values: Floats, what: str) -> None:
-    """Refuse infinite readings: NaN is how a reading says that there is none.
+    """Refuse infinite readings, and those larger than any quantity (1e75); NaN says that there is no reading.
 
-    A value larger than any quantity (1e75) is refused as well: its square would be infinite.
-
-    Raises
-    ------
-    InputError
-        Names the first one.
+    InputError names the first one.
     """
     wrong = np.flatnonzero(np.abs(values) > LARGEST)
     if wrong.size:
@@ -60,18 +55,3 @@ def refuse_infinite(values: Floats, what: str) -> None:
 def is_constant(values: Floats) -> bool:
     """Return True where finite readings do not vary, or by less than any quantity does (1e-75)."""
     return values.size == 0 or float(np.ptp(values)) <= LEAST
-
-
-def refuse_endless(span: float, interval: float) -> None:
-    """Refuse a common time base that no memory holds, as of records with times in s and in ns.
-
-    Raises
-    ------
-    InputError
-        More than twenty million samples.
-    """
-    if not span <= _MOST_SAMPLES * interval:
-        raise InputError(
-            f"{span:.3g} s at the finest interval of {interval:.3g} s are more than "
-            f"{_MOST_SAMPLES} samples; give all records their times in s"
-        )

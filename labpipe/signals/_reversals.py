@@ -1,6 +1,6 @@
 """Reversals of a bouncing body, the flights between them, and the acceleration of free fall."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ _MARGIN = 0.3  # of the rough duration that is left out around a contact when an
 _STRONG = 0.3  # of the strongest change of speed: the first impact
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(NamedTuple):
     """One reversal from down to up: the sample of the fastest descent, and its surroundings."""
 
     descent: int
@@ -85,40 +84,59 @@ def first_fall(time: Floats, first: Turn) -> slice:
     return slice(start, max(end, start))
 
 
+def arc(
+    time: Floats,
+    height: Floats,
+    sigma: float,
+    colour: Colour = WHITE,
+    origin: float | None = None,
+    gravity: tuple[float, float] | None = None,
+) -> tuple[Floats, Floats]:
+    """Fit a parabola: level, speed upwards and acceleration downwards at an origin [s], with their covariance (3, 3).
+
+    ``gravity`` is the known acceleration, with its uncertainty; the origin is the middle by default.
+    """
+    t = time - (time.mean() if origin is None else origin)
+    half = float(np.max(np.abs(t), initial=0.0)) or 1.0
+    units = np.array([1.0, 1.0 / half, 1.0 / half**2])
+    design = np.stack([np.ones_like(t), t / half, -0.5 * (t / half) ** 2], axis=1)
+    right = height - height.mean()
+    if gravity is not None:  # one more, very certain, reading
+        value, u = np.array(gravity) * half**2
+        design, right = np.vstack([design, [0.0, 0.0, sigma / u]]), np.append(right, value * sigma / u)
+    found = np.linalg.lstsq(design, right, rcond=None)[0]
+    left = (right - design @ found)[: len(t)]
+    inverse = np.linalg.inv(design.T @ design)
+    covariance = coloured_covariance(design, inverse, time, colour, sigma) * sigma**2
+    # Residuals beyond the noise mean another motion: the larger uncertainty is stated.
+    scatter = max(sigma**2, float(np.sum(left**2) / max(len(design) - 3, 1)))
+    covariance *= max(1.0, scatter * inverse[2, 2] / covariance[2, 2])
+    return found * units + [height.mean(), 0.0, 0.0], covariance * np.outer(units, units)
+
+
 def curvature(time: Floats, height: Floats, sigma: float, colour: Colour = WHITE) -> tuple[float, float]:
     """Downward acceleration of a parabola through the samples, and its standard uncertainty."""
     if len(time) < FEWEST_IN_FLIGHT:
         return np.nan, np.inf
-    half = 0.5 * (time[-1] - time[0])
-    s = (time - time.mean()) / half
-    design = np.stack([np.ones_like(s), s, -0.5 * s**2], axis=1)
-    found, *_ = np.linalg.lstsq(design, height - height.mean(), rcond=None)
-    misfit = height - height.mean() - design @ found
-    scatter = max(sigma, float(np.sqrt(np.sum(misfit**2) / (len(time) - 3))))
-    inverse = np.linalg.inv(design.T @ design)
-    coloured = coloured_covariance(design, inverse, time, colour, sigma)
-    u = max(scatter * float(np.sqrt(inverse[2, 2])), sigma * float(np.sqrt(coloured[2, 2])))
-    return float(found[2]) / half**2, u / half**2
+    value, covariance = arc(time, height, sigma, colour)
+    return float(value[2]), float(np.sqrt(covariance[2, 2]))
 
 
 def common_fall(
-    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: float | None, colour: Colour = WHITE
+    time: Floats, height: Floats, sigma: float, turns: list[Turn], colour: Colour = WHITE
 ) -> tuple[float, float]:
     """Acceleration of the free fall, common to the longest flights."""
     if not turns:
         raise InputError("no bounce found: the displacement never turns from down to up")
     stretches = [first_fall(time, turns[0]), *flights_after(time, turns)]
-    found = [curvature(time[stretch], height[stretch], sigma, colour) for stretch in stretches]
-    values = np.array([value for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
-    spread = np.array([u for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
+    found = np.array([curvature(time[stretch], height[stretch], sigma, colour) for stretch in stretches])
+    values, spread = found[(found[:, 1] < np.inf) & (found[:, 0] > 3.0 * found[:, 1])].T
     if len(values) == 0:
         raise InputError("no bounce found: no stretch of constant downward acceleration around one")
-    if gravity is not None:
-        return gravity, 1e-6 * gravity
     # Vibration in contact looks like short flights with less acceleration: the longest decide.
     best = float(values[np.argmin(spread)])
-    alike = np.abs(values - best) < np.maximum(5.0 * spread, 0.02 * best)
-    weight = 1.0 / spread[alike] ** 2
-    common = float(np.sum(weight * values[alike]) / np.sum(weight))
-    chi_square = float(np.mean(((values[alike] - common) / spread[alike]) ** 2))
+    near = np.abs(values - best) < np.maximum(5.0 * spread, 0.02 * best)
+    weight = 1.0 / spread[near] ** 2
+    common = float(np.sum(weight * values[near]) / np.sum(weight))
+    chi_square = float(np.mean(((values[near] - common) / spread[near]) ** 2))
     return common, float(np.sqrt(max(chi_square, 1.0) / np.sum(weight)))

@@ -1,176 +1,34 @@
-"""Decaying vibrations: the fit of a damped oscillation, and the free ringing after an impact.
+"""The free ringing after an impact: a damped oscillation between two impacts.
 
 A plate that is struck moves with the impact, rings freely, and is struck again by the next bounce.
-Only the free stretch is one damped oscillation, and nothing in the record marks its end. It is
+Only the free stretch is one damped oscillation, and nothing in the record marks its end, which is
 found by prediction: a stretch grows, block by block, as long as the oscillation fitted so far
 predicts the next block to within the noise.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
 from labpipe.errors import IN_MOTION, InputError
 from labpipe.signals._noise import difference_sigma
-from labpipe.signals._oscillation import parameter_covariance, readings_of, strongest_line
+from labpipe.signals._oscillation import Oscillation, damped_oscillation, readings_of, strongest_line
 from labpipe.signals._readings import LEAST
-from labpipe.uncertainty import propagated_u
 
-_TRIAL_RATES = (0.1, 0.5, 1.5, 4.0, 10.0, 30.0)  # decay over the record, to begin the fit with
-_FEWEST_CYCLES, _FEWEST_READINGS = 1.5, 14
+_ONSET_READINGS, _BLOCK_READINGS = 8, 16  # in the blocks by which an onset is found, and a stretch grows
 
 
-@dataclass(frozen=True, slots=True)
-class Damped:
-    """``offset + drift s + amplitude exp(-2 pi zeta f0 s) sin(2 pi fd s + phase)``.
-
-    ``s`` counts from ``start_time``; ``frequency`` is the damped fd = f0 sqrt(1 - zeta^2) in Hz,
-    ``damping_ratio`` is zeta, ``amplitude`` the envelope at ``start_time``.
-    """
-
-    frequency: float
-    u_frequency: float
-    natural_frequency: float
-    damping_ratio: float
-    u_damping_ratio: float
-    amplitude: float
-    u_amplitude: float
-    phase: float
-    u_phase: float
-    offset: float
-    start_time: float
-    residual_rms: float
-    drift: float = 0.0
-
-    def at(self, time: ArrayLike) -> Floats:
-        """Return the fitted motion at times [s]."""
-        s = np.asarray(time, float) - self.start_time
-        rate = 2 * np.pi * self.natural_frequency * self.damping_ratio
-        wave = np.exp(-rate * s) * np.sin(2 * np.pi * self.frequency * s + self.phase)
-        return np.asarray(self.offset + self.drift * s + self.amplitude * wave)
-
-
-def damped_oscillation(
-    time: ArrayLike, signal: ArrayLike, frequency_guess: float | None = None, reference_time: float | None = None
-) -> Damped:
-    """Fit one decaying vibration about a slowly drifting rest position.
-
-    Parameters
-    ----------
-    time : array (n,) [s]
-        From the moment from which the vibration is free.
-    signal : array (n,)
-        NaN is left out.
-    frequency_guess : float, optional [Hz]
-        Default the strongest line of the spectrum.
-    reference_time : float, optional [s]
-        Where amplitude and phase are stated, with the uncertainty that they have there; default
-        the first reading.
-
-    Returns
-    -------
-    Damped
-
-    Raises
-    ------
-    InputError
-        Too few readings or cycles, or no vibration.
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 0.1, 5e-5)
-    >>> ring = 1e-5 * np.exp(-0.02 * 2 * np.pi * 300 * time) * np.cos(2 * np.pi * 299.94 * time)
-    >>> fit = damped_oscillation(time, ring)
-    >>> round(fit.frequency, 2), round(fit.damping_ratio, 4)
-    (299.94, 0.02)
-    """
-    t, y = readings_of(time, signal)
-    start = float(t[0]) if reference_time is None else float(reference_time)
-    s, span = t - start, float(t[-1] - t[0])
-    # A vibration that dies out early is all at the beginning, where a taper would hide it.
-    guess = strongest_line(s, y, taper=False) if frequency_guess is None else float(frequency_guess)
-    if guess * span < _FEWEST_CYCLES or len(t) < _FEWEST_READINGS:
-        raise InputError(
-            f"a vibration of {guess:.6g} Hz needs {_FEWEST_CYCLES} cycles and {_FEWEST_READINGS} "
-            f"readings; found {guess * span:.3g} cycles in {len(t)} readings"
-        )
-
-    def columns(frequency: float, rate: float) -> Floats:
-        angle, decay = 2 * np.pi * frequency * s, np.exp(-rate * s)
-        return np.stack([decay * np.sin(angle), decay * np.cos(angle), np.ones_like(s), s / span], 1)
-
-    def residual(p: Floats) -> Floats:
-        design = columns(guess * p[0], p[1] / span)
-        # In units of the signal, or the optimiser's absolute tolerances would end it at once.
-        return (y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) / scatter
-
-    scatter = float(np.std(y))
-    begin = min(_TRIAL_RATES, key=lambda rate: float(np.sum(residual(np.array([1.0, rate])) ** 2)))
-    best = least_squares(residual, [1.0, begin], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0])
-    frequency, rate = guess * float(best.x[0]), float(best.x[1]) / span
-    design = columns(frequency, rate)
-    weights = np.linalg.lstsq(design, y, rcond=None)[0]
-    sine, cosine, offset, drift = weights
-    left = y - design @ weights
-    wave = sine * design[:, 0] + cosine * design[:, 1]
-    turned = sine * design[:, 1] - cosine * design[:, 0]
-    jacobian = np.column_stack([design, 2 * np.pi * s * turned, -s * wave])
-    scale = np.linalg.norm(jacobian, axis=0)
-    white = np.linalg.pinv((jacobian / scale).T @ (jacobian / scale), hermitian=True) / np.outer(scale, scale)
-    white *= float(left @ left) / max(len(t) - jacobian.shape[1], 1)
-    covariances = (parameter_covariance(jacobian, left), white)
-
-    def u_of(gradient: Floats) -> float:
-        # The spectrum of a short residual is known to a fifth at best; the larger one is stated.
-        return float(max(propagated_u(gradient, c) for c in covariances))
-
-    omega, amplitude = 2 * np.pi * frequency, float(np.hypot(sine, cosine))
-    natural = float(np.hypot(omega, rate))
-    to_zeta = np.zeros(6)
-    to_zeta[4], to_zeta[5] = -2 * np.pi * rate * omega / natural**3, omega**2 / natural**3
-    to_amplitude = np.array([sine, cosine, 0, 0, 0, 0]) / amplitude
-    to_phase = np.array([-cosine, sine, 0, 0, 0, 0]) / amplitude**2
-    to_frequency = np.eye(6)[4]
-    return Damped(
-        frequency,
-        u_of(to_frequency),
-        natural / (2 * np.pi),
-        rate / natural,
-        u_of(to_zeta),
-        amplitude,
-        u_of(to_amplitude),
-        float(np.arctan2(cosine, sine)),
-        u_of(to_phase),
-        float(offset),
-        start,
-        float(np.sqrt(np.mean(left**2))),
-        float(drift) / span,
-    )
-
-
-_QUIET = 0.05  # of the record's beginning that is at rest before anything happens
-_WANDERING = 3.0  # times the noise, a spread of the beginning that is motion
-_ONSET = 6.0  # standard uncertainties of a block's mean that are a motion
-_ONSET_READINGS = 8  # in such a block
-_BLOCK_READINGS = 16  # of the blocks by which a stretch grows
-_SURE = 4.0  # standard deviations of a block's mean square that end a stretch
-_SEED_CYCLES = 1.75  # in the stretch from which to grow
-_REFIT_GROWTH = 1.5  # of the stretch after which it is fitted again
-_LARGE = 3.0  # amplitudes over noise below which there is no ringing to speak of
-
-
-@dataclass(frozen=True, slots=True)
-class Ringing:
+class Ringing(NamedTuple):
     """An impact and the free ringing after it.
 
     ``onset_time`` is when the motion is first seen. ``blow_time`` is when an impact of no duration
     would have started the same ringing: the instant before the free stretch at which the fitted
-    oscillation leaves its rest position in the direction of the impact. ``fit`` states amplitude
+    oscillation leaves its rest position downwards. ``fit`` states amplitude
     and phase there. ``free_from`` and ``free_to`` bound the stretch; ``chi_square`` is the scatter
-    about the fit over the noise, squared. ``direction`` is that of the impact.
+    about the fit over the noise, squared.
     """
 
     onset_time: float
@@ -178,20 +36,13 @@ class Ringing:
     u_blow_time: float
     free_from: float
     free_to: float
-    fit: Damped
+    fit: Oscillation
     chi_square: float
     noise: float
-    direction: int
 
 
 def ringing(
-    time: ArrayLike,
-    signal: ArrayLike,
-    *,
-    longest_impact: float,
-    shortest_pause: float,
-    direction: int = -1,
-    noise: float | None = None,
+    time: ArrayLike, signal: ArrayLike, *, longest_impact: float, shortest_pause: float, noise: float | None = None
 ) -> Ringing:
     """Find the first impact in a record and fit the free ringing that follows.
 
@@ -200,13 +51,11 @@ def ringing(
     time : array (n,) [s]
         Evenly sampled; the beginning is at rest.
     signal : array (n,) [m]
-        Displacement; NaN is left out.
+        Displacement upwards, against the impact; NaN is left out.
     longest_impact : float [s]
         No contact lasts longer.
     shortest_pause : float [s]
         No second impact comes sooner after the onset.
-    direction : {-1, 1}
-        Sign of the motion into which the impact pushes.
     noise : float, optional [m]
         Standard deviation of white noise; default estimated from the quiet beginning.
 
@@ -229,8 +78,6 @@ def ringing(
     >>> round(found.fit.amplitude * 1e6, 1), round(found.blow_time, 4)
     (5.0, 0.02)
     """
-    if direction not in (-1, 1):
-        raise InputError(f"direction must be 1 or -1, found {direction}")
     if not 0.0 < longest_impact < shortest_pause:
         raise InputError(
             f"the longest impact ({longest_impact:g} s) must be positive and end before the shortest pause "
@@ -239,7 +86,7 @@ def ringing(
     t, y = readings_of(time, signal)
     if len(t) < 8 * _ONSET_READINGS:
         raise InputError(f"a ringing needs {8 * _ONSET_READINGS} readings; found {len(t)}")
-    quiet = y[: max(int(_QUIET * len(y)), 4 * _ONSET_READINGS)]
+    quiet = y[: max(int(0.05 * len(y)), 4 * _ONSET_READINGS)]
     white, spread = difference_sigma(quiet), float(np.std(quiet))
     least = white if noise is None else max(white, noise)
     if not (np.isfinite(least) and least > LEAST):
@@ -247,16 +94,16 @@ def ringing(
             "neighbouring readings of the beginning do not differ (constant, or displayed too "
             "coarsely): the noise must be given"
         )
-    if spread > _WANDERING * least:
+    if spread > 3.0 * least:
         raise InputError(
             f"the record begins in motion: its first {t[len(quiet) - 1] - t[0]:.3g} s spread by {spread:.2g} m with a "
             f"noise of {least:.2g} m; it must begin at rest, before the impact"
         ).because(IN_MOTION)
     sigma = noise if noise is not None else max(white, spread)
     y = y - float(np.mean(quiet))
-    # The first reading of the first two blocks in a row that have moved.
+    # The first reading of the first two blocks in a row whose means move by six standard uncertainties.
     means = y[: y.size // _ONSET_READINGS * _ONSET_READINGS].reshape(-1, _ONSET_READINGS).mean(axis=1)
-    has_moved = np.abs(means) > _ONSET * sigma / np.sqrt(_ONSET_READINGS)
+    has_moved = np.abs(means) > 6.0 * sigma / np.sqrt(_ONSET_READINGS)
     found = np.flatnonzero(has_moved[:-1] & has_moved[1:])
     if not len(found):
         raise InputError(
@@ -267,32 +114,24 @@ def ringing(
     stretch = slice(*_grown(t, y, sigma, _seed(t, y, onset, longest_impact, shortest_pause)))
     free = damped_oscillation(t[stretch], y[stretch])
     # Nearest to the middle of the impact, the fit leaves rest in its direction.
-    at = free.start_time + ((0.0 if direction > 0 else np.pi) - free.phase) / (2 * np.pi * free.frequency)
+    at = free.reference_time + (np.pi - free.phase) / (2 * np.pi * free.frequency)
     blow = float(at + np.round((onset + 0.25 * longest_impact - at) * free.frequency) / free.frequency)
     # The uncertainties hold the changes by other ends of the stretch.
     half = _BLOCK_READINGS // 2
     ends = (stretch, slice(stretch.start + half, stretch.stop), slice(stretch.start, stretch.stop - _BLOCK_READINGS))
     fit, *others = (damped_oscillation(t[s], y[s], free.frequency, blow) for s in ends)
-    if fit.amplitude < _LARGE * sigma:
+    if fit.amplitude < 3.0 * sigma:
         raise InputError(
             f"the ringing ({fit.amplitude:.2g} m) is not larger than the noise ({sigma:.2g} m): "
             "it cannot be evaluated; drop from higher, or bring the sensor nearer"
         )
-    widened = {}
+    widened: dict[str, Any] = {}
     for name in ("frequency", "damping_ratio", "amplitude"):
         changes = [getattr(other, name) - getattr(fit, name) for other in others]
         widened[f"u_{name}"] = float(np.hypot(getattr(fit, f"u_{name}"), np.linalg.norm(changes)))
-    return Ringing(
-        onset_time=onset,
-        blow_time=blow,
-        u_blow_time=fit.u_phase / (2 * np.pi * fit.frequency),
-        free_from=float(t[stretch.start]),
-        free_to=float(t[stretch.stop - 1]),
-        fit=replace(fit, **widened),
-        chi_square=(fit.residual_rms / sigma) ** 2,
-        noise=sigma,
-        direction=direction,
-    )
+    u_blow, chi_square = fit.u_phase / (2 * np.pi * fit.frequency), (fit.residual_rms / sigma) ** 2
+    bounds = float(t[stretch.start]), float(t[stretch.stop - 1])
+    return Ringing(onset, blow, u_blow, *bounds, replace(fit, **widened), chi_square, sigma)
 
 
 def _seed(t: Floats, y: Floats, onset: float, longest_impact: float, shortest_pause: float) -> tuple[int, int]:
@@ -310,10 +149,10 @@ def _seed(t: Floats, y: Floats, onset: float, longest_impact: float, shortest_pa
         )
     frequency = strongest_line(t[low:high] - t[low], y[low:high], taper=False)
     cycles = frequency * (t[high - 1] - t[low])
-    if cycles < _SEED_CYCLES:
+    if cycles < 1.75:
         raise InputError(
             f"between the longest impact and the shortest pause lie {cycles:.2g} cycles of {frequency:.4g} "
-            f"Hz; at least {_SEED_CYCLES} are needed: lengthen shortest_pause if the bounces allow it"
+            "Hz; at least 1.75 are needed: lengthen shortest_pause if the bounces allow it"
         )
     return low, high
 
@@ -321,30 +160,27 @@ def _seed(t: Floats, y: Floats, onset: float, longest_impact: float, shortest_pa
 def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[int, int]:
     """Extend the seed on both sides while the fit predicts the next block; give a block back.
 
-    The impact fades out like the force of a contact, below the noise before it ends: towards it two
-    half blocks are given back.
+    The impact fades out like the force of a contact, below the noise before it ends.
     """
     low, high = seed
-    fit, fitted = damped_oscillation(t[low:high], y[low:high]), high - low
+    fit, fitted, half = damped_oscillation(t[low:high], y[low:high]), high - low, _BLOCK_READINGS // 2
 
     def is_predicted(block: slice) -> bool:
-        """Fit again only when the stretch has grown much."""
+        """Fit again only when the stretch has grown by half; a mean square may exceed the noise by 4 deviations."""
         nonlocal fit, fitted
-        if high - low > _REFIT_GROWTH * fitted:
+        if high - low > 1.5 * fitted:
             fit, fitted = damped_oscillation(t[low:high], y[low:high]), high - low
         left = y[block] - fit.at(t[block])
-        limit = 1.0 + _SURE * np.sqrt(2.0 / left.size)
-        return float(np.mean(left**2)) < limit * max(sigma, fit.residual_rms) ** 2
+        return float(np.mean(left**2)) < (1.0 + 4.0 * np.sqrt(2.0 / left.size)) * max(sigma, fit.residual_rms) ** 2
 
     while high + _BLOCK_READINGS <= len(t):
         if not is_predicted(slice(high, high + _BLOCK_READINGS)):
             high = max(seed[1], high - _BLOCK_READINGS)
             break
         high += _BLOCK_READINGS
-    half = _BLOCK_READINGS // 2
     while low - half >= 0:
         if not is_predicted(slice(low - half, low)):
-            low = min(seed[0], low + 2 * half)
+            low = min(seed[0], low + _BLOCK_READINGS)
             break
         low -= half
     return low, high

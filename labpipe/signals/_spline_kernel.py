@@ -1,17 +1,13 @@
-"""The compiled loops of the smoothing spline: bases, the penalised fit, variances.
+"""The compiled loops of the smoothing spline: bases, moments of the samples, the penalised fit, polynomials.
 
-In each interval between knots the B-splines are polynomials of the distance from its middle, so
-that a sample costs Horner's rule and no recursion; samples are met once for each choice of knots.
-All else works on one band of the normal matrix, in time linear in the coefficients: the variance of a
-spline needs only those entries of the inverse that lie inside the band, which follow from the factor from the
-last row to the first (Takahashi, Fagan & Chin, Proc. 8th PICA Conf. (1973) 63; see Erisman & Tinney, Comm. ACM 18
-(1975) 177, doi:10.1145/360680.360704). The band is as wide as a quintic spline's, a constant. Plain loops
-over arrays that the caller made compile in a third of the time that numpy's functions take.
-Importing this imports numba.
+In each interval between knots the B-splines are polynomials of the distance from its middle. Samples enter by their
+moments there, and all else works on one band of the normal matrix, in time linear in the coefficients: the variance of
+a spline needs only those entries of the inverse inside the band, which follow from the factor from the last row to the
+first (Takahashi, Fagan & Chin, Proc. 8th PICA Conf. (1973) 63; see Erisman & Tinney, Comm. ACM 18 (1975) 177,
+doi:10.1145/360680.360704). Importing this imports numba.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,55 +16,14 @@ from labpipe.arrays import Floats
 from labpipe.compilation import inner, lean
 
 DEGREE = 5
-PENALTY_ORDER = 4
-"""Penalising the fourth derivative suits impacts: their acceleration is smooth, only large."""
-
+LEAF = 4
+"""Samples over which the distance of knots is the same."""
 _WIDTH = DEGREE + 1
 _FAST = {"reassoc", "contract", "nsz"}
+_POOL = 6  # intervals on either side that share their estimate of the penalty
+_SHARED = 2.0  # weight, in effective parameters, of all intervals of the same length
+_UPDATES, _SETTLED = 10, 0.2  # updates of the penalty at most, and the change of its logarithm that ends them
 Indices = NDArray[np.int64]
-OCTAVES = 2100
-"""All that the lengths of intervals can differ by."""
-
-
-class Intervals(NamedTuple):
-    """Intervals between knots: fields (interval,).
-
-    ``first`` is the first coefficient that counts in one, ``low`` where it begins, ``octave`` the
-    rounded binary logarithm of its ``length`` above the smallest, ``power`` its length to the
-    power in which a penalty grows. ``basis`` (interval, 6, 6) holds, by power of the distance from
-    the middle over the length, the factors of the six coefficients.
-    """
-
-    first: Indices
-    low: Floats
-    length: Floats
-    power: Floats
-    octave: Indices
-    basis: Floats
-
-
-class Update(NamedTuple):
-    """How penalties follow the record, see :mod:`._smoothing_spline`; bounds relative to ``power``."""
-
-    most: int
-    settled: float
-    pool: int
-    shared_weight: float
-    no_energy: float
-    lowest: float
-    highest: float
-
-
-class Space(NamedTuple):
-    """Work space of a fit: (interval,) and (interval, 6, 6); sums over octaves (OCTAVES,)."""
-
-    penalty: Floats
-    used: Floats
-    energy: Floats
-    bands: Floats
-    octave_used: Floats
-    octave_energy: Floats
-    system: Floats
 
 
 @lean()
@@ -128,189 +83,162 @@ def inverse_of_factor(factor: Floats, inverse: Floats, n: int) -> None:
         inverse[j, 0] = on
 
 
+@lean()
+def curved(total: Floats, limit: float, closest: float, distance: Floats) -> None:
+    """Lower the distances (leaf,) of knots where a record bends; ``total`` (n + 1,): sums of its samples up to each.
+
+    Means over L samples have fourth differences beyond ``limit``, over sqrt(L), which no white noise exceeds
+    (sqrt(2 log n) deviations), where L is the scale of the curve: five such means then hold eight knots.
+    """
+    n, size = total.size - 1, 4
+    while 10 * size <= n:
+        size *= 2
+    while size >= 2.0 * closest:
+        reach, end = limit * math.sqrt(size), 0
+        for i in range(0, n - 5 * size + 1, size // 2):
+            bend = total[i + 5 * size] - total[i] - 5.0 * (total[i + 4 * size] - total[i + size])
+            bend += 10.0 * (total[i + 3 * size] - total[i + 2 * size])
+            if abs(bend) > reach:
+                for leaf in range(max(end, i // LEAF), (i + 5 * size - 1) // LEAF + 1):
+                    distance[leaf] = 0.625 * size
+                end = (i + 5 * size - 1) // LEAF + 1
+        size //= 2
+
+
 @lean(fastmath=_FAST)
-def expand(knots: Floats, intervals: Intervals) -> None:
-    """Fill in the ``basis`` of intervals between ``knots`` (m + 6,): Cox and de Boor on polynomials."""
-    for s in range(intervals.low.size):
-        k, b = intervals.first[s] + DEGREE, intervals.basis[s]
-        middle = intervals.low[s] + 0.5 * intervals.length[s]
-        for q in range(_WIDTH):
-            for i in range(_WIDTH):
-                b[q, i] = 0.0
+def expand(knots: Floats, first: Indices, length: Floats, basis: Floats) -> None:
+    """Fill in the B-splines of intervals between ``knots`` (m + 6,): Cox and de Boor on polynomials.
+
+    ``first`` (interval,) is the first coefficient that counts in one; ``basis`` (interval, 6, 6) holds, by power of the
+    distance from its middle over its length, the factors of the six coefficients.
+    """
+    for s in range(length.size):
+        k, b = first[s] + DEGREE, basis[s]
+        middle = knots[k] + 0.5 * length[s]
         b[0, 0] = 1.0
         for p in range(1, _WIDTH):
             for i in range(p - 1, -1, -1):
                 left = k + 1 + i - p
                 over = 1.0 / (knots[left + p] - knots[left])
                 falls, rises = (knots[left + p] - middle) * over, (middle - knots[left]) * over
-                slope = intervals.length[s] * over
+                slope = length[s] * over
                 for q in range(p, -1, -1):
                     below = slope * b[q - 1, i] if q else 0.0
                     b[q, i + 1] += rises * b[q, i] + below
                     b[q, i] = falls * b[q, i] - below
 
 
-@inner(fastmath=_FAST)
-def _place(intervals: Intervals, x: float, s: int) -> int:
-    """Interval of ``x``, beginning to look at the interval ``s``."""
-    while s < intervals.low.size - 1 and x >= intervals.low[s + 1]:
-        s += 1
-    while s > 0 and x < intervals.low[s]:
-        s -= 1
-    return s
-
-
 @lean(fastmath=_FAST)
-def followed(intervals: Intervals, polynomials: Floats, x: Floats, value: Floats) -> None:
-    """Fill in the values (n,) at ``x`` (n,) of ``polynomials`` (interval, power) about the middles."""
-    s = 0
-    for n in range(x.size):
-        s = _place(intervals, x[n], s)
-        u = (x[n] - intervals.low[s]) / intervals.length[s] - 0.5
-        total = 0.0
-        for q in range(polynomials.shape[1] - 1, -1, -1):
-            total = total * u + polynomials[s, q]
-        value[n] = total
+def moments(place: Floats, z: Floats, ends: Indices, powers: Floats, products: Floats) -> None:
+    """Add up powers 0 to 10 of places (n,), and samples ``z`` times powers 0 to 5, by intervals.
 
-
-@lean(fastmath=_FAST)
-def variances(intervals: Intervals, basis: Floats, inverse: Floats, x: Floats, row: Floats, variance: Floats) -> None:
-    """Fill in the variance (n,) of a derivative of the spline at ``x`` (n,).
-
-    ``basis`` (interval, power, 6) is that of the derivative, ``inverse`` (m, 6) the band of the
-    coefficients' covariance, ``row`` (6,) work space.
+    ``ends`` (interval + 1,) are the first samples of each. ``powers`` (interval, 11), ``products`` (interval, 6).
     """
-    s = 0
-    for n in range(x.size):
-        s = _place(intervals, x[n], s)
-        _row(basis, s, (x[n] - intervals.low[s]) / intervals.length[s] - 0.5, row)
-        first, total = intervals.first[s], 0.0
-        for i in range(_WIDTH):
-            part = 0.5 * row[i] * inverse[first + i, 0]
-            for j in range(1, _WIDTH - i):
-                part += row[i + j] * inverse[first + i, j]
-            total += 2.0 * row[i] * part
-        variance[n] = max(total, 0.0)
-
-
-@inner(fastmath=_FAST)
-def _row(basis: Floats, s: int, u: float, row: Floats) -> None:
-    """Fill in the factors of the six coefficients that count in an interval."""
-    last = basis.shape[1] - 1
-    for i in range(_WIDTH):
-        row[i] = basis[s, last, i]
-    for q in range(last - 1, -1, -1):
-        for i in range(_WIDTH):
-            row[i] = u * row[i] + basis[s, q, i]
+    for s in range(ends.size - 1):
+        u, y = place[ends[s] : ends[s + 1]], z[ends[s] : ends[s + 1]]
+        for n in range(u.size):
+            power = 1.0
+            for k in range(_WIDTH):
+                powers[s, k] += power
+                products[s, k] += power * y[n]
+                power *= u[n]
+            for k in range(_WIDTH, 2 * DEGREE + 1):
+                powers[s, k] += power
+                power *= u[n]
 
 
 @lean(fastmath=_FAST)
-def gather(x: Floats, z: Floats, intervals: Intervals, row: Floats, normal: Floats, right: Floats) -> None:
-    """Add all samples to the normal matrix (m + 5, 6) and the right-hand side (m + 5,)."""
-    s = 0
-    for n in range(x.size):
-        s = _place(intervals, x[n], s)
-        _row(intervals.basis, s, (x[n] - intervals.low[s]) / intervals.length[s] - 0.5, row)
-        first = intervals.first[s]
-        for i in range(_WIDTH):
-            right[first + i] += z[n] * row[i]
-            for j in range(_WIDTH - i):
-                normal[first + i, j] += row[i] * row[i + j]
+def followed(coefficients: Floats, place: Floats, ends: Indices, value: Floats) -> None:
+    """Fill in the values (n,) of polynomials (interval, power) at places (n,)."""
+    last = coefficients.shape[1] - 1
+    for s in range(ends.size - 1):
+        u, found = place[ends[s] : ends[s + 1]], value[ends[s] : ends[s + 1]]
+        for n in range(found.size):
+            found[n] = coefficients[s, last]
+        for q in range(last - 1, -1, -1):
+            factor = coefficients[s, q]
+            for n in range(found.size):
+                found[n] = found[n] * u[n] + factor
 
 
 @lean(fastmath=_FAST)
 def penalised(
     normal: Floats,
     right: Floats,
-    intervals: Intervals,
-    update: Update,
-    space: Space,
+    rough: Floats,
+    power: Floats,
+    octave: Indices,
+    first: Indices,
+    work: Floats,
+    band: Floats,
     coefficients: Floats,
     inverse: Floats,
 ) -> int:
-    """Fit a spline whose roughness costs as much as the samples say.
+    """Fit a spline whose roughness costs as much as the samples say (Fellner and Schall's update).
 
-    ``normal`` (m + 5, 6) and ``right`` (m + 5,) are from :func:`gather`, ``space`` is work space;
-    ``coefficients`` (m + 5,) and ``inverse`` (m + 5, 6), the band of their covariance, are filled. Returns the
-    solves of the band system, 0 when a penalised matrix was not positive definite.
+    ``normal``, ``rough`` (interval, 6, 6): parts of samples and of a unit penalty in the normal matrix; ``right``
+    (m + 5,); ``power`` (interval,): lengths to the power in which a penalty grows; ``octave``: rounded logarithm of the
+    lengths. ``work`` (5, interval) and ``band`` (m + 5, 6) are work space; ``coefficients`` (m + 5,) and ``inverse``
+    (m + 5, 6), the band of their covariance, are filled. Returns the solves of the band system, 0 when a matrix was
+    not positive definite.
     """
-    m, count = right.size - DEGREE, intervals.low.size
+    m, count, n_solves, has_settled = right.size - DEGREE, power.size, 0, False
+    penalty, used, energy = work[0], work[1], work[2]
     for s in range(count):
-        space.penalty[s] = 10.0 * intervals.power[s]
-        # the fourth derivative is linear: 24 and 120 times the highest powers, and u^2 is 1/12 in the mean
-        for i in range(_WIDTH):
-            for j in range(_WIDTH - i):
-                space.bands[s, i, j] = (
-                    576.0 * intervals.basis[s, 4, i] * intervals.basis[s, 4, i + j]
-                    + 1200.0 * intervals.basis[s, 5, i] * intervals.basis[s, 5, i + j]
-                ) / intervals.power[s]
-    has_settled, n_solves = False, 0
+        penalty[s] = 10.0 * power[s]
     while True:
         n_solves += 1
-        _load(normal, right, intervals, space, coefficients)
-        if not factored(space.system, m):
+        for j in range(right.size):
+            coefficients[j] = right[j]
+            for d in range(_WIDTH):
+                band[j, d] = 0.0
+        for s in range(count):
+            for i in range(_WIDTH):
+                for j in range(_WIDTH - i):
+                    band[first[s] + i, j] += normal[s, i, i + j] + penalty[s] * rough[s, i, i + j]
+        if not factored(band, m):
             return 0
-        solve(space.system, coefficients, m)
-        inverse_of_factor(space.system, inverse, m)
-        if has_settled or n_solves > update.most:
+        solve(band, coefficients, m)
+        inverse_of_factor(band, inverse, m)
+        if has_settled or n_solves > _UPDATES:
             return n_solves
         for s in range(count):
-            spread = fourth = fifth = 0.0
-            first = intervals.first[s]
+            spread = size = 0.0
             for i in range(_WIDTH):
-                fourth += intervals.basis[s, 4, i] * coefficients[first + i]
-                fifth += intervals.basis[s, 5, i] * coefficients[first + i]
-                part = 0.5 * space.bands[s, i, 0] * inverse[first + i, 0]
+                at = first[s] + i
+                spread += rough[s, i, i] * inverse[at, 0]
+                size += rough[s, i, i] * coefficients[at] ** 2
                 for j in range(1, _WIDTH - i):
-                    part += space.bands[s, i, j] * inverse[first + i, j]
-                spread += 2.0 * part
-            space.energy[s] = (576.0 * fourth**2 + 1200.0 * fifth**2) / intervals.power[s]
-            space.used[s] = max(1.0 - space.penalty[s] * spread, 1e-4)
-        has_settled = _update(intervals, update, space)
+                    spread += 2.0 * rough[s, i, i + j] * inverse[at, j]
+                    size += 2.0 * rough[s, i, i + j] * coefficients[at] * coefficients[at + j]
+            used[s], energy[s] = max(1.0 - penalty[s] * spread, 1e-4), max(size, 0.0)
+        has_settled = _updated(work, power, octave)
 
 
 @inner(fastmath=_FAST)
-def _load(normal: Floats, right: Floats, intervals: Intervals, space: Space, coefficients: Floats) -> None:
-    """Add the penalty of every interval to the normal matrix; begin with the right-hand side."""
-    for j in range(right.size):
-        coefficients[j] = right[j]
-        for d in range(_WIDTH):
-            space.system[j, d] = normal[j, d]
-    for s in range(intervals.low.size):
-        for i in range(_WIDTH):
-            for j in range(_WIDTH - i):
-                space.system[intervals.first[s] + i, j] += space.penalty[s] * space.bands[s, i, j]
-
-
-@inner(fastmath=_FAST)
-def _update(intervals: Intervals, update: Update, space: Space) -> bool:
+def _updated(work: Floats, power: Floats, octave: Indices) -> bool:
     """Set penalties to parameters used per roughness; return True where they hardly changed.
 
     Both are pooled over neighbours (a triangular window) and over all intervals of equal length.
     """
-    count, octave = intervals.low.size, intervals.octave
-    for o in range(OCTAVES):
-        space.octave_used[o] = space.octave_energy[o] = 0.0
-    whole_used = whole_energy = 0.0
+    penalty, used, energy, sum_used, sum_energy = work[0], work[1], work[2], work[3], work[4]
+    count, has_settled = penalty.size, True
     for s in range(count):
-        space.octave_used[octave[s]] += space.used[s]
-        space.octave_energy[octave[s]] += space.energy[s]
-        whole_used += space.used[s]
-        whole_energy += space.energy[s]
-    has_settled = True
+        sum_used[s] = sum_energy[s] = 0.0
     for s in range(count):
-        local_used, local_energy = whole_used, whole_energy
-        if count >= 2 * update.pool + 1:
-            local_used = local_energy = 0.0
-            for o in range(max(s - update.pool, 0), min(s + update.pool + 1, count)):
-                weight = 1.0 - abs(o - s) / (update.pool + 1.0)
-                local_used += weight * space.used[o]
-                local_energy += weight * space.energy[o]
-        shared = space.octave_used[octave[s]] / max(space.octave_energy[octave[s]], update.no_energy)
-        least = max(local_energy + update.shared_weight / shared, update.no_energy)
-        wanted = (local_used + update.shared_weight) / least
-        wanted = min(max(wanted, space.penalty[s] / 100.0), space.penalty[s] * 100.0)
-        wanted = min(max(wanted, update.lowest * intervals.power[s]), update.highest * intervals.power[s])
-        has_settled = has_settled and abs(math.log(wanted / space.penalty[s])) < update.settled
-        space.penalty[s] = wanted
+        sum_used[octave[s]] += used[s]
+        sum_energy[octave[s]] += energy[s]
+    for s in range(count):
+        local_used = local_energy = 0.0
+        for o in range(max(s - _POOL, 0), min(s + _POOL + 1, count)):
+            weight = 1.0 - abs(o - s) / (_POOL + 1.0)
+            local_used += weight * used[o]
+            local_energy += weight * energy[o]
+        local_energy += _SHARED * sum_energy[octave[s]] / sum_used[octave[s]]
+        wanted = (local_used + _SHARED) / max(local_energy, 1e-250)
+        wanted = min(max(wanted, penalty[s] / 100.0), penalty[s] * 100.0)
+        # beyond, the penalty is off, or the spline rigid
+        wanted = min(max(wanted, 1e-8 * power[s]), 1e8 * power[s])
+        has_settled = has_settled and abs(math.log(wanted / penalty[s])) < _SETTLED
+        penalty[s] = wanted
     return has_settled

@@ -115,12 +115,11 @@ def record_that_is_none(random: Random) -> Outcome:
         "fit_sinusoid": lambda: signals.fit_sinusoid(time, values, 1.4),
         "damped_oscillation": lambda: signals.damped_oscillation(time, values),
         "repeats": lambda: signals.combine_repeats([whole, record], [0.0, 0.0]),
-        "at_times": lambda: signals.interpolated_at(record, np.linspace(0.2, 0.8, 9)),
     }
     name = str(random.choice(list(calls)))
-    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times"):
+    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation"):
         return Outcome(0.0, "")  # any quantity will do
-    if fault in ("nothing", "one") and name in ("repeats", "at_times"):
+    if fault in ("nothing", "one") and name == "repeats":
         return Outcome(0.0, "")  # what was not read stays NaN
     calls[name]()
     return Outcome(np.inf, f"{name} took a record with the fault: {fault}")

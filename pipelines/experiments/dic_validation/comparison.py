@@ -8,7 +8,7 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
-from labpipe.variables import variable, with_u
+from labpipe.variables import described, variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.flights import flights, moved_by_scatter
@@ -24,13 +24,14 @@ def comparison(
     del settings
     if laser is None:
         return xr.Dataset(attrs={"note": "no laser experiment is named"})
-    start = float(bounces["first_contact_time"])
-    level = float(bounces["contact_level"])
-    film = signals.timed_from_event((motion["displacement"] - level).assign_attrs(motion["displacement"].attrs), start)
+    film = motion["displacement"] - float(bounces["contact_level"])
+    film = film.assign_coords(time=film["time"] - float(bounces["first_contact_time"]))
+    film = film.assign_attrs(motion["displacement"].attrs)
+    film["time"].attrs = described("s", "time from the event")
     reference = laser["displacement_mean"].dropna("time")
-    seen = signals.interpolated_at(reference, film["time"].values)
+    seen = film.copy(data=np.interp(film["time"], reference["time"], reference, left=np.nan, right=np.nan))
     both = np.isfinite(film.values) & np.isfinite(seen.values)
-    film, seen = film[both], seen[both].assign_coords(time=film["time"][both])
+    film, seen = film[both], seen[both]
     made = signals.compare(film, seen)
     agreed = signals.agreement(film.values, seen.values)
     shift = signals.lag(film, reference, _LARGEST_LAG)

@@ -3,7 +3,7 @@ import pytest
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.signals import combine_repeats, interpolated_at, lag, timed_from_event
+from labpipe.signals import combine_repeats, lag
 
 
 def record(time, values):
@@ -34,20 +34,6 @@ def test_records_without_a_lag_are_refused():
             lag(wave, second, 2.0)
     far = lag(wave, record(time, np.sin(0.3 * (time - 5.0))), 2.0)
     assert far.lag == 2.0 <= far.u_lag
-
-
-def test_time_counts_from_the_event():
-    time = np.arange(5.0)
-    shifted = timed_from_event(record(time, time), 2.5)
-    np.testing.assert_array_equal(shifted["time"], time - 2.5)
-    assert shifted.attrs["units"] == "m"
-    with pytest.raises(InputError, match="was not found"):
-        timed_from_event(record(time, time), np.nan)
-
-
-def test_values_outside_the_record_are_unknown():
-    found = interpolated_at(record(np.arange(3.0), np.array([0.0, 2.0, 4.0])), np.array([-1.0, 0.5, 3.0]))
-    np.testing.assert_array_equal(found, [np.nan, 1.0, np.nan])
 
 
 def repeat(start, seed, scale=1.0, interval=1e-3, duration=0.2):

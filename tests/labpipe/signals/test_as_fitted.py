@@ -58,8 +58,8 @@ def test_records_scatter_about_it_and_not_about_the_truth(
 def test_an_impact_without_a_lift_off_has_no_values(simulated: xr.Dataset) -> None:
     short = signals.as_fitted(
         simulated["displacement"],
-        simulated["impact_time"].values[:1],
-        simulated["contact_duration"].values[:1],
+        simulated["impact_time"].values[:2],
+        np.array([simulated["contact_duration"].values[0], np.nan]),
         2,
         noise=_NOISE,
         gravity=9.81,

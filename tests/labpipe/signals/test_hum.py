@@ -46,7 +46,7 @@ def test_hum_is_found_as_well_as_it_says(line: float) -> None:
 
 def test_noise_and_other_oscillations_are_no_hum() -> None:
     rng = np.random.default_rng(1)
-    for number in range(20):
+    for number in range(8):
         values = _record(rng)
         assert hum_of(_TIME, values, _NOISE, _PARTS) is None
         # a vibration beside the mains, and one that dies out after each contact

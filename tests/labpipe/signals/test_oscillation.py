@@ -140,7 +140,7 @@ def test_damping_over_two_decades(zeta):
     fit = damped_oscillation(time, ring)
     assert fit.frequency == pytest.approx(damped, rel=1e-3)
     assert fit.damping_ratio == pytest.approx(zeta, abs=1e-3)
-    assert fit.start_time == 3.0
+    assert fit.reference_time == 3.0
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_damping_over_two_decades(zeta):
     [
         (np.arange(100.0), np.zeros(100), "does not vary"),
         (np.arange(4.0), np.arange(4.0), "6 readings"),
-        (np.arange(100.0), np.zeros(99), "one-dimensional and alike"),
+        (np.arange(100.0), np.zeros(99), "one-dimensional, of one shape"),
         (np.ones(50), np.arange(50.0), "must increase"),
     ],
 )
