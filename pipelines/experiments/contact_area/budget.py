@@ -43,7 +43,7 @@ def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None
 
 
 def _shared(film: xr.Dataset) -> dict[str, float]:
-    """Return what all frames share, relative to the radius, by source; their sum is the film's."""
+    """Return the uncertainties that all frames share, relative to the radius, by source; their sum is the film's."""
     radius = film["radius"].values
     whole = film["radius_systematic"].values / radius
     total = float(np.nanmedian(whole)) if np.isfinite(whole).any() else 0.0

@@ -150,7 +150,7 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 
 def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
-    """Hold a ratio against one within a factor, so that causes may be told from it."""
+    """Hold a ratio against one within a factor, so that causes follow from it."""
     found = bounded(name, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
     return replace(found, log_ratio=log(ratio), u_log_ratio=u)
 
@@ -172,10 +172,9 @@ def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
     at = int(np.argmax(rise / own))
     ends, begins = (quantity(float(impacts[n][i]), "s") for n, i in (("last_seen", at), ("first_seen", at + 1)))
     text = f"{settings.film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
-    joined = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
-    cause = f"the frames are in reverse order, or {joined}"
-    if a.size > 2:
-        cause = "the frames are in reverse order" if np.all(rise > DOUBTFUL * own) else joined
+    cause = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
+    if np.all(rise > DOUBTFUL * own):
+        cause = "the frames are in reverse order" + f", or {cause}" * (a.size == 2)
     return bounded(ORDER, text, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
 
 
@@ -268,15 +267,9 @@ def _times(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None
 
 
 def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for frames whose pixels are those of the one before, or that are measured alike to the last digit."""
-    read = np.isin(radius["method"].values, READ)
-    # at rest a frame like the one before is not read again
-    same = read[1:] & read[:-1]
-    for column in ("radius", "centre_x", "centre_y"):
-        if column in radius:
-            same &= np.diff(radius[column].values) == 0.0
+    """Look for frames about a contact whose pixels are those of the one before."""
     frame = radius["frame"].values
-    return no_copies(settings.film, frame, same | np.isin(frame[1:], json.loads(radius.attrs.get("repeated", "[]"))))
+    return no_copies(settings.film, frame, np.isin(frame[1:], json.loads(radius.attrs.get("repeated", "[]"))))
 
 
 def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:

@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.imaging import USUAL_WORK
-from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity, value_with_uncertainty
+from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP
@@ -56,7 +56,7 @@ def _details(
 
 
 def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
-    """Say where the edge of the largest contact lies beside the radius that fringes show, and why."""
+    """Describe the distance from the radius that fringes show to the edge of the largest contact."""
     told, given = "fringes show the Hertz-equivalent radius", settings.work_of_adhesion
     if given is None:
         # the middle of what is possible is half of the most
@@ -159,20 +159,10 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
         gap = (film - model) * 1e6
         residuals.append(Series(f"{name}, film minus model", since, gap, role="residual", style="points", u=u * 1e6))
     label, group = "time since the largest radius / ms", "impacts"
-    text = " ".join(f"Impact {i + 1}: {_alignment(comparison, i)}" for i in range(comparison.sizes["impact"]))
     titles = ("Contact radius around its largest value", label, "contact radius / mm")
     drawn = LineChart(*titles, tuple(curves), group=group, height_px=260)
     titles = ("Film minus model", label, "difference / µm")
-    return [Paragraph(_AROUND), drawn, LineChart(*titles, tuple(residuals), group=group, height_px=220, caption=text)]
-
-
-def _alignment(comparison: xr.Dataset, i: int) -> str:
-    """Say by how much the model was shifted in time."""
-    shift, u = float(comparison["time_shift"][i]), float(comparison["u_time_shift"][i])
-    if not math.isfinite(u):
-        return "A shift in time was not fitted."
-    shown, way = value_with_uncertainty(abs(shift), u, "s"), "earlier" if shift > 0 else "later"
-    return f"Model shifted by {shown} to {way} times."
+    return [Paragraph(_AROUND), drawn, LineChart(*titles, tuple(residuals), group=group, height_px=220)]
 
 
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:

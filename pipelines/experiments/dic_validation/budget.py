@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
+from pipelines.experiments.dic_validation.comparison import RATIO
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 
@@ -29,7 +30,7 @@ def quantities(motion: xr.Dataset, comparison: xr.Dataset | None = None) -> Iter
         return
     # both calibrations act on mean difference and ratio
     film = float(motion.attrs["u_systematic_relative"])
-    laser = excess_uncertainty(float(comparison["expected_u_gain"]), film)
+    laser = excess_uncertainty(float(comparison["u_scales"]), film)
     scales = {"pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)}
     of_film, of_laser = float(comparison["film"].mean()), float(comparison["laser"].mean())
 
@@ -37,12 +38,14 @@ def quantities(motion: xr.Dataset, comparison: xr.Dataset | None = None) -> Iter
         return measured + noise + of_film * (pixel_size - 1.0) - of_laser * (inclination_and_gain - 1.0)
 
     def ratio(measured: float, noise: float, pixel_size: float, inclination_and_gain: float) -> float:
-        return (measured + noise) * inclination_and_gain / pixel_size
+        return (measured + noise) * pixel_size / inclination_and_gain
 
     for name, title, unit, model in (
         ("bias", "mean of film minus laser", "m", mean),
-        ("gain", "ratio of displacements, laser over film", "1", ratio),
+        (RATIO, "ratio of displacements, film over laser", "1", ratio),
     ):
         value, u = float(comparison[name]), float(comparison[f"u_{name}"])
+        if not isfinite(value):
+            continue
         own = {MEASURED: Input(value, 0.0, unit), "noise": Input(0.0, u, unit)}
         yield Quantity(title, unit, model, own | scales)
