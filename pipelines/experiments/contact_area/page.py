@@ -22,12 +22,19 @@ from pipelines.experiments.shared.reports import Report, budgets, summary
 _CIRCLE = (60, 120, 255)  # BGR, orange
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
 _METHODS = {
-    1: "fringe fit",
-    5: "fringe fit with a fitted gap factor (the gap opens otherwise than stated)",
-    2: "edge",
-    3: "interpolation between equal frames at rest",
-    4: "contact fills the view (no radius)",
+    1: (
+        "fringe fit",
+        "by fitting the interference phase of Hertz's gap to the first fringes, with the exposure's smear modelled",
+    ),
+    5: (
+        "fringe fit with a fitted gap factor (the gap opens otherwise than stated)",
+        "by the same fit with the width of the gap left free",
+    ),
+    2: ("edge", "from the edge of the dark spot"),
+    3: ("interpolation between equal frames at rest", "at rest by interpolation between equal frames"),
+    4: ("contact fills the view (no radius)", ""),
 }
+"""Of each method of a radius, a name and how it reads in a sentence."""
 _AROUND = (
     "Film and model around each largest radius: both are aligned there, and the model then shifted in time to fit all "
     "frames of the contact, since the largest radius is flat in time. Bars: standard uncertainty of the film. Band: "
@@ -93,7 +100,7 @@ def _drawn(key: xr.Dataset) -> tuple[NDArray[np.uint8], str, str, float]:
     found = "no radius"
     if math.isfinite(r):
         value = pages.told(key, "key_radius")
-        found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])]}"
+        found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])][0]}"
     words = f"frame {frame} with the fitted contact circle"
     return canvas, words, f"frame {frame}, {time:.2f} ms in the film, {found}", time
 
@@ -167,23 +174,19 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
 
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
-    known = "" if settings.wavelength is None else f" (wavelength {pages.stated(settings.wavelength)})"
-    ways = {
-        1: f"by fitting the interference phase of Hertz's gap to the first fringes{known}, with the exposure's smear "
-        "modelled",
-        OPEN_GAP: "by the same fit with the width of the gap left free",
-        2: "from the edge of the dark spot",
-        3: "at rest by interpolation between equal frames",
-    }
-    counts = {code: int(np.sum(codes == code)) for code in ways}
-    parts = [f"in {pages.counted(counts[code], 'frame')} {text}" for code, text in ways.items() if counts[code]]
+    counts = {code: int(np.sum(codes == code)) for code in _METHODS}
+    parts = [
+        f"in {pages.counted(counts[code], 'frame')} {text}"
+        for code, (_, text) in _METHODS.items()
+        if counts[code] and text
+    ]
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
     text += " and ".join([part for part in (", ".join(parts[:-1]), *parts[-1:]) if part]) or "in no frame"
     text += ". "
-    if counts[1] or counts[OPEN_GAP]:
+    if settings.wavelength is not None and (counts[1] or counts[OPEN_GAP]):
         text += (
-            "It is the Hertz-equivalent radius: that of the Hertz contact with the same gap around it, whether the "
-            "surfaces stick or not. "
+            f"The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
+            "contact with the same gap around it, whether the surfaces stick or not. "
         )
     if impacts.sizes["impact"]:
         first = pages.told(impacts, "peak_radius", 0)

@@ -1,7 +1,6 @@
 """Checks of a film of a falling holder: its frames and light, view, free fall, bounces, and the laser."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from math import hypot, nan
 from typing import Any
 
@@ -33,6 +32,7 @@ _FOUND = 0.9  # of the frames in which the holder should be found
 _SOLVED, _ALIKE = 1e-4, 1e-6
 """By which places [px] and correlations of one image differ that is solved for from other
 beginnings; noise changes them by more."""
+_NOT_ON_HOLDER = "tracking.body, [x to the right, y down], is not on the holder"
 _MOSTLY = 0.5  # of the frames that have no value for one reason
 _GROWS = 2e-3  # least relative jump of the image's size
 _UPSIDE_DOWN = "the film is upside down: the camera was, or the film was turned or mirrored when it was exported"
@@ -85,15 +85,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
     checks.append(judgements.day_known(motion, settings.camera, settings.film))
     if track is not None:
-        found = _found(track, settings)
-        if whole.level and found.level:  # frames that the file lacks show no holder
-            found = replace(found, cause=whole.cause, setting="")
-        is_sound = np.ones(int(track["frame"][-1]) + 1, bool)  # frames that were not read are assumed to be
-        if "status" in track:
-            is_sound[track["frame"].values] = statuses(track) != "frame_damaged"
-        checks += [found, sound_frames(is_sound, whole, settings), exposed(track, settings.film)]
-        checks += stated_twice(track, settings.film, settings.frame_rate)
-    checks += given.each((_copies, _in_order, _times, _steady, _fall))
+        checks += _of_frames(track, whole, settings)
+    checks += given.each((_times, _steady, _fall))
     for check in checks:
         if check.level in ("doubtful", "impossible") and check.name in _EXPLAINED:
             changes: dict[str, Any] = {"log_ratio": nan, "file": settings.film, "setting": ""}
@@ -120,18 +113,32 @@ def _fall(
     ]
 
 
-def _found(track: xr.Dataset, settings: DicValidation) -> Check:
-    share = float(track["valid"].isel(point=0).mean())
+def _of_frames(track: xr.Dataset, whole: Check, settings: DicValidation) -> Iterator[Check]:
+    """Evaluate the frames of the film, their light and order."""
+    film, of_body, frame = settings.film, track.isel(point=0), track["frame"].values
+    is_sound, status = (
+        np.ones(int(frame[-1]) + 1, bool),
+        np.empty(0, str),
+    )  # frames that were not read are assumed to be
+    if "status" in track:
+        status = statuses(track)
+        is_sound[frame] = status != "frame_damaged"
+    share = float(of_body["valid"].mean())
     level: Level | None = None if share >= _FOUND else "doubtful"
-    message = f"{settings.film}: the holder was found in {100 * share:.1f} % of the frames"
-    cause = (
-        "damaged or missing frames, a film that is upside down, or tracking.body, [x to the right, y down], is not on "
-    )
-    cause += "the holder"
-    status = statuses(track) if "status" in track else np.empty(0, str)
-    if status.size and np.mean(status == "saturated") > _MOSTLY:
+    cause, setting = f"damaged or missing frames, a film that is upside down, or {_NOT_ON_HOLDER}", "tracking.body"
+    if whole.level:
+        cause, setting = whole.cause, ""
+    elif status.size and np.mean(status == "saturated") > _MOSTLY:
         cause = "the film is over-exposed or dark: the holder's pixels lie at white or at black"
-    return stated(FOUND, message, level, cause=cause, setting="tracking.body")
+    message = f"{film}: the holder was found in {100 * share:.1f} % of the frames"
+    yield stated(FOUND, message, level, cause=cause, setting=setting)
+    yield from (sound_frames(is_sound, whole, settings), exposed(track, film))
+    yield from stated_twice(track, film, settings.frame_rate)
+    # a frame that shows the holder exactly as the one before, within the tolerance of the solver
+    limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
+    same = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
+    yield no_copies(film, frame, same & (np.diff(frame) == 1))
+    yield in_order(film, frame, of_body["dy"].values)
 
 
 def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Check:
@@ -141,21 +148,8 @@ def _times(motion: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | No
         usual = np.abs(end - begin - np.median(end - begin)) < _STEP * np.median(end - begin)
         moves = np.arange(begin.size) < np.flatnonzero(usual).max(initial=0)
     else:
-        release, rest = (float(bounces[name]) for name in ("release_time", "rest_time"))
-        moves = ~((end <= release) | (begin >= rest))
+        moves = ~((end <= float(bounces["release_time"])) | (begin >= float(bounces["rest_time"])))  # NaN is never
     return frame_times(settings.film, np.arange(time.size), time, moves)
-
-
-def _copies(track: xr.Dataset, settings: DicValidation) -> Check:
-    """Look for frames that show the holder exactly as the frame before, within the tolerance of the solver."""
-    of_body, frame = track.isel(point=0), track["frame"].values
-    limits = (("dx", _SOLVED), ("dy", _SOLVED), ("zncc", _ALIKE))
-    alike = np.all([np.abs(np.diff(of_body[of].values)) <= limit for of, limit in limits], axis=0)
-    return no_copies(settings.film, frame, alike & (np.diff(frame) == 1))
-
-
-def _in_order(track: xr.Dataset, settings: DicValidation) -> Check:
-    return in_order(settings.film, track["frame"].values, track["dy"].isel(point=0).values)
 
 
 def _steady(
