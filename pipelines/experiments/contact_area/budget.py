@@ -37,7 +37,7 @@ def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None
         yield Quantity(f"{family}, impact {i + 1}", "m", radius_of, inputs, family=family)
         if model is not None and i < model.sizes["impact"]:
             family = "largest contact area"
-            edge = Input(*(float(model[name][i]) for name in ("adhesion_shift", "u_adhesion_shift")), "m")
+            edge = Input(float(model["adhesion_shift"][i]), float(model["u_adhesion_shift"][i]), "m")
             yield Quantity(f"{family}, impact {i + 1}", "m2", area_of, inputs | {"adhesion": edge}, family=family)
     yield from of_simulation("largest contact radius of the model, impact 1", model, "peak_contact_radius")
 

@@ -48,8 +48,8 @@ def comparison(
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
     )
-    agreement, *ratio = _along(made, bounces, laser, expected)
-    pair = with_u(RATIO, (), *ratio, "1", "displacement, film over laser; u without that of the scales")
+    agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
+    pair = with_u(RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")
     return made.assign(curve_table((), [agreement]) | pair | _restitutions(bounces, laser)).assign_coords(
         impact=np.arange(1, min(bounces.sizes["impact"], laser.sizes["impact"]) + 1)
     )
