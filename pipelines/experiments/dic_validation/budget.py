@@ -30,7 +30,7 @@ def quantities(motion: xr.Dataset, comparison: xr.Dataset | None = None) -> Iter
         return
     # both calibrations act on mean difference and ratio
     film = float(motion.attrs["u_systematic_relative"])
-    laser = excess_uncertainty(float(comparison["u_scales"]), film)
+    laser = excess_uncertainty(float(comparison["scale_uncertainty"]), film)
     scales = {"pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)}
     of_film, of_laser = float(comparison["film"].mean()), float(comparison["laser"].mean())
 

@@ -43,7 +43,7 @@ def comparison(
     made["difference_sd"] = variable((), agreed.sd, "m", "standard deviation of film minus laser")
     made["concordance"] = variable((), agreed.concordance, "1", "Lin's concordance coefficient")
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
-    made["u_scales"] = variable((), expected, "1", text)
+    made["scale_uncertainty"] = variable((), expected, "1", text)
     made["film"] = film.drop_attrs().assign_attrs(units="m", long_name="film, over the height of first contact")
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
@@ -106,7 +106,7 @@ def rows(comparison: xr.Dataset) -> Iterator[Row]:
     n, nrmse = int(comparison["n_compared"]), comparison["nrmse"]
     bias, u, told = comparison["bias"], comparison["u_bias"], of_curve(comparison)
     yield row("displacement", "m", n, against="laser", nrmse=nrmse, difference=bias, u_difference=u, **told)
-    seen, own, scales = (float(comparison[of]) for of in (RATIO, f"u_{RATIO}", "u_scales"))
+    seen, own, scales = (float(comparison[of]) for of in (RATIO, f"u_{RATIO}", "scale_uncertainty"))
     if np.isfinite(seen):
         yield row(
             "displacement, film over laser",

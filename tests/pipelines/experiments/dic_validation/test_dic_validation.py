@@ -65,7 +65,7 @@ def test_contact_is_found_to_a_tenth_of_a_frame(session: Path) -> None:
 def test_film_and_laser_agree_within_the_calibrations(session: Path) -> None:
     found = result(session, "film", "comparison")
     assert float(found["nrmse"]) < 0.02
-    allowed = 3 * float(np.hypot(found["u_displacement_ratio"], found["u_scales"]))
+    allowed = 3 * float(np.hypot(found["u_displacement_ratio"], found["scale_uncertainty"]))
     assert abs(float(found["displacement_ratio"]) - 1) < allowed
     z = found["restitution_difference"] / found["u_restitution_difference"]
     assert np.all(np.abs(z) < 3.5)
