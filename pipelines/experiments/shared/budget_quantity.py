@@ -1,9 +1,7 @@
 """A reported quantity as a formula of its uncertain inputs, and helpers for such formulas.
 
-Every budget is asked about the same inputs, from the inclination to the repeatability: each acts,
-by a row of the budget, or the page says why it does not. Nothing stands twice: what readings show
-of themselves is the noise, and what repeats show beyond that is the repeatability, type A with
-n − 1 degrees of freedom.
+Nothing is counted twice: the noise is that of the readings themselves, and the scatter of repeats
+beyond it is the repeatability, type A with n − 1 degrees of freedom.
 """
 
 import json
@@ -105,10 +103,4 @@ def model_quantity(
     inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in given.items()}
     exact = [n for n in asked if n.replace(" ", "_") not in given]
     inert = [(", ".join(exact), "stated without uncertainty, or not at all")] if exact else []
-    return Quantity(name, unit, model, inputs, (*inert, _NOT_READ))
-
-
-_NOT_READ = (
-    "inclination, pixel size, zero, noise, sampling, filter lag, repeatability",
-    "the model does not depend on the readings",
-)
+    return Quantity(name, unit, model, inputs, tuple(inert))
