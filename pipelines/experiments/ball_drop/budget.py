@@ -1,8 +1,6 @@
 """Budgets of a ball drop: height, speed, restitution, and the model's."""
 
-import json
 from collections.abc import Iterator, Sequence
-from math import cos
 
 import numpy as np
 import xarray as xr
@@ -13,24 +11,12 @@ from pipelines.experiments.shared.budget_quantity import (
     MEASURED,
     Quantity,
     clock,
-    model_quantity,
+    of_laser,
+    of_simulation,
     repeats,
     summed,
 )
 from pipelines.experiments.shared.pages import present
-
-_INERT = (
-    ("pixel size", "there is no camera"),
-    ("filter lag", "the moving average of the sensor delays all readings equally"),
-    (
-        "mass, radius, Poisson's ratio, temperature",
-        "they affect the model; the masses of body and plate act on the pulse by the row of its shape",
-    ),
-    ("zero", "a difference of two readings has none"),
-    ("height", "that of session.toml enters only the model"),
-)
-_LEVELS = ("sampling", "levels are fitted and do not depend on time")
-_RATIO = ("inclination, sampling", "common to both speeds, so that the scales of length and time cancel")
 
 
 def quantities(
@@ -38,42 +24,27 @@ def quantities(
 ) -> Iterator[Quantity]:
     """Yield drop height, speed of the first impact, and restitutions of the first ones, the model's first one too."""
     made, moved = present(bounces), present(displacement)[0]
-    tilt = Input(float(moved["inclination"]), float(moved["u_inclination"]), "rad")
-    gain = Input(float(moved["gain"]), float(moved["u_gain"]))
     relative = float(moved.attrs["u_systematic_relative"])
-
-    along = cos(tilt.value) / gain.value  # of a true length, as it is read
-    for name, title, unit, times in (
-        ("drop_height", "height of the fall", "m", {}),
-        ("incoming_speed", "speed of the first impact", "m/s", {"clock": clock(moved)}),
+    for name, title, unit in (
+        ("drop_height", "height of the fall", "m"),
+        ("incoming_speed", "speed of the first impact", "m/s"),
     ):
-        read = _read(made, name, unit, 0, relative)
-        inputs = read | {MEASURED: Input(read[MEASURED].value * along, 0.0, unit), "gain": gain, "inclination": tilt}
-        yield Quantity(title, unit, _along_motion, inputs | times, _INERT if times else (*_INERT, _LEVELS))
+        mean, errors = _read(made, name, unit, 0, relative)
+        along, inputs = of_laser(moved, mean, unit)
+        times = {} if unit == "m" else {"clock": clock(moved)}
+        yield Quantity(title, unit, along, inputs | errors | times)
     for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
-        inputs = _read(made, "restitution", "1", i, 0.0)
-        if np.isfinite(inputs[MEASURED].value):
-            yield Quantity(f"restitution, impact {i + 1}", "1", summed, inputs, (*_INERT, _RATIO), "restitution")
-    if model is not None and model.sizes["impact"] and "budget" in model.attrs:
-        asked = ("mass", "radius", "height", "Poisson's ratio", "temperature")
-        best, sources = float(model["restitution"][0]), json.loads(model.attrs["budget"])
-        yield model_quantity("restitution of the model, impact 1", best, "1", sources, asked)
+        mean, errors = _read(made, "restitution", "1", i, 0.0)  # a ratio of speeds has no scale
+        if np.isfinite(mean):
+            inputs = {MEASURED: Input(mean, 0.0), **errors}
+            yield Quantity(f"restitution, impact {i + 1}", "1", summed, inputs, family="restitution")
+    yield from of_simulation("restitution of the model, impact 1", model, "restitution")
 
 
-def _along_motion(
-    measured: float,
-    gain: float,
-    inclination: float,
-    noise: float,
-    repeatability: float,
-    pulse_shape: float,
-    clock: float = 1.0,
-) -> float:
-    return (measured + noise) * gain / cos(inclination) / clock + repeatability + pulse_shape
-
-
-def _read(made: Sequence[xr.Dataset], name: str, unit: str, impact: int, relative: float) -> dict[str, Input]:
-    """Return the mean of the repeats, and its noise, repeatability and the shape of the pulse that they share.
+def _read(
+    made: Sequence[xr.Dataset], name: str, unit: str, impact: int, relative: float
+) -> tuple[float, dict[str, Input]]:
+    """Return the mean of the repeats, and its errors by noise, repeatability and the shape of the pulse they share.
 
     ``relative`` is the uncertainty of the scale, which the repeats' own contains.
     """
@@ -83,10 +54,5 @@ def _read(made: Sequence[xr.Dataset], name: str, unit: str, impact: int, relativ
     )
     pulse = float(np.sqrt(np.mean(shared**2)))
     noise, scatter = repeats(values, np.sqrt(np.maximum(u**2 - (relative * values) ** 2 - pulse**2, 0.0)))
-    inputs = {
-        MEASURED: Input(float(values.mean()), 0.0),
-        "noise": noise,
-        "repeatability": scatter,
-        "pulse_shape": Input(0.0, pulse),
-    }
-    return {key: each._replace(unit=unit) for key, each in inputs.items()}
+    errors = {"noise": noise, "repeatability": scatter, "pulse_shape": Input(0.0, pulse)}
+    return float(values.mean()), {key: each._replace(unit=unit) for key, each in errors.items()}

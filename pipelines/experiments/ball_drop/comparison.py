@@ -8,7 +8,7 @@ import xarray as xr
 from labpipe import signals
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
-from labpipe.variables import variable, with_u
+from labpipe.variables import with_u
 from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_by_input
 from pipelines.experiments.ball_drop.settings import BallDrop
@@ -60,27 +60,20 @@ def comparison(
     ).reindex(impact=np.arange(1, count + 1))
     made = made.merge(seen.rename({name: f"seen_{name}" for name in seen.data_vars}))
 
-    fitted, own = seen["restitution"].values, repeats["u_restitution"].values[:count]
-    is_fitted = np.isfinite(fitted)
-    for name, theirs, u_ours, u_theirs in (
-        (
-            "restitution",
-            np.where(is_fitted, fitted, model["restitution"].values[:count]),
-            np.where(is_fitted, _without_shape(repeats, "restitution")[:count], own),
-            model["u_restitution"],
-        ),
-        (
-            "touch_time",
-            model["impact_time"].values[:count] - first,
-            repeats["u_touch_time"].values[:count],
-            model["u_impact_time"],
-        ),
-    ):
-        units, ours = repeats[name].attrs["units"], repeats[name].values[:count]
-        made[f"{name}_measured"] = variable("impact", ours, units, f"{name}, measured")
-        made[f"{name}_model"] = variable("impact", theirs, units, f"{name}, model")
-        u, text = np.hypot(u_ours, u_theirs.values[:count]), f"{name}, measured minus model"
-        made = made.assign(with_u(f"{name}_difference", "impact", ours - theirs, u, units, text))
+    # restitutions from the same fit to both, so that the shape of its pulse cancels
+    fitted = seen["restitution"].values
+    gaps = {
+        "restitution": repeats["restitution"].values[:count]
+        - np.where(np.isfinite(fitted), fitted, model["restitution"].values[:count]),
+        "touch_time": repeats["touch_time"].values[:count] - (model["impact_time"].values[:count] - first),
+    }
+    own = {name: repeats[f"u_{name}"].values[:count] for name in gaps}
+    without = _without_shape(repeats, "restitution")[:count]
+    own["restitution"] = np.where(np.isfinite(fitted), without, own["restitution"])
+    for name, simulated in (("restitution", "restitution"), ("touch_time", "impact_time")):
+        u, text = np.hypot(own[name], model[f"u_{simulated}"].values[:count]), f"{name}, measured minus model"
+        units = str(repeats[name].attrs["units"])
+        made = made.assign(with_u(f"{name}_difference", "impact", gaps[name], u, units, text))
     return made
 
 
@@ -141,53 +134,42 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
             model=(gravity.value, gravity.u),
             difference=(float(seen) - gravity.value, np.hypot(u, gravity.u)),
         )
+    yield from _of_impacts(comparison, repeats, model)
+
+
+def _of_impacts(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:
+    """Yield the rows of the first impacts: title, variable of the repeats, variable of the model, impact."""
     numbers = range(min(IMPACTS, comparison.sizes["impact"]))
-    shown: list[tuple[str, str, str, str, int]] = [
-        *((f"{RESTITUTION}{i + 1}", "1", "restitution", "restitution", i) for i in numbers),
-        *((f"{DURATION}{i + 1}", "s", "contact_duration", "contact_duration", i) for i in numbers),
-    ]
+    shown = [(f"{RESTITUTION}{i + 1}", "restitution", "restitution", i) for i in numbers]
+    shown += [(f"{DURATION}{i + 1}", "contact_duration", "contact_duration", i) for i in numbers]
     if numbers:
-        shown.append(("speed of the first impact", "m/s", "incoming_speed", "impact_speed", 0))
-        shown.append(("penetration of the first impact", "m", "penetration", "penetration", 0))
-    for title, unit, ours, theirs, i in shown:
-        yield _of_impact(title, unit, ours, theirs, i, repeats, model, comparison)
-
-
-def _of_impact(
-    title: str,
-    unit: str,
-    ours: str,
-    theirs: str,
-    impact: int,
-    repeats: xr.Dataset,
-    model: xr.Dataset,
-    comparison: xr.Dataset,
-) -> Row:
-    """Return one row of a variable ``ours`` of the repeats and ``theirs`` of the model."""
-    measured, u_measured, expected, u_expected = (
-        float(result.variables[f"{u}{name}"].values[impact])
-        for result, name in ((repeats, ours), (model, theirs))
-        for u in ("", "u_")
-    )
-    u_apart, seen = u_measured, float(comparison[f"seen_{ours}"].values[impact])
-    if np.isfinite(seen):
-        expected, u_apart = seen, float(_without_shape(repeats, ours)[impact])
-    slopes = slopes_of(model, theirs, impact)
-    if unit in ("m", "m/s"):
-        slopes[SCALE] = measured
-    # the noise of an impact is common to all that is measured of it
-    slopes |= {
-        f"impact {impact + 1}, {text}": float(by)
-        for text, by in zip(repeats["unknown"].values.tolist(), repeats[f"common_{ours}"].values[impact], strict=True)
-        if text.startswith(NOISE) and np.isfinite(by)
-    }
-    return row(
-        title,
-        unit,
-        int(repeats["n_repeats"][impact]),
-        slopes=slopes,
-        simulated=(theirs, impact),
-        measured=(measured, u_measured),
-        model=(expected, u_expected),
-        difference=(measured - expected, np.hypot(u_apart, u_expected)),
-    )
+        shown.append(("speed of the first impact", "incoming_speed", "impact_speed", 0))
+        shown.append(("penetration of the first impact", "penetration", "penetration", 0))
+    for title, ours, theirs, i in shown:
+        unit = str(repeats.variables[ours].attrs["units"])
+        (measured, u_measured), (expected, u_expected) = (
+            (float(result.variables[name].values[i]), float(result.variables[f"u_{name}"].values[i]))
+            for result, name in ((repeats, ours), (model, theirs))
+        )
+        u_apart, seen = u_measured, float(comparison[f"seen_{ours}"].values[i])
+        if np.isfinite(seen):
+            expected, u_apart = seen, float(_without_shape(repeats, ours)[i])
+        slopes = slopes_of(model, theirs, i)
+        if unit in ("m", "m/s"):
+            slopes[SCALE] = measured
+        # the noise of an impact is common to all that is measured of it
+        slopes |= {
+            f"impact {i + 1}, {text}": float(by)
+            for text, by in zip(repeats["unknown"].values.tolist(), repeats[f"common_{ours}"].values[i], strict=True)
+            if text.startswith(NOISE) and np.isfinite(by)
+        }
+        yield row(
+            title,
+            unit,
+            int(repeats["n_repeats"][i]),
+            slopes=slopes,
+            simulated=(theirs, i),
+            measured=(measured, u_measured),
+            model=(expected, u_expected),
+            difference=(measured - expected, np.hypot(u_apart, u_expected)),
+        )

@@ -40,9 +40,7 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> x
     fall = signals.bounces(along, contact=settings.analysis.contact)
     travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
     found = laser.inclination_from_drop(travel, settings.height)
-    again = laser_readings.displacement(readings, record, settings=settings, inclination=found)
-    recorded = {"value": float(moved["inclination"]), "u": float(moved["u_inclination"])}
-    return again.assign_attrs(inclination_of_record=json.dumps(recorded))
+    return laser_readings.displacement(readings, record, settings=settings, inclination=found)
 
 
 def bounces(displacement: xr.Dataset, plate: xr.Dataset | None = None, *, settings: BallDrop) -> xr.Dataset:
@@ -66,9 +64,7 @@ def velocity(displacement: xr.Dataset, bounces: xr.Dataset, *, settings: BallDro
     release = float(bounces["release_time"])
     releases = [release] if np.isfinite(release) else []
     found = signals.velocity(displacement, events=bounces, releases=releases, **options)
-    return xr.Dataset(
-        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable}, attrs=found.attrs
-    )
+    return found.reset_coords("u_velocity").assign_attrs(found.attrs)
 
 
 def repeats(
@@ -111,7 +107,7 @@ def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, 
     """Return mean and its standard uncertainty, scatter and number of repeats (repeat, …).
 
     ``own`` are the standard uncertainties, which contain the variance ``shared`` that all repeats have in common.
-    Scatter between repeats counts where it is more than what each states of itself.
+    Scatter between repeats counts where it exceeds the uncertainty of each.
     """
     n, mean = np.isfinite(values).sum(axis=0), np.nanmean(values, axis=0)
     scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
@@ -123,8 +119,8 @@ def _mean(values: Floats, own: Floats, shared: Floats | float) -> tuple[Floats, 
 def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
     """Mean of every bounce over the repeats that show it; touch times since first contact.
 
-    What all repeats share, the unknown shape of the contact's pulse and the sensor's scale, is as
-    uncertain of the mean as of one of them; only the rest falls with their number.
+    The unknown shape of the contact's pulse and the sensor's scale, which all repeats share, are as uncertain in the
+    mean as in one of them; only the rest falls with their number.
     """
     count = max(b.sizes["impact"] for b in bounces)
 

@@ -8,18 +8,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.report import (
-    Band,
-    KeyValues,
-    LineChart,
-    Listed,
-    Notice,
-    Paragraph,
-    Section,
-    Series,
-    listed,
-    value_with_uncertainty,
-)
+from labpipe.report import Band, KeyValues, LineChart, Listed, Notice, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.comparison import rows as compared_rows
@@ -126,48 +115,47 @@ def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Ba
 
 def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     count = repeats.sizes["impact"]
+    titles = {
+        "touch_time": "touch",
+        "incoming_speed": "speed in",
+        "outgoing_speed": "speed out",
+        "restitution": "restitution",
+    }
     columns = [
         Listed("impact", repeats["impact"].values.tolist()),
         Listed("repeats", repeats["n_repeats"].values.astype(int).tolist()),
-        pages.column(repeats, "touch_time", "touch"),
-        pages.column(repeats, "incoming_speed", "speed in"),
-        pages.column(repeats, "outgoing_speed", "speed out"),
-        pages.column(repeats, "restitution", "restitution"),
+        *(pages.column(repeats, name, title) for name, title in titles.items()),
     ]
     caption = (
-        "Every bounce: mean over the repeats that show it, with its standard uncertainty. Touch times are counted from "
-        "the first touch."
+        "Mean over the repeats that show the bounce, standard uncertainty. Touch times count from the first touch."
     )
     if comparison is not None:
         columns += [
-            pages.column(comparison, f"{name}_difference", f"{title}, measured − model").extended(count)
-            for name, title in (("touch_time", "touch"), ("restitution", "restitution"))
+            pages.column(comparison, f"{name}_difference", f"{titles[name]}, measured − model").extended(count)
+            for name in ("touch_time", "restitution")
         ]
         caption += (
-            f" The first {FOLLOWED} impacts at most are compared with the model; the uncertainty of a difference "
-            f"includes that of the model from its inputs. Restitutions of the first {IMPACTS} impacts are compared "
-            "with the result of the same fit to the model's motion, so that an error of the pulse's shape is in both."
+            f" At most {FOLLOWED} impacts are compared with the model, whose uncertainty from its inputs is included; "
+            f"the restitutions of the first {IMPACTS} by the same fit to the model's motion."
         )
     return Section("Bounces", (listed(columns, caption),))
 
 
 def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None = None) -> Section:
     """List every recording with the phases of its motion: bouncing, vibration, rest."""
-    flags = [False] * len(bounces) if repeats is None else repeats["is_outlier"].values.astype(bool).tolist()
-    known = [
-        (name, flag, each) for name, flag, each in zip(settings.laser, flags, bounces, strict=True) if each is not None
-    ]
-    found = [each for _, _, each in known]
+    flags = np.zeros(len(bounces), bool) if repeats is None else repeats["is_outlier"].values.astype(bool)
+    known = [i for i, each in enumerate(bounces) if each is not None]
+    found = pages.present(bounces)
     touch, settled, rest, u_rest = (
         np.array([float(each[f"{which}_time"]) for each in found])
         for which in ("first_contact", "settling", "rest", "u_rest")
     )
     remarks = [
-        ", ".join(["outlier"] * flag + ["still moving when the recording ends"] * (not np.isfinite(end)))
-        for (_, flag, _), end in zip(known, rest, strict=True)
+        ", ".join(["outlier"] * bool(flags[i]) + ["still moving when the recording ends"] * (not np.isfinite(end)))
+        for i, end in zip(known, rest, strict=True)
     ]
     columns = (
-        Listed("recording", [name for name, _, _ in known]),
+        Listed("recording", [settings.laser[i] for i in known]),
         pages.of_each(found, "release_time", "release", has_u=False),
         pages.of_each(found, "first_contact_time", "first contact"),
         pages.of_each(found, "drop_height", "fall"),
@@ -182,8 +170,6 @@ def _recordings(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeat
         "last resolved flight, vibration until the speed stays below a hundredth of that of the first impact, static "
         "from then on. Outliers are flagged, never removed."
     )
-    if len(found) < len(bounces):
-        text += f" {pages.counted(len(bounces) - len(found), 'recording')} gave no bounces: see the errors."
     return Section("Repeats", (listed(columns, text),))
 
 
@@ -195,20 +181,16 @@ def _files(
 ) -> Section:
     first = ("recordings", str(len(settings.laser)), "repeats of the same drop")
     section = pages.laser_recordings(first, settings.sphere, context, readings, displacement)
-    moved = pages.present(displacement)
-    if not moved or "inclination_of_record" not in moved[0].attrs:
+    if not settings.analysis.inclination_from_height:
         return section
-    recorded = json.loads(moved[0].attrs["inclination_of_record"])
-    shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
-    notice = Notice("info", f"The inclination was fitted from the drop height; the record says {shown}.")
+    notice = Notice("info", "The inclination was fitted from the drop height, not taken from the record.")
     return replace(section, blocks=(notice, *section.blocks))
 
 
 def _model(settings: BallDrop, model: xr.Dataset) -> Section:
-    of_first = (("peak force", "peak_force"), ("largest contact radius", "peak_contact_radius"))
     rows = [
         (title, pages.told(model, name, 0), "first impact")
-        for title, name in (*of_first, ("contact duration", "contact_duration"))
+        for title, name in (("peak force", "peak_force"), ("largest contact radius", "peak_contact_radius"))
     ]
     rows += [*linear_range_rows(model), *flat_rows(settings.counter_body, settings.sphere, model)]
     limits = pages.limits_of(model)
@@ -237,14 +219,12 @@ def _methods(
     if moved := pages.present(displacement):
         shown = pages.told(moved[0], "inclination")
         text += f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
+    method = "a quintic smoothing spline with the noise level estimated from the record"
+    if settings.analysis.velocity != "spline":
+        method = "central differences and a moving average"
     text += (
-        "Velocity was obtained by a quintic smoothing spline with the noise level estimated from the record; "
-        if settings.analysis.velocity == "spline"
-        else "Velocity was obtained by central differences and a moving average; "
-    )
-    text += (
-        "contacts were located by fitting ballistic arcs and a contact pulse to each "
-        "impact, and the recordings were aligned at first contact. "
+        f"Velocity was obtained by {method}; contacts were located by fitting ballistic arcs and a contact pulse to "
+        "each impact, and the recordings were aligned at first contact. "
     )
     if model is not None:
         text += (

@@ -24,7 +24,7 @@ class Analysis(Table, frozen=True, kw_only=True):
 
     ``velocity`` is the smoothing spline, or the central differences and moving average of the
     thesis, ``window`` long. ``inclination_from_height`` fits the sensor's inclination from the
-    known drop height; the calibration record is then only compared. ``contact`` is what is known
+    known drop height; the calibration record is then only compared. ``contact`` is the prior knowledge
     of the contact's pulse when an impact is fitted: "polymer" for spheres that return more than
     half of their speed, "any" for a wider prior and wider intervals.
     """

@@ -1,6 +1,5 @@
 """Budgets of a film of the contact: the largest radii, and the model's."""
 
-import json
 from collections.abc import Iterator
 from math import pi
 
@@ -8,18 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
-from pipelines.experiments.shared.budget_quantity import IMPACTS, MEASURED, Quantity, model_quantity
-
-_NO_LASER = ("inclination, filter lag", "there is no laser and no filter")
-_UNDER = (
-    _NO_LASER,
-    ("zero", "the centre of the fringes is fitted"),
-    (
-        "mass, height, Poisson's ratio, temperature",
-        "the measurement does not depend on the drop; they affect the model",
-    ),
-    ("repeatability", "one film shows each impact once"),
-)
+from pipelines.experiments.shared.budget_quantity import IMPACTS, MEASURED, Quantity, of_simulation
 
 
 def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None = None) -> Iterator[Quantity]:
@@ -36,41 +24,26 @@ def quantities(impacts: xr.Dataset, radius: xr.Dataset, model: xr.Dataset | None
     def radius_of(measured: float, pixel_size: float, **errors: float) -> float:
         return measured * size * (pixel_size / size) ** power + sum(errors.values())
 
+    def area_of(**inputs: float) -> float:
+        return pi * radius_of(**inputs) ** 2
+
     for i in range(min(IMPACTS, impacts.sizes["impact"])):
         largest, u, sampling = (float(impacts[n][i]) for n in ("peak_radius", "u_peak_radius", "peak_sampling"))
         errors = {"noise": excess_uncertainty(u, total * largest, sampling), "sampling": sampling}
         errors |= {n: share * largest for n, share in shares.items() if n not in ("pixel_size", "adhesion")}
         inputs = {MEASURED: Input(largest / size, 0.0, "px"), "pixel_size": Input(size, u_size, "m/px")}
         inputs |= {n: Input(0.0, error, "m") for n, error in errors.items()}
-        family, why = (
-            "largest contact radius",
-            "fringes show the Hertz-equivalent radius, whether surfaces stick or not",
-        )
-        inert = (*_UNDER, ("adhesion", why))
-        yield Quantity(f"{family}, impact {i + 1}", "m", radius_of, inputs, inert, family)
+        family = "largest contact radius"
+        yield Quantity(f"{family}, impact {i + 1}", "m", radius_of, inputs, family=family)
         if model is not None and i < model.sizes["impact"]:
             family = "largest contact area"
-            beyond, u_beyond = (float(model[name][i]) for name in ("adhesion_shift", "u_adhesion_shift"))
-            yield Quantity(
-                f"{family}, impact {i + 1}",
-                "m2",
-                lambda **given: pi * radius_of(**given) ** 2,
-                inputs | {"adhesion": Input(beyond, u_beyond, "m")},
-                _UNDER,
-                family,
-            )
-    if model is not None and model.sizes["impact"] and "budget" in model.attrs:
-        yield model_quantity(
-            "largest contact radius of the model, impact 1",
-            float(model["peak_contact_radius"][0]),
-            "m",
-            json.loads(model.attrs["budget"]),
-            ("mass", "radius", "height", "Poisson's ratio", "temperature"),
-        )
+            edge = Input(float(model["adhesion_shift"][i]), float(model["u_adhesion_shift"][i]), "m")
+            yield Quantity(f"{family}, impact {i + 1}", "m2", area_of, inputs | {"adhesion": edge}, family=family)
+    yield from of_simulation("largest contact radius of the model, impact 1", model, "peak_contact_radius")
 
 
 def _shared(film: xr.Dataset) -> dict[str, float]:
-    """Return what all frames share, relative to the radius, by source; their sum is the film's."""
+    """Return the uncertainties that all frames share, relative to the radius, by source; their sum is the film's."""
     radius = film["radius"].values
     whole = film["radius_systematic"].values / radius
     total = float(np.nanmedian(whole)) if np.isfinite(whole).any() else 0.0

@@ -83,17 +83,14 @@ TITLES = {
 )
 def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, context: Context) -> Scene:
     """Judge one film; a step without a result is judged by its error."""
-    radius, impacts, film = given.get("radius"), given.get("impacts"), settings.film
-    whole = whole_film(context, film)
+    radius, impacts = given.get("radius"), given.get("impacts")
+    whole = whole_film(context, settings.film)
     checks = [explained(check, whole) for check in judgements.failed_steps(context, _FAILED, _MENDS)]
     checks.append(fall_checks.body_stated(settings.sphere.radius.value, settings.sphere.mass.value))
-    checks.append(judgements.day_known(radius, settings.camera, film))
+    checks.append(judgements.day_known(radius, settings.camera, settings.film))
     if radius is not None:
-        checks += stated_twice(radius, film, settings.frame_rate, settings.exposure)
-        touches = radius["in_contact"].values.astype(bool)
-        checks += [lit(film, brightness(radius), touches, radius["time"].values), exposed(radius, film)]
-        checks.append(sound_frames(radius["valid"].values.astype(bool), whole, settings))
-        checks += given.each((_times, _copies, _in_order, _fringes, _method, _flies, _stays))
+        checks += _of_frames(radius, impacts, whole, settings)
+        checks += given.each((_fringes, _method, _flies, _stays))
     if radius is not None and impacts is not None and impacts.sizes["impact"]:
         checks += given.each((_like_model, _order, _flight, _duration))
         # where impacts do not follow each other, or frames are lost, another flight is compared with the stated height
@@ -116,7 +113,25 @@ def judgement(given: Given, basis: judgements.Basis, settings: ContactArea, cont
     )
 
 
-def _fringes(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
+def _of_frames(radius: xr.Dataset, impacts: xr.Dataset | None, whole: Check, settings: ContactArea) -> Iterator[Check]:
+    """Evaluate the frames of the film, their light, times and order."""
+    film, frame, time = settings.film, radius["frame"].values, radius["time"].values
+    touches, is_sound = (radius[name].values.astype(bool) for name in ("in_contact", "valid"))
+    yield from stated_twice(radius, film, settings.frame_rate, settings.exposure)
+    yield from (lit(film, brightness(radius), touches, time), exposed(radius, film))
+    yield sound_frames(is_sound, whole, settings)
+    contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
+    inside = [(time[:-1] >= first) & (time[1:] <= last) for first, last in contacts]
+    yield frame_times(film, frame, time, np.any([np.zeros(time.size - 1, bool), *inside], axis=0))
+    yield no_copies(film, frame, np.isin(frame[1:], json.loads(radius.attrs.get("repeated", "[]"))))
+    # the area goes with the depth and so is smooth where a contact begins
+    a, u = radius["radius"].values, radius["u_radius"].values
+    measured = touches & np.isfinite(a * u)
+    noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
+    yield in_order(film, frame, np.where(touches, a**2, np.where(is_sound, 0.0, nan)), noise, time, ~touches)
+
+
+def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:
     light, body = settings.wavelength, settings.sphere.radius
     ratio = float(radius.attrs.get("phase_scale_ratio", nan))
     if light is None or not isfinite(ratio) or not edges_only(radius)[1]:
@@ -150,7 +165,7 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
 
 
 def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
-    """Hold a ratio against one within a factor, so that causes may be told from it."""
+    """Hold a ratio against one within a factor, so that causes follow from it."""
     found = bounded(name, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
     return replace(found, log_ratio=log(ratio), u_log_ratio=u)
 
@@ -172,10 +187,9 @@ def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
     at = int(np.argmax(rise / own))
     ends, begins = (quantity(float(impacts[n][i]), "s") for n, i in (("last_seen", at), ("first_seen", at + 1)))
     text = f"{settings.film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
-    joined = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
-    cause = f"the frames are in reverse order, or {joined}"
-    if a.size > 2:
-        cause = "the frames are in reverse order" if np.all(rise > DOUBTFUL * own) else joined
+    cause = f"the film is of two drops, joined between {ends} and {begins}, or frames of impact {at + 1} were lost"
+    if np.all(rise > DOUBTFUL * own):
+        cause = "the frames are in reverse order" + f", or {cause}" * (a.size == 2)
     return bounded(ORDER, text, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film, cause=cause)
 
 
@@ -258,34 +272,6 @@ def _duration(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mo
         f"{quantity(expected, 's')} at the speed of the stated height"
     )
     return compared(DURATION, message, seen, own, expected, u * expected, file=settings.film, setting="height")
-
-
-def _times(radius: xr.Dataset, settings: ContactArea, impacts: xr.Dataset | None = None) -> Check:
-    time, frame = radius["time"].values, radius["frame"].values
-    contacts = [] if impacts is None else zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True)
-    inside = [(time[:-1] >= first) & (time[1:] <= last) for first, last in contacts]
-    return frame_times(settings.film, frame, time, np.any([np.zeros(time.size - 1, bool), *inside], axis=0))
-
-
-def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for frames whose pixels are those of the one before, or that are measured alike to the last digit."""
-    read = np.isin(radius["method"].values, READ)
-    # at rest a frame like the one before is not read again
-    same = read[1:] & read[:-1]
-    for column in ("radius", "centre_x", "centre_y"):
-        if column in radius:
-            same &= np.diff(radius[column].values) == 0.0
-    frame = radius["frame"].values
-    return no_copies(settings.film, frame, same | np.isin(frame[1:], json.loads(radius.attrs.get("repeated", "[]"))))
-
-
-def _in_order(radius: xr.Dataset, settings: ContactArea) -> Check:
-    """Look for exchanged frames by the area, which goes with the depth and so is smooth where a contact begins."""
-    touches, a, u = (radius[n].values for n in ("in_contact", "radius", "u_radius"))
-    area = np.where(touches, a**2, np.where(radius["valid"], 0.0, nan))
-    measured = touches & np.isfinite(a * u)
-    noise = float(np.median(2 * a[measured] * u[measured])) if measured.any() else 0.0
-    return in_order(settings.film, radius["frame"].values, area, noise, radius["time"].values, ~touches)
 
 
 def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve
 from labpipe.variables import variable, with_u
-from pipelines.experiments.contact_area.measured import BESIDE, STILL, WINDOW, peak_of
+from pipelines.experiments.contact_area.measured import STILL, WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.drop_model import slopes_of
@@ -25,7 +25,7 @@ FRAMES = "radius in all frames alike"
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
 _MOST_LONGER = 0.3  # by which a contact may last longer than in the model and still have its form
-_SIZE_STEPS = 8  # of Gauss and Newton, from the model's own size and time
+_STEPS = 8  # of Gauss and Newton, from the model's own size and time
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
 
@@ -33,7 +33,7 @@ _FEWEST = 5  # frames of a contact from which its shift in time can be told from
 class Form:
     """A course of the radius from touch to lift-off.
 
-    The radius begins and ends as a root of time: straight lines between its values lie below it, by 10 µm beside
+    The radius begins and ends as a root of time: straight lines between its values lie below it, by 10 µm near
     a touch where they are 20 µs apart. Its square goes with the approach and is smooth.
     """
 
@@ -54,6 +54,12 @@ class Form:
         within = (time >= self.area.x[0]) & (time <= self.area.x[-1])
         return np.sqrt(np.where(within, np.maximum(self.area(time), 0.0), 0.0))
 
+    @property
+    def peak(self) -> float:
+        """Time of the largest radius [s], by the model's clock."""
+        tops = self.area.derivative().roots(extrapolate=False)
+        return float(tops[np.argmax(self.area(tops))])
+
     def rate(self, time: Floats) -> Floats:
         """Return its change with time (m/s); 0 where there is no contact."""
         radius = self(time)
@@ -73,22 +79,23 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     seen = radius["in_contact"].values.astype(bool) & np.isfinite(a)
     random, shared = radius["u_radius"].values, radius["radius_systematic"].values
     points: list[Floats] = []
-    table: dict[str, list[float]] = {name: [] for name in ("peak", "shift", "u_shift", "size", "u_size", "nrmse")}
+    table: dict[str, list[float]] = {name: [] for name in ("peak", "size", "u_size", "shift", "u_shift", "nrmse")}
     agreed: list[Agreement | None] = []
     for i in range(count):
-        peak, form = _model_peak(model, i), Form.of(model, i)
+        form = Form.of(model, i)
+        peak = form.peak
         since = time - float(impacts["peak_time"][i])
         begin, end = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
         inside = seen & (np.abs(since) < WINDOW) & (time >= begin) & (time <= end)
         ours, own, common, moments = a[inside], random[inside], shared[inside], since[inside] + peak
         relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
-        shift = _time_shift(moments, ours, common, form, relative)
-        size = _size(moments, ours, own, common, form)
-        theirs = form(moments + shift[0])
+        fit = _fit(moments, ours, own, common, form)
+        moments = moments + (fit[2] if np.isfinite(fit[2]) else 0.0)
+        theirs = form(moments)
         points.append(np.stack([np.full(ours.size, i + 1.0), since[inside], ours, np.hypot(own, common), theirs]))
-        agreed.append(_along(moments + shift[0], ours - theirs, own, common, form, relative))
+        agreed.append(_along(moments, ours - theirs, own, common, form, relative))
         nrmse = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
-        for name, value in zip(table, (peak, *shift, *size, nrmse), strict=True):
+        for name, value in zip(table, (peak, *fit, nrmse), strict=True):
             table[name].append(value)
     number, since, film, u_film, expected = np.concatenate([np.empty((5, 0)), *points], axis=1)
     known = {name: np.array(values, dtype=float) for name, values in table.items()}
@@ -101,8 +108,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     alike = float(np.nanmedian(shared / a)) if np.isfinite(shared / a).any() else 0.0
     beyond = sqrt(max(alike**2 - float(radius.attrs.get("u_systematic_relative", 0.0)) ** 2, 0.0))
     u = np.hypot(u_ours, model["u_peak_contact_radius"].values[:count])
-    edge, u_edge = (model[name].values[:count] for name in ("adhesion_shift", "u_adhesion_shift"))
-    u_edge, apart = np.hypot(u_ours, u_edge), "largest radius, film minus model"
+    apart = "largest radius, film minus model"
     of_frames = {
         "impact_number": (number, "1", "impact of a compared frame"),
         "since_peak": (since, "s", "time since the largest radius"),
@@ -122,9 +128,13 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             **{name: variable("impact", *each) for name, each in of_impacts.items()},
             **with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film"),
             **with_u("peak_radius_difference", "impact", ours - theirs, u, "m", apart),
-            **with_u("edge_radius", "impact", ours + edge, u_edge, "m", "radius of the edge of the contact"),
             **with_u(
-                "time_shift", "impact", known["shift"], known["u_shift"], "s", "shift of the model to earlier times"
+                "time_shift",
+                "impact",
+                np.nan_to_num(known["shift"]),
+                known["u_shift"],
+                "s",
+                "shift of the model to earlier times",
             ),
             **curve_table("impact", agreed),
         },
@@ -133,87 +143,45 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
 
 
 def _along(time: Floats, left: Floats, random: Floats, shared: Floats, form: Form, relative: float) -> Agreement | None:
-    """Lay the frames of a contact against the model, each with its own noise.
+    """Compare the frames of a contact with the model, each with its own noise.
 
-    They share the scale, the moment of the largest radius, which lies between frames, and what the inputs of the
-    model do to its size (`relative`). What makes a contact smaller by E^-0.2 makes it shorter by E^-0.4.
+    They share the scale, the moment of the largest radius, between two frames, and the effect of the model's
+    inputs on its size (`relative`). A modulus E changes the size by E^-0.2 and the duration by E^-0.4.
     """
     if time.size < _FEWEST:
         return None
-    step = float(np.median(np.diff(time)))
-    return along_curve(left, random, [*_alike(time, shared, form, relative), step * form.rate(time)])
+    step, since, rate = float(np.median(np.diff(time))), time - float(np.mean(time)), form.rate(time)
+    effects = [shared, relative * form(time), -2.0 * relative * since * rate, step * rate]
+    return along_curve(left, random, effects)
 
 
-def _alike(time: Floats, shared: Floats, form: Form, relative: float) -> tuple[Floats, ...]:
-    """Return what all radii (m) of a contact have in common: scale, size of the model, and how long it lasts."""
-    longer = -2.0 * relative * form.rate(time) * (time - float(np.mean(time)))
-    return shared, relative * form(time), longer
+def _fit(time: Floats, radius: Floats, random: Floats, shared: Floats, form: Form) -> tuple[float, ...]:
+    """Fit a contact of the model, by its size, its time and its duration, to the frames of one in the film.
 
-
-def _time_shift(time: Floats, radius: Floats, shared: Floats, form: Form, relative: float) -> tuple[float, float]:
-    """Time added to the model's clock with which it comes nearest to the film, and its uncertainty.
-
-    By the square of the radius, which begins and ends evenly; the radius itself begins as a root, and a frame
-    just after the touch would decide. A model that lasts too long shifts it as well. 0, with an uncertainty of
-    NaN, where there are too few frames, or where the best lies beyond what the alignment at the largest radius
-    can miss.
+    The largest radius falls between frames and is flat in time: all frames of the contact determine it. A form that
+    they do not follow enlarges the uncertainties; another duration is no other form, or a model of a wrong mass would
+    hide its error. Returned are the size over that of the model and the time [s] added to the model's clock, each
+    with its standard uncertainty; NaN where there are too few frames, or where they do not follow the form.
     """
-    if len(time) < _FEWEST:
-        return 0.0, np.nan
-    shift = 0.0
-    for _ in range(_SIZE_STEPS):
-        at = time + shift
-        theirs = form(at)
-        slope = 2.0 * theirs * form.rate(at)
-        rest, weight = radius**2 - theirs**2, max(float(slope @ slope), 1e-300)
-        shift += float(slope @ rest) / weight
-    is_better = rest @ rest <= ((radius**2 - form(time) ** 2) ** 2).sum()
-    if not abs(shift) < 0.95 * _MOST_SHIFT * float(np.median(np.diff(time))) or not is_better:
-        return 0.0, np.nan
-    scatter = np.sqrt(rest @ rest / (len(time) - 1) / weight)
-    moved = (slope @ (2.0 * theirs * each) / weight for each in _alike(at, shared, form, relative))
-    return shift, float(np.hypot(scatter, np.sqrt(sum(each**2 for each in moved))))
-
-
-def _size(time: Floats, radius: Floats, random: Floats, shared: Floats, form: Form) -> tuple[float, float]:
-    """Return how many times as large a contact is in the film as in the model, and its uncertainty.
-
-    All frames of the contact tell it, in the model's form, together with its shift in time and how much
-    longer it lasts: the largest radius lies between frames, and by itself is known as badly as they are
-    far apart. A form that the frames do not follow enlarges the uncertainty; another duration is no
-    other form, or a model of a wrong mass would hide what it has wrong. NaN where there are too few frames.
-    """
-    if len(time) < _FEWEST:
-        return np.nan, np.nan
+    if time.size < _FEWEST:
+        return (np.nan,) * 4
     since = time - float(np.mean(time))
     size, shift, longer = 1.0, 0.0, 0.0
-    for _ in range(_SIZE_STEPS):
+    for _ in range(_STEPS):
         at = time + shift - longer * since
         theirs, rate = form(at), size * form.rate(at)
         rows = np.column_stack([theirs, rate, -rate * since]) / random[:, None]
-        if not np.isfinite(rows).all():  # a size that runs away: the frames do not follow the form
-            return np.nan, np.nan
+        if not np.isfinite(rows).all():  # a size that runs away
+            return (np.nan,) * 4
         rest = (radius - size * theirs) / random
         normal = np.linalg.pinv(rows.T @ rows, hermitian=True)
         size, shift, longer = np.array([size, shift, longer]) + normal @ rows.T @ rest
     if abs(shift) > _MOST_SHIFT * float(np.median(np.diff(time))) or abs(longer) > _MOST_LONGER:
-        return np.nan, np.nan
-    scatter = float(rest @ rest) / (len(time) - rows.shape[1])
+        return (np.nan,) * 4
+    scatter = max(float(rest @ rest) / (time.size - rows.shape[1]), 1.0)
     common = float(np.mean(shared / np.maximum(radius, 1e-12)))
-    return size, float(np.hypot(np.sqrt(normal[0, 0] * max(scatter, 1.0)), size * common))
-
-
-def _model_peak(model: xr.Dataset, impact: int) -> float:
-    """Time of the model's largest radius in one impact."""
-    time = model["time"].values
-    touch = model["impact_time"].values
-    end = touch[impact + 1] if impact + 1 < len(touch) else time[-1]
-    end = min(end, touch[impact] + STILL)
-    inside = np.flatnonzero((time >= touch[impact]) & (time <= end))
-    a = model["contact_radius"].values
-    top = inside[int(np.argmax(a[inside]))]
-    low, high = max(top - BESIDE, 0), min(top + BESIDE + 1, len(a))
-    return peak_of(time[low:high], a[low:high], np.full(high - low, 1e-9)).time
+    u_size, u_shift = np.sqrt(scatter * np.diagonal(normal)[:2])
+    return float(size), float(np.hypot(u_size, size * common)), float(shift), float(u_shift)
 
 
 def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:

@@ -135,7 +135,7 @@ def edges_only(radius: xr.Dataset) -> tuple[int, int]:
 
 
 def brightness(radius: xr.Dataset) -> dict[int, float]:
-    """Return how bright frames are, over what is usual, that no contact as wide as the view makes dark."""
+    """Return the brightness, relative to the usual one, of frames that no contact as wide as the view makes dark."""
     light = json.loads(radius.attrs.get(LIGHT, "{}"))
     if not light:
         return {}
@@ -194,17 +194,12 @@ def _brief_contacts(time: Floats, a: Floats, runs: list[NDArray[np.int64]]) -> l
 
 def _at_rest(time: Floats, a: Floats, u: Floats, runs: list[NDArray[np.int64]], relative: float) -> dict[str, Any]:
     """Radius in the last half of the last contact when that is rest; NaN otherwise."""
-    last = runs[-1]
-    value, own, start = np.nan, np.nan, np.nan
+    last, value, own = runs[-1], np.nan, np.nan
     if time[last[-1]] - time[last[0]] >= STILL:
         half = last[time[last] >= 0.5 * (time[last[0]] + time[last[-1]])]
-        value, start = float(np.median(a[half])), float(time[half[0]])
-        scatter = float(np.std(a[half])) if len(half) > 1 else 0.0
-        own = float(np.hypot(max(scatter, np.median(u[half])), relative * value))
-    return {
-        **with_u("static_radius", (), value, own, "m", "contact radius at rest"),
-        "static_since": variable((), start, "s", "start of the frames at rest"),
-    }
+        value = float(np.median(a[half]))
+        own = float(np.hypot(max(np.std(a[half]), np.median(u[half])), relative * value))
+    return with_u("static_radius", (), value, own, "m", "contact radius at rest")
 
 
 # Frames on either side of the largest and degree of the polynomial through them, the best first. In
@@ -212,7 +207,6 @@ def _at_rest(time: Floats, a: Floats, u: Floats, runs: list[NDArray[np.int64]], 
 # 0.03 % low (worst 0.16, 0.10), seven and degree 4 0.01 % high (worst 0.09); noise of 1 µm scatters
 # all of them by 0.07 to 0.08 %.
 _FITS = ((3, 4), (2, 3), (1, 2))
-BESIDE = _FITS[0][0]
 _PARABOLA = 0.1  # of the steps between three frames beside a missing one, what their parabola leaves open
 _REAL = 1e-9  # imaginary part of a root that is real
 
@@ -233,7 +227,7 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> Peak:
     """Find the largest radius by a polynomial through a² of the frames around the largest.
 
     a² goes with the approach, which passes its largest value smoothly; a itself does not. How far
-    fewer frames and a lower degree end elsewhere tells what the frames leave open between them.
+    a fit of fewer frames and lower degree ends elsewhere is the uncertainty between the frames.
     """
     is_known = np.isfinite(a)
     time, a, u = time[is_known], a[is_known], u[is_known]
@@ -309,18 +303,12 @@ def _of_impacts(radius: xr.Dataset, impacts: xr.Dataset) -> list[int]:
 
     The first frame, that of the largest radius and the last of each impact are always among them.
     """
-    time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
-    always: set[int] = set()
-    around: set[int] = set()
-    for i in range(impacts.sizes["impact"]):
-        inside = np.flatnonzero(
-            seen & (time >= float(impacts["first_seen"][i])) & (time <= float(impacts["last_seen"][i]))
-        )
-        first, last = int(inside[0]), int(inside[-1])
-        always |= {first, int(inside[np.argmin(np.abs(time[inside] - float(impacts["peak_time"][i])))]), last}
-        around |= {*range(max(first - _NEIGHBOURS, 0), min(last + _NEIGHBOURS + 1, time.size))}
+    time, contacts = radius["time"].values, np.flatnonzero(radius["in_contact"].values)
+    events = np.stack([impacts[name].values for name in ("first_seen", "peak_time", "last_seen")])
+    always = contacts[np.argmin(np.abs(time[contacts] - events[..., None]), axis=-1)]
+    around = {i for a, _, b in always.T for i in range(max(a - _NEIGHBOURS, 0), min(b + _NEIGHBOURS + 1, time.size))}
+    chosen, rest = set(always.ravel().tolist()), int(contacts[-1])
     if np.isfinite(float(impacts["static_radius"])):
-        rest = int(np.flatnonzero(seen)[-1])
-        always.add(rest)
+        chosen.add(rest)
         around = {i for i in around if i < rest}
-    return thinned(around, always)
+    return thinned(around, chosen)

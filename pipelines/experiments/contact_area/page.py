@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.imaging import USUAL_WORK
-from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity, value_with_uncertainty
+from labpipe.report import Band, Block, LineChart, Paragraph, Section, Series, quantity
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.measured import OPEN_GAP
@@ -22,12 +22,19 @@ from pipelines.experiments.shared.reports import Report, budgets, summary
 _CIRCLE = (60, 120, 255)  # BGR, orange
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
 _METHODS = {
-    1: "fringe fit",
-    5: "fringe fit with a fitted gap factor (the gap opens otherwise than stated)",
-    2: "edge",
-    3: "interpolation between equal frames at rest",
-    4: "contact fills the view (no radius)",
+    1: (
+        "fringe fit",
+        "by fitting the interference phase of Hertz's gap to the first fringes, with the exposure's smear modelled",
+    ),
+    5: (
+        "fringe fit with a fitted gap factor (the gap opens otherwise than stated)",
+        "by the same fit with the width of the gap left free",
+    ),
+    2: ("edge", "from the edge of the dark spot"),
+    3: ("interpolation between equal frames at rest", "at rest by interpolation between equal frames"),
+    4: ("contact fills the view (no radius)", ""),
 }
+"""Of each method of a radius, a name and how it reads in a sentence."""
 _AROUND = (
     "Film and model around each largest radius: both are aligned there, and the model then shifted in time to fit all "
     "frames of the contact, since the largest radius is flat in time. Bars: standard uncertainty of the film. Band: "
@@ -56,7 +63,7 @@ def _details(
 
 
 def _edge(model: xr.Dataset, settings: ContactArea) -> tuple[str, str]:
-    """Say where the edge of the largest contact lies beside the radius that fringes show, and why."""
+    """Describe the distance from the radius that fringes show to the edge of the largest contact."""
     told, given = "fringes show the Hertz-equivalent radius", settings.work_of_adhesion
     if given is None:
         # the middle of what is possible is half of the most
@@ -93,7 +100,7 @@ def _drawn(key: xr.Dataset) -> tuple[NDArray[np.uint8], str, str, float]:
     found = "no radius"
     if math.isfinite(r):
         value = pages.told(key, "key_radius")
-        found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])]}"
+        found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])][0]}"
     words = f"frame {frame} with the fitted contact circle"
     return canvas, words, f"frame {frame}, {time:.2f} ms in the film, {found}", time
 
@@ -159,41 +166,27 @@ def _around(comparison: xr.Dataset, simulated: xr.Dataset) -> list[Block]:
         gap = (film - model) * 1e6
         residuals.append(Series(f"{name}, film minus model", since, gap, role="residual", style="points", u=u * 1e6))
     label, group = "time since the largest radius / ms", "impacts"
-    text = " ".join(f"Impact {i + 1}: {_alignment(comparison, i)}" for i in range(comparison.sizes["impact"]))
     titles = ("Contact radius around its largest value", label, "contact radius / mm")
     drawn = LineChart(*titles, tuple(curves), group=group, height_px=260)
     titles = ("Film minus model", label, "difference / µm")
-    return [Paragraph(_AROUND), drawn, LineChart(*titles, tuple(residuals), group=group, height_px=220, caption=text)]
-
-
-def _alignment(comparison: xr.Dataset, i: int) -> str:
-    """Say by how much the model was shifted in time."""
-    shift, u = float(comparison["time_shift"][i]), float(comparison["u_time_shift"][i])
-    if not math.isfinite(u):
-        return "A shift in time was not fitted."
-    shown, way = value_with_uncertainty(abs(shift), u, "s"), "earlier" if shift > 0 else "later"
-    return f"Model shifted by {shown} to {way} times."
+    return [Paragraph(_AROUND), drawn, LineChart(*titles, tuple(residuals), group=group, height_px=220)]
 
 
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> Section:
     codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
-    known = "" if settings.wavelength is None else f" (wavelength {pages.stated(settings.wavelength)})"
-    ways = {
-        1: f"by fitting the interference phase of Hertz's gap to the first fringes{known}, with the exposure's smear "
-        "modelled",
-        OPEN_GAP: "by the same fit with the width of the gap left free",
-        2: "from the edge of the dark spot",
-        3: "at rest by interpolation between equal frames",
-    }
-    counts = {code: int(np.sum(codes == code)) for code in ways}
-    parts = [f"in {pages.counted(counts[code], 'frame')} {text}" for code, text in ways.items() if counts[code]]
+    counts = {code: int(np.sum(codes == code)) for code in _METHODS}
+    parts = [
+        f"in {pages.counted(counts[code], 'frame')} {text}"
+        for code, (_, text) in _METHODS.items()
+        if counts[code] and text
+    ]
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
     text += " and ".join([part for part in (", ".join(parts[:-1]), *parts[-1:]) if part]) or "in no frame"
     text += ". "
-    if counts[1] or counts[OPEN_GAP]:
+    if settings.wavelength is not None and (counts[1] or counts[OPEN_GAP]):
         text += (
-            "It is the Hertz-equivalent radius: that of the Hertz contact with the same gap around it, whether the "
-            "surfaces stick or not. "
+            f"The wavelength of the light was {pages.stated(settings.wavelength)}. The radius is that of the Hertz "
+            "contact with the same gap around it, whether the surfaces stick or not. "
         )
     if impacts.sizes["impact"]:
         first = pages.told(impacts, "peak_radius", 0)

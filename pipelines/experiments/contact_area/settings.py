@@ -20,8 +20,8 @@ class ContactArea(Recorded, frozen=True, kw_only=True):
     colour. ``measured_on`` is the day of the film, for the validity of the record; by default that of its trigger.
     ``region`` are two opposite corners, in px (x right, y down), of the part of the frames in which
     the contact is looked for: without it all of each frame, in which a second sphere, a scratch or
-    a label may be taken for it. ``work_of_adhesion`` of the surfaces tells where the edge of a contact
-    lies beside the Hertz-equivalent radius that fringes show (0: they do not stick); without it anywhere
+    a label may be taken for it. ``work_of_adhesion`` of the surfaces determines the distance of the edge
+    of a contact from the Hertz-equivalent radius that fringes show (0: they do not stick); without it anywhere
     up to where that of a clean smooth polymer puts it.
     """
 

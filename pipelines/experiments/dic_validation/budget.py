@@ -8,46 +8,29 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
+from pipelines.experiments.dic_validation.comparison import RATIO
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
-
-_FRONT = (
-    ("inclination, filter lag", "there is no filter, and the camera's angle acts by direction and scale of the motion"),
-    ("sampling", "a displacement does not depend on time"),
-    ("mass, radius, height, Poisson's ratio, temperature", "the body has no effect"),
-    ("repeatability", "one film shows one drop"),
-)
-_AGAINST = (
-    ("filter lag, sampling, zero", "both records are counted from first contact"),
-    ("mass, radius, height, Poisson's ratio, temperature", "the body has no effect"),
-    ("repeatability", "included in the noise, which is estimated from the differences and their autocorrelation"),
-)
 
 
 def quantities(motion: xr.Dataset, comparison: xr.Dataset | None = None) -> Iterator[Quantity]:
     """Yield the largest displacement in the film, and film against laser where there was one."""
-    size = float(motion["pixel_size"])
-    moved = motion["displacement"].values
+    size, moved = float(motion["pixel_size"]), motion["displacement"].values
     at = int(np.nanargmax(np.abs(moved)))
-    rows = json.loads(motion.attrs["budget"])
-    relative = float(motion.attrs["u_systematic_relative"])
     noise = float(motion["u_displacement"][at]) / size  # that of the scale is not in it
-    names = {r["source"].replace(" ", "_"): r for r in rows}
-    inputs = {MEASURED: Input(float(moved[at]) / size, 0.0, "px"), "noise": Input(0.0, noise, "px")}
-    inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in names.items()}
+    rows = {row["source"].replace(" ", "_"): row for row in json.loads(motion.attrs["budget"])}
 
     def along(measured: float, noise: float, **scale: float) -> float:
-        changed = sum(r["sensitivity"] * (scale[n] - r["value"]) for n, r in names.items())
+        changed = sum(row["sensitivity"] * (scale[n] - row["value"]) for n, row in rows.items())
         return (measured + noise) * (size + changed)
 
-    zero = ("zero", "the mean of the still frames, whose noise is that of one frame's part")
-    yield Quantity("largest displacement in the film", "m", along, inputs, (zero, *_FRONT))
-    if comparison is not None and "bias" in comparison and isfinite(float(comparison["u_bias"])):
-        yield from _against_laser(comparison, relative)
-
-
-def _against_laser(comparison: xr.Dataset, film: float) -> Iterator[Quantity]:
-    """Yield mean difference and ratio of scales; both calibrations act on either."""
-    laser = excess_uncertainty(float(comparison["expected_u_gain"]), film)
+    inputs = {MEASURED: Input(float(moved[at]) / size, 0.0, "px"), "noise": Input(0.0, noise, "px")}
+    inputs |= {n: Input(row["value"], row["u"], row["unit"]) for n, row in rows.items()}
+    yield Quantity("largest displacement in the film", "m", along, inputs)
+    if comparison is None or "bias" not in comparison or not isfinite(float(comparison["u_bias"])):
+        return
+    # both calibrations act on mean difference and ratio
+    film = float(motion.attrs["u_systematic_relative"])
+    laser = excess_uncertainty(float(comparison["scale_uncertainty"]), film)
     scales = {"pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)}
     of_film, of_laser = float(comparison["film"].mean()), float(comparison["laser"].mean())
 
@@ -55,12 +38,14 @@ def _against_laser(comparison: xr.Dataset, film: float) -> Iterator[Quantity]:
         return measured + noise + of_film * (pixel_size - 1.0) - of_laser * (inclination_and_gain - 1.0)
 
     def ratio(measured: float, noise: float, pixel_size: float, inclination_and_gain: float) -> float:
-        return (measured + noise) * inclination_and_gain / pixel_size
+        return (measured + noise) * pixel_size / inclination_and_gain
 
     for name, title, unit, model in (
         ("bias", "mean of film minus laser", "m", mean),
-        ("gain", "ratio of displacements, laser over film", "1", ratio),
+        (RATIO, "ratio of displacements, film over laser", "1", ratio),
     ):
         value, u = float(comparison[name]), float(comparison[f"u_{name}"])
+        if not isfinite(value):
+            continue
         own = {MEASURED: Input(value, 0.0, unit), "noise": Input(0.0, u, unit)}
-        yield Quantity(title, unit, model, own | scales, _AGAINST)
+        yield Quantity(title, unit, model, own | scales)

@@ -13,8 +13,8 @@ from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
 from pipelines.experiments.shared.flights import flights, moved_by_scatter
 
-_RATIO = "displacement_ratio"
-_LARGEST_LAG = 2e-3  # s that the two records may still be apart after alignment
+RATIO = "displacement_ratio"
+"""Displacement of the film over that of the laser; its uncertainty is without that of the scales."""
 
 
 def comparison(
@@ -34,27 +34,26 @@ def comparison(
     film, seen = film[both], seen[both]
     made = signals.compare(film, seen)
     agreed = signals.agreement(film.values, seen.values)
-    shift = signals.lag(film, reference, _LARGEST_LAG)
     expected = float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0)))
-    for name, value, u, units, text in (
-        ("bias", agreed.bias, agreed.u_bias, "m", "mean of film minus laser"),
-        ("limit_low", agreed.low, agreed.u_limit, "m", "lower 95 % limit of agreement"),
-        ("limit_high", agreed.high, agreed.u_limit, "m", "upper 95 % limit of agreement"),
-        ("lag", shift.lag, shift.u_lag, "s", "time by which the laser lags after alignment at first contact"),
-        ("gain", shift.gain, shift.u_gain, "1", "laser's displacement per film's displacement, random u"),
+    for name, value, u, text in (
+        ("bias", agreed.bias, agreed.u_bias, "mean of film minus laser"),
+        ("limit_low", agreed.low, agreed.u_limit, "lower 95 % limit of agreement"),
+        ("limit_high", agreed.high, agreed.u_limit, "upper 95 % limit of agreement"),
     ):
-        made = made.assign(with_u(name, (), value, u, units, text))
+        made = made.assign(with_u(name, (), value, u, "m", text))
     made["difference_sd"] = variable((), agreed.sd, "m", "standard deviation of film minus laser")
     made["concordance"] = variable((), agreed.concordance, "1", "Lin's concordance coefficient")
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
-    made["expected_u_gain"] = variable((), expected, "1", text)
+    made["scale_uncertainty"] = variable((), expected, "1", text)
     made["film"] = film.drop_attrs().assign_attrs(units="m", long_name="film, over the height of first contact")
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
     )
-    agreement, ratio, u_ratio = _along(made, bounces, laser, float(made["expected_u_gain"]))
-    pair = with_u(_RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")
-    return made.assign(curve_table((), [agreement]) | pair).merge(_impacts(bounces, laser))
+    agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
+    pair = with_u(RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")
+    return made.assign(curve_table((), [agreement]) | pair | _restitutions(bounces, laser)).assign_coords(
+        impact=np.arange(1, min(bounces.sizes["impact"], laser.sizes["impact"]) + 1)
+    )
 
 
 def _along(
@@ -88,19 +87,17 @@ def _along(
     return agreed, 1.0 + float(weighted @ means[known] / (size @ weighted)), float((size @ weighted) ** -0.5)
 
 
-def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
-    count = min(film.sizes["impact"], laser.sizes["impact"])
-    start = float(film["first_contact_time"])
+def _restitutions(film: xr.Dataset, laser: xr.Dataset) -> dict[str, Any]:
+    """Return the coefficients of restitution of the impacts that both show, and their differences."""
+    count, name = min(film.sizes["impact"], laser.sizes["impact"]), "restitution"
+    (ours, own), (theirs, others) = (
+        (one[name].values[:count], one[f"u_{name}"].values[:count]) for one in (film, laser)
+    )
+    apart = ("difference", ours - theirs, np.hypot(own, others))
     table: dict[str, Any] = {}
-    for name in ("touch_time", "incoming_speed", "restitution"):
-        units = film[name].attrs["units"]
-        ours = film[name].values[:count] - (start if name == "touch_time" else 0.0)
-        theirs = laser[name].values[:count]
-        own, others = (one[f"u_{name}"].values[:count] for one in (film, laser))
-        apart = ("difference", ours - theirs, np.hypot(own, others))
-        for key, values, u in (("film", ours, own), ("laser", theirs, others), apart):
-            table |= with_u(f"{name}_{key}", "impact", values, u, units, f"{name}, {key}")
-    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
+    for key, values, u in (("film", ours, own), ("laser", theirs, others), apart):
+        table |= with_u(f"{name}_{key}", "impact", values, u, "1", f"{name}, {key}")
+    return table
 
 
 def rows(comparison: xr.Dataset) -> Iterator[Row]:
@@ -110,7 +107,7 @@ def rows(comparison: xr.Dataset) -> Iterator[Row]:
     n, nrmse = int(comparison["n_compared"]), comparison["nrmse"]
     bias, u, told = comparison["bias"], comparison["u_bias"], of_curve(comparison)
     yield row("displacement", "m", n, against="laser", nrmse=nrmse, difference=bias, u_difference=u, **told)
-    seen, own, scales = (float(comparison[of]) for of in (_RATIO, f"u_{_RATIO}", "expected_u_gain"))
+    seen, own, scales = (float(comparison[of]) for of in (RATIO, f"u_{RATIO}", "scale_uncertainty"))
     if np.isfinite(seen):
         yield row(
             "displacement, film over laser",

@@ -1,19 +1,8 @@
 """The kind ``dic_validation``: its settings, stages and results."""
 
-from labpipe.schema import Schema, Variable
 from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, stage
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.schemas import BOUNCES, VELOCITY
-
-_FILM_MOTION = Schema(
-    "film_motion",
-    {
-        "displacement": Variable(("time",), "m"),
-        "u_displacement": Variable(("time",), "m"),
-        "rotation": Variable(("time",), "rad"),
-        "pixel_size": Variable((), "m/px"),
-    },
-)
 
 _STAGES = (
     stage(
@@ -28,7 +17,6 @@ _STAGES = (
         "dic_validation.measured:motion",
         ("track", "file:camera"),
         ("view", "measured_on", "camera_tilt"),
-        schema="film_motion",
         summary="pixels to metres, with uncertainty",
     ),
     stage(
@@ -73,7 +61,7 @@ KIND = Kind(
     summary="a film of the holder against the laser of other drops",
     settings=DicValidation,
     stages=_STAGES,
-    schemas=(BOUNCES, VELOCITY, _FILM_MOTION),
+    schemas=(BOUNCES, VELOCITY),
     key_numbers=(
         KeyNumber("first restitution", "1", "bounces", "restitution"),
         KeyNumber("film minus laser", "m", "comparison", "bias"),

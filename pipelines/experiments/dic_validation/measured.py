@@ -47,8 +47,7 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     chosen = settings.tracking
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
-    options: dict[str, Any] = {"subset": subsets, "order": chosen.order, "static_frames": static}
-    options |= chosen.masks
+    options: dict[str, Any] = {"subset": subsets, "static_frames": static, **chosen.masks}
     if chosen.masks:
         body = imaging.track(source, points[:1], select=[0], **{**options, "subset": subsets[:1]})
         if statuses(body)[0] == "covered":
@@ -113,7 +112,7 @@ def _static_frames(source: FrameSource, centre: tuple[float, float], width: int)
 def _worth_reading(
     source: FrameSource, body: list[tuple[float, float]], options: dict[str, Any], static: int
 ) -> tuple[dict[str, int], NDArray[np.int64]]:
-    """Find rest in a coarse pass over the body alone; thin out what follows it."""
+    """Find rest in a coarse pass over the body alone; thin out the frames that follow."""
     count = len(source)
     coarse = np.unique(np.concatenate([np.arange(0, count, _EVERY), [count - 1]]))
     if len(coarse) < 4 or count < 4 * _AFTER_REST:
@@ -226,9 +225,7 @@ def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
     """Differentiate, with knots free to break where contacts begin and end."""
     del settings
     found = signals.velocity(motion["displacement"], events=bounces)
-    return xr.Dataset(
-        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable}, attrs=found.attrs
-    )
+    return found.reset_coords("u_velocity").assign_attrs(found.attrs)
 
 
 def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset | None, *, settings: DicValidation) -> xr.Dataset:

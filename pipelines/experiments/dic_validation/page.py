@@ -8,17 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.report import (
-    Band,
-    Block,
-    KeyValues,
-    LineChart,
-    Paragraph,
-    Section,
-    Series,
-    quantity,
-    value_with_uncertainty,
-)
+from labpipe.report import Band, Block, LineChart, Section, Series, quantity, value_with_uncertainty
 from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
@@ -37,6 +27,25 @@ _MASKS = (
 _GROUP = "film"  # charts and frames over the film's time
 _SPREAD = "± 2 sd of the laser's repeats"
 _LABEL = "time since first contact / ms"
+
+
+def _details(track: xr.Dataset, comparison: xr.Dataset | None = None) -> list[tuple[str, str, str]]:
+    body = track.isel(point=0)
+    lost, hidden = int((~body["valid"].values).sum()), np.nan_to_num(body["hidden"].values)
+    noise = quantity(float(np.nanmedian(body["u_dy"])), "px")
+    rows = [
+        ("subset on the holder", f"{int(body['subset'])} px", f"lost in {pages.counted(lost, 'frame')}"),
+        ("standard uncertainty of a displacement (noise)", noise, "median"),
+        ("smallest correlation of the subset", f"{float(np.nanmin(body['zncc'])):.4f}", "zero-normalised"),
+    ]
+    if (hidden > 0.0).any():
+        said = f"at most {100 * hidden.max():.0f} % of it, in {int((hidden > 0.0).sum())} of {hidden.size} frames"
+        rows.append(("hidden of it", said, "left out there; the uncertainty grows accordingly"))
+    if comparison is not None:
+        limits = " and ".join(pages.told(comparison, f"limit_{end}") for end in ("low", "high"))
+        rows.append(("95 % limits of agreement, film minus laser", limits, "Bland and Altman; of single frames"))
+        rows.append(("concordance of film and laser", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"))
+    return rows
 
 
 def _key_frames(keys: xr.Dataset, settings: DicValidation, bounces: xr.Dataset | None = None) -> Section:
@@ -144,47 +153,12 @@ def _motion(
     return Section("Motion", tuple(charts))
 
 
-def _agreement(comparison: xr.Dataset) -> Section:
-    rows = [
-        ("bias", pages.told(comparison, "bias"), "film minus laser"),
-        ("standard deviation of the difference", quantity(float(comparison["difference_sd"]), "m"), ""),
-        ("lower 95 % limit of agreement", pages.told(comparison, "limit_low"), ""),
-        ("upper 95 % limit of agreement", pages.told(comparison, "limit_high"), ""),
-        ("concordance", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"),
-        ("remaining lag", pages.told(comparison, "lag"), "lag of the laser after alignment"),
-    ]
-    text = (
-        "Film and laser recorded different drops on different days: they are aligned at first contact. Limits of "
-        "agreement after Bland and Altman, with the number of independent samples estimated from the autocorrelation "
-        "of the difference."
-    )
-    return Section("Agreement", (Paragraph(text), KeyValues(rows)))
-
-
-def _tracking(track: xr.Dataset) -> Section:
-    body = track.isel(point=0)
-    seen, hidden = body["valid"].values, np.nan_to_num(body["hidden"].values)
-    rows = [
-        ("subset on the holder", f"{int(body['subset'])} px", "two shifts and a rotation"),
-        ("standard uncertainty of a displacement (noise)", quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
-        ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),
-        ("lost", str(int((~seen).sum())), "frames without a value"),
-    ]
-    if (hidden > 0.0).any():
-        said = f"at most {100 * hidden.max():.0f} % of it, in {int((hidden > 0.0).sum())} of {hidden.size} frames"
-        rows.append(("hidden of it", said, "left out there; the uncertainty grows accordingly"))
-    found = np.where(seen, body["zncc"].values, np.nan)
-    drawn = (Series("large subset", track["frame"].values.astype(float), found, role="measured"),)
-    labels = ("Correlation of the large subset", "frame", "zero-normalised correlation")
-    return Section("Tracking", (KeyValues(rows), LineChart(*labels, drawn, height_px=200)))
-
-
 def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
     size = int(track["subset"][0])
     text = (
         "The holder's motion was measured by digital image correlation (zero-normalised sum of squared differences, "
-        f"inverse-compositional Gauss–Newton, one rigid subset of {size} px, B-spline interpolation of order "
-        f"{settings.tracking.order}) and scaled with the calibration of the view “{settings.view}”. "
+        f"inverse-compositional Gauss–Newton, one rigid subset of {size} px, B-spline interpolation of order 5) "
+        f"and scaled with the calibration of the view “{settings.view}”. "
     )
     if comparison is not None:
         text += (
@@ -199,7 +173,7 @@ def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset 
 page = Report(
     "Camera against laser",
     ("track", "motion", "bounces", "velocity", "keys", "comparison", "laser"),
-    (summary(compared_rows), _key_frames, _motion, _agreement, _tracking, _calibration, budgets(quantities), _methods),
+    (summary(compared_rows, _details), _key_frames, _motion, _calibration, budgets(quantities), _methods),
     compared_rows,
     counts={"comparison": lambda comparison: "nrmse" in comparison},
 )

@@ -25,11 +25,11 @@ class Tracking(Table, frozen=True, kw_only=True):
 
     ``body`` is the centre of one large square on the holder, ``body_subset`` its width: it gives
     the motion. ``line`` are the ends of a line of ``points`` small subsets, as in the thesis.
-    ``regions`` are polygons within which pixels count (the holder without what is around it),
+    ``regions`` are polygons within which pixels count (the holder without its surroundings),
     ``covers`` polygons within which none does (a screw, a rim); both move with the holder.
-    ``obstructions`` are polygons that stand still in the picture, around what hides the holder (a rod,
-    a scale bar). A square partly outside uses what is left of it. ``static_frames`` are those before the
-    release; by default they are found. ``order`` 5 is the accurate interpolation, 3 the fast one.
+    ``obstructions`` are polygons that do not move in the picture, around an object that hides the holder (a rod,
+    a scale bar). A square partly outside uses the rest of it. ``static_frames`` are those before the
+    release; by default they are found.
     """
 
     body: Place | None = None
@@ -38,7 +38,6 @@ class Tracking(Table, frozen=True, kw_only=True):
     points: Annotated[int, Range(at_least=1, at_most=2000)] = 20
     subset: Annotated[int, Range(at_least=9, at_most=501)] = 31
     static_frames: Annotated[int, Range(at_least=1, at_most=100000)] | None = None
-    order: Literal[5, 3] = 5
     regions: Polygons | None = None
     covers: Polygons | None = None
     obstructions: Polygons | None = None

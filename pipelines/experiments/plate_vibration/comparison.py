@@ -74,7 +74,7 @@ def from_others(table: xr.Dataset, plate: xr.Dataset) -> tuple[Floats, Floats]:
     predicted : array (series,)
         Amplitudes [m]; NaN where there are no others.
     weights : array (series, series)
-        Of each other drop in the mass that a prediction stands on; rows sum to 1.
+        Of each other drop in the mass on which a prediction is based; rows sum to 1.
     """
     amplitude = table["amplitude"].values
     each = plate["modal_mass"].values if "modal_mass" in plate else np.full(amplitude.size, np.nan)

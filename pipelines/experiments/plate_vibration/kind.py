@@ -7,16 +7,6 @@ from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judge
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.schemas import DISPLACEMENT
 
-_RINGING = Schema(
-    "ringing",
-    {
-        "natural_frequency": Variable((), "Hz"),
-        "damping_ratio": Variable((), "1"),
-        "amplitude": Variable((), "m"),
-        "blow_time": Variable((), "s"),
-    },
-)
-
 _PLATE = Schema(
     "plate",
     {
@@ -41,10 +31,7 @@ _STAGES = (
         summary="correct the inclination, with uncertainty",
     ),
     _each(
-        "plate_vibration.measured:ringing",
-        ("displacement",),
-        schema="ringing",
-        summary="fit the free vibration after the first impact",
+        "plate_vibration.measured:ringing", ("displacement",), summary="fit the free vibration after the first impact"
     ),
     stage(
         "plate_vibration.measured:table",
@@ -86,7 +73,7 @@ KIND = Kind(
     summary="free vibration of the plate after impacts, measured by laser",
     settings=PlateVibration,
     stages=_STAGES,
-    schemas=(DISPLACEMENT, _RINGING, _PLATE),
+    schemas=(DISPLACEMENT, _PLATE),
     key_numbers=(KeyNumber("plate frequency", "Hz", "plate", "frequency"),),
     picture=Picture("displacement", "time", "displacement"),
     rows=derived("plate_vibration.comparison:rows", "comparison", "table", "plate"),

@@ -52,7 +52,6 @@ def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset
         ("free_to", found.free_to, "s", "end of the free vibration"),
         ("chi_square", found.chi_square, "1", "scatter about the fit over the noise, squared"),
         ("phase", fit.phase, "rad", "phase at impact"),
-        ("largest", float(np.nanmax(np.abs(moved.values))), "m", "largest single reading"),
     ):
         made[name] = variable((), value, units, text)
     count = int(((moved["time"] >= found.free_from) & (moved["time"] <= found.free_to)).sum())
@@ -94,7 +93,7 @@ def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
 
 
 def _mean(group: list[xr.Dataset], name: str) -> tuple[float, float]:
-    """Return the mean of the repeats; its uncertainty is never less than what each repeat states."""
+    """Return the mean of the repeats; its uncertainty is at least that of the repeats."""
     values = np.array([float(one[name]) for one in group])
     stated = np.sqrt(np.mean([float(one[f"u_{name}"]) ** 2 for one in group]))
     scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0

@@ -39,7 +39,7 @@ _COARSE = 1e-3  # tolerance of the simulations by which the curves' sensitivitie
 
 
 class Solid(NamedTuple):
-    """The solid of some drops, and what is uncertain of it by names that drops of one solid share."""
+    """The solid of some drops, and its uncertain properties by names that drops of one solid share."""
 
     best: Prony
     uncertain: dict[str, Variation]
@@ -49,17 +49,13 @@ def plate(table: xr.Dataset, fitted: Sequence[xr.Dataset | None], *, settings: P
     """Find the plate's modal mass from amplitude and momentum: m = J / (A omega).
 
     J is the part of the simulated force that the plate responds to, the modulus of its transform at
-    the plate's damped frequency; the plate's own yielding is part of the simulation. What is
-    uncertain of the solids moves the masses of all drops of one solid together. ``fitted`` are for
-    each of the drops the master curve of its DMA experiment, where it names one.
+    the plate's damped frequency; the plate's own yielding is part of the simulation. Uncertain properties
+    of a solid move the masses of all its drops together. ``fitted`` are for each of the drops the master curve of its
+    DMA experiment, where it names one.
     """
-    made = xr.Dataset(
-        {
-            name: table[f"{prefix}plate_{kept}"].assign_attrs(table[f"{prefix}plate_{kept}"].attrs)
-            for prefix in ("", "u_")
-            for name, kept in ((f"{prefix}frequency", "natural_frequency"), (f"{prefix}damping_ratio", "damping_ratio"))
-        }
-    )
+    names = {"plate_natural_frequency": "frequency", "plate_damping_ratio": "damping_ratio"}
+    names |= {f"u_{name}": f"u_{short}" for name, short in names.items()}
+    made = xr.Dataset({short: table[name].drop_vars(table[name].coords) for name, short in names.items()})
     known = _known(settings, fitted)
     if settings.sphere is None or not known:
         return made.assign(with_u("mass", (), np.nan, np.nan, "kg", NAMES["modal_mass"]))
@@ -136,17 +132,17 @@ def _known(settings: PlateVibration, fitted: Sequence[xr.Dataset | None]) -> dic
 
 
 def of_solids(plate: xr.Dataset) -> dict[str, tuple[Quantity, Floats]]:
-    """Return what is uncertain of the solids, with the relative change (series,) of the momenta per unit."""
+    """Return the uncertain properties of the solids, with the relative change (series,) of the momenta per unit."""
     return {
         name: (given, plate["solid_momentum"].values[i]) for i, (name, given) in enumerate(inputs_of(plate).items())
     }
 
 
 def relative_uncertainty(table: xr.Dataset, settings: PlateVibration) -> tuple[Floats, Floats]:
-    """Return what amplitude and height leave uncertain (series,) of the mass that each of the drops gives, relative.
+    """Return the relative uncertainties (series,) of the mass by each of the drops, from amplitude and from height.
 
-    The momentum goes with the square root of the height. What several share, the scale of length and the solids, is
-    left out.
+    The momentum goes with the square root of the height. The scale of length and the solids, which several share,
+    are left out.
     """
     amplitude = table["amplitude"].values
     shared = float(table.attrs["u_systematic_relative"]) * amplitude
@@ -217,7 +213,7 @@ def model(
     settings: PlateVibration,
     full: bool = False,
 ) -> xr.Dataset:
-    """Simulate every drop on the plate that was found: what the laser should have seen.
+    """Simulate every drop on the plate that was found, as the laser should have seen it.
 
     The uncertainty is that of the solids, the plate's mass following them. ``full`` takes the
     simulator's shortcuts away; the numbers stay the same within ``rtol``.

@@ -6,7 +6,7 @@ from itertools import groupby
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, Block, Cell, LineChart, Listed, Paragraph, Section, Series, listed
+from labpipe.report import Band, Block, LineChart, Listed, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.comparison import rows as compared_rows
@@ -73,26 +73,16 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
     return Section("Motion", (Paragraph(text), *charts))
 
 
-def _table(
-    settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None = None, comparison: xr.Dataset | None = None
-) -> Section:
-    none: list[Cell] = [None] * len(settings.drops)
-    has_mass = plate is not None and "modal_mass" in plate
+def _table(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset) -> Section:
     columns = (
         Listed("material", [drops.material for drops in settings.drops]),
         Listed("height", [drops.height.value for drops in settings.drops], "m"),
         Listed("n", [len(drops.laser) for drops in settings.drops]),
         pages.column(table, "natural_frequency", "natural frequency"),
         pages.column(table, "damping_ratio", "damping ratio"),
-        pages.column(table, "amplitude", "amplitude"),
-        pages.column(plate, "modal_mass", "mass") if plate is not None and has_mass else Listed("mass", none),
-        Listed("nRMSE", none if comparison is None else comparison["nrmse"].values.tolist(), digits=2),
+        *([pages.column(plate, "modal_mass", "modal mass")] if "modal_mass" in plate else []),
     )
-    caption = (
-        "Means of the repeats with their standard uncertainty. The amplitude is the envelope at "
-        "impact; its uncertainty includes that of the calibration, common to all rows."
-    )
-    return Section("By material and height", (listed(columns, caption),))
+    return Section("By material and height", (listed(columns, "Means of the repeats, standard uncertainties."),))
 
 
 def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
@@ -102,18 +92,22 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
     columns = (
         Listed("recording", [name for name, _ in kept]),
         Listed("drop", [label for _, label in kept]),
-        pages.of_each(found, "blow_time", "blow", has_u=False),
-        pages.of_each(found, "free_from", "free from", has_u=False),
-        pages.of_each(found, "free_to", "free to", has_u=False),
-        pages.of_each(found, "natural_frequency", "frequency"),
-        pages.of_each(found, "damping_ratio", "damping ratio"),
-        pages.of_each(found, "amplitude", "amplitude"),
-        pages.of_each(found, "chi_square", "reduced χ²", has_u=False, digits=2),
+        *(
+            pages.of_each(found, name, title, has_u=f"u_{name}" in found[0])
+            for name, title in (
+                ("free_from", "free from"),
+                ("free_to", "free to"),
+                ("natural_frequency", "frequency"),
+                ("damping_ratio", "damping ratio"),
+                ("amplitude", "amplitude"),
+                ("chi_square", "reduced χ²"),
+            )
+        ),
     )
     text = (
-        "The free vibration is evaluated between the end of the first contact and the second, "
-        "over the longest interval that one damped oscillation predicts. Random uncertainties only; the reduced χ² is "
-        "the scatter over the noise, squared."
+        "The free vibration is evaluated over the longest interval between two contacts that one damped oscillation "
+        "predicts. The amplitude is the envelope at impact. Random uncertainties only; the reduced χ² is the scatter "
+        "over the noise, squared."
     )
     return Section("Recordings", (listed(columns, text),))
 

@@ -1,4 +1,4 @@
-"""Settings of a plate vibration: the laser on the plate while spheres fall beside it."""
+"""Settings of a plate vibration: the laser on the plate while spheres fall on it."""
 
 from datetime import date
 from typing import Annotated, Literal
@@ -10,7 +10,7 @@ from pipelines.experiments.shared.settings import DropModel, Flat, Keyence, Mate
 
 
 class FallingBody(Table, frozen=True, kw_only=True):
-    """What falls in every drop; ``mass`` is all that moves, sphere and holder."""
+    """The body that falls in every drop; ``mass`` is all that moves, sphere and holder."""
 
     radius: Annotated[Length, POSITIVE]
     mass: Annotated[Mass, POSITIVE]

@@ -1,15 +1,13 @@
 """A reported quantity as a formula of its uncertain inputs, and helpers for such formulas.
 
-Every budget is asked about the same inputs, from the inclination to the repeatability: each acts,
-by a row of the budget, or the page says why it does not. Nothing stands twice: what readings show
-of themselves is the noise, and what repeats show beyond that is the repeatability, type A with
-n − 1 degrees of freedom.
+Nothing is counted twice: the noise is that of the readings themselves, and the scatter of repeats
+beyond it is the repeatability, type A with n − 1 degrees of freedom.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import cos, sqrt
 from typing import Any
 
 import numpy as np
@@ -67,8 +65,29 @@ def summed(**inputs: float) -> float:
     return sum(inputs.values())
 
 
+def of_laser(displacement: xr.Dataset, value: float, unit: str = "m") -> tuple[Model, dict[str, Input]]:
+    """Return a length or speed along the motion as a formula of the sensor's scale, and the inputs of that.
+
+    Further inputs of the formula are errors of the value, in its unit, and the ``clock`` of a speed.
+    """
+    angle, u_gain = float(displacement["inclination"]), float(displacement["u_gain"]) / float(displacement["gain"])
+
+    def along(measured: float, gain: float, inclination: float, clock: float = 1.0, **errors: float) -> float:
+        return measured * gain * cos(angle) / cos(inclination) / clock + sum(errors.values())
+
+    tilt = Input(angle, float(displacement["u_inclination"]), "rad")
+    return along, {MEASURED: Input(value, 0.0, unit), "gain": Input(1.0, u_gain), "inclination": tilt}
+
+
+def of_simulation(name: str, model: xr.Dataset | None, variable: str, at: int = 0) -> Iterator[Quantity]:
+    """Yield a value of a simulation by its stored budget, where there is one."""
+    if model is not None and "budget" in model.attrs and model[variable].size:
+        value, unit = float(model[variable][at]), str(model[variable].attrs["units"])
+        yield model_quantity(name, value, unit, json.loads(model.attrs["budget"]))
+
+
 def model_quantity(
-    name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], asked: Sequence[str]
+    name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], asked: Sequence[str] = ()
 ) -> Quantity:
     """Return what a model gave, of which only the sensitivities are known.
 
@@ -84,10 +103,4 @@ def model_quantity(
     inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in given.items()}
     exact = [n for n in asked if n.replace(" ", "_") not in given]
     inert = [(", ".join(exact), "stated without uncertainty, or not at all")] if exact else []
-    return Quantity(name, unit, model, inputs, (*inert, _NOT_READ))
-
-
-_NOT_READ = (
-    "inclination, pixel size, zero, noise, sampling, filter lag, repeatability",
-    "the model does not depend on the readings",
-)
+    return Quantity(name, unit, model, inputs, tuple(inert))

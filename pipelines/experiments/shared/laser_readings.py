@@ -12,7 +12,6 @@ import instruments
 from calibration import laser
 from labpipe.errors import UNSAID, SourceError
 from labpipe.signals import outliers
-from labpipe.units import Quantity
 from pipelines.experiments.shared.exclusions import EXCLUDED, excluded
 from pipelines.experiments.shared.settings import Keyence, named_columns
 
@@ -92,21 +91,13 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
         raise SourceError(error.path, error.message, **place, hint=hint).because(UNSAID) from None
 
 
-def displacement(
-    readings: xr.Dataset, record: Path, *, settings: Any, inclination: Quantity | None = None
-) -> xr.Dataset:
+def displacement(readings: xr.Dataset, record: Path, *, settings: Any, **options: Any) -> xr.Dataset:
     """Correct the inclination, as a stage: upward displacement with its uncertainty.
 
-    ``inclination`` replaces that of the calibration record.
+    ``options`` of :func:`calibration.laser.displacement` replace those of the settings.
     """
     sensor = settings.sensor
     if sensor.serial is not None:
         readings = readings.assign_attrs(serial=sensor.serial)
-    return laser.displacement(
-        readings,
-        calibration.load_record(record),
-        output=sensor.output,
-        direction=sensor.direction,
-        measured=settings.measured_on,
-        inclination=inclination,
-    )
+    chosen = {"output": sensor.output, "direction": sensor.direction, "measured": settings.measured_on} | options
+    return laser.displacement(readings, calibration.load_record(record), **chosen)

@@ -286,7 +286,7 @@ def laser_recordings(
 ) -> Section:
     """Show the recordings of a laser, what fell, and the sensor's calibration, folded away.
 
-    ``recordings`` is the first row, ``body`` has a ``radius`` and a ``mass``, or is None.
+    ``recordings`` is the first row, ``body`` has a ``radius`` and, where it falls, a ``mass``, or is None.
     """
     rows, blocks, read = [recordings], list[Block](), present(readings)
     if read:
@@ -298,7 +298,8 @@ def laser_recordings(
             blocks.append(Notice("info", "The layout of Keyence storage files is assumed, as no such file is public."))
     if body is not None:
         rows.append(("sphere radius", stated(body.radius), ""))
-        rows.append(("moving mass", stated(body.mass), "sphere and holder"))
+        if hasattr(body, "mass"):
+            rows.append(("moving mass", stated(body.mass), "sphere and holder"))
     blocks.append(KeyValues([row for row in (*rows, *remarks(context)) if row[1]]))
     if moved := present(displacement):
         attrs = moved[0].attrs

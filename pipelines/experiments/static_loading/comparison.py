@@ -71,13 +71,10 @@ def _per_load(approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settin
     table = {name: variable("load", values, "m", text) for name, (values, text) in columns.items()}
     text = "change of the contact radius by first touch, and by what the readings share with it"
     table["radius_touch"] = variable("load", -steep * (1.0 - approach["touch_follows"].values), "1", text)
-    for name, values, own, text in (
-        ("radius_model", theirs, u_theirs, "contact radius at the end of the load, model"),
-        ("radius_measured", level, u, "contact radius at the end of the load, from the approach"),
-        ("radius_difference", level - theirs, u_gap, "contact radius, measured minus model"),
-    ):
-        table |= with_u(name, "load", values, own, "m", text)
-    return table
+    table |= with_u("radius_model", "load", theirs, u_theirs, "m", "contact radius at the end of the load, model")
+    return table | with_u(
+        "radius_difference", "load", level - theirs, u_gap, "m", "contact radius, measured minus model"
+    )
 
 
 def _along(
@@ -85,8 +82,8 @@ def _along(
 ) -> Agreement | None:
     """Lay the contact radius against the model in stretches of each load, ever longer ones.
 
-    They share scale, first touch and drift of the readings, and what the model takes of sphere, loads
-    and solid. First touch follows the noise of the readings that tell it.
+    They share scale, first touch and drift of the readings, and the model's sphere, loads and solid.
+    First touch follows the noise of the readings that determine it.
     """
     time, radius = approach["time"].values, settings.sphere.radius
     ours, theirs = approach["contact_radius"].values, model["contact_radius"].values
@@ -121,15 +118,14 @@ def _along(
     return along_curve(means, own, np.array(effects))
 
 
-def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
+def rows(comparison: xr.Dataset, approach: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
     n, nrmse = int(comparison["time"].size), comparison["nrmse_contact_radius_model"]
     bias = comparison["bias_contact_radius_model"]
     yield row("contact radius", "m", n, nrmse=nrmse, difference=bias, **of_curve(comparison))
     radius, drift = settings.sphere.radius.value, settings.steps.drift.value
     for i, load in enumerate(settings.loads):
-        value, difference = float(comparison["radius_model"][i]), float(comparison["radius_difference"][i])
-        level = value + difference
+        value, level = float(comparison["radius_model"][i]), float(approach["level_contact_radius"][i])
         yield row(
             "contact radius",
             "m",
@@ -144,7 +140,7 @@ def rows(comparison: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading) 
                 LOADS: -value / 3,
             }
             | {name: -value * slope for name, (_, slope) in of_material(model).items()},
-            measured=(level, comparison["u_radius_measured"][i]),
+            measured=with_its_u(approach, "level_contact_radius", i),
             model=with_its_u(comparison, "radius_model", i),
             difference=with_its_u(comparison, "radius_difference", i),
         )

@@ -1,41 +1,26 @@
 """The kind ``static_loading``: its settings, stages and results."""
 
-from labpipe.schema import Schema, Variable
 from pipelines.experiments._kind import KeyNumber, Kind, Picture, derived, judged, proposal, reported, solid_of, stage
-from pipelines.experiments.shared.schemas import DISPLACEMENT
 from pipelines.experiments.static_loading.settings import StaticLoading
-
-_STEPS = Schema(
-    "steps",
-    {
-        "begin": Variable(("load",), "s"),
-        "end": Variable(("load",), "s"),
-        "force": Variable(("load",), "N"),
-        "touch": Variable((), "m"),
-        "u_touch": Variable((), "m"),
-        "compliance": Variable(("elapsed",), "1/Pa"),
-    },
-)
 
 _STAGES = (
     stage("static_loading.measured:readings", ("file:laser",), ("keyence", "exclude"), summary="read the laser export"),
     stage(
         "static_loading.measured:displacement",
         ("readings", "file:calibration"),
-        ("sensor", "measured_on", "zero", "loads", "steps.window"),
+        ("sensor", "measured_on", "loads", "steps.window"),
         summary="correct the inclination, with uncertainty",
     ),
     stage(
         "static_loading.load_steps:steps",
         ("displacement",),
-        ("loads", "sphere.radius", "zero", "steps", "model.gravity"),
-        schema="steps",
+        ("loads", "sphere.radius", "steps", "model.gravity"),
         summary="find load times and first touch; creep compliance",
     ),
     stage(
         "static_loading.measured:approach",
         ("displacement", "steps"),
-        ("sphere.radius", "steps", "zero"),
+        ("sphere.radius", "steps"),
         summary="approach, contact radius and creep under each load",
     ),
     stage(
@@ -47,7 +32,7 @@ _STAGES = (
     stage(
         "static_loading.comparison:comparison",
         ("displacement", "approach", "steps", "model"),
-        ("loads", "sphere.radius", "zero", "steps"),
+        ("loads", "sphere.radius", "steps"),
         summary="measurement against model and Hertz",
     ),
     judged(
@@ -64,11 +49,10 @@ KIND = Kind(
     summary="a sphere under increasing loads, measured by laser",
     settings=StaticLoading,
     stages=_STAGES,
-    schemas=(DISPLACEMENT, _STEPS),
     key_numbers=(KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),),
     picture=Picture("displacement", "time", "displacement"),
     error="nrmse_contact_radius_model",
-    rows=derived("static_loading.comparison:rows", "comparison", "model"),
+    rows=derived("static_loading.comparison:rows", "comparison", "approach", "model"),
     budget=derived("static_loading.budget:quantities", "displacement", "steps", "approach", "model"),
     body="sphere",
     proposal=proposal("displacement", "static_loading.proposal:proposed", "shared.record_templates:laser_records"),

@@ -4,8 +4,8 @@ Under loads that are only added to the contact only grows, and Lee and Radok's f
 
     δ^{3/2} = (3 / (4 √R)) ∫ J*(t − s) dF(s),
 
-for any creep compliance J*. It makes the sensor's reading at first touch follow from the loads,
-and gives the compliance itself, with no material assumed.
+for any creep compliance J*. The sensor's reading at first touch follows from the loads,
+and the compliance too, with no material assumed.
 
 References
 ----------
@@ -48,12 +48,10 @@ def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
     gravity = settings.model.gravity
     force = np.array([m.value for m in masses]) * gravity.value
     u_force = np.array([np.hypot(m.u / m.value, gravity.u / gravity.value) for m in masses]) * force
-    given = [np.nan if load.time is None else load.time.value for load in settings.loads]
     ends = np.append(starts[1:], time[-1])
     table = {
         "begin": (starts, "s", "time at which the load was applied"),
         "end": (ends, "s", "time at which the next one was applied, or the record ends"),
-        "given_time": (np.array(given), "s", "time that session.toml gives"),
         "jump": (sizes, "m", "displacement across the step"),
     }
     result = xr.Dataset(
@@ -81,20 +79,14 @@ def touch_apart(steps: xr.Dataset) -> tuple[float, float]:
 
 
 def touch_weights(displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> Floats:
-    """Return by how much first touch follows an error of each valid reading (reading,) [1].
-
-    Of the creep fit, its terms taken as they are; 0 where the touch is given.
-    """
+    """Return the change of first touch by an error of each valid reading (reading,) [1], for the fitted creep terms."""
     time, moved = valid(displacement)
-    follows = np.zeros(time.size)
-    if settings.zero is None:
-        used = settled(time, steps, settings)
-        design, _ = creep_design(time[used], steps, settings.sphere.radius.value)
-        touch = float(steps["touch"])
-        weights, _ = TouchFit(moved[used], design).solve(touch)
-        slopes = design[:, weights > 0] / (1.5 * np.sqrt(np.maximum(moved[used] - touch, 1e-9)))[:, None]
-        slopes = np.column_stack([np.ones(len(slopes)), slopes / np.abs(slopes).max(axis=0)])
-        follows[used] = np.linalg.pinv(slopes)[0]
+    follows, used, touch = np.zeros(time.size), settled(time, steps, settings), float(steps["touch"])
+    design, _ = creep_design(time[used], steps, settings.sphere.radius.value)
+    weights, _ = TouchFit(moved[used], design).solve(touch)
+    slopes = design[:, weights > 0] / (1.5 * np.sqrt(np.maximum(moved[used] - touch, 1e-9)))[:, None]
+    slopes = np.column_stack([np.ones(len(slopes)), slopes / np.abs(slopes).max(axis=0)])
+    follows[used] = np.linalg.pinv(slopes)[0]
     return follows
 
 
@@ -230,22 +222,19 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
     used = settled(time, table, settings)
     elapsed, rows, radius = time[used], moved[used], settings.sphere.radius.value
     design, tau = creep_design(elapsed, table, radius)
-    fit, is_given = TouchFit(rows, design), settings.zero is not None
-    touch = 0.0 if is_given else fit.best()
+    fit = TouchFit(rows, design)
+    touch = fit.best()
     weights, misfit = fit.solve(touch)
     scatter = float(np.sqrt(misfit / max(rows.size - int((weights > 0).sum()) - 1, 1)))
     by_loads = by_drift = 0.0
-    if settings.zero is not None:
-        u = settings.zero.u * float(displacement["gain"]) / float(np.cos(float(displacement["inclination"])))
-    else:
-        if settings.steps.drift.value > 0.0:
-            drift = settings.steps.drift.value * elapsed / float(time[-1])
-            by_drift = TouchFit(rows + drift, design).best() - touch
-        force, u_force = table["force"].values, table["u_force"].values
-        for i in np.flatnonzero(u_force > 0):
-            other = table.assign(force=("load", force + np.where(np.arange(force.size) == i, u_force, 0.0)))
-            by_loads = hypot(by_loads, TouchFit(rows, creep_design(elapsed, other, radius)[0]).best() - touch)
-        u = hypot(_u_from_curvature(fit, touch, max(noise, scatter)), by_drift, by_loads)
+    if settings.steps.drift.value > 0.0:
+        drift = settings.steps.drift.value * elapsed / float(time[-1])
+        by_drift = TouchFit(rows + drift, design).best() - touch
+    force, u_force = table["force"].values, table["u_force"].values
+    for i in np.flatnonzero(u_force > 0):
+        other = table.assign(force=("load", force + np.where(np.arange(force.size) == i, u_force, 0.0)))
+        by_loads = hypot(by_loads, TouchFit(rows, creep_design(elapsed, other, radius)[0]).best() - touch)
+    u = hypot(_u_from_curvature(fit, touch, max(noise, scatter)), by_drift, by_loads)
     lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), _ELAPSED)
     terms = np.column_stack([np.ones(lag.size), -np.expm1(-lag[:, None] / tau)])
     scalars = {
@@ -260,7 +249,7 @@ def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, sett
         | with_u("touch", (), touch, u, "m", "displacement at first touch")
         | {"compliance": variable("elapsed", terms @ weights, "1/Pa", "reduced creep compliance, from the record")},
         coords={"elapsed": variable("elapsed", lag, "s", "time under load")},
-        attrs={"touch": "given in session.toml" if is_given else "from the loads", "work": json.dumps(work)},
+        attrs={"work": json.dumps(work)},
     )
 
 

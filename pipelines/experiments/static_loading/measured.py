@@ -1,8 +1,8 @@
 """Static loading: approach and contact radius of a sphere while loads are added, and its creep.
 
 Conventions: the approach counts downwards from first touch; a load is all that rests on the disc.
-When the loads were put on, and where first touch was, tells
-:mod:`pipelines.experiments.static_loading.load_steps`; a = √(R δ) makes the radius of the approach.
+Times of the loads and first touch are those of :mod:`pipelines.experiments.static_loading.load_steps`; the contact
+radius is a = √(R δ).
 
 References
 ----------
@@ -16,8 +16,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-import calibration
-from calibration import laser
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.units import Quantity
@@ -36,14 +34,9 @@ def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
 
 
 def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading) -> xr.Dataset:
-    """Correct the inclination: displacement downwards, from the sensor's zero or first touch."""
-    known = calibration.load_record(record)
-    if settings.sensor.serial is not None:
-        readings = readings.assign_attrs(serial=settings.sensor.serial)
-    sensor, zero = settings.sensor, 0.0 if settings.zero is None else settings.zero
-    moved = laser.displacement(
-        readings, known, output=sensor.output, direction=-sensor.direction, measured=settings.measured_on, zero=zero
-    )
+    """Correct the inclination: displacement downwards, from the sensor's zero."""
+    downwards = {"direction": -settings.sensor.direction, "zero": 0.0}
+    moved = laser_readings.displacement(readings, record, settings=settings, **downwards)
     short = moved["time"].values[-1] < settings.steps.window.value
     if int(moved["valid"].sum()) < 2 * SIDE * len(settings.loads) or short:
         raise InputError(

@@ -32,7 +32,7 @@ def model(
     *,
     settings: StaticLoading,
 ) -> xr.Dataset:
-    """Simulate the loading with the times found; Hertz's steps beside it."""
+    """Simulate the loading with the times found; and Hertz's steps."""
     solid = resolve(settings.sphere, material_file, fitted)
     radius = settings.sphere.radius
     chosen = settings.model
@@ -84,9 +84,8 @@ def model(
     softest, reference = whole, f"modulus after {lasted:.3g} s"
     if solid.E_relaxed > 0.0:  # else the sweeps tell of no plateau
         softest, reference = share / float(solid.E_relaxed) + counter_compliance(flat), "relaxed modulus"
-    state = hertz.static_load(force, radius.value, 1.0 / softest)
-    for name, level in (("radius", state.contact_radius), ("approach", state.approach)):
-        table[f"hertz_{name}_relaxed"] = variable("load", np.asarray(level), "m", f"{name} by Hertz, {reference}")
+    level = np.asarray(hertz.static_load(force, radius.value, 1.0 / softest).contact_radius)
+    table["hertz_radius_relaxed"] = variable("load", level, "m", f"contact radius by Hertz, {reference}")
     elapsed = compliance(solid, steps["elapsed"].values)
     table["compliance"] = variable("elapsed", elapsed, "1/Pa", "reduced creep compliance of sphere and disc")
     effect = np.array(wider).reshape(-1, nodes.size)

@@ -53,8 +53,8 @@ class StaticModel(Table, frozen=True, kw_only=True):
 class StaticLoading(Recorded, frozen=True, kw_only=True):
     """One record of the laser while loads are added; the first is on from the beginning.
 
-    ``counter_body`` is the disc. ``zero`` is the sensor's reading at first touch. Without it, it follows from the
-    loads: the approach goes with the power 2/3 of load and compliance, and loads of different size tell it.
+    ``counter_body`` is the disc. First touch follows from the loads: the approach goes with the power 2/3 of load and
+    compliance, and loads of different size determine it.
     """
 
     kind: Literal["static_loading"]
@@ -63,7 +63,6 @@ class StaticLoading(Recorded, frozen=True, kw_only=True):
     sphere: Ball
     counter_body: Flat = "sapphire"
     loads: Annotated[list[Load], msgspec.Meta(min_length=2)]
-    zero: Length | None = None
     measured_on: date | None = None
     keyence: Keyence = Keyence()
     sensor: Sensor = Sensor()

@@ -125,13 +125,6 @@ def test_the_path_moves_by_its_uncertainty_when_an_input_does(measured: Measured
     assert np.nanmax(lower["u_displacement"]) < 1e-3 * found.max()
 
 
-def test_without_the_floor_the_model_rebounds_too_fast(measured: Measured) -> None:
-    _, found = compared(measured, None)
-    difference = found["restitution_difference"].values
-    assert np.all(difference < 0.0)
-    assert difference.mean() == pytest.approx(-5e-4, abs=2e-4)
-
-
 def test_the_page_shows_the_phases_of_every_recording(processed_session: Path) -> None:
     page = (processed_session / "labpipe/reports/drop.html").read_text("utf-8")
     assert "vibration" in page

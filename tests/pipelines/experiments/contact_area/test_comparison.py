@@ -5,8 +5,7 @@ import pytest
 import xarray as xr
 
 from labpipe.units import Quantity
-from pipelines.experiments.contact_area.comparison import Form, _size, _time_shift, comparison
-from pipelines.experiments.contact_area.page import _alignment
+from pipelines.experiments.contact_area.comparison import Form, _fit, comparison
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.settings import Sphere
 
@@ -68,23 +67,6 @@ def test_a_wrong_time_of_the_peak_is_made_up_for(offset: float) -> None:
     made = compared(offset)
     assert float(made["time_shift"][0]) == pytest.approx(offset, abs=0.5 * US)
     assert float(np.abs(made["film"] - made["model"]).max()) < 0.5 * UM
-    assert f"to {'earlier' if offset > 0 else 'later'} times" in _alignment(made, 0)
-
-
-@pytest.mark.parametrize("first", [0.3 * US, 3 * US, 60 * US])
-def test_the_shift_of_a_model_of_another_duration_stays_within_its_uncertainty(first: float) -> None:
-    """Another modulus makes a contact smaller by E^-0.2 and shorter by E^-0.4, and frames see more of one end."""
-    errors, known = [], []
-    for factor in (0.996, 0.998, 1.002, 1.004):
-        size, lasts = factor, 1e-3 * factor**2
-        time = np.arange(10) * 95e-6 + first
-        time = time[time < lasts - first] - 0.5 * lasts
-        film = size * 800 * UM * np.sqrt(np.cos(np.pi * time / lasts))
-        shift, u = _time_shift(time + 1e-3, film, np.zeros_like(film), Form.of(_model(), 0), 3e-3)
-        errors.append(shift)
-        known.append(u)
-    assert np.sqrt(np.mean(np.square(errors))) < 1.2 * np.sqrt(np.mean(np.square(known)))
-    assert max(known) < 2 * US
 
 
 def test_a_difference_in_size_stays() -> None:
@@ -96,7 +78,7 @@ def test_a_difference_in_size_stays() -> None:
 def test_few_frames_or_a_large_shift_are_left_as_they_are(offset: float, count: int) -> None:
     made = compared(offset, count)
     assert float(made["time_shift"][0]) == 0.0
-    assert "not fitted" in _alignment(made, 0)
+    assert np.isnan(float(made["u_time_shift"][0]))
 
 
 # --- size of a contact --------------------------------------------------------------------------
@@ -123,15 +105,18 @@ def film(size: float, seed: int, frames: int = 5, longer: float = 0.0) -> tuple[
 
 
 def test_frames_beside_the_largest_radius_tell_a_per_cent() -> None:
-    found = np.array([_size(*film(1.01, seed), MODEL) for seed in range(8)])
+    found = np.array([_fit(*film(1.01, seed), MODEL) for seed in range(8)])
     assert np.abs(found[:, 0] / 1.01 - 1.0).max() < 5e-3
     assert found[:, 1].min() > 2e-3  # the length of a pixel is common to all frames
     assert found[:, 1].max() < 5e-3
+    z = (found[:, 2] - 3e-5) / found[:, 3]
+    assert np.sqrt(np.mean(z**2)) < 1.5
+    assert found[:, 3].max() < 3e-6
 
 
 def test_a_contact_that_lasts_longer_than_in_the_model_has_no_less_certain_size() -> None:
     """A mass that is stated 9 % wrongly alters the radius by 1.8 %, and the duration by 3.6 %."""
-    found = np.array([_size(*film(1.018, seed, longer=0.036), MODEL) for seed in range(8)])
+    found = np.array([_fit(*film(1.018, seed, longer=0.036), MODEL) for seed in range(8)])
     assert np.abs(found[:, 0] / 1.018 - 1.0).max() < 5e-3
     assert found[:, 1].max() < 5e-3
 
@@ -139,9 +124,9 @@ def test_a_contact_that_lasts_longer_than_in_the_model_has_no_less_certain_size(
 def test_frames_of_another_form_are_less_certain_and_few_tell_nothing() -> None:
     at, radius, u, shared = film(1.0, 1)
     bent = radius * (1.0 + 0.02 * np.array([1.0, -1.0, 1.0, -1.0, 1.0]))
-    assert _size(at, bent, u, shared, MODEL)[1] > 5e-3
-    assert np.isnan(_size(at[:4], radius[:4], u[:4], shared[:4], MODEL)).all()
-    assert _size(at, radius, u, shared, MODEL)[0] == pytest.approx(1.0, abs=5e-3)
+    assert _fit(at, bent, u, shared, MODEL)[1] > 5e-3
+    assert np.isnan(_fit(at[:4], radius[:4], u[:4], shared[:4], MODEL)).all()
+    assert _fit(at, radius, u, shared, MODEL)[0] == pytest.approx(1.0, abs=5e-3)
 
 
 def test_a_model_is_followed_between_its_times_up_to_touch_and_lift_off() -> None:

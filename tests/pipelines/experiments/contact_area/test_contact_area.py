@@ -94,12 +94,11 @@ def test_the_page_is_fit_to_read(session: Path, tmp_path: Path) -> None:
     ("file", "old", "new"),
     [
         ("session.toml", 'mass = "505.0', 'mass = "1010.0'),  # twice the mass
-        ("session.toml", 'height = "1.5', 'height = "3.0'),  # twice the height
         ("session.toml", 'material = "acrylic"', 'material = "ptfe"'),
         # 8 % too large a pixel: all frames are measured again
         pytest.param("calibration/camera_under.toml", "461 ± 1 px", "425 ± 1 px", marks=pytest.mark.slow),
     ],
-    ids=["mass", "height", "material", "pixel size"],
+    ids=["mass", "material", "pixel size"],
 )
 def test_a_wrong_input_shows_in_the_comparison(session: Path, tmp_path: Path, file: str, old: str, new: str) -> None:
     """The comparison can fail: the right inputs give less than 3 %, each of these more than 5 %."""
@@ -153,11 +152,7 @@ def test_a_region_around_the_contact_gives_the_same_circle(session: Path) -> Non
 
 @pytest.mark.parametrize(
     ("stated", "told"),
-    [
-        ("", "up to 1.4 µm farther out"),
-        ('work_of_adhesion = "0 mJ/m2"', "the surfaces do not stick"),
-        ('work_of_adhesion = "20 ± 5 mJ/m2"', "JKR with the stated (20.0 ± 5.0) mJ/m²"),
-    ],
+    [("", "up to 1.4 µm farther out"), ('work_of_adhesion = "20 ± 5 mJ/m2"', "JKR with the stated (20.0 ± 5.0) mJ/m²")],
 )
 def test_the_edge_of_an_adhesive_contact_is_told(session: Path, tmp_path: Path, stated: str, told: str) -> None:
     folder = tmp_path / "session"
@@ -166,10 +161,8 @@ def test_the_edge_of_an_adhesive_contact_is_told(session: Path, tmp_path: Path, 
     (folder / "session.toml").write_text(text.replace("wavelength =", f"{stated}\nwavelength =", 1), "utf-8")
     assert process(folder, only=["acrylic_film"], jobs=0).exit_code == 0
     assert told in (folder / "labpipe/reports/acrylic_film.html").read_text("utf-8")
-    compared = result(folder, "acrylic_film", "comparison")
-    beyond = float((compared["edge_radius"] - compared["peak_radius_film"])[0])
+    beyond = float(result(folder, "acrylic_film", "model")["adhesion_shift"][0])
     found = quantities(folder, "acrylic_film")
     assert beyond == pytest.approx(found["largest contact area, impact 1"].inputs["adhesion"].value)
     assert "adhesion" not in found["largest contact radius, impact 1"].inputs
-    expected = {"": 0.71e-6, 'work_of_adhesion = "0 mJ/m2"': 0.0}.get(stated, 0.89e-6)
-    assert beyond == pytest.approx(expected, rel=0.03)
+    assert beyond == pytest.approx(0.89e-6 if stated else 0.71e-6, rel=0.03)

@@ -1,7 +1,5 @@
 """Mistakes with films of a falling holder are named; clean films are believed."""
 
-from collections.abc import Callable
-
 import msgspec
 import numpy as np
 import pytest
@@ -104,17 +102,6 @@ def _dropped_from(height: float) -> xr.Dataset:
     return contact.drop(materials.load("ptfe"), 9.525e-3, 0.505, height, 0.16, times=np.arange(0.0, 0.16, 1 / RATE))
 
 
-def _from(first: Callable[[int], int]) -> Callable[[xr.Dataset], xr.Dataset]:
-    """Return a film that begins at a frame, by the number of that of the first impact."""
-
-    def film(fallen: xr.Dataset) -> xr.Dataset:
-        motion = recorded(fallen, 7)
-        left = motion.isel(time=slice(first(int(np.argmin(motion["displacement"].values))), None))
-        return left.assign_coords(time=motion["time"][: left.sizes["time"]]).assign_attrs(motion.attrs)
-
-    return film
-
-
 MISTAKES = {
     "scale one half": ("impossible", "too small by a factor of 2", lambda fallen: recorded(fallen, 7, scale=0.5)),
     "frame rate x2": (
@@ -124,8 +111,6 @@ MISTAKES = {
     ),
     "drop from 10 mm": ("impossible", "film or laser_experiment", lambda _: recorded(_dropped_from(10e-3), 7)),
     "drop from 6.5 mm": ("doubtful", "film or laser_experiment", lambda _: recorded(_dropped_from(6.5e-3), 7)),
-    "begins after the impact": ("impossible", "too late, after an impact", _from(lambda first: first + 6)),
-    "begins in the fall": ("yes", "too late, after the release", _from(lambda first: first - 20)),
 }
 
 
