@@ -275,7 +275,7 @@ def _strayed_readings(export: Export) -> Check:
     for _, own in table.groupby(keys)["temperature"] if keys else ():
         apart = (own - own.median()).abs()
         if own.size >= _FEW and (apart <= tolerance).mean() >= _MOST and apart.max() > worst:
-            worst, at = float(apart.max()), int(apart.idxmax())
+            worst, at = float(apart.max()), int(own.index.to_numpy()[np.argmax(apart)])
     if at < 0:
         return not_made(name, "a column of intervals, one of them at one temperature")
     text = f"{export.place(at)}: {table['temperature'][at]:.1f} °C, {worst:.1f} K beside the others of its interval"

@@ -96,7 +96,8 @@ def _summary(
         if said:
             title = f"What limits this curve ({pages.counted(len(said), 'remark')})"
             notes.append(Details(title, [Paragraph(f"{capitalised(note)}.") for note in said]))
-    rows += _transition_rows(temperature_sweep, master_curve)
+    rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
+    rows += [] if master_curve is None else _by_shifts(master_curve)
     return Section("Summary", (*pages.failed_notice(context), KeyValues(rows), *notes))
 
 
@@ -124,19 +125,23 @@ def _modulus(value: float) -> str:
     return f"{value / shown.factor:.4g} {shown.text}"
 
 
-def _transition_rows(ramp: xr.Dataset | None, curve: xr.Dataset | None) -> Iterator[tuple[str, str, str]]:
-    """Yield the glass transition by each criterion in the sweeps of temperature and by the shifts, or why not."""
-    for i, reasons in enumerate(json.loads(ramp.attrs["reasons"]) if ramp is not None else ()):
+def _in_ramps(ramps: xr.Dataset) -> Iterator[tuple[str, str, str]]:
+    """Yield the glass transition by each criterion in the sweeps of temperature, or why there is none."""
+    for i, reasons in enumerate(json.loads(ramps.attrs["reasons"])):
         for name, text in _CRITERIA.items():
-            at, title = f"at {float(ramp['frequency'][i]):.3g} Hz", f"glass transition, {text}"
-            if np.isfinite(float(ramp[name][i])):
-                yield title, pages.told(ramp, name, i), at
+            at, title = f"at {float(ramps['frequency'][i]):.3g} Hz", f"glass transition, {text}"
+            if np.isfinite(float(ramps[name][i])):
+                yield title, pages.told(ramps, name, i), at
             elif name in reasons:
                 yield title, "none", f"{at}: {reasons[name]}"
-    for name in ("T_peak", "T_loss") if curve is not None else ():
+
+
+def _by_shifts(curve: xr.Dataset) -> Iterator[tuple[str, str, str]]:
+    """Yield the glass transition by each criterion at the decade nearest to the middle of the swept ones."""
+    for name in ("T_peak", "T_loss"):
         title = f"glass transition, {_CRITERIA[name]}"
         known = np.flatnonzero(np.isfinite(curve[name].values)) if name in curve else np.empty(0, int)
-        if known.size:  # the decade nearest to the middle of the swept ones
+        if known.size:
             f, swept = curve["transition_frequency"].values, np.log(curve["frequency"].values).mean()
             near = int(known[np.argmin(np.abs(np.log(f[known]) - swept))])
             yield title, pages.told(curve, name, near), f"at {f[near]:.3g} Hz, by the shifts"
@@ -183,9 +188,10 @@ def _shifts(master_curve: xr.Dataset) -> Section:
     ]
     if "transition_frequency" in master_curve.dims:
         f = master_curve["transition_frequency"].values
+        criteria: tuple[tuple[str, Role], ...] = (("T_peak", "measured"), ("T_loss", "model"))
         drawn = [
             Series(_CRITERIA[n], f, master_curve[n].values, style="points", role=role, u=master_curve[f"u_{n}"].values)
-            for n, role in zip(("T_peak", "T_loss"), ("measured", "model"), strict=True)
+            for n, role in criteria
             if n in master_curve
         ]
         words = "By the shifts, at whole decades of the frequency for which it lies among the isotherms."

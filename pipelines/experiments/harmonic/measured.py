@@ -80,13 +80,13 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     if not blocks:
         known = ", ".join(sorted(set(functions)))
         raise InputError(f"the file holds no {settings.function} block; its blocks are: {known}")
-    declared, known = mach1_readings.declared_filter(loads), mach1_readings.first_touch(loads, settings.contact)
+    declared, touch = mach1_readings.declared_filter(loads), mach1_readings.first_touch(loads, settings.contact)
     rows = [_oscillation(loads, block, settings.cycles.skip) for block in blocks]
     made = xr.Dataset(
         from_rows("oscillation", rows, COLUMNS), coords={"oscillation": np.arange(1, len(rows) + 1)}
-    ).merge(known)
+    ).merge(touch)
     return made.assign_attrs(
-        known.attrs,
+        touch.attrs,
         filter=json.dumps(declared),
         filter_delay=loads.attrs["filter_delay"],
         is_filter_corrected=int(declared is not None),

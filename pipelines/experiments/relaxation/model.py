@@ -43,14 +43,15 @@ def model(
     interval = float(loads["sampling_interval"][0])
     elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * BINS_PER_DECADE))
     modulus = np.asarray(solid.relaxation(elapsed)) / (1 - float(solid.nu) ** 2)
-    return made.assign(
-        relaxation_modulus=variable("elapsed", modulus, "Pa", "reduced relaxation modulus of the material"),
-        node=variable(("ramp", "stretch"), nodes, "1", "sample at which the effects of the inputs are given"),
+    table = {
+        "relaxation_modulus": variable("elapsed", modulus, "Pa", "reduced relaxation modulus of the material"),
+        "node": variable(("ramp", "stretch"), nodes, "1", "sample at which the effects of the inputs are given"),
         **along(effects, [np.split(one, one.size) for one in nodes], "ramp"),
-        **{SLOPES: variable(("ramp", "uncertain"), slopes, "1", "change of the plateau's force with an input, SI")},
-        ramp=ramps["ramp"],
-        elapsed=variable("elapsed", elapsed, "s", "time since a step of strain"),
-    ).merge(table_of({name: effect.given for name, effect in shared.items()}))
+        SLOPES: variable(("ramp", "uncertain"), slopes, "1", "change of the plateau's force with an input, SI"),
+    }
+    coords = {"ramp": ramps["ramp"], "elapsed": variable("elapsed", elapsed, "s", "time since a step of strain")}
+    made = made.assign(table).assign_coords(coords)
+    return made.merge(table_of({name: effect.given for name, effect in shared.items()}))
 
 
 def _nodes(loads: xr.Dataset, hold: Hold) -> NDArray[np.int64]:
