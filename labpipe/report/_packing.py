@@ -51,8 +51,8 @@ class Drawn:
 class ThinnedChart:
     """A chart ready to be packed or drawn.
 
-    ``chart``: where it comes from; ``series``: bands first; ``x_range``: the whole window along x; ``notes``: what was
-    thinned out or cannot be shown; belongs into the caption.
+    ``chart``: where it comes from; ``series``: bands first; ``x_range``: the whole window along x; ``notes``: remarks
+    for the caption on samples that were thinned out or cannot be shown.
     """
 
     chart: LineChart | ScatterChart

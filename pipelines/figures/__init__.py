@@ -3,7 +3,7 @@
 One explicit tuple, :data:`FIGURES`; a figure names its function as text, so that listing imports
 no numerical library. :mod:`pipelines.figures.make` decides which figures to draw and writes them,
 :mod:`pipelines.figures.inputs` finds the experiments of a session that a figure shows,
-:mod:`pipelines.figures.drawing` holds what all figures share, and one or more modules per chapter
+:mod:`pipelines.figures.drawing` holds the parts that all figures share, and one or more modules per chapter
 draw. :mod:`pipelines.figures.check` compares the thesis's printed numbers with ours.
 """
 

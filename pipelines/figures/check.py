@@ -1,7 +1,7 @@
 """The thesis's printed numbers compared with ours, with a verdict for each.
 
 A row agrees when ours lies within the stated distance of the printed value: half of the last
-printed digit, or what the text's "about" allows; where ours was chosen so that it does, the row says
+printed digit, or the text's "about"; where ours was chosen so that it does, the row says
 so. Otherwise it carries a reason: a misprint (an error of print, which the context corrects), a
 statement that contradicts another one or the equations, a number that no linear viscoelastic solid
 gives, or data that only the thesis's author has (the DMA spectra, the recordings).

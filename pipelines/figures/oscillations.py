@@ -35,7 +35,7 @@ def loops(inputs: Inputs) -> Drawing:
     parts = {stage: inputs.result(name, stage) for stage in ("loads", "oscillations", "loops", "comparison", "model")}
     punch = settings.punch
     scale = solid.E_relaxed * punch.period.value * punch.depth.value * punch.tips
-    touch = float(parts["model"]["contact_position"])
+    touch = float(parts["oscillations"]["contact_position"])
     radius = punch.radius.value
     with panels(2, 2, width=2, aspect=0.52, sharex="col") as (figure, axes):
         above, below = axes[:, 0]
@@ -119,7 +119,7 @@ def dissipated_work(inputs: Inputs) -> Drawing:
     table, model = table.isel(oscillation=order), model.isel(oscillation=order)
     punch = settings.punch
     geometry = (punch.radius.value, punch.period.value, punch.depth.value * punch.tips)
-    mean = abs(float(np.mean(table["mean_position"])) - float(model["contact_position"]))
+    mean = abs(float(np.mean(table["mean_position"])) - float(table["contact_position"]))
     frequency, amplitude = table["frequency"].values, table["amplitude"].values
 
     def scaled(work: Any) -> Floats:

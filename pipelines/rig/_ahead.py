@@ -14,7 +14,7 @@ _RECORDING, _COMPILER = "pipelines.rig.samples", "labpipe.compilation"
 
 
 def holds_demo(folder: str | Path) -> bool:
-    """Tell whether a folder holds the demonstration: its session.toml says so in its title."""
+    """Return whether a folder holds the demonstration: its session.toml says so in its title."""
     source = Path(folder) / FILE_NAME
     return source.is_file() and f'title = "{DEMO_TITLE}"' in source.read_text("utf-8", "replace")
 

@@ -20,14 +20,14 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False, seed: int 
     ----------
     name : str
         ``demo``, ``core``, ``films``, ``indentation``, ``static``, ``dma``, ``plate``, ``thesis``
-        or ``thesis-small``; :data:`pipelines.rig.SAMPLES` says what is in each.
+        or ``thesis-small``; :data:`pipelines.rig.SAMPLES` describes each.
     folder : path-like
         Where to.
     full_size : bool
         Films at the camera's full size instead of a reduced one.
     seed : int, optional
         Of ``thesis`` and ``thesis-small``: radius, mass, scales, inclinations, load cell and punch of the rig differ
-        from what the session states, by chance within the stated uncertainties. By default the bundled draw.
+        from the stated ones, by chance within the stated uncertainties. By default the bundled draw.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def sample(name: str, folder: str | Path, *, full_size: bool = False, seed: int 
 
 
 def record_demo(folder: str | Path) -> bool:
-    """Write the demonstration into a folder unless it is there; tell whether it was written."""
+    """Write the demonstration into a folder unless it is there; return whether it was written."""
     is_there = holds_demo(folder)
     if not is_there:
         record_elsewhere(Path(folder))
@@ -64,7 +64,7 @@ def demo(
     Parameters
     ----------
     folder : path-like
-        Where to; a demonstration that is there already is processed as it stands.
+        Where to; a demonstration that is there already is processed as it is.
     jobs : int
         Experiments processed side by side; 0 processes in this process.
     progress : callable, optional

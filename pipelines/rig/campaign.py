@@ -3,7 +3,7 @@
 Spheres of four polymers fall from four heights, five times each, on a plate that rings; the laser
 sees the holder, then the plate; a camera films PTFE from the front, another acrylic through the
 disc, at room temperature and heated; PTFE is loaded step by step; rubber is indented by a punch;
-all five materials go through the rheometer. What is recorded by itself is written side by side.
+all five materials go through the rheometer. Independent recordings are written side by side.
 """
 
 from collections.abc import Callable
@@ -60,7 +60,7 @@ _ON_PLATE = 'plate_from = "plate"\n'
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How much a campaign records, and by what.
+    """The extent of a campaign, and its instruments.
 
     ``heights`` are those of the drops that the laser and the camera under the disc see, on
     the plate too, ``front_height`` that of PTFE before the front camera. ``bursts`` says when the
@@ -177,7 +177,7 @@ def drawn(extent: Extent, seed: int) -> Extent:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One recording session: what writes it, and the experiment and section that come of it."""
+    """One recording session: the function that writes it, and its experiments."""
 
     names: tuple[str, ...]
     write: Callable[[], str]
@@ -223,7 +223,7 @@ def written(part: Part) -> str:
 
 
 def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
-    """List what is recorded, the longest first, so that two workers end together."""
+    """List the recordings, the longest first, so that two workers end together."""
     highest = max(extent.heights)
     filmed = [(highest, HEATED), *((height, None) for height in reversed(extent.heights))]
     drops: list[tuple[str, float, float | None, int, datetime]] = []

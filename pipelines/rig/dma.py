@@ -49,7 +49,7 @@ CAMPAIGN = Protocol(u_scale=0.01, delay=20e-6)
 
 
 def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: int) -> str:
-    """Write one export and the truth beside it; returns the export's name in the folder."""
+    """Write one export and its truth; returns the export's name in the folder."""
     generator = np.random.default_rng(seed)
     scale = float(np.exp(protocol.u_scale * generator.standard_normal())) if protocol.u_scale else 1.0
     is_torsion = solid.mode == "torsion"

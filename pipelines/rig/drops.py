@@ -36,7 +36,7 @@ def drop_once(rig: DropRig, material: Truth, height: float, seed: int) -> Drop:
 
 
 def truth_of(drop: Drop, rig: DropRig) -> dict[str, Any]:
-    """Return what really happened, for the file beside the recording."""
+    """Return the true values, for the file of the recording's truth."""
     motion = drop.trajectory
     complete = len(motion.liftoff)
     return {

@@ -14,7 +14,7 @@ _MARGIN = 1e-3  # s by which the motion outlasts the record
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What falls: radius and moving mass, height of fall, its material, the floor, the disc's compliance [1/Pa]."""
+    """The falling body: radius, moving mass, height, material; the floor, and the compliance of the disc [1/Pa]."""
 
     material: Truth
     height: float

@@ -22,7 +22,7 @@ _STILL = 1e-5  # px of motion below which an image is not drawn again
 
 @dataclass(frozen=True, slots=True)
 class FrontCamera:
-    """The camera and what disturbs its images.
+    """The camera and the disturbances of its images.
 
     ``duration`` is the length of the film, ``release`` the time of release in it. ``exposure`` is
     averaged over two moments, which is exact to second order in the motion. ``photons`` is the
@@ -55,7 +55,7 @@ def write_front_film(
 ) -> dict[str, Any]:
     """Write the .cine file of a holder that falls from ``height`` [m]; its truth is returned.
 
-    The caller writes it, outside of what the analysis reads: ``time`` (s, trigger 0 at the first image), ``dx``,
+    The caller writes it where the analysis does not read: ``time`` (s, trigger 0 at the first image), ``dx``,
     ``dy`` (px of the holder's pivot) and ``rotation`` (rad) of every frame, and the camera's numbers. The motion is
     that from release on; the holder is there in the first image.
     """
@@ -91,7 +91,7 @@ def write_front_film(
 
 
 def write_truth(path: Path, truth: dict[str, Any]) -> None:
-    """Write what really happened, where the analysis does not look."""
+    """Write the true motion, where the analysis does not read."""
     files.write_text(path, json.dumps(truth) + "\n")
 
 

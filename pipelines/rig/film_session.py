@@ -1,4 +1,4 @@
-"""A synthetic session with films: the front view beside the laser, and the view under the disc."""
+"""A synthetic session with films: the front view together with the laser, and the view under the disc."""
 
 from dataclasses import dataclass
 from datetime import datetime

@@ -28,10 +28,10 @@ _GRID = 0.2e-6  # m, spacing of the radial table: 1/50 of the finest fringe that
 
 @dataclass(frozen=True, slots=True)
 class UnderCamera:
-    """The camera, its light, and what disturbs the images.
+    """The camera, its light, and the disturbances of the images.
 
     ``centre`` is the contact's place relative to the middle of the image (px); ``tilt`` the
-    angle (rad) by which the camera looks aslant, which shortens x by its cosine; ``samples`` are
+    angle (rad) of the camera to the normal, which shortens x by its cosine; ``samples`` are
     taken per pixel side, ``moments`` per exposure. ``release`` is the release in the film's time.
     """
 

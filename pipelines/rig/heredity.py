@@ -26,13 +26,13 @@ _BLOCKS = 512
 
 
 class History(NamedTuple):
-    """What springs did until now.
+    """The history of springs until now.
 
     ``table`` (time, 6) holds the mean of E from 0 on, E, and t^n/n! times its first four
     derivatives. ``edges`` (block, 2) are begin and end of each block, ``moments``
     (block, moment, spring) of the increments in it, ``order`` the blocks from old to new;
-    ``is_single`` marks one step. ``blocks`` (1,) is their number. ``values`` (2, 5) is room for what
-    the table tells.
+    ``is_single`` marks one step. ``blocks`` (1,) is their number. ``values`` (2, 5) is room for
+    values of the table.
     """
 
     table: Floats

@@ -37,7 +37,7 @@ TIP_RADIUS = 2e-3  # m, as stated
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
-    """The punch and what it is pressed into; lengths in m.
+    """The punch and the solid under it; lengths in m.
 
     ``depth`` is the length of one tip; ``surface`` the stage position of first touch.
     """
@@ -138,7 +138,7 @@ def _parts(protocol: Harmonic, tester: Tester) -> list[Part]:
 def write_harmonic(
     folder: Path, name: str, specimen: Specimen, protocol: Harmonic, tester: Tester, seed: int, start: datetime
 ) -> None:
-    """Write one Mach-1 file and the truth beside it."""
+    """Write one Mach-1 file and its truth."""
     parts = _parts(protocol, tester)
     pieces = record_parts(folder, name, specimen, parts, tester, seed, start)
     document: dict[str, Any] = {

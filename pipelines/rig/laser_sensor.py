@@ -1,6 +1,6 @@
 """A laser displacement sensor that looks at the holder under an angle.
 
-It samples a known motion, projects it on its line of sight, adds what real sensors add (noise,
+It samples a known motion, projects it on its line of sight, adds the errors of real sensors (noise,
 an unknown zero, a late or early trigger) and rounds to its display step.
 """
 
@@ -14,7 +14,7 @@ from pipelines.rig.reference_drop import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class LaserSensor:
-    """What a sensor does to a motion; lengths in m, angle in rad, times in s."""
+    """Errors of a sensor; lengths in m, angle in rad, times in s."""
 
     inclination: float
     cycle: float = 50e-6

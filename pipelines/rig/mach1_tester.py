@@ -18,7 +18,7 @@ OVERSAMPLING = 10  # the true motion and force are known this much finer than th
 
 @dataclass(frozen=True, slots=True)
 class Tester:
-    """What the tester does to a motion and a force; m, N, Hz, m/s.
+    """Errors of the tester in motion and force; m, N, Hz, m/s.
 
     ``force_gain`` is displayed over true force; ``acceleration`` [m/s²] rounds the corners of a
     ramp, infinite leaves them sharp.

@@ -1,7 +1,7 @@
-"""The laser on the plate while a sphere falls beside it, with the true vibration.
+"""The laser on the plate while a sphere falls near it, with the true vibration.
 
 The plate's motion is that of the reference drop's own floor, which is stepped with the sphere;
-the analysis fits a damped oscillation to what is left of it after the sensor.
+the analysis fits a damped oscillation to its readings.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ PLATE_RIG = DropRig(
 
 @dataclass(frozen=True, slots=True)
 class Ring:
-    """One recorded drop: readings in m, and what the plate truly did, in the record's time."""
+    """One recorded drop: readings in m, and the true motion of the plate, in the record's time."""
 
     readings: Floats
     amplitude: float

@@ -11,7 +11,7 @@ carries a surface displacement u::
 
     q(t) = ∫ E(t − s) du(s)
 
-In contact u, and what q presses the elastic disc in, follow the profile; free springs have q = 0. Over
+In contact u and the indentation of the elastic disc by q together follow the profile; free springs have q = 0. Over
 a step u is linear, so no relaxation, however fast, limits the step. For contacts that only grow and
 then only recede this is Ting's solution (J. Appl. Mech. 33 (1966) 845, doi:10.1115/1.3625192).
 
@@ -76,7 +76,7 @@ class Springs:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """The reference motion: ``height`` of the sphere over first touch, and what happened when.
+    """The reference motion: ``height`` of the sphere over first touch, and the times of its events.
 
     ``time`` starts at release. ``touch`` and ``liftoff`` are the times at which contact begins
     and ends; a last touch without lift-off is permanent contact. Speeds are those of the sphere in

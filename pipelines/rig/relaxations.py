@@ -1,7 +1,7 @@
 """Relaxation tests of rubber under a periodic punch as the virtual rig records them.
 
 One file per depth: the approach, then one ramp and its hold. The stage accelerates and brakes as
-real ones do, and the load cell's gain is a little off, within what its record states.
+real ones do, and the load cell's gain is a little off, within the u of its record.
 """
 
 import json
@@ -32,7 +32,7 @@ class Relaxation:
 def write_relaxation(
     folder: Path, name: str, specimen: Specimen, protocol: Relaxation, tester: Tester, seed: int, start: datetime
 ) -> list[str]:
-    """Write one Mach-1 file per depth, and the truth beside each; returns the files' names."""
+    """Write one Mach-1 file per depth, and the truth of each; returns the files' names."""
     names = []
     for number, depth in enumerate(protocol.depths):
         parts = [approach_part(), ramp_part(tester, depth, protocol.hold)]

@@ -1,7 +1,7 @@
-"""Synthetic sessions by name: what the virtual rig records, and the session.toml to process it.
+"""Synthetic sessions by name: recordings of the virtual rig, and the session.toml to process it.
 
-Every session says that it is synthetic, in its session.toml and beside every recording. The
-truth lies in ``truth/``, which the analysis never reads.
+Every session says that it is synthetic, in its session.toml and with every recording. The
+truth is in ``truth/``, which the analysis never reads.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,7 @@ _START = datetime(2024, 5, 14, 9, 30)
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A synthetic session: what it holds, and the function that writes it; one with films has another for full size.
+    """A synthetic session: its content, and the function that writes it; one with films has another for full size.
 
     ``has_seed``: the function takes a ``seed``, which draws the rig anew.
     """

@@ -50,7 +50,7 @@ how = "{how} (synthetic)"
 
 
 def laser_record(place: str = "inclination", inclination: float = STATED_INCLINATION, step: str = "1 mm") -> str:
-    """Return the record of the sensor in a place, with what the calibration found [deg]."""
+    """Return the record of the sensor in a place, with the angle that the calibration found [deg]."""
     how = f"twelve micrometer steps of {step} against the reading"
     values = f'inclination = "{inclination:.2f} ± {U_INCLINATION:.2f} deg"\nscale = "1.0000 ± 0.0005"'
     return record("laser", f"laser-{place}", '"LK-G5001"', how, values)

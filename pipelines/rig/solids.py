@@ -62,7 +62,7 @@ class Viscoelastic:
         return np.asarray(self.unrelaxed - self._missing(s))
 
     def _missing(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return what is missing at s to the instantaneous modulus."""
+        """Return the instantaneous modulus minus that at s."""
         missing = np.zeros(s.shape, dtype=complex)
         for e in self.elements:
             missing += e.strength * (1 + (s * e.time) ** e.width) ** -e.skew
@@ -175,7 +175,7 @@ def solid_of(truth: Truth) -> Viscoelastic:
 
 
 def truth_of_solid(solid: Viscoelastic | Solid) -> dict[str, Any]:
-    """Return the spectrum at the temperature of the test, for the file beside a recording."""
+    """Return the spectrum at the temperature of the test, for the truth of a recording."""
     return {"elements": [asdict(element) for element in solid.elements], "relaxed": solid.relaxed, "nu": solid.nu}
 
 

@@ -40,7 +40,7 @@ class StaticRig:
 
 
 def write_static(folder: Path, name: str, rig: StaticRig, material: Truth, seed: int, start: datetime) -> str:
-    """Write one record of the laser and the truth beside it; returns the file's name."""
+    """Write one record of the laser and its truth; returns the file's name."""
     generator = np.random.default_rng(seed)
     late = np.concatenate([[-1e-3], generator.normal(0.0, rig.late, len(rig.times) - 1)])
     begins = np.array(rig.times) + late

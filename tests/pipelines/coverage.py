@@ -215,7 +215,7 @@ def relaxations(folder: Path, seed: int, scores: Scores) -> None:
     begun(folder, relaxation_section("r", names, _STATED), load_cell=cell_record())
     settings, record = settings_of(folder, "r"), folder / "calibration/load_cell.toml"
     read = mach1_readings.readings(folder / names[0], settings=settings)
-    loads = relaxation.loads(read, record, settings=settings)
+    loads = mach1_readings.loads(read, record, settings=settings)
     ramps = relaxation.ramps(loads, settings=settings)
     curves = relaxation_moduli.curves(loads, ramps, None, None, settings=settings)
     known = truth(folder, Path(names[0]).stem)
@@ -253,7 +253,7 @@ def oscillations(folder: Path, seed: int, scores: Scores) -> None:
     begun(folder, oscillation_section("h", _STATED), load_cell=record)
     settings = settings_of(folder, "h")
     readings = mach1_readings.readings(folder / settings.mach1, settings=settings)
-    loads = harmonic.loads(readings, folder / "calibration/load_cell.toml", settings=settings)
+    loads = mach1_readings.loads(readings, folder / "calibration/load_cell.toml", settings=settings)
     found = harmonic.oscillations(loads, settings=settings)
     for i, known in enumerate(truth(folder, "h")["oscillations"]):
         for name in (

@@ -1,7 +1,7 @@
-"""Budgets of a dynamic mechanical analysis: a shift, the slow end of the modulus, the loss peak."""
+"""Budgets of a dynamic mechanical analysis: a shift, and the slow end of the modulus."""
 
 from collections.abc import Iterator
-from math import isfinite, prod, sqrt
+from math import prod, sqrt
 
 import numpy as np
 import xarray as xr
@@ -9,7 +9,7 @@ import xarray as xr
 from labpipe.report import quantity
 from labpipe.uncertainty import Input
 from pipelines.experiments.dma.model import still_falls
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, summed
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _ABSENT = (
     (
@@ -24,34 +24,17 @@ _SHIFT = (
     ("Poisson's ratio", "a shift is a ratio of frequencies"),
 )
 _MODULUS = (("sampling", "the fitted curve interpolates between the frequencies: included in the noise"),)
-_PEAK = (
-    ("Poisson's ratio", "a loss factor is a ratio of moduli"),
-    ("sampling", "a cubic is fitted to the readings: included in the noise"),
-)
 _TENSION = ("Poisson's ratio", "the modulus was measured in tension or bending")
 
 
-def quantities(
-    sweeps: xr.Dataset, master_curve: xr.Dataset, temperature_sweep: xr.Dataset | None = None
-) -> Iterator[Quantity]:
-    """Yield a shift, the modulus at the slow end and after an infinite time, and the loss peak.
+def quantities(sweeps: xr.Dataset, master_curve: xr.Dataset) -> Iterator[Quantity]:
+    """Yield a shift, and the modulus at the slow end and after an infinite time.
 
-    The last modulus is left out where the data do not tell it: where the loss, going on as it
+    The last modulus is left out where the data do not determine it: where the loss, going on as it
     does at the slow end, would take all of the storage modulus.
     """
     yield _shift(sweeps, master_curve)
     yield from _moduli(sweeps, master_curve)
-    if temperature_sweep is None or "T_peak" not in temperature_sweep:
-        return
-    peak, u_peak = float(temperature_sweep["T_peak"][0]), float(temperature_sweep["u_T_peak"][0])
-    if isfinite(peak) and isfinite(u_peak):
-        yield Quantity(
-            "temperature of the loss peak",
-            "degC",
-            summed,
-            {MEASURED: Input(peak, 0.0, "degC"), "noise": Input(0.0, u_peak, "K")},
-            (*_PEAK, *_ABSENT, ("temperature", "the thermometer's own error is not stated in session.toml")),
-        )
 
 
 def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:

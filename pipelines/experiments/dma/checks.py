@@ -3,10 +3,11 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 from math import log, log10, pi
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from labpipe.arrays import Floats
@@ -27,6 +28,7 @@ _FEW, _MOST = 4, 0.6  # readings, and share of them with one temperature, that m
 _DECIMAL = 0.5  # decades beyond its neighbours at which a reading is an outlier
 _UNITS = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", -3: "kPa stand as Pa, or GPa as MPa", 3: "Pa stand as kPa"}
 """Moduli under the unit of another, by the power of ten of moduli over stress and strain."""
+_EXCHANGED = "the columns of storage and loss modulus are exchanged"
 _FAILED = {
     "sweeps": "the exports hold no sweeps at several temperatures, or a column has the wrong unit",
     "master_curve": "the exports hold too few readings, or T_ref, their temperatures or their moduli are wrong",
@@ -126,36 +128,34 @@ def _power_of_ten(ratio: float, decades: float = 0.05) -> str:
 def _loss_factor(export: Export) -> Check:
     """Compare the column of the loss factor with the ratio of moduli, as a whole and row by row."""
     name = "loss factor"
-    if name.replace(" ", "_") not in export.data:
+    if "loss_factor" not in export.data:
         return not_made(name, "a column of the loss factor")
     storage, loss, given = (export.values(n) for n in ("storage_modulus", "loss_modulus", "loss_factor"))
-    known = (storage > 0) & (loss > 0) & (given > 0)
-    if not known.any():
+    known = np.flatnonzero((storage > 0) & (loss > 0) & (given > 0))
+    if not known.size:
         return not_made(name, "positive loss factors and moduli")
     ratio, given = loss[known] / storage[known], given[known]
     apart = np.log(given / ratio)
     middle, worst = float(np.median(apart)), int(np.argmax(np.abs(apart)))
-    medians = f"{export.name}: the column says {np.median(given):.3g}, the moduli give {np.median(ratio):.3g} (medians)"
+    text = f"{export.name}: the column says {np.median(given):.3g}, the moduli give {np.median(ratio):.3g} (medians)"
     if abs(middle) > 0.05:
         cause = f"one modulus, or the loss factor, has the wrong unit: a factor {_power_of_ten(float(np.exp(middle)))}"
         if float(np.median(np.abs(np.log(given * ratio)))) < 0.02:
-            cause = "the columns of storage and loss modulus are exchanged"
-        return export.seen(name, medians, "impossible", cause)
+            cause = _EXCHANGED
+        return export.seen(name, text, "impossible", cause)
     if abs(apart[worst]) < 0.1:
-        return export.seen(name, medians)
-    times, count = float(np.exp(abs(apart[worst]))), int((np.abs(apart) > 0.1).sum())
-    place, factor = export.place(int(np.flatnonzero(export.good)[known][worst])), _power_of_ten(times)
+        return export.seen(name, text)
+    place = export.place(int(np.flatnonzero(export.good)[known[worst]]))
+    factor, count = _power_of_ten(float(np.exp(abs(apart[worst])))), int((np.abs(apart) > 0.1).sum())
     text = f"{place}: the loss factor and the moduli differ by a factor {factor}"
     text += f"; {count} rows in all" if count > 1 else ""
-    return export.seen(
-        name, text, "impossible" if times > 2.0 else "doubtful", f"a value of this row is wrong by a factor {factor}"
-    )
+    level: Level = "impossible" if abs(apart[worst]) > log(2.0) else "doubtful"
+    return export.seen(name, text, level, f"a value of this row is wrong by a factor {factor}")
 
 
 def _frequencies(export: Export) -> Check:
     """Compare frequencies with the other column, with round ones, and with the duration of a reading."""
     name, file, data, hertz = "frequency", export.name, export.data, export.values("frequency")
-    levels = np.unique(np.round(hertz, 6))
     if hertz.min() <= 0.0:
         cause = "another column has the name of the frequency, such as the temperature"
         return export.seen(name, f"{file}: a frequency of {hertz.min():.4g} Hz", "impossible", cause)
@@ -164,9 +164,12 @@ def _frequencies(export: Export) -> Check:
         message = f"{file}: angular frequency over frequency is {ratio:.4g}, expected 2π"
         cause = "one column of frequency has the unit of the other (Hz, rad/s)"
         return compared(name, message, ratio, 0.01, 2 * pi, 0.0, file=file, cause=cause)
-    is_given = data.attrs.get("derived") != "frequency" and levels.size > 1
-    if is_given and _are_round(levels / (2 * pi)) and not _are_round(levels):
-        text = f"{file}: frequencies of {levels[-1]:.5g} to {levels[0]:.5g} Hz are 2π times round ones"
+    # whether the lowest and the highest are 1, 2 or 5 times a power of ten, as hertz and as rad/s
+    ends = np.array([hertz.min(), hertz.max()])[:, None] / [1.0, 2 * pi]
+    mantissa = (ends / 10.0 ** np.floor(np.log10(ends)))[..., None]
+    as_hertz, as_radians = (np.abs(mantissa / [1.0, 2.0, 5.0, 10.0] - 1.0).min(axis=2) < 5e-4).all(axis=0)
+    if data.attrs.get("derived") != "frequency" and np.ptp(hertz) > 1e-6 and as_radians and not as_hertz:
+        text = f"{file}: frequencies of {hertz.max():.5g} to {hertz.min():.5g} Hz are 2π times round ones"
         return export.seen(name, text, "doubtful", "the column of frequency holds rad/s under Hz: a factor 6.28")
     shortest = _periods(data) if "time" in data else None
     if shortest is None:
@@ -174,13 +177,6 @@ def _frequencies(export: Export) -> Check:
     message = f"{export.place(shortest[1], 'interval')}: readings take {shortest[0]:.2g} periods at most"
     cause = "frequencies are too low for their times: Hz under rad/s (a factor 6.28), or times in another unit"
     return export.seen(name, message, "doubtful" if shortest[0] < 0.7 else None, cause)
-
-
-def _are_round(levels: Floats) -> bool:
-    """Return whether the lowest and the highest of some frequencies are 1, 2 or 5 times a power of ten."""
-    ends = levels[[0, -1]]
-    mantissa = ends / 10.0 ** np.floor(np.log10(ends))
-    return bool((np.abs(mantissa[:, None] / [1.0, 2.0, 5.0, 10.0] - 1.0).min(axis=1) < 5e-4).all())
 
 
 def _periods(data: xr.Dataset) -> tuple[float, int] | None:
@@ -245,26 +241,25 @@ def _signs_of_moduli(export: Export) -> Check:
 
 
 def _single_values(export: Export) -> Check:
-    """Look for a value that lies decades beyond its four neighbours in frequency."""
+    """Look for a value decades beyond its four neighbours in frequency."""
     name, worst, where = "single values", 0.0, ""
-    for sweep in export.sweeps:
-        for column in ("storage_modulus", "loss_modulus"):
-            values = sweep.values(column)
-            if values.size < 4 or not (values > 0).all():
-                continue
-            y = np.log10(values)
-            near = np.lib.stride_tricks.sliding_window_view(np.pad(y, 2, constant_values=np.nan), 5)[:, [0, 1, 3, 4]]
-            gap = y - np.nanmedian(near, axis=1)
-            # a steep end of a sweep, with two neighbours on one side, is no outlier
-            reach = 2.0 * float(np.median(np.abs(np.diff(y)))) * (5 - np.isfinite(near).sum(axis=1))
-            gap = np.where(np.abs(gap) > reach, gap, 0.0)
-            at = int(np.argmax(np.abs(gap)))
-            if abs(gap[at]) > max(_DECIMAL, abs(worst)):
-                worst = float(gap[at])
-                where = f"{export.place(int(sweep.rows[at]))}: the {column.replace('_', ' ')}"
+    for sweep, column in product(export.sweeps, ("storage_modulus", "loss_modulus")):
+        values = sweep.values(column)
+        if values.size < 4 or not (values > 0).all():
+            continue
+        y = np.log10(values)
+        near = np.lib.stride_tricks.sliding_window_view(np.pad(y, 2, constant_values=np.nan), 5)[:, [0, 1, 3, 4]]
+        gap = y - np.nanmedian(near, axis=1)
+        # a steep end of a sweep, with two neighbours on one side, is no outlier
+        reach = 2.0 * float(np.median(np.abs(np.diff(y)))) * (5 - np.isfinite(near).sum(axis=1))
+        gap = np.where(np.abs(gap) > reach, gap, 0.0)
+        at = int(np.argmax(np.abs(gap)))
+        if abs(gap[at]) > max(_DECIMAL, abs(worst)):
+            worst, where = float(gap[at]), f"{export.place(int(sweep.rows[at]))}: the {column.replace('_', ' ')}"
+    if not export.sweeps:
+        return not_made(name, "isothermal sweeps")
     if not where:
-        text = f"{export.name}: no value beyond its neighbours"
-        return export.seen(name, text) if export.sweeps else not_made(name, "isothermal sweeps")
+        return export.seen(name, f"{export.name}: no value beyond its neighbours")
     text = f"{where} is a factor {_power_of_ten(10.0**worst)} from its neighbours in frequency"
     cause = f"{where} is wrong by a factor {_power_of_ten(10.0**worst, 0.2)}"
     # noise does not reach a factor of 40
@@ -275,17 +270,15 @@ def _strayed_readings(export: Export) -> Check:
     """Look for single readings at another temperature than their interval."""
     name, tolerance = "temperature within an interval", export.settings.sweeps.tolerance
     keys = [key for key in ("test", "result", "interval") if key in export.data.variables]
-    T, rows = np.asarray(export.data["temperature"].values, float), np.flatnonzero(export.good)
+    table = pd.DataFrame({key: export.data[key].values for key in (*keys, "temperature")})[export.good]
     worst, at = 0.0, -1
-    if keys:
-        labels = np.stack([np.asarray(export.data[key].values)[rows] for key in keys], axis=1)
-        for own in (rows[(labels == label).all(axis=1)] for label in np.unique(labels, axis=0)):
-            apart = np.abs(T[own] - np.median(T[own]))
-            if own.size >= _FEW and (apart <= tolerance).mean() >= _MOST and apart.max() > worst:
-                worst, at = float(apart.max()), int(own[np.argmax(apart)])
+    for _, own in table.groupby(keys)["temperature"] if keys else ():
+        apart = (own - own.median()).abs()
+        if own.size >= _FEW and (apart <= tolerance).mean() >= _MOST and apart.max() > worst:
+            worst, at = float(apart.max()), int(own.index.to_numpy()[np.argmax(apart)])
     if at < 0:
         return not_made(name, "a column of intervals, one of them at one temperature")
-    text = f"{export.place(at)}: {T[at]:.1f} °C, {worst:.1f} K beside the others of its interval"
+    text = f"{export.place(at)}: {table['temperature'][at]:.1f} °C, {worst:.1f} K beside the others of its interval"
     cause = "the temperature of this reading is mistyped, or the sensor had a fault: the reading is left out"
     return export.seen(name, text, "doubtful" if worst > 3 * tolerance else None, cause)
 
@@ -312,7 +305,7 @@ def _causality(export: Export) -> Check:
     middle, expected = np.exp(np.median(loss)), np.exp(np.median(rise))
     message = f"{export.name}: tan δ is {middle:.3g}, the rise with frequency says {expected:.3g} (medians)"
     if ours > log(3.0) and theirs < 0.5 * ours and middle > 1.0:
-        return export.seen(name, message, "impossible", "the columns of storage and loss modulus are exchanged")
+        return export.seen(name, message, "impossible", _EXCHANGED)
     level: Level | None = "doubtful" if ours > log(10.0) else "note" if ours > log(5.0) else None
     return export.seen(name, message, level, "one of the moduli has another unit than the other, or the phase is wrong")
 
@@ -392,17 +385,17 @@ def _softening(sweeps: Sequence[Sweep]) -> Check:
     # of two neighbours in wrong order the wrong one is that without which the rest is smooth
     order = np.argsort([rough(*rest) for rest in without])
     able = [int(i) for i in order if rising(*without[i]) <= 0.2 * rise] if T.size > 3 else []
-    level: Level | None
+    level: Level | None = "impossible" if rise > 10 * _DRIFT else "doubtful" if rise > 4 * _DRIFT else None
+    causes = []
+    for i in able[:2]:
+        ascending = np.argsort(without[i][1])
+        belongs = float(np.interp(levels[i], without[i][1][ascending], without[i][0][ascending]))
+        off = f"{abs(T[i] - belongs):.0f} K too {'high' if T[i] > belongs else 'low'}"
+        causes.append(f"{sweeps[i].place} is probably {off}: its modulus is that of {belongs:.0f} °C")
     if able:
-        texts, causes = [], []
-        for i in able[:2]:
-            ascending = np.argsort(without[i][1])
-            belongs = float(np.interp(levels[i], without[i][1][ascending], without[i][0][ascending]))
-            word = "high" if T[i] > belongs else "low"
-            texts.append(f"{sweeps[i].place}: at {T[i]:.1f} °C the modulus is that of {belongs:.0f} °C")
-            causes.append(f"{sweeps[i].place} is probably {abs(T[i] - belongs):.0f} K too {word}")
-        level = "impossible" if rise > 10 * _DRIFT else "doubtful" if rise > 4 * _DRIFT else None
-        return sweeps[able[0]].export.seen(name, texts[0], level, "the temperature of " + ", or that of ".join(causes))
+        at = able[0]
+        text = f"{sweeps[at].place} breaks the fall of the modulus with temperature"
+        return sweeps[at].export.seen(name, text, level, "the temperature of " + ", or that of ".join(causes))
     at = int(np.argmax(np.diff(levels)))
     times = in_words(10.0 ** float(np.diff(levels)[at]))
     text = f"the modulus rises by a factor {times} from {T[at]:.1f} to {T[at + 1]:.1f} °C"

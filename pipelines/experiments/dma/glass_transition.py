@@ -86,7 +86,7 @@ def over_frequency(curve: xr.Dataset) -> tuple[xr.Dataset, dict[str, str]]:
     -------
     transitions : Dataset
         ``T_peak`` (by tan δ) and ``T_loss`` (by E″) [degC] with their uncertainties over
-        ``transition_frequency``, whole decades [Hz] from the slowest of the sweeps on at which the transition lies
+        ``transition_frequency``, whole decades [Hz] from the slowest of the sweeps on at which the transition is
         among the isotherms.
     reasons : dict of str to str
         Why there is none, by criterion.
@@ -152,7 +152,7 @@ def _smooth_slope(T: Floats, y: Floats) -> Floats:
 def peak(T: Floats, y: Floats) -> tuple[float, float]:
     """Return where a curve has its maximum, by a cubic about it, with the uncertainty.
 
-    NaN when the maximum lies at an end of the sweep or does not stand out.
+    NaN when the maximum is at an end of the sweep or does not stand out.
 
     Examples
     --------

@@ -73,7 +73,7 @@ KIND = Kind(
     key_numbers=(KeyNumber("relaxed modulus", "Pa", "master_curve", "relaxed_modulus"),),
     picture=Picture("master_curve", "reduced_frequency", "master_storage", "log"),
     rows=derived("dma.comparison:rows", "master_curve"),
-    budget=derived("dma.budget:quantities", "sweeps", "master_curve", "temperature_sweep"),
+    budget=derived("dma.budget:quantities", "sweeps", "master_curve"),
     prior=derived("dma.evidence:prior", "sweeps", "master_curve"),
     material=derived("dma.model:deck", "master_curve"),
     proposal=proposal("sweep", "dma.proposal:proposed", answers={"mode": MODES}),

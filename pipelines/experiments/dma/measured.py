@@ -74,10 +74,7 @@ def _stated(path: Path, settings: Dma) -> float | None:
 def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Gather the isothermal sweeps of all exports."""
     options = settings.sweeps
-    made = gather_sweeps(
-        readings, settings.mode, settings.nu.value, tolerance=options.tolerance,
-        fewest=options.fewest, skip_first=options.skip_first,
-    )  # fmt: skip
+    made = gather_sweeps(readings, settings.mode, settings.nu.value, tolerance=options.tolerance, fewest=options.fewest)
     scale, moduli = _scale(readings, settings), ["storage", "loss"]
     strains = [run["strain"].values for run in readings if "strain" in run]
     if strains and np.isfinite(largest := np.nanmax(np.concatenate(strains))):
@@ -88,7 +85,7 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
 
 
 def _scale(readings: list[xr.Dataset], settings: Dma) -> Quantity:
-    """Return what all moduli are multiplied by: the stated scale, and the specimen's form factor over the file's.
+    """Return the factor of all moduli: the stated scale, and the specimen's form factor over the file's.
 
     Where a file in torsion has torque and deflection angle, its form factor is that of its own moduli, |G| over
     torque per angle; otherwise that of the dimensions as entered, equal to the stated ones unless said.

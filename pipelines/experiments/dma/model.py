@@ -32,7 +32,6 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         None if fit.law == "free" else fit.law,
         vertical=fit.vertical,
         delay=_SWITCH[fit.delay],
-        levels=_SWITCH[fit.levels],
         nu=nu.value,
     )
     known = {

@@ -1,9 +1,9 @@
 """The report of a dynamic mechanical analysis."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import xarray as xr
@@ -19,6 +19,7 @@ from labpipe.report import (
     Listed,
     Notice,
     Paragraph,
+    Role,
     Section,
     Series,
     display_unit,
@@ -31,6 +32,7 @@ from pipelines.experiments.dma.budget import quantities
 from pipelines.experiments.dma.model import deck
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import pages
+from pipelines.experiments.shared.judgements import capitalised
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
@@ -40,10 +42,6 @@ _BAND = (
     "superposition holds."
 )
 _COVERAGE = 1.96  # of the bands, 95 %
-_DRAWN_MODULI: tuple[tuple[str, str, Literal["measured", "model"]], ...] = (
-    ("E′", "storage", "measured"),
-    ("E″", "loss", "model"),
-)
 # What a verdict on the model is called; the verdict on the record, above, has words of its own.
 _SUPERPOSITION = {"pass": "holds", "doubtful": "holds roughly at best", "fail": "does not hold"}
 _CONSISTENT = {"pass": "fulfilled", "warn": "nearly fulfilled", "fail": "violated"}
@@ -53,8 +51,7 @@ _VERTICAL = {
     "linear": "linear in temperature",
     "quadratic": "quadratic in temperature",
 }
-
-
+_LAWS = {"wlf": "WLF", "arrhenius": "Arrhenius"}
 _CRITERIA = {"T_peak": "maximum of tan δ", "T_loss": "maximum of E″", "T_drop": "steepest fall of E′"}
 
 
@@ -98,13 +95,10 @@ def _summary(
         said = [note for note in json.loads(curve.attrs["notes"]) if note not in superposition["reasons"][:1]]
         if said:
             title = f"What limits this curve ({pages.counted(len(said), 'remark')})"
-            notes.append(Details(title, [Paragraph(_sentence(note)) for note in said]))
-    rows += _transition_rows(temperature_sweep, master_curve)
+            notes.append(Details(title, [Paragraph(f"{capitalised(note)}.") for note in said]))
+    rows += [] if temperature_sweep is None else _in_ramps(temperature_sweep)
+    rows += [] if master_curve is None else _by_shifts(master_curve)
     return Section("Summary", (*pages.failed_notice(context), KeyValues(rows), *notes))
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + "."
 
 
 def _end(curve: xr.Dataset, name: Literal["relaxed", "unrelaxed"]) -> tuple[str, str, str]:
@@ -131,109 +125,97 @@ def _modulus(value: float) -> str:
     return f"{value / shown.factor:.4g} {shown.text}"
 
 
-def _transition_rows(ramp: xr.Dataset | None, curve: xr.Dataset | None = None) -> list[tuple[str, str, str]]:
-    """Return the glass transition by each criterion in the sweeps of temperature and by the shifts, or why not."""
-    rows = []
-    for i, reasons in enumerate(json.loads(ramp.attrs["reasons"]) if ramp is not None and is_there(ramp) else ()):
+def _in_ramps(ramps: xr.Dataset) -> Iterator[tuple[str, str, str]]:
+    """Yield the glass transition by each criterion in the sweeps of temperature, or why there is none."""
+    for i, reasons in enumerate(json.loads(ramps.attrs["reasons"])):
         for name, text in _CRITERIA.items():
-            at = f"at {float(ramp['frequency'][i]):.3g} Hz" if ramp is not None else ""
-            if ramp is not None and np.isfinite(float(ramp[name][i])):
-                rows.append((f"glass transition, {text}", pages.told(ramp, name, i), at))
+            at, title = f"at {float(ramps['frequency'][i]):.3g} Hz", f"glass transition, {text}"
+            if np.isfinite(float(ramps[name][i])):
+                yield title, pages.told(ramps, name, i), at
             elif name in reasons:
-                rows.append((f"glass transition, {text}", "none", f"{at}: {reasons[name]}"))
-    if curve is None:
-        return rows
+                yield title, "none", f"{at}: {reasons[name]}"
+
+
+def _by_shifts(curve: xr.Dataset) -> Iterator[tuple[str, str, str]]:
+    """Yield the glass transition by each criterion at the decade nearest to the middle of the swept ones."""
     for name in ("T_peak", "T_loss"):
+        title = f"glass transition, {_CRITERIA[name]}"
         known = np.flatnonzero(np.isfinite(curve[name].values)) if name in curve else np.empty(0, int)
-        if known.size:  # the decade nearest to what was swept
-            away = np.log(
-                curve["transition_frequency"].values[known] / np.exp(np.log(curve["frequency"].values).mean())
-            )
-            near = int(known[np.argmin(np.abs(away))])
-            remark = f"at {float(curve['transition_frequency'][near]):.3g} Hz, by the shifts"
-            rows.append((f"glass transition, {_CRITERIA[name]}", pages.told(curve, name, near), remark))
+        if known.size:
+            f, swept = curve["transition_frequency"].values, np.log(curve["frequency"].values).mean()
+            near = int(known[np.argmin(np.abs(np.log(f[known]) - swept))])
+            yield title, pages.told(curve, name, near), f"at {f[near]:.3g} Hz, by the shifts"
         elif reason := json.loads(curve.attrs["no_transition"]).get(name):
-            rows.append((f"glass transition, {_CRITERIA[name]}", "none", f"in the master curve: {reason}"))
-    return rows
+            yield title, "none", f"in the master curve: {reason}"
 
 
-def _isotherms(
-    table: xr.Dataset,
-    name: str,
-    x_name: str | None = None,
-    factor: float = _MPA,
-    style: Literal["line", "points"] = "line",
-) -> list[Series]:
-    """Return one curve per temperature, coldest first, sorted along x, on a scale of colours."""
+def _isotherms(table: xr.Dataset, name: str, x_name: str = "") -> list[Series]:
+    """Return one curve per temperature, coldest first, sorted along x, on a scale of colours; points if shifted."""
     series: list[Series] = []
     temperature = table["temperature"].values
+    span = float(np.ptp(temperature))
     for i in np.argsort(temperature, kind="stable"):
-        x = table["frequency"].values if x_name is None else table[x_name].values[i]
-        y = table[name].values[i] * factor
+        x = table[x_name].values[i] if x_name else table["frequency"].values
+        y = table[name].values[i] * _MPA
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         good = good[np.argsort(x[good], kind="stable")]
         if good.size:
-            span = float(np.ptp(temperature))
             level = (float(temperature[i]) - float(temperature.min())) / span if span else 0.5
             title = f"{temperature[i]:.0f} °C".replace("-", "\N{MINUS SIGN}")
             again = sum(one.name.split(",")[0] == title for one in series)
             title += f", sweep {again + 1}" if again else ""
-            series.append(Series(title, x[good], y[good], style=style, level=level))
+            series.append(Series(title, x[good], y[good], style="points" if x_name else "line", level=level))
     return series
 
 
 def _shifts(master_curve: xr.Dataset) -> Section:
-    """Show the shift factors over temperature, and the laws through them."""
-    order = np.argsort(master_curve["temperature"].values)
-    rising = master_curve.isel(temperature=order)
+    """Show the shift factors over temperature, the laws that hold, and the glass transition over frequency."""
+    rising = master_curve.isel(temperature=np.argsort(master_curve["temperature"].values))
     T, y, u = (rising[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
     fine = np.linspace(T.min(), T.max(), 161)
+    laws = dict(sorted(json.loads(master_curve.attrs["laws"]).items(), reverse=True))
+    holding = [ShiftLaw.of(law) for law in laws.values() if ShiftLaw.of(law).holds]
     series = [Series("fitted", T, y, style="points", role="measured", u=u)]
-    laws = sorted(json.loads(master_curve.attrs["laws"]).items(), reverse=True)
-    holding = [(name, law) for name, law in laws if ShiftLaw.of(law).holds]
-    roles: tuple[Literal["model", "reference"], ...] = ("model", "reference")
-    for (name, law), role in zip(holding, roles, strict=False):
-        title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
-        series.append(Series(title, fine, ShiftLaw.of(law).log10_aT(fine), role=role))
+    roles: tuple[Role, ...] = ("model", "reference")
+    series += [
+        Series(_LAWS[law.name], fine, law.log10_aT(fine), role=role) for law, role in zip(holding, roles, strict=False)
+    ]
     caption = "Bars are standard uncertainties."
     if laws and not holding:
         caption += " No law is drawn, because none describes the shifts within their uncertainty."
-    pairs = [np.flatnonzero(np.isclose(rising["colder"].values, t)) for t in T]
+    blocks: list[Block] = [
+        LineChart("Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, height_px=240, caption=caption)
+    ]
+    if "transition_frequency" in master_curve.dims:
+        f = master_curve["transition_frequency"].values
+        criteria: tuple[tuple[str, Role], ...] = (("T_peak", "measured"), ("T_loss", "model"))
+        drawn = [
+            Series(_CRITERIA[n], f, master_curve[n].values, style="points", role=role, u=master_curve[f"u_{n}"].values)
+            for n, role in criteria
+            if n in master_curve
+        ]
+        words = "By the shifts, at whole decades of the frequency for which it lies among the isotherms."
+        shape = ("Glass transition over frequency", "frequency / Hz", "temperature / °C", drawn)
+        blocks.append(LineChart(*shape, x_scale="log", height_px=220, caption=words))
+    steps = [np.flatnonzero(np.isclose(rising["colder"].values, t)) for t in T]
     overlap, determined = rising["overlap"].values, rising["determined"].values
     columns = [
         Listed("temperature / °C", T.tolist(), digits=3),
         pages.column(rising, "log10_aT", "log₁₀ a_T"),
         pages.column(rising, "b_T", "b_T"),
         pages.column(rising, "level", "level"),
-        Listed("overlap with the next / decades", [float(overlap[p[0]]) if p.size else None for p in pairs], digits=3),
-        Listed("step", ["loose" if p.size and not determined[p[0]] else "" for p in pairs]),
+        Listed("overlap with the next / decades", [float(overlap[p[0]]) if p.size else None for p in steps], digits=3),
+        Listed("step", ["loose" if p.size and not determined[p[0]] else "" for p in steps]),
     ]
-    chart = LineChart(
-        "Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, height_px=240, caption=caption
+    caption = (
+        "A step is “loose” when the data alone do not determine it; there the shift relies on the prior, the usual "
+        "behaviour of polymers."
     )
-    table = listed(
-        columns,
-        "A step is “loose” when the data alone do not determine it; there the shift "
-        "relies on the prior, the usual behaviour of polymers.",
-    )
-    titles = {"wlf": "law of WLF", "arrhenius": "law of Arrhenius"}
-    fits = [(titles[name], *_law(law)) for name, law in laws]
+    fits = [(f"law of {_LAWS[name]}", *_law(law)) for name, law in laws.items()]
     if float(master_curve["delay"]):
         fits.append(("delay of the instrument's phase", pages.told(master_curve, "delay"), "removed"))
-    folded = Details(f"Laws, and the shift factors of {T.size} temperatures", (KeyValues(fits), table))
-    if "transition_frequency" not in master_curve.dims:
-        return Section("Shift factors", (chart, folded))
-    f = master_curve["transition_frequency"].values
-    criteria: tuple[tuple[str, Literal["measured", "model"]], ...] = (("T_peak", "measured"), ("T_loss", "model"))
-    drawn = [
-        Series(_CRITERIA[n], f, master_curve[n].values, style="points", role=role, u=master_curve[f"u_{n}"].values)
-        for n, role in criteria
-        if n in master_curve
-    ]
-    words = "By the shifts, at whole decades of the frequency for which it lies among the isotherms."
-    shape = ("Glass transition over frequency", "frequency / Hz", "temperature / °C", drawn)
-    transitions = LineChart(*shape, x_scale="log", height_px=220, caption=words)
-    return Section("Shift factors", (chart, transitions, folded))
+    title = f"Laws, and the shift factors of {T.size} temperatures"
+    return Section("Shift factors", (*blocks, Details(title, (KeyValues(fits), listed(columns, caption)))))
 
 
 def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
@@ -268,20 +250,23 @@ def _master(master_curve: xr.Dataset) -> Section:
     label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
     blocks: list[Block] = []
     for name, title in _MODULI.items():
-        y, u = master_curve[f"master_{name}"].values * _MPA, master_curve[f"u_master_{name}"].values * _MPA
+        y, u = (master_curve[f"{of}master_{name}"].values * _MPA for of in ("", "u_"))
         low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
         curves: list[Series | Band] = [
-            *_isotherms(master_curve, f"{name}_reduced", "point_reduced_frequency", style="points"),
-            Series("spectrum", x, y, role="model"),
+            *_isotherms(master_curve, f"{name}_reduced", "point_reduced_frequency"),
+            Series("fitted spectrum", x, y, role="model"),
             Band("95 %", x, low, y + _COVERAGE * u, role="model"),
         ]
         labels = (f"{title}, master curve", label, f"{title.lower()} / MPa")
         caption = _BAND if name == "storage" else ""
         blocks.append(pages.log_log(*labels, curves, group="master", height_px=300, caption=caption))
-    drawn = [Series("spectrum", x, master_curve["master_loss_factor"].values, role="model")]
-    factor = LineChart("Loss factor, master curve", label, "tan δ", drawn, x_scale="log", group="master", height_px=220)
-    blocks.append(Details("Loss factor", (factor,)))
-    return Section("Master curve", tuple(blocks))
+    return Section("Master curve", blocks)
+
+
+def _missed(curve: xr.Dataset) -> list[float]:
+    """Return the residuals of storage and loss modulus in % (rms)."""
+    residuals = (curve[f"{name}_residual"].values for name in ("storage", "loss"))
+    return [100 * float(np.sqrt(np.nanmean(one**2))) for one in residuals]
 
 
 def _readings(
@@ -297,41 +282,29 @@ def _readings(
         said = f"Storage and loss modulus, Kramers–Kronig: {_CONSISTENT[kk['verdict']]}; {kk['reason']}."
         is_violated: dict[str, Literal["warning", "error"]] = {"warn": "warning", "fail": "error"}
         blocks.append(Paragraph(said) if kk["verdict"] == "pass" else Notice(is_violated[kk["verdict"]], said))
-        missed = [100 * _rms(master_curve[name]) for name in ("storage_residual", "loss_residual")]
-        text = f"The spectrum misses the storage modulus by {missed[0]:.2g} %, the loss by {missed[1]:.2g} % (rms)."
-        label = f"frequency at {float(master_curve['T_ref']):.4g} °C / Hz"
-        charts = []
-        for name, sign in (("storage", "E′"), ("loss", "E″")):
-            drawn = _isotherms(master_curve, f"{name}_residual", "point_reduced_frequency", 100.0, "points")
-            shape = (f"Residuals of {sign}", label, "model / measured − 1 / %", drawn)
-            charts.append(LineChart(*shape, x_scale="log", group="residuals", height_px=240))
-        blocks += [Paragraph(text), Details("Residuals by temperature", charts)]
+        missed = "The spectrum misses the storage modulus by {:.2g} %, the loss by {:.2g} % (rms)."
+        blocks.append(Paragraph(missed.format(*_missed(master_curve))))
     if sweeps is not None:
-        factor = float(sweeps.attrs["modulus_factor"])
+        factor, u_factor, scale, u_scale = (
+            float(sweeps.attrs[name]) for name in ("modulus_factor", "u_modulus_factor", "scale", "u_scale")
+        )
         if factor != 1.0:
             text = (
-                f"Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = {factor:.4g} with "
-                f"ν = {pages.stated(settings.nu)}."
+                f"Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = "
+                f"{value_with_uncertainty(factor, u_factor)} with ν = {pages.stated(settings.nu)}, the same for all."
             )
-            if settings.nu.u:
-                relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
-                text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
             blocks.append(Paragraph(text))
         if settings.specimen is not None:
-            scale, u = float(sweeps.attrs["scale"]), float(sweeps.attrs["u_scale"]) * float(sweeps.attrs["scale"])
             text = "the form factor of the stated specimen over the one that the file's moduli were computed with"
-            blocks.append(Paragraph(f"All moduli were multiplied by {value_with_uncertainty(scale, u)}: {text}."))
+            shown = value_with_uncertainty(scale, u_scale * scale)
+            blocks.append(Paragraph(f"All moduli were multiplied by {shown}: {text}."))
         measured = [
             pages.log_log(title, "frequency / Hz", f"{title.lower()} / MPa", _isotherms(sweeps, name), group="sweeps")
             for name, title in _MODULI.items()
         ]
         blocks.append(Details("Moduli in tension over frequency, as measured", measured))
         blocks += pages.raw_headers(pages.present(readings))
-    return pages.folded("Readings and fit", "Readings and residuals", blocks) if blocks else None
-
-
-def _rms(residual: xr.DataArray) -> float:
-    return float(np.sqrt(np.nanmean(residual.values**2)))
+    return pages.folded("Readings and fit", "Readings, their conversion and the fit", blocks) if blocks else None
 
 
 def _transition(temperature_sweep: xr.Dataset) -> Section:
@@ -339,7 +312,8 @@ def _transition(temperature_sweep: xr.Dataset) -> Section:
     for i, frequency in enumerate(ramps["frequency"].values):
         name, one = f"{frequency:.3g} Hz", ramps.isel(point=ramps["ramp_of"].values == i)
         T = one["temperature"].values
-        moduli += [Series(f"{sign}, {name}", T, one[of].values * _MPA, role=role) for sign, of, role in _DRAWN_MODULI]
+        for sign, of, role in (("E′", "storage", "measured"), ("E″", "loss", "model")):
+            moduli.append(Series(f"{sign}, {name}", T, one[of].values * _MPA, role=cast("Role", role)))
         factors.append(Series(f"tan δ, {name}", T, one["loss_factor"].values, role="measured"))
     places = (("tan δ", float(ramps["T_peak"][0])), ("fall of E′", float(ramps["T_drop"][0])))
     lines = [(title, place) for title, place in places if np.isfinite(place)]
@@ -366,40 +340,29 @@ def _terms(context: Context, master_curve: xr.Dataset, settings: Dma) -> Section
     if outside.any():
         series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
     chart = pages.log_log("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series, group="spectrum")
-    warnings = [Notice("warning", _sentence(warning)) for warning in made.warnings]
+    warnings = [Notice("warning", f"{capitalised(warning)}.") for warning in made.warnings]
     warned = f" ({pages.counted(len(warnings), 'warning')})" if warnings else ""
-    blocks: tuple[Block, ...] = (
-        Details("Relaxation spectrum", (chart,)),
-        *warnings,
-        Details(f"For Abaqus, {made.tension.E.size} terms", text=deck_text(made, "abaqus")),
-    )
-    return Section(
-        "Spectrum and terms", (Paragraph(text), Details(f"Spectrum, input of a simulation code{warned}", blocks))
-    )
+    card = Details(f"For Abaqus, {made.tension.E.size} terms", text=deck_text(made, "abaqus"))
+    folded = Details(f"Spectrum, input of a simulation code{warned}", (chart, *warnings, card))
+    return Section("Spectrum and terms", (Paragraph(text), folded))
 
 
 def _methods(settings: Dma, master_curve: xr.Dataset) -> Section:
-    T = master_curve["temperature"].values
-    law = json.loads(master_curve.attrs["law"])
-    asked = settings.fit.law
-    shifts = (
-        "every isotherm had a shift of its own"
-        if asked == "free"
-        else f"the shifts followed the {asked.upper() if asked == 'wlf' else 'Arrhenius'} law"
-    )
-    missed = [_rms(master_curve[name]) for name in ("storage_residual", "loss_residual")]
-    text = (
-        f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
-        f"{_celsius(T)}. "
-    )
+    T, asked = master_curve["temperature"].values, settings.fit.law
+    text = f"Storage and loss modulus were measured in {settings.mode} at {pages.counted(T.size, 'temperature')} from "
+    text += f"{_celsius(T)}. "
     if settings.mode in ("shear", "torsion"):
         text += f"Tension moduli follow from E = 2 (1 + ν) G with ν = {settings.nu.value:g}. "
+    shifts = "every isotherm had a shift of its own"
+    if asked != "free":
+        shifts = f"the shifts followed the {_LAWS[asked]} law"
     text += (
         "The isotherms were joined by time–temperature superposition in one fit of all horizontal shifts and one "
         "non-negative relaxation spectrum to both moduli (variable projection, regularisation by generalised "
         f"cross-validation); {shifts}. The reference temperature is {float(master_curve['T_ref']):.4g} °C; vertical "
-        f"law: {_VERTICAL[str(master_curve.attrs['vertical_law'])]}. {_law_row(law)[1]}. "
-        f"The fit left {missed[0] * 100:.2f} % (E′) and {missed[1] * 100:.2f} % (E″) rms."
+        f"law: {_VERTICAL[str(master_curve.attrs['vertical_law'])]}. "
+        f"{_law_row(json.loads(master_curve.attrs['law']))[1]}. "
+        "The fit left {:.2f} % (E′) and {:.2f} % (E″) rms.".format(*_missed(master_curve))
     )
     return pages.methods(text, settings)
 

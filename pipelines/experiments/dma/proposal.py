@@ -65,7 +65,7 @@ nu = "{GAP}"  # Poisson's ratio, with ±, e.g. "0.35 ± 0.02"{temperature}
 
 
 def mode_line(name: str, loadings: Mapping[str, str]) -> str:
-    """Return the line of the mode, from the experiment's name where it tells, else from the headings of its columns.
+    """Return the line of the mode, from the experiment's name where it says so, else from the headings of its columns.
 
     ``loadings`` has headings by loading (`loading_of`), more than one where files contradict each other.
     """

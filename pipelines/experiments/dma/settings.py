@@ -14,7 +14,7 @@ MODES: tuple[str, ...] = get_args(Mode)
 
 
 class Export(Table, frozen=True, kw_only=True):
-    """What a rheometer export may leave unsaid; nothing here is guessed.
+    """Statements that a rheometer export may lack; nothing here is guessed.
 
     ``columns`` names those of a table that is not recognised, ``{ frequency = "drive (Hz)", … }``, or all in their
     order with their units, ``"f (Hz), E' (MPa), E'' (MPa), T (degC)"``.
@@ -30,26 +30,23 @@ class Sweeps(Table, frozen=True, kw_only=True):
     """Which readings make one isothermal sweep.
 
     ``tolerance`` is how far the measured temperature may stray within a sweep; ``fewest`` the
-    frequencies that a sweep needs. ``skip_first`` leaves the first point of every sweep out,
-    which often still equilibrates.
+    frequencies that a sweep needs.
     """
 
     tolerance: Annotated[float, Range(above=0.0, at_most=10.0)] = 1.5
     fewest: Annotated[int, Range(at_least=2, at_most=1000)] = 3
-    skip_first: bool = False
 
 
 class Fit(Table, frozen=True, kw_only=True):
     """How the sweeps are shifted.
 
-    ``law`` "free" gives every temperature a shift of its own. ``vertical``, ``delay`` and
-    ``levels`` "auto" are taken when Schwarz's criterion asks for them.
+    ``law`` "free" gives every temperature a shift of its own. ``vertical`` and ``delay`` "auto" are taken when
+    Schwarz's criterion asks for them.
     """
 
     law: Literal["free", "wlf", "arrhenius"] = "free"
     vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto"
     delay: Literal["auto", "on", "off"] = "auto"
-    levels: Literal["auto", "on", "off"] = "auto"
 
 
 class Dimensions(Table, frozen=True, kw_only=True):
@@ -90,10 +87,10 @@ class Specimen(Dimensions, frozen=True, kw_only=True):
 class Dma(Recorded, frozen=True, kw_only=True):
     """Exports of one specimen: of an Anton Paar rheometer, or tables of another analyser.
 
-    ``mode`` says what was loaded; few files tell tension from shear. Moduli are taken to
+    ``mode`` is that of loading; few files distinguish tension from shear. Moduli are taken to
     tension, for shear by E = 2 (1 + ν) G. ``nu`` goes on with the material. ``T_ref`` is the
-    temperature of the master curve; by default the middle isotherm. ``scale`` is what all moduli are
-    to be multiplied by; its uncertainty is that of the specimen's dimensions (in torsion a bar's
+    temperature of the master curve; by default the middle isotherm. ``scale`` is the factor of all
+    moduli; its uncertainty is that of the specimen's dimensions (in torsion a bar's
     stiffness goes with the fourth power of its thickness) and of the force; ``specimen`` instead states
     those dimensions. ``temperature`` is that
     of files without such a column, ``temperatures`` those of files at one temperature each, in

@@ -19,16 +19,15 @@ from pipelines.experiments.shared.ramps_and_holds import relative_gain
 _FAILED = {
     "loads": OF_LOADS,
     "oscillations": "the file does not hold the oscillations that it declares",
-    "hold": "the stage was not held, or its column is wrong",
     "model": NO_TOUCH,
     "theory": NO_TOUCH,
 }
-_STEPS = ("readings", "loads", "hold", "oscillations", "model", "comparison")
+_STEPS = ("readings", "loads", "oscillations", "model", "comparison")
 
 
 @judgements.judging(*_STEPS, rests_on=("substrate.material_from",), titles=mach1_checks.TITLES)
 def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context: Context) -> Scene:
-    """Judge one harmonic indentation; what gave no result is judged by that."""
+    """Judge one harmonic indentation; a step without a result is judged by its error."""
     loads, model = given.get("loads"), given.get("model")
     checks = of_tests([given.ask(_tested)], settings, context, _FAILED)
     relative = 0.0 if loads is None else relative_gain(loads)
@@ -43,16 +42,15 @@ def _tested(
     settings: Harmonic,
     readings: xr.Dataset | None = None,
     loads: xr.Dataset | None = None,
-    hold: xr.Dataset | None = None,
     oscillations: xr.Dataset | None = None,
     comparison: xr.Dataset | None = None,
 ) -> Tested:
     """Return the recording with depth, mean force and phase of its oscillations."""
-    name, depth, force, expected = settings.mach1, np.nan, np.nan, np.nan
+    name, force, expected = settings.mach1, np.nan, np.nan
     if oscillations is None:
         return Tested(name, readings, loads)
-    if hold is not None and "depth" in hold and hold["depth"].size:
-        depth = float(hold["depth"][-1]) + float(oscillations["amplitude"].max())
+    deepest = oscillations["mean_position"] + oscillations["amplitude"] - oscillations["contact_position"]
+    depth = float(deepest.max())
     if loads is not None and bool(loads.attrs["is_tared"]) and comparison is not None and "bias" in comparison:
         force = float(oscillations["mean_force"][0])
         expected = force - float(comparison["bias"][0])

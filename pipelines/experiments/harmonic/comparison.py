@@ -29,20 +29,14 @@ def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *
     del settings
     if "absent" in model.attrs:
         return xr.Dataset(attrs={"absent": model.attrs["absent"]})
-    declared = mach1_readings.declared_filter(loads)
-    kind = mach1_readings.filter_kinds(loads)[0]
-    interval = float(loads["sampling_interval"][0])
     error, bias, agreed = [], [], []
-    simulated = np.full(loads.sizes["sample"], np.nan)
+    measured, simulated = loads["force"].values, mach1_readings.passed(loads, model["force"].values)
     for i, stretched in enumerate(phases(loads, oscillations)):
         where, used = evaluated(loads, oscillations.isel(oscillation=i))
-        passed = mach1_readings.filtered(model["force"].values[where], interval, declared, kind)
-        simulated[where] = passed
-        force = loads["force"].values[where]
+        passed, force = simulated[where], measured[where]
         error.append(nrmse(force[used], passed[used]))
         bias.append(float(np.mean(force[used] - passed[used])))
-        inside = [place - where.start for place in stretched]
-        agreed.append(laid_along(loads, force, passed, inside, model["effect"].values[i].T))
+        agreed.append(laid_along(loads, measured, simulated, stretched, model["effect"].values[i].T))
     table: dict[str, Any] = {
         "simulated_force": variable("sample", simulated, "N", "simulated force, filtered"),
         "nrmse": variable("oscillation", error, "1", "rms error over range of simulated force"),

@@ -1,6 +1,5 @@
 """Dynamic stiffness of oscillations, as data for identification."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
-from pipelines.experiments.shared.punch_model import Geometry, elastic_force
+from pipelines.experiments.shared.punch_model import elastic_force
 
 _LEAST_OF_STIFFNESS = 2e-4  # of its size: how well simulated oscillations agree with closed forms
 
@@ -24,7 +23,9 @@ def evidence(
     loads: xr.Dataset, waves: xr.Dataset, file: Path | None, fitted: xr.Dataset | None, *, settings: Harmonic, name: str
 ) -> MaterialEvidence | str:
     """Gather storage and loss stiffness at every frequency."""
-    touch, _ = mach1_readings.contact_position(loads, settings.contact)
+    touch = mach1_readings.touch_of(waves)
+    if not np.isfinite(touch.value):
+        return "first touch was not found"
     mean = waves["mean_position"].values - touch.value
     shared = of_punch(settings, loads, float(mean.max()), file, fitted)
     if isinstance(shared, str):
@@ -44,6 +45,15 @@ def evidence(
     here = slope(0.0)
     by_zero = (slope(SHIFT) - slope(-SHIFT)) / (2.0 * SHIFT)
 
+    time, depth = mach1_readings.clock(loads), loads["position_z"].values - touch.value
+    kept = mach1_readings.history(time, depth)
+
+    def fuller(material: Prony, given: Any) -> Floats:
+        """Return the stiffness of the whole simulated file: finite amplitude, edges that come and go."""
+        made = shared.geometry.pressed(material, time[kept], (depth - given[zero.name])[kept])
+        fits = fitted_waves(loads, waves, material, np.interp(time, time[kept], made["force"].values))
+        return np.concatenate([[getattr(f, f"{part}_stiffness") for f in fits] for part in ("storage", "loss")])
+
     def build(rho: Floats) -> Evidence:
         return stiffness_evidence(
             name,
@@ -56,7 +66,7 @@ def evidence(
             slope_by={zero.name: by_zero},
             factors=shared.factors,
             offsets={p.name: by_phase for p in late},
-            fuller=_Oscillation(loads, waves, touch.value, shared.geometry, zero.name),
+            fuller=fuller,
         )
 
     return MaterialEvidence(
@@ -65,7 +75,7 @@ def evidence(
 
 
 def _stiffness(loads: xr.Dataset, waves: xr.Dataset) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats], Floats]:
-    """Return storage and loss with their random part, and what one deviation of delay does.
+    """Return storage and loss with their random part, and the change by one deviation of the delay.
 
     The filter's delay turns all phases the same way and the cell's gain stretches all forces: each
     is one unknown, not noise.
@@ -79,27 +89,3 @@ def _stiffness(loads: xr.Dataset, waves: xr.Dataset) -> tuple[tuple[Floats, Floa
     least = _LEAST_OF_STIFFNESS * np.tile(np.hypot(storage, loss), 2)
     own = np.sqrt(np.maximum(u**2 - by_phase**2 - of_gain**2, least**2))
     return (storage, own[: storage.size]), (loss, own[storage.size :]), by_phase
-
-
-@dataclass(frozen=True, eq=False)
-class _Oscillation:
-    """Stiffness of the whole simulated file: finite amplitude, edges that come and go.
-
-    The simulation moves along chords between the readings. What these do to a sinusoid is known
-    in closed form for every term (:func:`.fitted_waves`), and is taken out.
-    """
-
-    loads: xr.Dataset
-    waves: xr.Dataset
-    touch: float
-    geometry: Geometry
-    zero: str
-
-    def __call__(self, material: Prony, given: Any) -> Floats:
-        time = mach1_readings.clock(self.loads)
-        depth = self.loads["position_z"].values - self.touch - given[self.zero]
-        kept = mach1_readings.history(time, depth)
-        made = self.geometry.pressed(material, time[kept], depth[kept])
-        force = np.interp(time, time[kept], made["force"].values)
-        fits = fitted_waves(self.loads, self.waves, material, force)
-        return np.concatenate([[getattr(f, f"{part}_stiffness") for f in fits] for part in ("storage", "loss")])

@@ -17,21 +17,15 @@ _OSCILLATIONS = Schema(
 _STAGES = (
     stage("shared.mach1_readings:readings", ("file:mach1",), ("columns", "exclude"), summary="read the Mach-1 file"),
     stage(
-        "harmonic.measured:loads",
+        "shared.mach1_readings:loads",
         ("readings", "file:load_cell.record"),
         ("load_cell.tare",),
         summary="compression-positive force, tared, with uncertainty",
     ),
     stage(
-        "harmonic.measured:hold",
-        ("loads",),
-        ("contact", "plateau"),
-        summary="peak and plateau of the relaxation before the oscillations",
-    ),
-    stage(
         "harmonic.measured:oscillations",
         ("loads",),
-        ("cycles",),
+        ("contact", "cycles"),
         schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
@@ -57,11 +51,9 @@ _STAGES = (
         "harmonic.comparison:comparison", ("loads", "oscillations", "model"), (), summary="measurement against model"
     ),
     judged(
-        "harmonic",
-        ("readings", "loads", "hold", "oscillations", "model", "comparison"),
-        rests_on=("substrate.material_from",),
+        "harmonic", ("readings", "loads", "oscillations", "model", "comparison"), rests_on=("substrate.material_from",)
     ),
-    reported("harmonic", ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison")),
+    reported("harmonic", ("readings", "loads", "oscillations", "loops", "model", "theory", "comparison")),
 )
 
 KIND = Kind(

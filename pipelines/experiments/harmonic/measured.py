@@ -1,7 +1,6 @@
 """Harmonic indentation: oscillations of a periodic punch in rubber."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -15,28 +14,37 @@ from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 
-_SINUSOID = "Sinusoid"
 _LOOP_POINTS = 200  # over one cycle
 _FEWEST_CYCLES = 2
 _WAVES = 3  # of a Fourier series: the fundamental and two harmonics
 _PARTS_OF_A_CYCLE = 12  # in which a mean cycle is laid against the model
 _CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
 COLUMNS = {
+    "storage_stiffness": ("N/m", "storage stiffness"),
+    "loss_stiffness": ("N/m", "loss stiffness"),
+    "work_per_cycle": ("J", "dissipated work per cycle"),
     "frequency": ("Hz", "frequency, fitted to the position"),
     "amplitude": ("m", "amplitude of the position"),
     "force_amplitude": ("N", "amplitude of the force"),
     "phase_lag": ("rad", "lead of the force over the position"),
-    "storage_stiffness": ("N/m", "storage stiffness"),
-    "loss_stiffness": ("N/m", "loss stiffness"),
-    "work_per_cycle": ("J", "dissipated work per cycle"),
+    "fourier_storage_stiffness": ("N/m", "storage stiffness by the Fourier components of whole cycles"),
+    "fourier_loss_stiffness": ("N/m", "loss stiffness by the Fourier components of whole cycles"),
+    "harmonic_2": ("1", "second harmonic of the force over its fundamental"),
+    "harmonic_3": ("1", "third harmonic of the force over its fundamental"),
+    "position_harmonic_2": ("1", "second harmonic of the position over its fundamental"),
+    "position_harmonic_3": ("1", "third harmonic of the position over its fundamental"),
+    "declared_frequency": ("Hz", "frequency in the header"),
+    "work_sd": ("J", "standard deviation of the loop area over cycles"),
+    "loop_area": ("J", "mean area of the recorded loops, filter lag included"),
+    "mean_force": ("N", "mean force"),
+    "mean_position": ("m", "mean position of the stage"),
+    "filter_phase": ("rad", "lag of the load cell's filter that was removed"),
+    "filter_gain": ("1", "gain of the load cell's filter that was divided by"),
+    "n_cycles": ("1", "evaluated cycles"),
+    "begin": ("s", "begin of the evaluated cycles, in the block's time"),
+    "end": ("s", "end of the evaluated cycles, in the block's time"),
+    "block": ("1", "number of the block in the file"),
 }
-
-
-def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> xr.Dataset:
-    """Make force compression-positive, and tare it where the file begins in air."""
-    return mach1_readings.force(
-        readings, settings.load_cell.tare, record, untared="mean forces include a preload, amplitudes and work do not"
-    )
 
 
 def evaluated(loads: xr.Dataset, oscillation: xr.Dataset) -> tuple[slice, Flags]:
@@ -59,90 +67,51 @@ def phases(loads: xr.Dataset, oscillations: xr.Dataset) -> list[list[NDArray[np.
     return found
 
 
-def hold(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
-    """Measure the relaxation before the oscillations: depth, peak and plateau of its force."""
-    if ramps_and_holds.RELAXATION not in {str(f) for f in loads["function"].values}:
-        reason = f"the file holds no {ramps_and_holds.RELAXATION} block before its oscillations"
-        return xr.Dataset(attrs={"absent": reason})
-    try:
-        touch, _ = mach1_readings.contact_position(loads, settings.contact)
-    except InputError:
-        touch = None  # the depth is then NaN; the model says why
-    return ramps_and_holds.measured(loads, touch, settings.plateau.value)
-
-
-def counted(time: Floats, position: Floats, declared: float, skip: int) -> tuple[float, float, float, int]:
-    """Return begin and end of the evaluated cycles, the frequency, and how many cycles ran.
-
-    The stage rests before and after. Cycles are counted from the first motion; the first ``skip``
-    are the transient and the last, in which the stage brakes, is left out too.
+def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Fit every Sinusoid block: frequency, stiffness, work; one row per block.
 
     Raises
     ------
     InputError
-        Fewer than two whole cycles are left.
+        There is no such block, or one holds fewer than two whole cycles after the transient.
     """
-    window = signals.active_window(time, position, declared)
-    period = 1 / window.frequency
-    cycles = round((window.end - window.start) / period)
-    last = cycles - 1
-    if last - skip < _FEWEST_CYCLES:
-        raise InputError(
-            f"{cycles} cycles ran, of which the first {skip} are the transient and the last is "
-            f"cut: fewer than {_FEWEST_CYCLES} are left; lower cycles.skip"
-        )
-    begin = window.start + skip * period
-    return begin, window.start + last * period, window.frequency, cycles
-
-
-def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
-    """Fit every Sinusoid block: frequency, stiffness, work; one row per block."""
     functions = list(map(str, loads["function"].values))
-    if _SINUSOID not in functions:
-        raise InputError(f"the file holds no Sinusoid block; its blocks are: {', '.join(sorted(set(functions)))}")
-    declared = mach1_readings.declared_filter(loads)
-    blocks = [i for i, name in enumerate(functions) if name == _SINUSOID]
+    blocks = [i for i, name in enumerate(functions) if name == settings.function]
+    if not blocks:
+        known = ", ".join(sorted(set(functions)))
+        raise InputError(f"the file holds no {settings.function} block; its blocks are: {known}")
+    declared, touch = mach1_readings.declared_filter(loads), mach1_readings.first_touch(loads, settings.contact)
     rows = [_oscillation(loads, block, settings.cycles.skip) for block in blocks]
-    others = {
-        "fourier_storage_stiffness": ("N/m", "storage stiffness by the Fourier components of whole cycles"),
-        "fourier_loss_stiffness": ("N/m", "loss stiffness by the Fourier components of whole cycles"),
-        "harmonic_2": ("1", "second harmonic of the force over its fundamental"),
-        "harmonic_3": ("1", "third harmonic of the force over its fundamental"),
-        "position_harmonic_2": ("1", "second harmonic of the position over its fundamental"),
-        "position_harmonic_3": ("1", "third harmonic of the position over its fundamental"),
-        "declared_frequency": ("Hz", "frequency in the header"),
-        "declared_amplitude": ("m", "amplitude in the header"),
-        "work_sd": ("J", "standard deviation of the loop area over cycles"),
-        "loop_area": ("J", "mean area of the recorded loops, filter lag included"),
-        "mean_force": ("N", "mean force"),
-        "mean_position": ("m", "mean position of the stage"),
-        "filter_phase": ("rad", "lag of the load cell's filter that was removed"),
-        "filter_gain": ("1", "gain of the load cell's filter that was divided by"),
-        "n_cycles": ("1", "evaluated cycles"),
-        "n_skipped": ("1", "cycles left out: transient and deceleration"),
-        "begin": ("s", "begin of the evaluated cycles, in the block's time"),
-        "end": ("s", "end of the evaluated cycles, in the block's time"),
-        "block": ("1", "number of the block in the file"),
-    }
-    work = {"cycles_fitted": int(sum(r["n_cycles"] for r in rows))}
-    return xr.Dataset(
-        from_rows("oscillation", rows, COLUMNS | others),
-        coords={"oscillation": np.arange(1, len(rows) + 1)},
-        attrs={
-            "filter": json.dumps(declared),
-            "filter_delay": loads.attrs["filter_delay"],
-            "is_filter_corrected": int(declared is not None),
-            "work": json.dumps(work),
-        },
+    made = xr.Dataset(
+        from_rows("oscillation", rows, COLUMNS), coords={"oscillation": np.arange(1, len(rows) + 1)}
+    ).merge(touch)
+    return made.assign_attrs(
+        touch.attrs,
+        filter=json.dumps(declared),
+        filter_delay=loads.attrs["filter_delay"],
+        is_filter_corrected=int(declared is not None),
+        work=json.dumps({"cycles_fitted": int(sum(r["n_cycles"] for r in rows))}),
     )
 
 
 def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
-    """Return stiffness and work of one block; the cell's filter is taken out, and counts in u."""
+    """Return stiffness and work of one block; the cell's filter is taken out, and counts in u.
+
+    The stage rests before and after. Cycles are counted from the first motion; the first ``skip`` are the transient
+    and the last, in which the stage brakes, is left out too.
+    """
     part = loads.isel(sample=mach1_readings.rows(loads, block))
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
     stated = float(loads["declared_frequency"][block])
-    begin, end, frequency, cycles = counted(time, position, stated, skip)
+    window = signals.active_window(time, position, stated)
+    period = 1 / window.frequency
+    last = round((window.end - window.start) / period) - 1
+    if last - skip < _FEWEST_CYCLES:
+        raise InputError(
+            f"{last + 1} cycles ran, of which the first {skip} are the transient and the last is "
+            f"cut: fewer than {_FEWEST_CYCLES} are left; lower cycles.skip"
+        )
+    begin, end = window.start + skip * period, window.start + last * period
     interval = float(np.median(np.diff(time)))
     # one sample beyond either end, so that whole cycles can be cut by interpolation
     used = (time >= begin - interval) & (time <= end + interval)
@@ -153,36 +122,32 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
 
     # A fast stage skips so many steps that they do not show; the file's decimals remain.
     steps = max(quantisation_step(position[used]), mach1_readings.LAST_DECIMAL), float(loads.attrs["resolution"])
-    lag = mach1_readings.force_lag(loads, frequency)
+    lag = mach1_readings.force_lag(loads, window.frequency)
     passed = response if lag else None
-    fit = common_fit(time[used], position[used], force[used], frequency, response=passed, resolutions=steps)
-    x, f = fit.position, fit.force
+    fit = common_fit(time[used], position[used], force[used], window.frequency, response=passed, resolutions=steps)
+    x, f, storage, loss = fit.position, fit.force, fit.storage_stiffness, fit.loss_stiffness
+    u_filter = (lag.u_gain / lag.gain, lag.u_phase) if lag else (0.0, 0.0)
+    u_gain = float(np.hypot(u_filter[0], ramps_and_holds.relative_gain(loads)))
+    u_phase = float(np.hypot(fit.u_phase_lag, u_filter[1]))
+    noise = float(np.hypot(f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude))
+    u_storage, u_loss = _u_of_stiffness(complex(storage, loss), float(np.hypot(noise, u_gain)), u_phase)
+
     areas = signals.hysteresis_loops(time, position, force, x.frequency, start=begin, end=end)["work"].values
-    u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
-    u_gain = float(np.hypot(lag.u_gain / lag.gain if lag else 0.0, ramps_and_holds.relative_gain(loads)))
-    storage, loss = fit.storage_stiffness, fit.loss_stiffness
-    u_relative = float(np.linalg.norm([f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude, u_gain]))
-    u_storage, u_loss = np.hypot(u_relative * storage, u_phase * loss), np.hypot(u_relative * loss, u_phase * storage)
-    cycles_at = begin + np.arange(areas.size)[:, None] / x.frequency
-    (moved, u_moved), (pushed, u_pushed) = (_fourier(time, y, cycles_at, x.frequency) for y in (position, force))
+    spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
+    cycles = begin + np.arange(areas.size)[:, None] / x.frequency
+    (moved, u_moved), (pushed, u_pushed) = (_fourier(time, y, cycles, x.frequency) for y in (position, force))
     lags = [mach1_readings.force_lag(loads, n * x.frequency) for n in range(1, _WAVES + 1)]
     gains = np.array([each.gain if each else 1.0 for each in lags])
     pushed, u_pushed = pushed / gains, u_pushed / gains
-    turned = pushed[0] / moved[0] * np.exp(1j * (lag.phase if lag else 0.0))
+    turned = complex(pushed[0] / moved[0] * np.exp(1j * (lag.phase if lag else 0.0)))
     scatter = float(np.hypot(u_pushed[0] / abs(pushed[0]), u_moved[0] / abs(moved[0])))
-    u_turned = [
-        np.hypot(np.hypot(scatter, u_gain) * a, np.hypot(scatter, lag.u_phase if lag else 0.0) * b)
-        for a, b in ((turned.real, turned.imag), (turned.imag, turned.real))
-    ]
-    fourier = {"fourier_storage_stiffness": turned.real, "fourier_loss_stiffness": turned.imag}
-    fourier |= {"u_fourier_storage_stiffness": u_turned[0], "u_fourier_loss_stiffness": u_turned[1]}
-    for name, lines, u_lines in (("", pushed, u_pushed), ("position_", moved, u_moved)):
+    u_turned = _u_of_stiffness(turned, float(np.hypot(scatter, u_gain)), float(np.hypot(scatter, u_filter[1])))
+    waves = {}
+    for name, lines, u_lines in (("harmonic", pushed, u_pushed), ("position_harmonic", moved, u_moved)):
         for n in range(2, _WAVES + 1):
-            fourier[f"{name}harmonic_{n}"] = abs(lines[n - 1] / lines[0])
-            fourier[f"u_{name}harmonic_{n}"] = u_lines[n - 1] / abs(lines[0])
-    spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
-    u_work = np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1)))
-    return {
+            waves[f"{name}_{n}"] = float(abs(lines[n - 1] / lines[0]))
+            waves[f"u_{name}_{n}"] = float(u_lines[n - 1] / abs(lines[0]))
+    return waves | {
         "frequency": x.frequency,
         "u_frequency": x.u_frequency,
         "amplitude": x.amplitude,
@@ -192,25 +157,34 @@ def _oscillation(loads: xr.Dataset, block: int, skip: int) -> dict[str, float]:
         "phase_lag": fit.phase_lag,
         "u_phase_lag": u_phase,
         "storage_stiffness": storage,
-        "u_storage_stiffness": float(u_storage),
+        "u_storage_stiffness": u_storage,
         "loss_stiffness": loss,
-        "u_loss_stiffness": float(u_loss),
+        "u_loss_stiffness": u_loss,
+        "fourier_storage_stiffness": turned.real,
+        "u_fourier_storage_stiffness": u_turned[0],
+        "fourier_loss_stiffness": turned.imag,
+        "u_fourier_loss_stiffness": u_turned[1],
         "work_per_cycle": np.pi * loss * x.amplitude**2,
-        "u_work_per_cycle": float(u_work),
+        "u_work_per_cycle": float(np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1)))),
         "work_sd": spread,
         "loop_area": float(areas.mean()),
         "n_cycles": float(areas.size),
         "declared_frequency": stated,
-        "declared_amplitude": float(loads["declared_amplitude"][block]),
         "mean_force": f.offset,
         "mean_position": x.offset,
         "filter_phase": lag.phase if lag else 0.0,
         "filter_gain": lag.gain if lag else 1.0,
-        "n_skipped": float(cycles - areas.size),
         "begin": begin,
         "end": end,
         "block": float(block),
-    } | {name: float(value) for name, value in fourier.items()}
+    }
+
+
+def _u_of_stiffness(stiffness: complex, u_relative: float, u_phase: float) -> tuple[float, float]:
+    """Return the standard uncertainties of storage and loss, by those of size and phase."""
+    parts = (stiffness.real, stiffness.imag), (stiffness.imag, stiffness.real)
+    storage, loss = (float(np.hypot(u_relative * own, u_phase * other)) for own, other in parts)
+    return storage, loss
 
 
 def _fourier(time: Floats, values: Floats, begin: Floats, frequency: float) -> tuple[Complexes, Floats]:
@@ -238,24 +212,21 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
     so that a loss shorter than its delay is not seen.
     """
     del settings
-    is_tared = bool(loads.attrs["is_tared"])
     phase = np.linspace(0, 1, _LOOP_POINTS + 1)
-    positions, forces, spreads, kept = [], [], [], []
+    positions, forces, kept = [], [], []
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         part = loads.isel(sample=mach1_readings.rows(loads, int(at["block"])))
-        time = part["time"].values
-        period = 1 / float(at["frequency"])
-        grid = float(at["begin"]) + (phase + np.arange(int(at["n_cycles"]))[:, None]) * period
-        x = np.interp(grid, time, part["position_z"].values)
-        f = np.interp(grid, time, part["force"].values)
+        grid = float(at["begin"]) + (phase + np.arange(int(at["n_cycles"]))[:, None]) / float(at["frequency"])
+        x, f = (np.interp(grid, part["time"].values, part[name].values) for name in ("position_z", "force"))
         # a slowly relaxing mean would smear the loops over each other
         f = f - f.mean(axis=1, keepdims=True) + f.mean()
         positions.append(x.mean(axis=0))
         forces.append(f.mean(axis=0))
-        spreads.append(f.std(axis=0, ddof=1) if len(f) > 1 else np.zeros(phase.size))
-        noise = max(float(np.median(spreads[-1])), float(loads.attrs["resolution"]) / np.sqrt(12))
+        spread = float(np.median(f.std(axis=0, ddof=1))) if len(f) > 1 else 0.0
+        noise = max(spread, float(loads.attrs["resolution"]) / np.sqrt(12))
         u = float(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
+        is_tared = bool(loads.attrs["is_tared"])
         least, lost = float(forces[-1].min()), float(np.mean(forces[-1][:-1] < _CLEAR * u))
         kept.append((least, u, lost) if is_tared else (np.nan, np.nan, np.nan))
     dims = ("oscillation", "cycle")
@@ -264,7 +235,6 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
         {
             "position": variable(dims, positions, "m", "stage position"),
             "force": variable(dims, forces, "N", "force, compression positive"),
-            "force_sd": variable(dims, spreads, "N", "standard deviation over cycles"),
             **with_u("least_force", "oscillation", least_forces, u_least, "N", "least force of the mean loop"),
             "contact_loss": variable("oscillation", losses, "1", "share of a cycle without contact"),
         },

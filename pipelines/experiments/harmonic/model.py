@@ -14,9 +14,8 @@ from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.measured import COLUMNS, evaluated, phases
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
-from pipelines.experiments.shared.punch_model import Effect, Geometry, along, simulated
+from pipelines.experiments.shared.punch_model import NOTHING_NAMED, along, modelled
 
 
 def model(
@@ -27,69 +26,50 @@ def model(
     *,
     settings: Harmonic,
 ) -> xr.Dataset:
-    """Simulate the whole history of the file with the measured displacement.
+    """Simulate the whole history of the file with the measured displacement, and fit its force as the measured one.
 
-    Without punch and substrate there is nothing to simulate; the result is then empty and says so.
+    Without punch, substrate and first touch there is nothing to simulate; the result is then empty and says so.
     """
-    punch, substrate = settings.punch, settings.substrate
-    if punch is None or substrate is None:
-        reason = "session.toml names no punch and no substrate, so nothing was simulated"
-        return xr.Dataset(attrs={"absent": reason})
-    touch, how = mach1_readings.contact_position(loads, settings.contact)
-    solid = resolve(substrate, material_file, fitted)
-    geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
-    slowest = 1.0 / (2.0 * np.pi * float(oscillations["frequency"].min()))
-    fastest = 1.0 / (2.0 * np.pi * float(oscillations["frequency"].max()))
-    others = variations(substrate, material_file, fitted, (fastest, slowest))
-    force, effects, attrs = simulated(loads, touch, solid, geometry, others)
-    result = _model_rows(loads, oscillations, solid, force, list(effects.values()))
-    result = result.merge(table_of({name: effect.given for name, effect in effects.items()}))
-    result = result.assign(along(effects, phases(loads, oscillations), "oscillation"))
-    result = result.assign(with_u("contact_position", (), touch.value, touch.u, "m", "stage position of first touch"))
-    result.attrs |= attrs | {"contact": how}
-    return result
-
-
-def _model_rows(
-    loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, force: Floats, effects: list[Effect]
-) -> xr.Dataset:
-    """Fit the simulated force as the measured one was, and keep its curve without the effect of its chords."""
-    steps, u_inputs = np.array([(e.step, e.given.u) for e in effects]).T
-    changed = [force - change for change in (np.zeros_like(force), *(e.change for e in effects))]
+    if settings.punch is None or settings.substrate is None:
+        return xr.Dataset(attrs={"absent": NOTHING_NAMED})
+    touch = mach1_readings.touch_of(oscillations)
+    if not np.isfinite(touch.value):
+        return xr.Dataset(attrs={"absent": oscillations.attrs["contact"]})
+    slowest, fastest = (1.0 / (2.0 * np.pi * float(f)) for f in np.sort(oscillations["frequency"].values)[[0, -1]])
+    solid, effects, made = modelled(loads, touch, settings, material_file, fitted, (fastest, slowest))
+    steps, u_inputs = np.array([(e.step, e.given.u) for e in effects.values()]).T
+    force = made["force"].values
+    changed = [force, *(force - e.change for e in effects.values())]
     rows = list(zip(*(fitted_waves(loads, oscillations, solid, each) for each in changed), strict=True))
-    lost, force = [], force.copy()
+    lost, without_chords = [], force.copy()
     for i, (fit, *_) in enumerate(rows):
         where, used = evaluated(loads, oscillations.isel(oscillation=i))
         time = loads["time"].values[where]
         lost.append(float(np.mean(force[where][used] <= 0.0)))
         angle = 2 * np.pi * fit.force.frequency * (time - fit.force.reference_time) + fit.force.phase
         stiffer = along_chords(solid, float(np.median(np.diff(time))), fit.force.frequency) - 1.0
-        force[where] -= fit.force.amplitude * (stiffer * np.exp(1j * angle)).imag
+        without_chords[where] -= fit.force.amplitude * (stiffer * np.exp(1j * angle)).imag
+    text = "share of a cycle without contact, simulated"
     table: dict[str, Any] = {
-        "force": variable("sample", force, "N", "simulated force"),
-        "u_force": variable(
-            "sample",
-            np.sqrt(np.sum(np.square([e.by_u() for e in effects]), axis=0)),
-            "N",
-            "standard uncertainty from first touch, punch and solid",
-        ),
-        "contact_loss": variable("oscillation", np.array(lost), "1", "share of a cycle without contact, simulated"),
+        "force": made["force"].copy(data=without_chords),
+        "contact_loss": variable("oscillation", np.array(lost), "1", text),
+        **along(effects, phases(loads, oscillations), "oscillation"),
     }
-    slopes = {}
-    for name in ("storage_stiffness", "loss_stiffness"):
-        values, *moved = np.array([[getattr(fit, name) for fit in row] for row in rows]).T
+    per_loss = np.pi * np.array([fit.position.amplitude for fit, *_ in rows]) ** 2  # work over loss stiffness
+    for name, source, factor in (
+        ("storage_stiffness", "storage_stiffness", np.ones_like(per_loss)),
+        ("loss_stiffness", "loss_stiffness", np.ones_like(per_loss)),
+        ("work_per_cycle", "loss_stiffness", per_loss),
+    ):
+        values, *moved = factor * np.array([[getattr(fit, source) for fit in row] for row in rows]).T
+        slopes = (values[:, None] - np.array(moved).T) / steps
         units, text = COLUMNS[name]
-        slopes[name] = (values[:, None] - np.array(moved).T) / steps
-        u = np.sqrt(np.sum((slopes[name] * u_inputs) ** 2, axis=1))
+        u = np.sqrt(np.sum((slopes * u_inputs) ** 2, axis=1))
         table |= with_u(name, "oscillation", values, u, units, f"{text}, simulated", "by touch, punch and solid")
-    amplitude = np.array([fit.position.amplitude for fit, *_ in rows])
-    work, u_work = (np.pi * amplitude**2 * table[f"{part}loss_stiffness"][1] for part in ("", "u_"))
-    table |= with_u("work_per_cycle", "oscillation", work, u_work, "J", "simulated work")
-    slopes["work_per_cycle"] = np.pi * amplitude[:, None] ** 2 * slopes["loss_stiffness"]
-    for name, moved in slopes.items():
-        text = f"change with an input, SI: {COLUMNS[name][1]}, simulated"
-        table[f"slope_{name}"] = variable(("oscillation", "uncertain"), moved, "1", text)
-    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+        text = f"change with an input, SI: {text}, simulated"
+        table[f"slope_{name}"] = variable(("oscillation", "uncertain"), slopes, "1", text)
+    result = made.assign(table).merge(table_of({name: effect.given for name, effect in effects.items()}))
+    return result.assign_coords(oscillation=oscillations["oscillation"]).assign_attrs(made.attrs)
 
 
 def fitted_waves(loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, force: Floats) -> list[CommonFit]:
@@ -108,7 +88,7 @@ def fitted_waves(loads: xr.Dataset, oscillations: xr.Dataset, solid: Prony, forc
 
 
 def along_chords(material: Prony, interval: float, frequency: float) -> complex:
-    """Return by what the modulus of a sampled sinusoid with chords between differs.
+    """Return the factor by which chords between samples change the modulus of a sinusoid.
 
     Force over strain at samples ``interval`` [s] apart of a sinusoid of ``frequency`` [Hz], over the complex modulus;
     second order in the interval.

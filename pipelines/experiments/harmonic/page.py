@@ -1,6 +1,7 @@
 """The report of a harmonic indentation."""
 
 import json
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -8,7 +9,6 @@ import xarray as xr
 from labpipe.report import (
     Band,
     Block,
-    KeyValues,
     LineChart,
     Listed,
     Notice,
@@ -25,39 +25,28 @@ from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, pages
 from pipelines.experiments.shared.judgements import capitalised
-from pipelines.experiments.shared.punch_sections import measured
+from pipelines.experiments.shared.punch_sections import measured, simulated_by, summary
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _UM = 1e6
 
 
-def _summary(context: Context, oscillations: xr.Dataset | None = None, comparison: xr.Dataset | None = None) -> Section:
-    rows = []
+def _summary(
+    settings: Harmonic, context: Context, oscillations: xr.Dataset | None = None, comparison: xr.Dataset | None = None
+) -> Section:
+    rows, lost = list[tuple[str, str, str]](), list[str]()
     if oscillations is not None:
         frequency = oscillations["frequency"].values
         rows.append(("frequencies", ", ".join(f"{f:.4g}" for f in frequency), "Hz, fitted"))
         for at in (0, -1):
             shown = pages.told(oscillations, "work_per_cycle", at)
             rows.append((f"dissipated work per cycle at {frequency[at]:.4g} Hz", shown, ""))
-    blocks: list[Block] = []
-    if comparison is not None and is_there(comparison):
-        errors = comparison["nrmse"].values * 100
-        remark = "root mean square of measured minus model, over the range of the simulated force"
-        rows.append(("nRMSE of force", f"{pages.spanned(errors, '.3g')} %", remark))
-    elif comparison is not None:
-        blocks.append(Notice("info", f"No comparison with a model: {comparison.attrs['absent']}."))
-    table: list[Block] = [KeyValues(rows)] if rows else []
-    return Section("Summary", (*table, *blocks, *pages.failed_notice(context)))
-
-
-def _measured(
-    settings: Harmonic,
-    context: Context,
-    readings: xr.Dataset | None = None,
-    loads: xr.Dataset | None = None,
-    model: xr.Dataset | None = None,
-) -> Section:
-    return measured(settings, context, [settings.mach1], [readings], [loads], model)
+        how = oscillations.attrs["contact"]
+        if np.isfinite(float(oscillations["contact_position"])):
+            rows.append(("first touch", pages.told(oscillations, "contact_position"), how))
+        else:
+            lost.append(how)
+    return summary(settings, context, rows, None if comparison is None else comparison["nrmse"].values, lost)
 
 
 def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
@@ -72,7 +61,7 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
         pages.column(oscillations, "work_sd", "spread over cycles", digits=2),
         Listed("cycles", oscillations["n_cycles"].values.astype(int).tolist()),
     ]
-    if comparison is not None and is_there(comparison):
+    if comparison is not None:
         columns.append(Listed("nRMSE of force", (comparison["nrmse"].values * 100).tolist(), "%", digits=3))
     caption = (
         "Frequency, amplitude and phase are fitted to the position; the header holds only the commanded values. "
@@ -110,6 +99,7 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None = None)
 def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None, theory: xr.Dataset | None = None) -> Section:
     frequency = oscillations["frequency"].values
     order = np.argsort(frequency)
+    theory = None if theory is None or not is_there(theory) else theory
     charts: list[Block] = []
     for name, title, unit, factor in (
         ("storage_stiffness", "Storage stiffness", "(kN/m)", 1e-3),
@@ -122,13 +112,13 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None = None, theory
             simulated, u = (model[each].values[order] * factor for each in (name, f"u_{name}"))
             series += pages.model_curves(frequency[order], simulated, u)
         caption = "Bars are standard uncertainties."
-        if name == "work_per_cycle" and theory is not None and is_there(theory):
+        if name == "work_per_cycle" and theory is not None:
             limit = theory["dissipated_work"].values[order] * factor
             series.append(Series("eq. (2.31)", frequency[order], limit, role="reference"))
             caption += " Eq. (2.31) is the limit of small amplitudes."
         shape = (title, "frequency / Hz", f"{title.lower()} / {unit}", tuple(series))
         charts.append(LineChart(*shape, x_scale="log", height_px=260, caption=caption))
-    if theory is not None and is_there(theory):
+    if theory is not None:
         moduli = [
             pages.column(theory, f"{route}{part}_modulus", f"{sign}, {by}")
             for part, sign in (("storage", "E′"), ("loss", "E″"))
@@ -164,39 +154,23 @@ def _dissipation(model: xr.Dataset, theory: xr.Dataset, loops: xr.Dataset | None
     return Section("Dissipation and detachment", (listed(columns, caption),))
 
 
-def _hold(hold: xr.Dataset) -> Section:
-    """Show the relaxation before the oscillations."""
-    title = "Relaxation before the oscillations"
-    if not is_there(hold):
-        return Section(title, (Notice("info", f"{hold.attrs['absent']}."),))
-    rows = [
-        ("indentation", pages.told(hold, "depth", -1), "from first touch"),
-        ("peak", pages.told(hold, "peak_force", -1), "as recorded"),
-        ("plateau", pages.told(hold, "plateau_force", -1), f"after {float(hold['duration'][-1]):.0f} s"),
-    ]
-    return Section(title, (KeyValues(rows),))
-
-
 def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
-    charts: list[Block] = []
-    for i in range(oscillations.sizes["oscillation"]):
-        at = oscillations.isel(oscillation=i)
-        where = mach1_readings.rows(loads, int(at["block"]))
-        time = loads["time"].values[where]
-        measured = loads["force"].values[where]
-        series = [Series("measured", time, measured, role="measured")]
-        views = (("evaluated cycles", float(at["begin"]), float(at["end"])),)
-        label = f"{float(at['frequency']):.4g} Hz"
-        if comparison is not None and is_there(comparison):
-            simulated = comparison["simulated_force"].values[where]
-            series.append(Series("model", time, simulated, role="model"))
-            residual = (Series("measured − model", time, measured - simulated, role="residual"),)
-        labels = (f"Force at {label}", "time in the block / s", "force / N")
-        charts.append(LineChart(*labels, tuple(series), group=label, views=views, height_px=240))
-        if comparison is not None and is_there(comparison):
-            labels = (f"Difference at {label}", "time in the block / s", "difference / N")
-            charts.append(LineChart(*labels, residual, group=label, views=views, height_px=150))
-    return Section("Force over time", tuple(charts))
+    """Show the force over time at the frequency that the model misses most; the loops show all."""
+    errors = None if comparison is None else comparison["nrmse"].values
+    at = oscillations.isel(oscillation=0 if errors is None else int(np.nanargmax(errors)))
+    where = mach1_readings.rows(loads, int(at["block"]))
+    time, measured = (loads[name].values[where] for name in ("time", "force"))
+    views, label = (("evaluated cycles", float(at["begin"]), float(at["end"])),), f"{float(at['frequency']):.4g} Hz"
+    drawn = partial(LineChart, x_label="time in the block / s", group="time", views=views)
+    force, rest = [Series("measured", time, measured, role="measured")], list[Block]()
+    if comparison is not None:
+        simulated = comparison["simulated_force"].values[where]
+        force.append(Series("model", time, simulated, role="model"))
+        left = [Series("measured − model", time, measured - simulated, role="residual")]
+        caption = "The frequency with the largest nRMSE."
+        rest = [drawn(f"Difference at {label}", y_label="difference / N", series=left, height_px=150, caption=caption)]
+    first = drawn(f"Force at {label}", y_label="force / N", series=force, height_px=240)
+    return Section("Force over time", (first, *rest))
 
 
 def _loops(
@@ -205,25 +179,24 @@ def _loops(
     series = []
     for i in range(loops.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
-        name = f"{float(at['frequency']):.4g} Hz"
-        x = (loops["position"][i].values - float(at["mean_position"])) * _UM
+        name, mean, last = f"{float(at['frequency']):.4g} Hz", float(at["mean_position"]), float(at["end"])
+        x = (loops["position"][i].values - mean) * _UM
         series.append(Series(f"{name}, measured", x, loops["force"][i].values, role="measured"))
-        if comparison is not None and loads is not None and is_there(comparison):
+        if comparison is not None and loads is not None:
             where = mach1_readings.rows(loads, int(at["block"]))
             time = loads["time"].values[where]
-            period = 1 / float(at["frequency"])
-            last = float(at["end"])
-            used = (time >= last - period) & (time <= last)
-            position = (loads["position_z"].values[where][used] - float(at["mean_position"])) * _UM
+            used = (time >= last - 1 / float(at["frequency"])) & (time <= last)
+            position = (loads["position_z"].values[where][used] - mean) * _UM
             force = comparison["simulated_force"].values[where][used]
             series.append(Series(f"{name}, model", position, force, role="model"))
     lag = ""
     if loads is not None and mach1_readings.declared_filter(loads):
-        has_model = len(series) > loops.sizes["oscillation"]
-        lag = f": it includes the load cell's lag{', as the loop of the model does' * has_model}"
+        lag = f": it includes the load cell's lag{', as the loop of the model does' * (comparison is not None)}"
     caption = f"Mean loop over the evaluated cycles, as recorded{lag}."
-    chart = ScatterChart("Hysteresis loops", "position − mean / µm", "force / N", tuple(series), caption=caption)
-    return Section("Loops", (chart,))
+    return Section(
+        "Loops",
+        (ScatterChart("Hysteresis loops", "position − mean / µm", "force / N", tuple(series), caption=caption),),
+    )
 
 
 def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None = None) -> Section:
@@ -239,30 +212,15 @@ def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Datase
         "Storage and loss stiffness are the in-phase and quadrature parts of force over displacement; the dissipated "
         "work per cycle is π times the loss stiffness times the squared amplitude. "
     )
-    if comparison is not None and is_there(comparison):
-        errors = comparison["nrmse"].values * 100
-        text += (
-            "The force was simulated by periodic boundary elements with the measured displacement; "
-            f"the normalised root-mean-square error was {pages.spanned(errors, '.2f')} %."
-        )
+    if comparison is not None:
+        text += simulated_by(comparison["nrmse"].values)
     return pages.methods(text, settings)
 
 
 page = Report(
     "Harmonic indentation",
-    ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
-    (
-        _summary,
-        _measured,
-        _frequencies,
-        _stiffness,
-        _dissipation,
-        _hold,
-        _curves,
-        _loops,
-        budgets(quantities),
-        _methods,
-    ),
+    ("readings", "loads", "oscillations", "loops", "model", "theory", "comparison"),
+    (_summary, measured, _frequencies, _stiffness, _dissipation, _curves, _loops, budgets(quantities), _methods),
     compared_rows,
-    counts={"model": is_there},
+    counts={"model": is_there, "comparison": is_there},
 )

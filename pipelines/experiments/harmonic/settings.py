@@ -2,7 +2,6 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from labpipe.units import Quantity
 from labpipe.workflow.fields import POSITIVE, File, Range, Time
 from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.settings import Table
@@ -18,12 +17,11 @@ class Harmonic(Indentation, frozen=True, kw_only=True):
     """One Mach-1 file with one or more Sinusoid blocks.
 
     ``characteristic_time`` makes frequencies dimensionless (eq. 2.38); without it, it is the shortest retardation time
-    of the material. ``plateau`` is the window at the end of the hold before the oscillations, at most a tenth of it.
+    of the material. A hold before the oscillations is evaluated as a relaxation of the same file.
     """
 
     function: ClassVar[str] = "Sinusoid"  # of the tester, that is evaluated
     kind: Literal["harmonic"]
     mach1: File
     cycles: Cycles = Cycles()
-    plateau: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
     characteristic_time: Annotated[Time, POSITIVE] | None = None

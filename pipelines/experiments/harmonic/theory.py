@@ -1,4 +1,4 @@
-"""Closed forms beside the measurement: dissipated work, tapping front, dimensionless numbers."""
+"""Closed forms for comparison with the measurement: dissipated work, tapping front, dimensionless numbers."""
 
 import warnings
 from pathlib import Path
@@ -14,6 +14,7 @@ from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.variables import variable, with_u
 from pipelines.experiments.harmonic.settings import Harmonic
+from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import resolve
 
 _LEAST_SHIFT = 1e-7  # m of first touch by which a sensitivity is found
@@ -40,7 +41,7 @@ def theory(
     solid = resolve(substrate, material_file, fitted)
     radius, period = punch.radius.value, punch.period.value
     depth = punch.depth.value * punch.tips
-    touch, u_touch = (float(model[f"{p}contact_position"]) for p in ("", "u_"))
+    touch, u_touch, _ = mach1_readings.touch_of(oscillations)
     frequency, amplitude = oscillations["frequency"].values, oscillations["amplitude"].values
     mean = oscillations["mean_position"].values - touch
     if mean.min() <= 0:
@@ -49,33 +50,34 @@ def theory(
             "position of first touch cannot be right"
         )
     step = max(u_touch, _LEAST_SHIFT)
+    shape, unit = (radius, period), Prony(1.0, [], [], nu=float(solid.nu))
 
-    def at(indentation: Floats) -> tuple[Floats, Floats]:
-        shape = (radius, period)
-        pairs = list(zip(frequency, amplitude, indentation, strict=True))
-        work = [float(contact.dissipated_work(solid, f, a, i, *shape, depth)) for f, a, i in pairs]
-        front = [float(contact.tapping_amplitude(solid, f, i, *shape)) for f, _, i in pairs]
-        return np.array(work), np.array(front)
+    def at(indentation: Floats) -> Floats:
+        """Return work [J], tapping front [m] and stiffness per modulus [m] (quantity, oscillation)."""
+        rows = [
+            (
+                float(contact.dissipated_work(solid, f, a, i, *shape, depth)),
+                float(contact.tapping_amplitude(solid, f, i, *shape)),
+                float(dissipation.dynamic_stiffness(unit, 0.0, i, *shape, depth).real),
+            )
+            for f, a, i in zip(frequency, amplitude, indentation, strict=True)
+        ]
+        return np.array(rows).T
 
     try:
-        (work, front), (moved_work, moved_front) = at(mean), at(mean + step)
+        found = at(mean)
+        u_work, u_front, u_contact = np.abs(at(mean + step) - found) * u_touch / step
     except InputError as error:  # a layer may be pressed further than the half-plane of the theory
         return xr.Dataset(attrs={"absent": f"equations (2.31) and (2.34) do not apply: {error}"})
+    work, front, per_pascal = found
     shortest = float(solid.creep_terms()[1].min()) if len(solid.rho) else np.nan
     tau = shortest if settings.characteristic_time is None else settings.characteristic_time.value
     seen, u_seen = (oscillations[f"{u}work_per_cycle"].values for u in ("", "u_"))
-    u_work, u_front = (np.abs(moved - at) * u_touch / step for moved, at in ((moved_work, work), (moved_front, front)))
     table: dict[str, Any] = {}
-    unit = Prony(1.0, [], [], nu=float(solid.nu))
-    per_pascal, moved_contact = (
-        np.array([float(dissipation.dynamic_stiffness(unit, 0.0, i, radius, period, depth).real) for i in each])
-        for each in (mean, mean + step)
-    )
-    u_contact = np.abs(moved_contact / per_pascal - 1.0) * u_touch / step
     for route, text in (("", "by the fit"), ("fourier_", "by the Fourier components")):
         for part in ("storage", "loss"):
             k, u = (oscillations[f"{u}{route}{part}_stiffness"].values for u in ("", "u_"))
-            modulus, u = k / per_pascal, np.hypot(u, k * u_contact) / per_pascal
+            modulus, u = k / per_pascal, np.hypot(u, k * u_contact / per_pascal) / per_pascal
             table |= with_u(f"{route}{part}_modulus", "oscillation", modulus, u, "Pa", f"{part} modulus, {text}")
     for name, values, u, units, text in (
         ("dissipated_work", work, u_work, "J", "dissipated work per cycle, eq. (2.31)"),
@@ -84,8 +86,8 @@ def theory(
         ("work_difference", seen - work, np.hypot(u_seen, u_work), "J", "work, measured minus eq. (2.31)"),
     ):
         table |= with_u(name, "oscillation", values, u, units, text)
-    for name, found in (("measured", (seen, u_seen)), ("theory", (work, u_work))):
-        values, u = (dissipation.dimensionless_work(numbers, solid, radius, period, depth) for numbers in found)
+    for name, known in (("measured", (seen, u_seen)), ("theory", (work, u_work))):
+        values, u = (dissipation.dimensionless_work(each, solid, radius, period, depth) for each in known)
         text = f"work, dimensionless (2.40), {name}"
         table |= with_u(f"dimensionless_work_{name}", "oscillation", values, u, "1", text)
     for name, values, text in (

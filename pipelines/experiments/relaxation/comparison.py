@@ -7,9 +7,8 @@ import xarray as xr
 
 from labpipe.arrays import Floats, Integers
 from labpipe.judging import Agreement
-from labpipe.variables import from_rows, variable
+from labpipe.variables import from_rows, with_u
 from pipelines.experiments.relaxation.model import SLOPES
-from pipelines.experiments.relaxation.moduli import through
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.comparison_rows import (
@@ -37,31 +36,26 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
     Errors of ramp, early and late relaxation are all relative to the range of the model in the whole test, so
     that they can be compared with each other.
     """
+    del settings
     if "absent" in model.attrs:
         return xr.Dataset(attrs={"absent": model.attrs["absent"]})
-    found = ramps_and_holds.find(loads)
-    declared = mach1_readings.declared_filter(loads)
-    interval = float(loads["sampling_interval"][found[0].block])
-    kind = mach1_readings.filter_kinds(loads)[0]
     # the uncertainty is one error in common: it passes the filter as a force
-    passed, u_passed = (through(loads, model[n].values, interval, declared, kind) for n in ("force", "u_force"))
-    left, rows, agreed = loads["force"].values - passed, [], []
-    for number, hold in enumerate(found):
-        at, theirs = ramps.isel(ramp=number), passed[hold.rows]
-        time, gap = loads["time"].values[hold.rows], left[hold.rows]
-        late = time >= ramps_and_holds.plateau(loads, hold, settings.hold.plateau.value).begin
-        peak, plateau = float(theirs.max()), float(theirs[late].mean())
-        u_plateau = float(model["u_force"].values[hold.rows][late].mean())
-        until = min(hold.end + settings.hold.early.value, hold.last)
-        spans = {"ramp": (hold.begin, hold.end), "early": (hold.end, until), "late": (until, hold.last)}
+    passed, u_passed = (mach1_readings.passed(loads, model[n].values) for n in ("force", "u_force"))
+    measured, rows, agreed = loads["force"].values, [], []
+    for number, hold in enumerate(ramps_and_holds.find(loads)):
+        at, theirs, gap = ramps.isel(ramp=number), passed[hold.rows], (measured - passed)[hold.rows]
+        time = loads["time"].values[hold.rows]
+        late = time >= float(at["plateau_begin"])
+        plateau, u = float(theirs[late].mean()), float(model["u_force"].values[hold.rows][late].mean())
         row = {
-            "peak_force_model": peak,
             "plateau_force_model": plateau,
-            "u_plateau_force_model": u_plateau,
-            "peak_force_difference": float(at["peak_force"]) - peak,
+            "u_plateau_force_model": u,
             "plateau_force_difference": float(at["plateau_force"]) - plateau,
-            "u_plateau_force_difference": float(np.hypot(float(at["u_plateau_force"]), u_plateau)),
+            "u_plateau_force_difference": float(np.hypot(float(at["u_plateau_force"]), u)),
         }
+        # half of the hold on a logarithmic scale of time
+        until = hold.end + float(np.sqrt((hold.end - hold.begin) * (hold.last - hold.end)))
+        spans = {"ramp": (hold.begin, hold.end), "early": (hold.end, until), "late": (until, hold.last)}
         extent = float(np.ptp(theirs))  # a wrong scale must not hide in its own range
         for part, (begin, end) in (spans | {"all": (hold.begin, hold.last)}).items():
             inside = gap[(time >= begin) & (time <= end)]
@@ -74,20 +68,17 @@ def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, setti
         for part, (begin, end) in spans.items():
             places = _stretches(hold, time, begin, end)
             of_model = [[np.interp(place, nodes, one).mean() for place in places] for one in effects]
-            known[part] = laid_along(loads, loads["force"].values, passed, places, of_model) if places else None
+            known[part] = laid_along(loads, measured, passed, places, of_model) if places else None
         agreed.append(known)
     columns = {f"nrmse_{p}": ("1", f"rms error over range of simulated force, {p}") for p in (*_PARTS, "all")}
     columns |= {f"bias_{p}": ("N", f"mean of measured minus model, {p}") for p in (*_PARTS, "all")}
     columns |= {
-        "peak_force_model": ("N", "largest force, model behind the filter"),
         "plateau_force_model": ("N", "plateau force, model"),
-        "peak_force_difference": ("N", "largest force, measured minus model"),
         "plateau_force_difference": ("N", "plateau force, measured minus model"),
     }
     made = xr.Dataset(from_rows("ramp", rows, columns), coords={"ramp": ramps["ramp"]})
-    made["simulated_force"] = variable("sample", passed, "N", "simulated force, behind the cell's filter")
-    text = "standard uncertainty from first touch, punch and solid"
-    made["u_simulated_force"] = variable("sample", u_passed, "N", text)
+    text = "simulated force, behind the cell's filter"
+    made = made.assign(with_u("simulated_force", "sample", passed, u_passed, "N", text, "from touch, punch and solid"))
     for part in _PARTS:
         made = made.assign(curve_table("ramp", [one[part] for one in agreed], f"curve_{part}"))
     return made.merge(model[[SLOPES, *INPUTS]])

@@ -35,7 +35,7 @@ _each = partial(stage, per="recording", over="mach1")
 _STAGES = (
     _each("shared.mach1_readings:readings", ("file:mach1",), ("columns", "exclude"), summary="read the Mach-1 file"),
     _each(
-        "relaxation.measured:loads",
+        "shared.mach1_readings:loads",
         ("readings", "file:load_cell.record"),
         ("load_cell.tare",),
         summary="compression-positive force, tared, with uncertainty",
@@ -43,7 +43,7 @@ _STAGES = (
     _each(
         "relaxation.measured:ramps",
         ("loads",),
-        ("contact", "hold.plateau"),
+        ("contact",),
         schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),
@@ -62,7 +62,7 @@ _STAGES = (
     _each(
         "relaxation.comparison:comparison",
         ("loads", "ramps", "model"),
-        ("hold",),
+        (),
         summary="measurement against model: ramp, early, late",
     ),
     stage(

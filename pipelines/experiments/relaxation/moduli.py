@@ -37,7 +37,6 @@ _TERMS_PER_DECADE = 3  # of the modulus that is fitted
 _FASTEST = 0.2  # of a sampling interval: faster processes cannot be told apart
 _RESOLVED = 4.0  # sampling intervals: the fitted modulus at shorter times is a guess
 _FIT_READINGS = 400  # of a hold
-_SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
 
 
 def curves(
@@ -142,7 +141,6 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     by non-negative least squares, after each of these forces has passed the cell's filter.
     """
     interval = float(loads["sampling_interval"][found[0].block])
-    declared = mach1_readings.declared_filter(loads)
     time = mach1_readings.clock(loads)
     area = elastic_area(loads["position_z"].values - touch, geometry)
     longest = max(hold.last - hold.end for hold in found)
@@ -154,7 +152,7 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     answers = []
     kinds = mach1_readings.filter_kinds(loads)
     for kind in kinds:
-        passed = np.column_stack([through(loads, column, interval, declared, kind)[rows] for column in basis.T])
+        passed = np.column_stack([mach1_readings.passed(loads, column, kind)[rows] for column in basis.T])
         scale = np.maximum(np.abs(passed).max(axis=0), 1e-300)
         found_weights, _ = nnls(passed / scale, measured)
         answers.append(found_weights / scale)
@@ -165,7 +163,7 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     modulus = chosen[0] + np.exp(-lag[:, None] / rho) @ chosen[1:]
     peaks = np.array([[c[hold.rows].max() for hold in found] for c in clean])
     systematic = np.array([ramps_and_holds.systematic(loads, p) for p in peaks[0]])
-    rest = measured - through(loads, clean[0], interval, declared, kinds[0])[rows]
+    rest = measured - mach1_readings.passed(loads, clean[0], kinds[0])[rows]
     at = loads["time"].values[rows]
     misfit = np.zeros(len(found))
     for i, hold in enumerate(found):  # about the end of the ramp
@@ -196,24 +194,6 @@ def elastic_area(depth: Floats, geometry: Geometry) -> Floats:
     # a contact that once was as wide keeps its width: the running maximum stands for the depth
     reached = np.maximum.accumulate(np.maximum(depth, 0.0))
     return np.asarray(np.interp(reached, grid, area))
-
-
-def through(
-    loads: xr.Dataset, force: Floats, interval: float, declared: dict[str, float] | None, kind: str = "butterworth"
-) -> Floats:
-    """Pass the force of every block through the cell's filter, while the stage moves and after.
-
-    In a long hold the force is so slow that a filter leaves it as it is.
-    """
-    made = force.copy()
-    moving = np.flatnonzero(np.diff(loads["position_z"].values, prepend=np.nan) != 0)
-    for block in range(loads.sizes["block_index"]):
-        rows = mach1_readings.rows(loads, block)
-        inside = moving[(moving >= rows.start) & (moving < rows.stop)]
-        last = int(inside[-1]) if inside.size else rows.start
-        part = slice(rows.start, min(rows.stop, last + round(_SETTLED / interval)))
-        made[part] = mach1_readings.filtered(force[part], interval, declared, kind)
-    return made
 
 
 def _fit_rows(loads: xr.Dataset, found: list[Hold], interval: float) -> NDArray[np.int64]:

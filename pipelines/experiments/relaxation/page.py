@@ -6,14 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from labpipe.report import Band, Block, KeyValues, LineChart, Listed, Notice, Paragraph, Section, Series, listed
+from labpipe.report import Band, Block, LineChart, Listed, Notice, Paragraph, Section, Series, listed
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.comparison import rows as compared_rows
-from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, pages, ramps_and_holds
-from pipelines.experiments.shared.punch_sections import measured
+from pipelines.experiments.shared.punch_sections import measured, simulated_by, summary
 from pipelines.experiments.shared.reports import Report, budgets, is_there
 
 _MPA = 1e-6
@@ -28,36 +27,21 @@ def _label(tests: xr.Dataset | None, number: int) -> str:
 
 
 def _summary(
-    context: Context, tests: xr.Dataset | None = None, comparison: Sequence[xr.Dataset] | None = None
+    settings: Relaxation, context: Context, tests: xr.Dataset | None = None, ramps: Sequence[xr.Dataset] | None = None
 ) -> Section:
-    rows = []
+    rows, errors = list[tuple[str, str, str]](), np.empty(0)
     if tests is not None:
         rows.append(("tests", str(tests.sizes["test"]), "ramps with their holds"))
-        if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
-            remark = "in tension, from the plateaus of all tests"
-            rows.append(("relaxed modulus", pages.told(tests, "mean_relaxed_modulus"), remark))
-        elif "mean_reduced_modulus" in tests:
-            remark = "E/(1 − ν²), from the plateaus of all tests"
-            rows.append(("relaxed reduced modulus", pages.told(tests, "mean_reduced_modulus"), remark))
-        if "nrmse_all" in tests:
-            errors = tests["nrmse_all"].values * 100
-            remark = "root mean square of measured minus model, over the range of the simulated force of each test"
-            rows.append(("nRMSE of force", f"{np.nanmin(errors):.3g} to {np.nanmax(errors):.3g} %", remark))
-    blocks: list[Block] = [KeyValues(rows)] if rows else []
-    reasons = sorted({str(c.attrs["absent"]) for c in comparison or () if "absent" in c.attrs})
-    blocks += [Notice("info", f"No comparison with a model: {reason}.") for reason in reasons]
-    return Section("Summary", (*blocks, *pages.failed_notice(context)))
-
-
-def _measured(
-    settings: Relaxation,
-    context: Context,
-    readings: list[xr.Dataset | None] | None = None,
-    loads: list[xr.Dataset] | None = None,
-    model: list[xr.Dataset] | None = None,
-) -> Section:
-    found = next(filter(is_there, model or ()), None)
-    return measured(settings, context, settings.mach1, readings, loads, found)
+        for name, title, remark in (
+            ("mean_relaxed_modulus", "relaxed modulus", "in tension, from the plateaus of all tests"),
+            ("mean_reduced_modulus", "relaxed reduced modulus", "E/(1 − ν²), from the plateaus of all tests"),
+        ):
+            if name in tests and np.isfinite(float(tests[name])):
+                rows.append((title, pages.told(tests, name), remark))
+                break
+        errors = tests["nrmse_all"].dropna("test").values if "nrmse_all" in tests else errors
+    lost = {str(ramp.attrs["contact"]) for ramp in ramps or () if not np.isfinite(float(ramp["contact_position"]))}
+    return summary(settings, context, rows, errors if errors.size else None, sorted(lost))
 
 
 def _tests(tests: xr.Dataset) -> Section:
@@ -99,19 +83,13 @@ def _tests(tests: xr.Dataset) -> Section:
     return Section("Tests", (listed(first, caption), listed(second, text)))
 
 
-def _ramps(
-    loads: Sequence[xr.Dataset],
-    ramps: Sequence[xr.Dataset],
-    comparison: Sequence[xr.Dataset],
-    tests: xr.Dataset | None = None,
-) -> Section:
+def _ramps(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None = None) -> Section:
     charts: list[Block] = []
-    for load, found, compared in zip(loads, ramps, comparison, strict=True):
-        touch, has_model = float(found["contact_position"]), "absent" not in compared.attrs
+    for load, compared in zip(loads, comparison, strict=True):
+        has_model = is_there(compared)
         is_filtered = has_model and mach1_readings.declared_filter(load)
         caption = "The load cell's filter was applied to the model too." if is_filtered else ""
         for hold in ramps_and_holds.find(load):
-            label = _label(tests, len(charts) // 2)
             time = load["time"].values[hold.rows]
             near = (time >= hold.begin - _RAMP_VIEW) & (time <= hold.end + _RAMP_VIEW)
             since, force = time[near] - hold.begin, load["force"].values[hold.rows][near]
@@ -119,43 +97,39 @@ def _ramps(
             if has_model:
                 names = ("simulated_force", "u_simulated_force")
                 series += pages.model_curves(since, *(compared[name].values[hold.rows][near] for name in names))
-            labels = (f"Force around the ramp, {label}", "time since the ramp began / s", "force / N")
-            charts.append(LineChart(*labels, tuple(series), group=label, height_px=240, caption=caption))
-            position = load["position_z"].values[hold.rows][near]
-            depth = (position - (touch if np.isfinite(touch) else hold.start)) * 1e3
-            labels = (f"Indentation around the ramp, {label}", "time since the ramp began / s", "indentation / mm")
-            pressed = (Series(f"measured{', input of the model' * has_model}", since, depth, role="measured"),)
-            charts.append(LineChart(*labels, pressed, group=label, height_px=150))
+            title = f"Force around the ramp, {_label(tests, len(charts))}"
+            labels = (title, "time since the ramp began / s", "force / N", tuple(series))
+            charts.append(LineChart(*labels, group="ramps", height_px=240, caption=caption))
     return Section("Ramp and peak", tuple(charts))
 
 
-def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None = None) -> Section:
-    curves: list[Series] = []
+def _holds(
+    loads: Sequence[xr.Dataset],
+    curves: Sequence[xr.Dataset],
+    comparison: Sequence[xr.Dataset],
+    tests: xr.Dataset | None = None,
+) -> Section:
+    drawn: list[Series] = []
     gaps: list[Series | Band] = []
-    held = [
-        (load, compared, hold)
-        for load, compared in zip(loads, comparison, strict=True)
-        for hold in ramps_and_holds.find(load)
-    ]
-    for number, (load, compared, hold) in enumerate(held):
-        label = _label(tests, number)
-        time, force = load["time"].values[hold.rows] - hold.end, load["force"].values[hold.rows]
-        first, longest = float(np.min(time[time > 0])), float(time[-1])
-        edges = np.geomspace(0.99 * first, 1.001 * longest, int(np.log10(longest / first) * BINS_PER_DECADE) + 2)
-        lag, mean, _, _ = ramps_and_holds.binned(time, force, edges)
-        curves.append(Series(f"{label}, measured", lag, mean, style="points", role="measured"))
-        if "absent" in compared.attrs:
-            continue
-        theirs, u_theirs = (compared[f"{u}simulated_force"].values[hold.rows] for u in ("", "u_"))
-        _, model, _, _ = ramps_and_holds.binned(time, theirs, edges)
-        _, wide, _, _ = ramps_and_holds.binned(time, u_theirs, edges)
-        _, gap, spread, n = ramps_and_holds.binned(time, force - theirs, edges)
-        u = np.maximum(spread, float(np.nanmax(load["u_force"].values))) / np.sqrt(n)
-        curves.append(Series(f"{label}, model", lag, model, role="model"))
-        gaps.append(Series(label, lag, gap, role="residual", u=u))
-        gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))
+    number = 0
+    for load, curve, compared in zip(loads, curves, comparison, strict=True):
+        for i, hold in enumerate(ramps_and_holds.find(load)):
+            label, number = _label(tests, number), number + 1
+            means = (curve[name].values[i] for name in ("mean_time", "force", "u_force", "time_spread"))
+            lag, force, u, width = np.array(list(means))[:, np.isfinite(curve["force"].values[i])]
+            drawn.append(Series(f"{label}, measured", lag, force, style="points", role="measured"))
+            if not is_there(compared):
+                continue
+            since = load["time"].values[hold.rows] - hold.end
+            # means over the same readings, to the second order
+            model, wide = (
+                0.5 * sum(np.interp(at, since, compared[f"{of}simulated_force"].values[hold.rows]) for at in ends)
+                for of, ends in (("", (lag - width, lag + width)), ("u_", (lag, lag)))
+            )
+            drawn.append(Series(f"{label}, model", lag, model, role="model"))
+            gaps.append(Series(label, lag, force - model, role="residual", u=u))
+            gaps.append(Band(f"{label}, model ± 2 u", lag, -2 * wide, 2 * wide, role="model"))
     x, caption = "time since the stage arrived / s", "Means over equal steps of the logarithm of time."
-    drawn = tuple(curves)
     charts = [LineChart("Relaxation", x, "force / N", drawn, x_scale="log", height_px=320, caption=caption)]
     if gaps:
         caption = (
@@ -207,8 +181,7 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
     if np.isfinite(depths).all():
         text += f" to {', '.join(f'{d:.3f}' for d in depths)} mm"
     text += (
-        f" at {speed:.3g} mm/s and held for {hold:.0f} s. The plateau is the mean force over the last "
-        f"{min(settings.hold.plateau.value, 0.1 * hold):.0f} s. "
+        f" at {speed:.3g} mm/s and held for {hold:.0f} s. The plateau is the mean force over the last tenth of that. "
     )
     if ramps and all(np.isfinite(float(ramp["contact_position"])) for ramp in ramps):
         text += f"First touch was {' or '.join(dict.fromkeys(str(ramp.attrs['contact']) for ramp in ramps))}. "
@@ -219,18 +192,14 @@ def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset
             f"depth, is {shown} (standard uncertainty). "
         )
     if "nrmse_all" in tests:
-        error = tests["nrmse_all"].values * 100
-        text += (
-            "The force was simulated by periodic boundary elements with the measured displacement; the normalised "
-            f"root-mean-square error over a test was {pages.spanned(error, '.2f')} %."
-        )
+        text += simulated_by(tests["nrmse_all"].values)
     return pages.methods(text, settings)
 
 
 page = Report(
     "Stress relaxation",
     ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
-    (_summary, _measured, _tests, _ramps, _holds, _moduli, budgets(quantities), _methods),
+    (_summary, measured, _tests, _ramps, _holds, _moduli, budgets(quantities), _methods),
     compared_rows,
     counts=dict.fromkeys(
         ("loads", "ramps", "curves", "model", "comparison"), lambda each: all(one is not None for one in each)

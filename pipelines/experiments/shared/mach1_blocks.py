@@ -21,7 +21,7 @@ _CLEAR, _SHARE = 10.0, 0.2
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One block: its columns, and where its header stands in the file.
+    """One block: its columns, and the place of its header in the file.
 
     ``line`` is the line of ``<INFO>``, ``header_line`` that of the column names; ``outliers`` are the runs of
     readings that were left out and are bridged here, ``lateral`` Fx and Fy where the cell has them.

@@ -161,7 +161,7 @@ def _order_of_columns(name: str, blocks: Sequence[Part]) -> Check:
 def _commands_kept(name: str, blocks: Sequence[Part]) -> list[Check]:
     """Compare amplitude, frequency, travel and speed with the declared ones; the worst of each.
 
-    One that several blocks miss has no line: then their headers are not what is wrong.
+    One that several blocks miss has no line: then their headers are not the fault.
     """
     found: dict[str, list[Check]] = {}
     for part in blocks:
@@ -293,7 +293,7 @@ def _saturation(name: str, blocks: Sequence[Part]) -> Check:
 
 
 def _capacity_of_cell(name: str, blocks: Sequence[Part]) -> Check:
-    """Compare the largest force with what the name of the cell says, such as "25kg SN:1886652"."""
+    """Compare the largest force with the capacity in the name of the cell, such as "25kg SN:1886652"."""
     cell, line = str((blocks[0].header.get("load_cell") or {}).get("name") or ""), blocks[0].header_line
     said = re.search(r"(\d+(?:\.\d+)?)\s*(kg|g|kN|N)\b", cell)
     if said is None:

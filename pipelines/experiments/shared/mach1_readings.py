@@ -4,7 +4,6 @@ import json
 import warnings
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,9 +16,10 @@ from labpipe.arrays import Floats, Integers
 from labpipe.errors import InputError
 from labpipe.signals import LONGEST_RUN, outliers
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import mach1_touch
 from pipelines.experiments.shared.exclusions import EXCLUDED, excluded
+from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.settings import named_columns
 
 LAST_DECIMAL = 1e-9
@@ -31,6 +31,7 @@ _KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the lik
 _CONSISTENT = 3.0  # standard uncertainties between two delays that may be one
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
 _FILTER_FINENESS = 10  # steps per sample, so that a digital filter behaves as the analogue one
+_SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
 
 
@@ -44,7 +45,7 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
     if columns is None:
         return without_outliers(found)
     name = str(getattr(settings, "function", "Stress Relaxation"))
-    found.attrs["blocks"] = json.dumps([block | {"function": name} for block in blocks(found)])
+    found.attrs["blocks"] = json.dumps([block | {"function": name} for block in json.loads(found.attrs["blocks"])])
     found = found.assign(function=("block_index", [name]))
     if name == "Sinusoid":  # that other testers do not state; the fit begins there
         position, time = found["position_z"].values, found["time"].values
@@ -107,7 +108,7 @@ def without_outliers(readings: xr.Dataset) -> xr.Dataset:
 
 
 def bridged(values: Floats, time: Floats) -> Floats:
-    """Fill readings that were left out with an Akima curve through those around, for what needs an even sampling."""
+    """Fill readings that were left out with an Akima curve through those around, where an even sampling is needed."""
     from scipy.interpolate import Akima1DInterpolator
 
     lost = ~np.isfinite(values)
@@ -120,12 +121,11 @@ def bridged(values: Floats, time: Floats) -> Floats:
     return made
 
 
-def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str) -> xr.Dataset:
-    """Add compression-positive force; tared where the file begins with a free approach.
+def loads(readings: xr.Dataset, record: Path | None, *, settings: Indentation) -> xr.Dataset:
+    """Make force compression-positive, as a stage of every kind; tared where the file begins with a free approach.
 
     Readings that were left out are bridged: at most ten in a row, by the curve through their neighbours.
-    Without a calibration record of the cell the gain's uncertainty is NaN. Where the force cannot be tared a warning
-    says what that means for the results, ``untared``.
+    Without a calibration record of the cell the gain's uncertainty is NaN.
     """
     left_out = [(run["column"], run["block"]) for run in json.loads(readings.attrs.get("outliers", "[]"))]
     left_out += map(tuple, json.loads(readings.attrs.get("excluded", "[]")))
@@ -133,22 +133,17 @@ def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untar
         where, values = readings["block"].values == number, readings[name].values.copy()
         values[where] = bridged(values[where], readings["time"].values[where])
         readings = readings.assign({name: readings[name].copy(data=values)})
-    begins_free = str(readings["function"].values[0]) == _APPROACH
+    tare, begins_free = settings.load_cell.tare, str(readings["function"].values[0]) == _APPROACH
     if tare and not begins_free:
-        message = f"the file begins in contact, so the force is not tared: {untared}"
-        warnings.warn(message, stacklevel=3)
+        text = "peaks, plateaus and mean forces include the cell's offset and a preload; amplitudes and work do not"
+        warnings.warn(f"the file begins in contact, so the force is not tared: {text}", stacklevel=2)
     known = None if record is None else calibration.load_record(record)
-    loads = load_cell.force(readings, known, zero="start" if tare and begins_free else None)
-    made = loads.merge(readings[[n for n in readings.data_vars if n not in loads and n != "force_z"]])
+    made = load_cell.force(readings, known, zero="start" if tare and begins_free else None)
+    made = made.merge(readings[[n for n in readings.data_vars if n not in made and n != "force_z"]])
     delay = known.values.filter_delay if isinstance(known, LoadCellRecord) else None
     made.attrs["filter_delay"] = json.dumps(None if delay is None else [delay.value, delay.u])
     made.attrs["is_tared"] = int(tare and begins_free)
     return made.assign_attrs(blocks=readings.attrs["blocks"], source=readings.attrs.get("source", ""))
-
-
-def blocks(loads: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the header of every block."""
-    return list(json.loads(loads.attrs["blocks"]))
 
 
 def rows(loads: xr.Dataset, block: int) -> slice:
@@ -235,6 +230,23 @@ def filtered(
     return passed[::_FILTER_FINENESS]
 
 
+def passed(loads: xr.Dataset, force_values: Floats, kind: str = "") -> Floats:
+    """Pass the force (sample,) [N] of every block through the cell's filter, while the stage moves and after.
+
+    ``kind`` is by default the likeliest. In a long hold the force is so slow that a filter leaves it as it is.
+    """
+    declared, made = declared_filter(loads), force_values.copy()
+    interval = float(np.nanmedian(loads["sampling_interval"].values))
+    moving = np.flatnonzero(np.diff(loads["position_z"].values, prepend=np.nan) != 0)
+    for block in np.unique(loads["block"].values) if declared is not None else ():
+        where = rows(loads, block)
+        inside = moving[(moving >= where.start) & (moving < where.stop)]
+        last = int(inside[-1]) if inside.size else where.start
+        part = slice(where.start, min(where.stop, last + round(_SETTLED / interval)))
+        made[part] = filtered(force_values[part], interval, declared, kind or filter_kinds(loads)[0])
+    return made
+
+
 def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
     """Return the load cell's filter (section, 6) at a rate [Hz]."""
     from scipy.signal import bessel, butter
@@ -252,7 +264,7 @@ def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
 
 def clock(loads: xr.Dataset) -> Floats:
     """Return the time of every sample since the file's first block began, in s."""
-    found = [str(block.get("start") or "") for block in blocks(loads)]
+    found = [str(block.get("start") or "") for block in json.loads(loads.attrs["blocks"])]
     if len(found) == 1:
         return np.asarray(loads["time"].values)
     if not all(found):
@@ -286,6 +298,22 @@ def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantit
         delay = load_cell.filter_lag(_SLOW * cutoff, int(declared["order"]), cutoff).delay
     found = mach1_touch.touched(part, delay, filters)
     return found, "fitted to the force of the Find Contact block, with the cell's filter"
+
+
+def first_touch(loads: xr.Dataset, given: Quantity | None) -> xr.Dataset:
+    """Return ``contact_position`` with its u, and the attribute ``contact``; NaN and the reason where there is none."""
+    try:
+        touch, how = contact_position(loads, given)
+    except InputError as error:  # forces need no depth
+        warnings.warn(f"no modulus and no model: {error}", stacklevel=3)
+        touch, how = Quantity(np.nan, np.nan, "m"), str(error)
+    known = with_u("contact_position", (), touch.value, touch.u, "m", "stage position of first touch")
+    return xr.Dataset(known, attrs={"contact": how})
+
+
+def touch_of(found: xr.Dataset) -> Quantity:
+    """Return the stage position of first touch that a result of :func:`first_touch` holds."""
+    return Quantity(float(found["contact_position"]), float(found["u_contact_position"]), "m")
 
 
 def history(time: Floats, displacement: Floats) -> Integers:

@@ -37,7 +37,7 @@ def touched(part: xr.Dataset, delay: float, filters: list[Floats]) -> Quantity:
     """Return the position of first touch [m].
 
     ``part`` holds ``time``, ``position_z`` and ``force`` of an approach, ``delay`` [s] of the load cell's filter is a
-    first guess. ``filters`` (section, 6) are what that filter may be, at :data:`FINENESS` steps a reading, all as
+    first guess. ``filters`` (section, 6) are the filters that it may be, at :data:`FINENESS` steps a reading, all as
     likely; one without sections leaves the force as it is. The uncertainty is the standard deviation of where the touch
     may lie, the display's step included.
     """

@@ -7,6 +7,7 @@ measured one, whatever was commanded.
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,13 +22,14 @@ from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
 from labpipe.units import Quantity
-from labpipe.variables import variable
+from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.material_choice import Variation
-from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
+from pipelines.experiments.shared.material_choice import Variation, resolve, variations
+from pipelines.experiments.shared.punch_settings import Indentation, IndentationModel, Punch, Substrate
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 TOUCH = "first touch"
+NOTHING_NAMED = "session.toml names no punch and no substrate, so nothing was simulated"
 _TIPS = "number of tips"
 _DIMENSIONS = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}
 _RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
@@ -38,34 +40,28 @@ _INCOMPRESSIBLE = 0.5  # what a layer's ratio is taken for when no material is n
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """Quantities on which the elastic force depends in addition to the modulus; m, ratio of Poisson."""
+    """Quantities on which the elastic force depends in addition to the modulus; thickness in m, ratio of Poisson."""
 
-    radius: Quantity
-    period: Quantity
-    depth: Quantity
-    tips: int
+    punch: Punch
+    model: IndentationModel
     thickness: float
     nu: float
-    model: IndentationModel
 
     @classmethod
     def of(cls, punch: Punch, substrate: Substrate | None, model: IndentationModel, nu: float | None) -> "Geometry":
         """Gather it from the settings."""
         layer = None if substrate is None else substrate.thickness
-        return cls(
-            punch.radius,
-            punch.period,
-            punch.depth,
-            punch.tips,
-            np.inf if layer is None else layer.value,
-            _INCOMPRESSIBLE if nu is None else nu,
-            model,
-        )
+        return cls(punch, model, np.inf if layer is None else layer.value, _INCOMPRESSIBLE if nu is None else nu)
 
-    def pressed(self, solid: Prony, time: Floats, depth: Floats) -> xr.Dataset:
-        """Simulate the punch at displacements (sample,) [m] of times [s]."""
+    def sizes(self, **changed: float) -> tuple[float, float, float]:
+        """Return radius and period of the tips, and their length together [m]; those of a tip may be ``changed``."""
+        radius, period, depth = (changed.get(name, getattr(self.punch, name).value) for name in _DIMENSIONS)
+        return radius, period, depth * self.punch.tips
+
+    def pressed(self, solid: Prony, time: Floats, depth: Floats, **changed: float) -> xr.Dataset:
+        """Simulate the punch at displacements (sample,) [m] of times [s]; ``changed`` as for :meth:`sizes`."""
         profile, elements = self.model.profile, self.model.elements
-        sizes = (self.radius.value, self.period.value, self.depth.value * self.tips)
+        sizes = self.sizes(**changed)
         return contact.indent(solid, *sizes, time, depth, profile=profile, thickness=self.thickness, elements=elements)
 
 
@@ -75,27 +71,13 @@ def elastic_force(displacement: Floats, geometry: Geometry, **changed: float) ->
     Closed forms for parabola and cosine on a half-plane (for the cosine eq. 2.17), boundary elements otherwise.
     ``radius``, ``period`` or ``depth`` [m] may stand in for the geometry's, for sensitivities.
     """
-    radius, period, depth = (changed.get(name, getattr(geometry, name).value) for name in ("radius", "period", "depth"))
-    length = depth * geometry.tips
-    profile = geometry.model.profile
-    inside = np.maximum(np.asarray(displacement, float), 0.0)
+    profile, inside = geometry.model.profile, np.maximum(np.asarray(displacement, float), 0.0)
     if profile != "circle" and np.isinf(geometry.thickness):
-        state = westergaard.from_displacement(inside, radius, period, 1.0, profile)
-        return np.asarray(state.force * length)
-    order = np.argsort(inside)
+        radius, period, length = geometry.sizes(**changed)
+        return np.asarray(westergaard.from_displacement(inside, radius, period, 1.0, profile).force * length)
+    order, force = np.argsort(inside), np.empty(inside.size)
     solid = Prony(_UNIT_MODULUS * (1 - geometry.nu**2), [], [], nu=geometry.nu)
-    made = contact.indent(
-        solid,
-        radius,
-        period,
-        length,
-        np.arange(inside.size, dtype=float),
-        inside[order],
-        profile=profile,
-        thickness=geometry.thickness,
-        elements=geometry.model.elements,
-    )
-    force = np.empty(inside.size)
+    made = geometry.pressed(solid, np.arange(inside.size, dtype=float), inside[order], **changed)
     force[order] = made["force"].values / _UNIT_MODULUS
     return force
 
@@ -106,7 +88,7 @@ def relative_sources(displacement: float, u_touch: float, geometry: Geometry) ->
     force = float(elastic_force(at, geometry)[0])
     sources = []
     for name, label in _DIMENSIONS.items():
-        given: Quantity = getattr(geometry, name)
+        given: Quantity = getattr(geometry.punch, name)
         change = _RELATIVE_CHANGE * given.value
         other = float(elastic_force(at, geometry, **{name: given.value + change})[0])
         slope = (other - force) / change / force
@@ -148,7 +130,7 @@ def laid_along(
 ) -> Agreement | None:
     """Lay a force (sample,) [N] against that of a model in stretches of it.
 
-    They share tare, gain and the delay of the cell, and what the model takes of touch, punch and solid: ``effects``
+    They share tare, gain and the delay of the cell, and touch, punch and solid of the model: ``effects``
     (effect, stretch) [N].
     """
     means, own = stretches(force - simulated, places)
@@ -156,6 +138,32 @@ def laid_along(
     tare = np.full(len(places), float(loads["u_tare"]))
     of_cell = [tare, relative_gain(loads) * ours, mach1_readings.filter_delay(loads).u * slope]
     return along_curve(means, own, np.array([*of_cell, *np.asarray(effects, float).reshape(-1, len(places))]))
+
+
+def modelled(
+    loads: xr.Dataset,
+    touch: Quantity,
+    settings: Indentation,
+    file: Path | None,
+    fitted: xr.Dataset | None,
+    times: tuple[float, float],
+) -> tuple[Prony, dict[str, Effect], xr.Dataset]:
+    """Simulate a file with the punch and the material of the settings, which name both.
+
+    Returns the solid, the effects of all inputs as :func:`simulated` does, and a Dataset with ``force`` and its ``u_``
+    (sample,) [N] before the cell's filter; ``times`` are as for :func:`.variations`.
+    """
+    punch, substrate = settings.punch, settings.substrate
+    if punch is None or substrate is None:
+        raise InputError(NOTHING_NAMED)
+    solid = resolve(substrate, file, fitted)
+    geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
+    others = variations(substrate, file, fitted, times)
+    force, effects, attrs = simulated(loads, touch, solid, geometry, others)
+    u = np.sqrt(np.sum(np.square([e.by_u() for e in effects.values()]), axis=0))
+    text = "simulated force, before the cell's filter"
+    made = with_u("force", "sample", force, u, "N", text, "from first touch, punch and solid")
+    return solid, effects, xr.Dataset(made, attrs=attrs)
 
 
 def simulated(
@@ -167,7 +175,7 @@ def simulated(
     -------
     force : array (sample,) [N]
     effects : dict of str to Effect
-        Of first touch, of the punch as session.toml states it, and of what else is uncertain of the solid;
+        Of first touch, of the punch as session.toml states it, and of other uncertain inputs of the solid;
         that of the number of tips has no uncertainty, but can be stated wrongly.
     attrs : dict
         ``solver``, ``solver_reason``, ``datum`` and the JSON counts ``work``.
@@ -202,7 +210,7 @@ def simulated(
         effects[source.source] = Effect(
             Quantity(source.value, source.u, source.unit), step, source.sensitivity * step * force
         )
-    tips = float(geometry.tips)
+    tips = float(geometry.punch.tips)
     effects[_TIPS] = Effect(Quantity(tips, 0.0, "1"), _RELATIVE_CHANGE * tips, _RELATIVE_CHANGE * force)
     effects |= {name: Effect(other.given, other.change, change(area, other.solid)) for name, other in others.items()}
     return force, effects, attrs | {"work": json.dumps(work)}

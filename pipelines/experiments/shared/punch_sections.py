@@ -3,25 +3,66 @@
 import json
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import xarray as xr
 
-from labpipe.report import Block, Details, KeyValues, Listed, Section, budget_table, listed, value_with_uncertainty
+from labpipe.arrays import Floats
+from labpipe.report import (
+    Block,
+    Details,
+    KeyValues,
+    Listed,
+    Notice,
+    Section,
+    budget_table,
+    listed,
+    value_with_uncertainty,
+)
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import pages
+from pipelines.experiments.shared.punch_model import NOTHING_NAMED
 from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.reports import is_there
 
 
-def measured(
+def summary(
     settings: Indentation,
     context: Context,
-    files: Sequence[str],
-    readings: Sequence[xr.Dataset | None] | None,
-    loads: Sequence[xr.Dataset | None] | None,
-    model: xr.Dataset | None,
+    rows: Sequence[tuple[str, str, str]],
+    errors: Floats | None,
+    reasons: Sequence[str] = (),
 ) -> Section:
-    """Show the punch, the model and every file: its blocks, its load cell and its raw header, folded away."""
+    """Show key numbers and the errors of the model (test,), or the ``reasons`` why there are none."""
+    if errors is not None:
+        remark = "root mean square of measured minus model, over the range of the simulated force"
+        rows, reasons = [*rows, ("nRMSE of force", f"{pages.spanned(100 * errors, '.3g')} %", remark)], ()
+    elif settings.punch is None or settings.substrate is None:
+        reasons = (NOTHING_NAMED,)
+    table = [KeyValues(rows)] if rows else []
+    absent = [Notice("info", f"No comparison with a model: {reason}.") for reason in reasons]
+    return Section("Summary", (*table, *absent, *pages.failed_notice(context)))
+
+
+def simulated_by(errors: Floats) -> str:
+    """Write how the force was simulated, and the errors (test,), for a manuscript."""
+    return (
+        "The force was simulated by periodic boundary elements with the measured displacement; the normalised "
+        f"root-mean-square error was {pages.spanned(100 * errors, '.2f')} %."
+    )
+
+
+def measured(settings: Any, context: Context, readings: Any = None, loads: Any = None, model: Any = None) -> Section:
+    """Show the punch, the model and every file: its blocks, its load cell and its raw header, folded away.
+
+    Results are those of one file, or one for each of several.
+    """
+    files = [settings.mach1] if isinstance(settings.mach1, str) else settings.mach1
+    nothing = [None] * len(files)
+    read, tared, models = (
+        one if isinstance(one, list | tuple) else nothing if one is None else [one] for one in (readings, loads, model)
+    )
+    made = next((one for one in models if one is not None and is_there(one)), None)
     punch, rows = settings.punch, [("file" if len(files) == 1 else "files", ", ".join(files), "")]
     if punch is not None:
         rows += [
@@ -30,33 +71,28 @@ def measured(
             ("tips", f"{punch.tips}, each {punch.depth.value * 1e3:g} mm long", ""),
         ]
     rows += pages.remarks(context)
-    if model is not None and is_there(model) and settings.substrate is not None:
-        touch = "contact_position"
+    if made is not None and settings.substrate is not None:
         rows += [
             ("material", settings.substrate.source, ""),
-            *([("first touch", pages.told(model, touch), model.attrs["contact"])] if touch in model else []),
-            ("solver", model.attrs["solver"], model.attrs["solver_reason"]),
-            ("datum of displacement", model.attrs["datum"], ""),
+            ("solver", made.attrs["solver"], made.attrs["solver_reason"]),
+            ("datum of displacement", made.attrs["datum"], ""),
         ]
     blocks: list[Block] = [KeyValues([row for row in rows if row[1]])]
-    nothing = [None] * len(files)
-    for name, raw, force in zip(files, readings or nothing, loads or nothing, strict=True):
-        inside: list[Block] = [] if raw is None else [_blocks_of(raw)]
+    for name, raw, force in zip(files, read, tared, strict=True):
+        inside: list[Block] = []
+        if raw is not None:
+            columns = (
+                Listed("block", list(range(1, raw.sizes["block_index"] + 1))),
+                Listed("function", [str(f) for f in raw["function"].values]),
+                Listed("start", [str(s) for s in raw["start_time"].values]),
+                Listed("readings", raw["n_rows"].values.astype(int).tolist()),
+            )
+            inside.append(listed(columns, "Blocks of the file"))
         inside += [] if force is None else _cell(force)
         header = pages.raw_header(raw)
         blocks += [Details(name, inside)] if inside else []
         blocks += [header] if header is not None else []
     return pages.folded("What was measured, and its calibration", "File, punch and calibration record", blocks)
-
-
-def _blocks_of(readings: xr.Dataset) -> Block:
-    columns = (
-        Listed("block", list(range(1, len(readings["function"]) + 1))),
-        Listed("function", [str(f) for f in readings["function"].values]),
-        Listed("start", [str(s) for s in readings["start_time"].values]),
-        Listed("readings", readings["n_rows"].values.astype(int).tolist()),
-    )
-    return listed(columns, "Blocks of the file")
 
 
 def _cell(loads: xr.Dataset) -> list[Block]:

@@ -28,7 +28,7 @@ class LoadCell(Table, frozen=True, kw_only=True):
     """Preparation of the force.
 
     ``tare`` subtracts the force of the quiet start; off for a test that starts in contact. ``record`` is the
-    calibration record of the cell: without it the gain's uncertainty is not known and stands in no result.
+    calibration record of the cell: without it the gain's uncertainty is not known and counts in no result.
     """
 
     tare: bool = True

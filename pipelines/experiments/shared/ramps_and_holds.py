@@ -4,6 +4,7 @@ import json
 import warnings
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,7 +25,7 @@ _HELD = 0.9  # of the readings after the ramp, which must lie where it ended
 _UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on: told
 _SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is not extrapolated
 _FEWEST = 20  # readings of a hold
-_PLATEAU_SHARE = 0.1  # of a hold, at most
+_PLATEAU_SHARE = 0.1  # of a hold
 _ENOUGH = 100  # readings from which noise is known to 7 %
 _NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
 
@@ -105,12 +106,10 @@ def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) ->
     return Hold(block, rows, float(time[first]), float(time[end]), float(time[-1]), start, held, speed)
 
 
-@dataclass(frozen=True, slots=True)
-class Level:
-    """A mean force [N] with the uncertainty of its noise, and over which times [s].
+class Level(NamedTuple):
+    """A mean force [N] without the lag of the cell's filter, its random u, and over which times of the block [s].
 
-    ``lag`` [N] is by how much the force would have read lower without the cell's filter, and
-    ``u_lag`` how well that is known; the mean is free of it.
+    ``lag`` [N] is by how much the force would have read lower without the filter; ``u`` includes ``u_lag``.
     """
 
     force: float
@@ -119,12 +118,6 @@ class Level:
     end: float
     lag: float
     u_lag: float
-
-
-def plateau(loads: xr.Dataset, hold: Hold, longest: float) -> Level:
-    """Return the mean force over the end of a hold."""
-    window = min(longest, _PLATEAU_SHARE * (hold.last - hold.end))
-    return mean_force(loads, hold, hold.last - window, hold.last)
 
 
 def mean_force(loads: xr.Dataset, hold: Hold, begin: float, end: float) -> Level:
@@ -152,7 +145,7 @@ def unfinished(loads: xr.Dataset, hold: Hold, level: Level) -> float:
 
     The force at half and at three quarters of the hold shows how fast its fall slows down; a
     fall that goes on so, each quarter the same share of the one before, ends lower by a known
-    amount. A rectangle of twice this half width stands for what it may be.
+    amount. Its distribution is a rectangle of twice this half width.
     """
     width = 0.5 * (level.end - level.begin)
     places = [hold.end + share * (hold.last - hold.end) for share in (0.5, 0.75)]
@@ -177,7 +170,7 @@ def u_of_means(loads: xr.Dataset, hold: Hold, count: Integers) -> Floats:
     """Return the standard uncertainty [N] of means of so many readings of a hold by their noise.
 
     The second half of the hold, where the force hardly falls, shows the noise better than the few
-    readings of an early bin could; the quiet start of the file stands for a hold that is short. Where the noise does
+    readings of an early bin could; for a short hold the quiet start of the file is taken. Where the noise does
     not cross the resolution of the cell no mean sees between.
     """
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
@@ -221,12 +214,12 @@ _RAMP_COLUMNS = {
 }
 
 
-def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Dataset:
+def measured(loads: xr.Dataset, touch: Quantity) -> xr.Dataset:
     """Return depth, peak and plateau of every ramp and hold of a file's tared, compression-positive force.
 
-    Without a stage position of first touch depths are NaN; ``longest`` [s] is the plateau's window.
+    Where the stage position of first touch is NaN depths are too.
     """
-    rows = [_row(loads, hold, touch, longest) for hold in find(loads)]
+    rows = [_row(loads, hold, touch) for hold in find(loads)]
     return xr.Dataset(
         from_rows("ramp", rows, _RAMP_COLUMNS),
         coords={"ramp": np.arange(1, len(rows) + 1)},
@@ -234,11 +227,11 @@ def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Da
     )
 
 
-def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) -> dict[str, float]:
+def _row(loads: xr.Dataset, hold: Hold, touch: Quantity) -> dict[str, float]:
     force = loads["force"].values[hold.rows]
     if np.ptp(force) == 0.0:
         raise InputError(f"block {hold.block + 1}: the force is the same in all readings; the load cell did not record")
-    level = plateau(loads, hold, longest)
+    level = mean_force(loads, hold, hold.last - _PLATEAU_SHARE * (hold.last - hold.end), hold.last)
     rest = unfinished(loads, hold, level)
     if rest > _UNFINISHED * level.force:
         warnings.warn(
@@ -248,8 +241,8 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
         )
     peak = float(force.max())
     return {
-        "depth": np.nan if touch is None else hold.held - touch.value,
-        "u_depth": np.nan if touch is None else float(np.hypot(touch.u, _STEP / np.sqrt(12))),
+        "depth": hold.held - touch.value,
+        "u_depth": float(np.hypot(touch.u, _STEP / np.sqrt(12))),
         "travel": hold.held - hold.start,
         "speed": hold.speed,
         "duration": hold.last - hold.end,

@@ -82,7 +82,7 @@ def test_a_relaxation_names_its_punch_and_how_touch_was_found(
 ) -> None:
     tests = xr.Dataset({name: ("test", [1e-3]) for name in ("depth", "speed", "duration")})
     ramps = [xr.Dataset({"contact_position": touch}, attrs={"contact": how})]
-    settings: Any = SimpleNamespace(punch=punch, hold=SimpleNamespace(plateau=Quantity(5.0, 0.0, "s")))
+    settings: Any = SimpleNamespace(punch=punch)
     text = relaxation._methods(settings, tests, ramps)
     _holds(text, says, (*hides, "simulated"))
 
@@ -129,7 +129,7 @@ def test_an_oscillation_tells_its_frequencies_and_a_model_where_there_is_one(
 ) -> None:
     settings: Any = SimpleNamespace(cycles=SimpleNamespace(skip=1))
     waves = xr.Dataset({"frequency": ("block", [0.5, 2.0][: len(errors) or 2])}, attrs={"is_filter_corrected": is_late})
-    made = xr.Dataset({"nrmse": ("block", errors)}, attrs={} if errors else {"absent": "no punch"})
+    made = xr.Dataset({"nrmse": ("block", errors)}) if errors else None
     _holds(oscillation._methods(settings, waves, made), says, hides)
 
 

@@ -1,4 +1,4 @@
-"""Each figure of the list is drawn once from the committed small campaign, coarsely: none breaks unseen."""
+"""Each figure of the list is drawn once, coarsely: those of a session from the committed small campaign."""
 
 import shutil
 from io import BytesIO
@@ -26,7 +26,7 @@ MESSAGES = {
 
 
 @pytest.fixture(scope="module")
-def shelf(tmp_path_factory: pytest.TempPathFactory) -> make.Shelf:
+def of_campaign(tmp_path_factory: pytest.TempPathFactory) -> make.Shelf:
     """A folder of figures with the small campaign, of which is processed what they need."""
     folder = tmp_path_factory.mktemp("every")
     session = Path(shutil.copytree(CAMPAIGN, folder / "campaign"))
@@ -43,8 +43,13 @@ def rows_of(axes: Axes) -> range | None:
     return None if place is None else place.rowspan
 
 
-@pytest.mark.parametrize("figure", DRAWN, ids=lambda figure: figure.id)
-def test_it_is_drawn_with_all_that_a_caption_says(shelf: make.Shelf, figure: Figure) -> None:
+@pytest.mark.parametrize(
+    "figure", [pytest.param(f, id=f.id, marks=[pytest.mark.slow] if f.needs else []) for f in DRAWN]
+)
+def test_it_is_drawn_with_all_that_a_caption_says(
+    request: pytest.FixtureRequest, tmp_path: Path, figure: Figure
+) -> None:
+    shelf: make.Shelf = request.getfixturevalue("of_campaign") if figure.needs else make.Shelf(tmp_path)
     (state,) = make.states(shelf, [figure])
     assert state.state == make.READY
     assert bool(state.experiments) == bool(figure.needs)

@@ -237,7 +237,6 @@ def test_a_session_is_processed_to_a_page_with_every_section(session):
         "Shift factors",
         "Spectrum",
         "Storage and loss modulus, Kramers–Kronig: ",
-        "Residuals by temperature",
         "Temperature sweep",
         "For Abaqus",
         "Methods text, to paste",

@@ -45,20 +45,20 @@ def test_an_amplitude_near_the_mean_depth_is_no_mistake(processed_session: Path,
     protocol = Harmonic(hold=5.0, frequencies=(1.0,), cycles=7, mean=30e-6, amplitude=40e-6)
     write_harmonic(tmp_path, "nbr", Specimen(materials.load("nbr")), protocol, TESTER, 32, START)
     readings = mach1_readings.readings(tmp_path / settings.mach1)
-    loads = measured.loads(readings, None, settings=settings)
-    steps = (of(loads, settings=settings) for of in (measured.hold, measured.oscillations))
-    found = judged(readings, loads, *steps, None, None, settings=settings)
+    loads = mach1_readings.loads(readings, None, settings=settings)
+    waves = measured.oscillations(loads, settings=settings)
+    found = judged(readings, loads, waves, None, None, settings=settings)
     assert found.believable == "yes", found.findings
 
 
 def test_a_force_beyond_the_capacity_is_a_note_where_the_named_material_gives_it(processed_session: Path) -> None:
     """A stiff polymer is no mistake, and a cell of that name may do more."""
     results = opened(processed_session)
-    names = ("readings", "loads", "hold", "oscillations", "model", "comparison")
+    names = ("readings", "loads", "oscillations", "model", "comparison")
     parts = [results.result("nbr", name) for name in names]
     parts[0].attrs["blocks"] = parts[0].attrs["blocks"].replace('"250N', '"5N')
     settings = results.experiments["nbr"].settings
     found = judged(*parts, settings=settings)
     assert found.believable == "yes"
     assert [(f.check, f.level) for f in found.findings] == [("load cell", "note")]
-    assert judged(*parts[:4], None, None, settings=settings).believable == "impossible"
+    assert judged(*parts[:3], None, None, settings=settings).believable == "impossible"

@@ -17,7 +17,7 @@ from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity
 from pipelines.experiments.relaxation import comparison, measured as relaxation, model
-from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared import mach1_readings, punch_model, ramps_and_holds
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
 from pipelines.process import open_session, process, result
@@ -153,7 +153,7 @@ def test_a_wrong_input_of_the_model_shows(
     part: str,
     at_least: float,
 ) -> None:
-    monkeypatch.setattr(model, "resolve", lambda *_: solid(factor, terms))
+    monkeypatch.setattr(punch_model, "resolve", lambda *_: solid(factor, terms))
     chosen = settings(session)
     punch = msgspec.structs.replace(chosen.punch, radius=Quantity(radius, 0.0, "m"))
     at = Quantity(truth(session, DEPTHS[0])["surface"] + touch, 1e-7, "m") if touch else None
@@ -229,7 +229,7 @@ def test_the_three_ramps_of_a_real_file() -> None:
     chosen = relaxation.Relaxation(kind="relaxation", mach1=["a.txt"])
     readings = mach1_readings.readings(SAMPLES / "stress_relaxation_3_ramps.txt")
     with pytest.warns(UserWarning, match="begins in contact"):
-        loads = relaxation.loads(readings, None, settings=chosen)
+        loads = mach1_readings.loads(readings, None, settings=chosen)
     with pytest.warns(UserWarning, match="no modulus|not relaxed"):
         found = relaxation.ramps(loads, settings=chosen)
     assert found.sizes["ramp"] == 3

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from instruments import keyence, mach1
+from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_checks, mach1_readings
 from pipelines.experiments.shared.laser_readings import OUTLIER, without_outliers
 from pipelines.experiments.shared.record_checks import Trace, of_readings
@@ -91,9 +92,10 @@ def test_wild_readings_of_the_tester_are_named_by_line_and_bridged() -> None:
     check = next(c for c in mach1_checks.of_file("a.txt", readings) if c.name == "outliers")
     assert check.level == "note"
     assert "4 readings left out" in check.message
+    settings = Harmonic(kind="harmonic", mach1="a.txt")
     with pytest.warns(UserWarning, match="not tared"):
-        loads = mach1_readings.force(readings, True, untared="")
+        loads = mach1_readings.loads(readings, None, settings=settings)
     with pytest.warns(UserWarning, match="not tared"):
-        expected = mach1_readings.force(clean, True, untared="")
+        expected = mach1_readings.loads(clean, None, settings=settings)
     np.testing.assert_allclose(loads["force"].values, expected["force"].values, atol=0.005)
     np.testing.assert_allclose(loads["position_z"].values, expected["position_z"].values, atol=2e-7)
