@@ -148,8 +148,6 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike
     >>> detectable([[1.0], [0.0]], [[1.0, 0.0], [0.0, 1.0]]).round(2)
     array([3.93])
     """
-    from scipy.optimize import brentq
-
     S = np.asarray(sensitivities, float)
     C = np.atleast_2d(np.asarray(covariance, float))
     if S.ndim == 1:
@@ -157,7 +155,7 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike
     root, count = _directions(C, slack)
     strength = np.linalg.norm(root @ S, axis=0)
     limit = special.chdtri(count, LIKELY)
-    noncentrality = brentq(lambda x: 1 - special.chndtr(limit, count, x) - _POWER, 1e-6, 1e3 + 10 * limit)
+    noncentrality = special.chndtrinc(limit, count, 1.0 - _POWER)
     return np.divide(np.sqrt(noncentrality), strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
 
 
@@ -313,9 +311,23 @@ def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Fl
     >>> float(means[0]), float(u[0])
     (49.5, 0.0)
     """
-    found = [_of_stretch(np.asarray(values, float)[place]) for place in places]
-    means, u = np.array(found, float).reshape(-1, 2).T
-    return means, u
+    x, found = np.asarray(values, float), []
+    for stretch in (x[place] for place in places):
+        count = min(_BATCHES, stretch.size)
+        if count < _FEWEST:
+            found.append((np.nan, np.nan))
+            continue
+        batches = np.array([part.mean() for part in np.array_split(stretch, count)])
+        bent = np.linalg.qr(np.vander(np.arange(count) - 0.5 * (count - 1), _TREND + 1))[0]
+        left = batches - bent @ (bent.T @ batches)
+        freedom = count - bent.shape[1]
+        wider = freedom / (freedom - 2.0)  # variance of Student's distribution over that of a normal one
+        scatter = float(left @ left) / freedom
+        rounding = (np.finfo(float).eps * float(np.abs(stretch).max())) ** 2
+        u = 0.0 if scatter <= 100.0 * rounding else float(np.sqrt(wider * scatter / count))
+        found.append((float(stretch.mean()), u))
+    means, u_means = np.array(found, float).reshape(-1, 2).T
+    return means, u_means
 
 
 def stretch_means(curves: Iterable[Floats], places: Sequence[Integers]) -> Floats:
@@ -333,19 +345,3 @@ def stretch_means(curves: Iterable[Floats], places: Sequence[Integers]) -> Float
     array (curve, stretch)
     """
     return np.array([[one[place].mean() for place in places] for one in curves])
-
-
-def _of_stretch(values: Floats) -> tuple[float, float]:
-    count = min(_BATCHES, values.size)
-    if count < _FEWEST:
-        return np.nan, np.nan
-    batches = np.array([part.mean() for part in np.array_split(values, count)])
-    place = np.arange(count) - 0.5 * (count - 1)
-    bent = np.linalg.qr(np.vander(place, _TREND + 1))[0]
-    left = batches - bent @ (bent.T @ batches)
-    freedom = count - bent.shape[1]
-    # variance of Student's distribution over that of a normal one
-    wider = freedom / (freedom - 2.0) if freedom > 2 else 3.0
-    scatter = float(left @ left) / freedom
-    rounding = (np.finfo(float).eps * float(np.abs(values).max())) ** 2
-    return float(values.mean()), 0.0 if scatter <= 100.0 * rounding else float(np.sqrt(wider * scatter / count))
