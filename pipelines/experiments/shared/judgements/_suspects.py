@@ -275,7 +275,9 @@ def _slipped(scene: Scene, compared: Compared, ranked: Ranked, confirmed: Set[st
         if free:  # where another input may have any value, a check names what is out of all proportion
             factors = tuple(k for k in factors if abs(log(k)) <= log(_DECIMAL))
         causes.append(Cause(powers[name], str, factors, only_usual=True, bend=_BENT, setting=name))
-    found = explain(checks, causes)
+    if sum((check.log_ratio / check.u_log_ratio) ** 2 for check in checks) < DOUBTFUL**2:
+        return []  # rows that differ together alone are off by no such factor
+    found = [one for one in explain(checks, causes) if one.share > _MOST]
     close = [one for one in found if one.score < found[0].score + _CLOSE]
     least = min((abs(log(one.factor)) for one in close), default=0.0)
     close = [one for one in close if abs(log(one.factor)) < 1.5 * least]
