@@ -311,7 +311,7 @@ def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Fl
     >>> float(means[0]), float(u[0])
     (49.5, 0.0)
     """
-    x, found = np.asarray(values, float), []
+    x, found = np.asarray(values, float), list[tuple[float, float]]()
     for stretch in (x[place] for place in places):
         count = min(_BATCHES, stretch.size)
         if count < _FEWEST:
