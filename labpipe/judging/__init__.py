@@ -5,8 +5,8 @@ A check compares two ways to the same quantity, or a quantity with a law
 verdict of all checks of a record and ranks the mistakes that would explain them
 (:class:`Cause`). :func:`agreement` compares measured with predicted values, with their whole
 covariance, :func:`along_curve` a whole curve in :func:`stretches` of it; :func:`detectable` says
-how large an error of each input it would have shown, and :func:`suspects` and :func:`slips` which
-input, stated wrongly, would explain a difference.
+how large an error of each input it would have shown, and :func:`suspects` which input, stated wrongly, would explain
+a difference.
 
 Nothing here knows a kind of experiment; the scheme of levels follows the flags that
 oceanographers use (QARTOD: pass, not evaluated, suspect, fail). Each name is loaded when it is first
@@ -28,8 +28,10 @@ if TYPE_CHECKING:
         model_verdict as model_verdict,
         stretch_means as stretch_means,
         stretches as stretches,
+        suspects as suspects,
     )
     from labpipe.judging._cause import (
+        SLIPS as SLIPS,
         Cause as Cause,
         Explanation as Explanation,
         explain as explain,
@@ -50,14 +52,6 @@ if TYPE_CHECKING:
         compared as compared,
         not_made as not_made,
         stated as stated,
-        unfinished as unfinished,
-    )
-    from labpipe.judging._suspects import (
-        SLIPS as SLIPS,
-        Slip as Slip,
-        Suspect as Suspect,
-        slips as slips,
-        suspects as suspects,
     )
     from labpipe.judging._verdict import (
         Judgement as Judgement,

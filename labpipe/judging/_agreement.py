@@ -1,16 +1,16 @@
 """Do measurement and model agree? Differences against their whole covariance.
 
 For differences d with covariance C, chi square = d' C^-1 d has as many degrees of freedom as C has
-independent directions (JCGM 102; generalised least squares). What two rows share - one calibration,
-one modulus - stands off the diagonal, so that it is neither counted twice nor lost. A variance that is
-allowed only because slopes are no better known is in C, but nothing is expected to scatter by it: with C0
-for the rest, chi square is trace(C^-1 C0) on the average, and that many are its degrees of freedom.
+independent directions (JCGM 102; generalised least squares). Calibrations and moduli that rows share are its
+elements off the diagonal, so that they count once. A variance that only allows for uncertain slopes is in C, but
+nothing is expected to scatter by it: with C0 for the rest, chi square is trace(C^-1 C0) on the average, and that
+many are its degrees of freedom.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,7 +50,7 @@ class Agreement:
     largest: float
 
 
-def directions(covariance: Floats, slack: ArrayLike | None = None) -> tuple[Floats, float]:
+def _directions(covariance: Floats, slack: ArrayLike | None = None) -> tuple[Floats, float]:
     """Return the independent directions of a covariance (row, row), and how many of them are expected to scatter.
 
     An array (direction, row) turns differences into numbers whose variance is one at most; `slack` as for
@@ -72,7 +72,7 @@ def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | 
     differences : array (row,)
         Measured minus predicted, in any unit per row.
     covariance : array (row, row)
-        Of the differences, with what the rows share off the diagonal.
+        Of the differences, with uncertainties that rows share off the diagonal.
     slack : array (row,), optional
         Part of its diagonal that is allowed to a row, and not expected of it. Default: none.
 
@@ -98,7 +98,7 @@ def agreement(differences: ArrayLike, covariance: ArrayLike, slack: ArrayLike | 
         raise InputError(f"{len(d)} differences want a finite covariance of that size, found {C.shape}")
     if not (variances > 0.0).all():
         raise InputError("a difference without uncertainty cannot be judged; state the uncertainty")
-    root, count = directions(C, slack)
+    root, count = _directions(C, slack)
     chi2 = float(np.sum((root @ d) ** 2))
     return Agreement(chi2, count, float(special.chdtrc(count, chi2)), float(np.abs(d / np.sqrt(variances)).max()))
 
@@ -127,7 +127,7 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike
 
     An error e of an input shifts the differences by s e and makes chi square noncentral with
     lambda = e^2 s' C^-1 s; it is shown when chi square exceeds its 95 % limit. Other inputs are
-    held at their uncertainty, which stands in C.
+    held at their uncertainty, which is in C.
 
     Parameters
     ----------
@@ -148,17 +148,87 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, slack: ArrayLike
     >>> detectable([[1.0], [0.0]], [[1.0, 0.0], [0.0, 1.0]]).round(2)
     array([3.93])
     """
-    from scipy.optimize import brentq
-
     S = np.asarray(sensitivities, float)
     C = np.atleast_2d(np.asarray(covariance, float))
     if S.ndim == 1:
         S = S[:, None]
-    root, count = directions(C, slack)
+    root, count = _directions(C, slack)
     strength = np.linalg.norm(root @ S, axis=0)
     limit = special.chdtri(count, LIKELY)
-    noncentrality = brentq(lambda x: 1 - special.chndtr(limit, count, x) - _POWER, 1e-6, 1e3 + 10 * limit)
+    noncentrality = special.chndtrinc(limit, count, 1.0 - _POWER)
     return np.divide(np.sqrt(noncentrality), strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
+
+
+_SAME = 0.995
+"""Cosine between the effects of two inputs beyond which the comparison cannot distinguish them."""
+
+
+class Suspect(NamedTuple):
+    """An input, and the error of it that explains most.
+
+    Attributes
+    ----------
+    inputs : tuple of int
+        The input, and those whose errors would look the same, the likeliest first.
+    error : float
+        By which the first of them is stated too large, in its unit.
+    share : float
+        Share of chi square that this error alone takes away.
+    """
+
+    inputs: tuple[int, ...]
+    error: float
+    share: float
+
+
+def suspects(differences: ArrayLike, sensitivities: ArrayLike, covariance: ArrayLike) -> list[Suspect]:
+    """Rank inputs by how much of chi square an error of each alone explains.
+
+    An error e of an input moves the differences by s e; generalised least squares gives
+    e = s' C⁻¹ d / s' C⁻¹ s, which takes (s' C⁻¹ d)² / s' C⁻¹ s away from chi square (Aitken,
+    https://doi.org/10.1017/S0370164600014346).
+
+    Parameters
+    ----------
+    differences : array (row,)
+        Measured minus predicted.
+    sensitivities : array (row, input)
+        Derivatives of the differences to each input.
+    covariance : array (row, row)
+        Of the differences.
+
+    Returns
+    -------
+    list of Suspect
+        The input that explains most first; one without effect is left out.
+
+    Examples
+    --------
+    >>> (first, second) = suspects([2.0, 2.0], [[1.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, 1.0]])
+    >>> first.inputs, round(first.error, 1), round(first.share, 1), second.inputs
+    ((0,), 2.0, 1.0, (1,))
+    """
+    d, S = np.asarray(differences, float), np.asarray(sensitivities, float)
+    root, _ = _directions(np.atleast_2d(np.asarray(covariance, float)))
+    seen, effects = root @ d, root @ S
+    chi2, strength = float(seen @ seen), np.linalg.norm(effects, axis=0)
+    able = np.flatnonzero(strength > 0.0)
+    if not chi2 or not able.size:
+        return []
+    along = effects[:, able] / strength[able]
+    share = (along.T @ seen) ** 2 / chi2
+    found: list[Suspect] = []
+    taken: set[int] = set()
+    for place in np.argsort(-share, kind="stable"):
+        if place in taken:
+            continue
+        cosines = np.abs(along.T @ along[:, place])
+        alike = [i for i in np.argsort(-cosines, kind="stable") if cosines[i] > _SAME and i not in taken]
+        alike = [place, *(i for i in alike if i != place)]
+        taken.update(alike)
+        error = float(along[:, place] @ seen / strength[able[place]])
+        found.append(Suspect(tuple(int(able[i]) for i in alike), error, float(share[place])))
+    return found
 
 
 _OPEN = 0.05
@@ -192,9 +262,8 @@ def along_curve(difference: ArrayLike, own: ArrayLike, effects: ArrayLike) -> Ag
 
     Notes
     -----
-    Sensitivities are good to some per cent: 5 % of what the effects do to a stretch, or of a difference
-    that is larger, is allowed for beside, as slack (see :func:`labpipe.judging.agreement`), and adds no
-    degree of freedom.
+    Sensitivities are good to some per cent: 5 % of the effects on a stretch, or of a difference that is larger,
+    is allowed for as slack (see :func:`labpipe.judging.agreement`) and adds no degree of freedom.
 
     Examples
     --------
@@ -242,9 +311,23 @@ def stretches(values: ArrayLike, places: Sequence[Integers]) -> tuple[Floats, Fl
     >>> float(means[0]), float(u[0])
     (49.5, 0.0)
     """
-    found = [_of_stretch(np.asarray(values, float)[place]) for place in places]
-    means, u = np.array(found, float).reshape(-1, 2).T
-    return means, u
+    x, found = np.asarray(values, float), list[tuple[float, float]]()
+    for stretch in (x[place] for place in places):
+        count = min(_BATCHES, stretch.size)
+        if count < _FEWEST:
+            found.append((np.nan, np.nan))
+            continue
+        batches = np.array([part.mean() for part in np.array_split(stretch, count)])
+        bent = np.linalg.qr(np.vander(np.arange(count) - 0.5 * (count - 1), _TREND + 1))[0]
+        left = batches - bent @ (bent.T @ batches)
+        freedom = count - bent.shape[1]
+        wider = freedom / (freedom - 2.0)  # variance of Student's distribution over that of a normal one
+        scatter = float(left @ left) / freedom
+        rounding = (np.finfo(float).eps * float(np.abs(stretch).max())) ** 2
+        u = 0.0 if scatter <= 100.0 * rounding else float(np.sqrt(wider * scatter / count))
+        found.append((float(stretch.mean()), u))
+    means, u_means = np.array(found, float).reshape(-1, 2).T
+    return means, u_means
 
 
 def stretch_means(curves: Iterable[Floats], places: Sequence[Integers]) -> Floats:
@@ -262,19 +345,3 @@ def stretch_means(curves: Iterable[Floats], places: Sequence[Integers]) -> Float
     array (curve, stretch)
     """
     return np.array([[one[place].mean() for place in places] for one in curves])
-
-
-def _of_stretch(values: Floats) -> tuple[float, float]:
-    count = min(_BATCHES, values.size)
-    if count < _FEWEST:
-        return np.nan, np.nan
-    batches = np.array([part.mean() for part in np.array_split(values, count)])
-    place = np.arange(count) - 0.5 * (count - 1)
-    bent = np.linalg.qr(np.vander(place, _TREND + 1))[0]
-    left = batches - bent @ (bent.T @ batches)
-    freedom = count - bent.shape[1]
-    # variance of Student's distribution over that of a normal one
-    wider = freedom / (freedom - 2.0) if freedom > 2 else 3.0
-    scatter = float(left @ left) / freedom
-    rounding = (np.finfo(float).eps * float(np.abs(values).max())) ** 2
-    return float(values.mean()), 0.0 if scatter <= 100.0 * rounding else float(np.sqrt(wider * scatter / count))

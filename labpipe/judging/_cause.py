@@ -8,7 +8,8 @@ ranked by the chi square that they leave.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import exp, floor, hypot, inf, isfinite, log, log10, sqrt
+from math import exp, floor, hypot, inf, isfinite, log, log10, pi, sqrt
+from typing import NamedTuple
 
 from labpipe.judging._check import IMPOSSIBLE, Check
 
@@ -19,13 +20,34 @@ _USUAL = 9.0
 in units of chi square."""
 _SLACK = 0.02
 """Relative distance of a fitted factor from such a factor: other inputs may be off too."""
+_STRAY = 0.1  # of the bend of the effect that is largest, by which any may leave its power law
 _SMALL = 1.1  # factor below which per cent say more
 _GROUPED = 1e4  # from which the digits of a number are grouped
 _RIGHT = 2.0  # standard uncertainties by which a check is off that is right
 _ALIKE = 4.0
-"""Difference in chi square up to which two causes cannot be told from each other."""
+"""Difference in chi square up to which two causes cannot be distinguished."""
 _EXPLAINED = 0.1
-"""Part of chi square that a cause may leave, where that is more, and still be told as the cause."""
+"""Part of chi square that a cause may leave, where that is more, and still be named as the cause."""
+
+SLIPS = {
+    of: tuple(k ** (1 - 2 * i) for k in factors for i in range(2))
+    for of, factors in {
+        "value": (2.0, 10.0, 100.0, 1e3, 25.4, 2 * pi),
+        "size": (2.0, 10.0, 100.0, 1e3, 25.4),
+        "decimal": (2.0, 10.0),
+        "length": (10.0, 100.0, 1e3, 1e4, 1e6, 25.4, 1e3 / 25.4),
+        "gain": (2.0,),
+        "interval": (2.0, 2.5, 4.0, 5.0, 10.0, 100.0, 1e3),
+        "mass": (10.0, 100.0, 1e3, 9.81, 2.2046),
+        "view": (36.0,),
+    }.items()
+}
+"""Factors, and their inverses, by which people state something wrongly, the one table of all kinds.
+
+A value: diameter for radius, decimals, units, a period for an angle, which no size is. A length: decimals, units,
+mil. A mass: its weight, decimals, units, pounds. An interval or a rate: the next settings of a controller. A view:
+another lens.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +57,8 @@ class Cause:
     Attributes
     ----------
     effects : mapping of str to float
-        Name of a check to the power of the factor by which it moves (seen over expected); what is
-        left out does not move.
+        Name of a check to the power of the factor by which it moves (seen over expected); others do not
+        move.
     say : callable
         Takes the factor and returns the sentence, such as ``"the sampling cycle is probably
         100 µs, not 50 µs"``.
@@ -48,9 +70,11 @@ class Cause:
         Relative standard uncertainty of the input as it is stated. A factor of more than ten of them is
         possible only as a typing error, and comes after every other cause.
     slack : float
-        By which, relative, what was made usually differs from a usual factor.
+        Relative difference of a factor, as it is found, from a usual one.
+    bend : float
+        Relative uncertainty of the powers over such a factor: effects that follow a power law only nearly.
     file, line, setting
-        Where it stands, see :class:`Finding`.
+        The place, see :class:`Finding`.
     """
 
     effects: Mapping[str, float]
@@ -58,33 +82,26 @@ class Cause:
     usual: tuple[float, ...] = ()
     only_usual: bool = False
     slack: float = _SLACK
+    bend: float = field(default=0.0, kw_only=True)
     u: float = field(default=inf, kw_only=True)
     file: str = field(default="", kw_only=True)
     line: int | None = field(default=None, kw_only=True)
     setting: str = field(default="", kw_only=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Explanation:
+class Explanation(NamedTuple):
     """A cause with the factor that fits best.
 
-    Attributes
-    ----------
-    cause : Cause
-    factor : float
-        By which the input is too large.
-    checks : tuple of str
-        Checks that it moves.
-    score : float
-        Chi square that it leaves, less for a usual factor: the least is the likeliest.
-    n_u : float
-        Size of the error in stated standard uncertainties; 0 for a usual factor.
+    ``factor``: by which the input is too large; ``checks``: names of those that it moves; ``score``: minus twice the
+    logarithm of its likelihood, less for a usual factor, so that the least is the likeliest; ``share``: of chi square
+    that it explains; ``n_u``: size of the error in stated standard uncertainties, 0 for a usual factor.
     """
 
     cause: Cause
     factor: float
     checks: tuple[str, ...]
     score: float
+    share: float
     n_u: float = 0.0
 
     @property
@@ -128,23 +145,29 @@ def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanati
         if weight == 0.0:
             continue
         best = sum(d * r / u**2 for d, r, u in moved) / weight
-        # what can be no other factor is that one, as far as the checks tell
-        slack = hypot(cause.slack, cause.only_usual / sqrt(weight))
         usual = min((log(k) for k in cause.usual), key=lambda place: abs(place - best), default=inf)
-        is_usual = abs(usual - best) <= 2 * slack
+        bend = cause.bend * usual if isfinite(usual) else 0.0
+        # what can be no other factor is that one, as far as the checks tell
+        is_usual = abs(usual - best) <= 2 * hypot(cause.slack, bend, cause.only_usual / sqrt(weight))
         if cause.only_usual and not is_usual:
             continue
         place = usual if is_usual else best
         # Held against the same uncertainties, or a usual factor would explain by its slack alone.
-        widened = [(d, r, hypot(u, d * cause.slack * is_usual)) for d, r, u in moved]
+        own = [hypot(u, d * cause.slack) if is_usual else u for d, _, u in moved]
+        stray = _STRAY * bend * max(abs(d) for d, _, _ in moved)
+        widened = [
+            (d, r, hypot(u, d * bend, stray) if is_usual else u) for (d, r, _), u in zip(moved, own, strict=True)
+        ]
         before = sum((r / u) ** 2 for _, r, u in widened)
         left = sum(((r - d * place) / u) ** 2 for d, r, u in widened)
         names = tuple(name for name, _, _ in rows if cause.effects.get(name))
-        score = left - (_USUAL if is_usual else 0.0)
+        vagueness = 2.0 * sum(log(wide / u) for (*_, wide), u in zip(widened, own, strict=True))
+        score = left + vagueness - (_USUAL if is_usual else 0.0)
         # a check that it does not move, and that is right, speaks neither for it nor against it
         against = sum(z**2 for d, z in ((d, (r - d * place) / u) for d, r, u in widened) if d or abs(z) > _RIGHT)
         if against <= max(_EXPLAINED * before, _ALIKE):
-            found.append(Explanation(cause, exp(place), names, score, 0.0 if is_usual else abs(place) / cause.u))
+            n_u = 0.0 if is_usual else abs(place) / cause.u
+            found.append(Explanation(cause, exp(place), names, score, 1.0 - left / (before or 1.0), n_u))
     return tuple(sorted(found, key=lambda one: (one.is_last_resort, one.score)))
 
 

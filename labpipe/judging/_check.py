@@ -4,10 +4,9 @@ A check is one physical redundancy or one property of a record. It is evaluated 
 or once for every value that an experiment states, and is one row of a page: the check with its evaluations.
 """
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import hypot, inf, isfinite, log, nan
-from typing import Literal, TypedDict, Unpack
+from typing import Literal, NamedTuple, TypedDict, Unpack
 
 Level = Literal["impossible", "doubtful", "note"]
 """Severity of a finding."""
@@ -66,7 +65,7 @@ class Finding:
 
 
 class Place(TypedDict, total=False):
-    """Where to look and what for, as in :class:`Finding`."""
+    """Place and cause, as in :class:`Finding`."""
 
     cause: str
     file: str
@@ -130,16 +129,8 @@ class Check:
         return not self.needs
 
 
-@dataclass(frozen=True, slots=True)
-class CheckSummary:
-    """A check over all recordings of an experiment: one row of its page.
-
-    Attributes
-    ----------
-    title, law : str
-        Name of the check, and the redundancy that it uses in one sentence.
-    evaluations : tuple of Check
-    """
+class CheckSummary(NamedTuple):
+    """A check over all recordings, one row of a page: its name, its law in one sentence, and its results."""
 
     title: str
     law: str
@@ -189,26 +180,6 @@ class CheckSummary:
         return f"{text}, worst margin {max(margins):.1f} u{allowed}"
 
 
-def grouped(evaluations: Iterable[Check], laws: Mapping[str, str]) -> tuple[CheckSummary, ...]:
-    """Group evaluations into checks.
-
-    Parameters
-    ----------
-    evaluations : iterable of Check
-    laws : mapping of str to str
-        Sentence by the title of a check; empty for a check without one.
-
-    Returns
-    -------
-    tuple of CheckSummary
-        In the order of `laws`, the others after them.
-    """
-    by_title: dict[str, list[Check]] = {title: [] for title in laws}
-    for one in evaluations:
-        by_title.setdefault(one.title or one.name, []).append(one)
-    return tuple(CheckSummary(title, laws.get(title, ""), tuple(found)) for title, found in by_title.items() if found)
-
-
 def compared(
     name: str,
     message: str,
@@ -230,7 +201,7 @@ def compared(
     seen, expected : float
         In the same unit.
     u_seen, u_expected : float
-        Standard uncertainties; what both share is taken out by the caller.
+        Standard uncertainties, without contributions that both share.
     allowance : float
         Largest systematic effect that the kind of experiment knows (such as drag), in the same
         unit: a smaller difference is never called impossible.
@@ -320,11 +291,5 @@ def stated(name: str, message: str, level: Level | None, **place: Unpack[Place])
 
 
 def not_made(name: str, needs: str) -> Check:
-    """Return a check that could not be made, with what it would need."""
+    """Return a check that could not be made, with the statement or recording that it needs."""
     return Check(name, "", needs=needs)
-
-
-def unfinished(name: str, message: str, cause: str) -> Check:
-    """Return a check that could not be made because the run did not get through a step; it is a note."""
-    needs = "a run that gets through this step"
-    return Check(name, message, "note", needs=needs, cause=cause, is_generic=True)

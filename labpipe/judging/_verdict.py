@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Literal
 
 from labpipe.judging._cause import Cause, explain, with_causes
-from labpipe.judging._check import WEIGHT, Check, CheckSummary, Finding, grouped
+from labpipe.judging._check import WEIGHT, Check, CheckSummary, Finding
 
 Verdict = Literal["yes", "doubtful", "impossible", "unknown"]
 
@@ -35,7 +35,7 @@ class Judgement:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Failed checks, the gravest first; a failed step comes after what is doubtful in the record itself."""
+        """Failed checks, the gravest first; a failed step comes after a doubtful property of the record itself."""
         alike: dict[tuple[object, ...], list[Check]] = {}
         for c in sorted((c for c in self.checks if c.level is not None), key=_order):
             alike.setdefault((c.name, c.level, c.cause, c.file, c.line, c.setting), []).append(c)
@@ -43,8 +43,11 @@ class Judgement:
 
     @property
     def rows(self) -> tuple[CheckSummary, ...]:
-        """One row for each check, over all recordings."""
-        return grouped(self.checks, self.laws)
+        """One row for each check, over all recordings, in the order of the laws."""
+        by_title: dict[str, list[Check]] = {title: [] for title in self.laws}
+        for one in self.checks:
+            by_title.setdefault(one.title or one.name, []).append(one)
+        return tuple(CheckSummary(t, self.laws.get(t, ""), tuple(found)) for t, found in by_title.items() if found)
 
     @property
     def n_made(self) -> int:

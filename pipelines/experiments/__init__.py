@@ -1,14 +1,13 @@
 """The kinds of experiment: one package each, described by one object :class:`Kind`.
 
-A room holds, as far as they apply, ``kind.py`` (the object ``KIND``), ``settings.py`` (what
-session.toml says), ``measured.py``, ``model.py`` and ``comparison.py`` (stages: pure functions
+A room holds, as far as they apply, ``kind.py`` (the object ``KIND``), ``settings.py`` (its table of
+session.toml), ``measured.py``, ``model.py`` and ``comparison.py`` (stages: pure functions
 from Datasets and frozen settings to a Dataset), ``budget.py`` (uncertain inputs of the main
-quantities), ``evidence.py`` (what the results tell of a material), ``proposal.py`` (what ``init``
-makes of its files) and ``page.py`` (the report). What several kinds share stands in
-:mod:`pipelines.experiments.shared`.
+quantities), ``evidence.py`` (evidence on a material), ``proposal.py`` (for ``init``) and ``page.py``
+(the report). Parts of several kinds are in :mod:`pipelines.experiments.shared`.
 
 ``KINDS`` maps every name to its kind: ours, then those of other distributions by the entry point
-group ``labpipe.kinds``; ``ADDED`` says what those are and why one is left out. Both are made at the
+group ``labpipe.kinds``; ``ADDED`` lists those, with the reason if one is left out. Both are made at the
 first look, so that a stage that runs imports no other kind.
 """
 

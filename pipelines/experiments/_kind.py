@@ -27,15 +27,10 @@ JUDGEMENT = "judgement"
 
 @dataclass(frozen=True, slots=True)
 class Derived:
-    """What follows from results beside the stages, such as rows of a comparison or a budget.
+    """A function of results that is no stage, such as rows of a comparison or a budget.
 
-    Attributes
-    ----------
-    function : str
-        ``"module:function"``, called as ``function(*inputs)`` with those keywords that it takes:
-        ``settings``, and others by what it is for.
-    inputs : tuple of str
-        Results and files, in the language of a stage's inputs.
+    ``function`` is ``"module:function"``, called with ``inputs`` (results and files, in the language of a stage's
+    inputs) and those keywords that it takes: ``settings``, and others by its purpose.
     """
 
     function: str
@@ -86,23 +81,12 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What a scan recognised in a folder.
+    """Files that a scan recognised in a folder, relative to it.
 
-    Attributes
-    ----------
-    folder : Path
-    names : mapping of str to list of str
-        Files relative to the folder by the name of their instrument (``"keyence"``) and by what
-        they hold (``"displacement"``), and calibration records by their kind
-        (``"record:laser"``), those that will be written too.
-    owners : mapping of str to (str, str)
-        Every file of a known instrument to what wrote it, and why no experiment may begin from it.
-    texts : mapping of str to str
-        Calibration records that will be written.
-    unknown : tuple of str
-        Files that no instrument recognises.
-    copies : mapping of str to str
-        Those of the owned files that hold what another one does, to that one.
+    ``names`` holds them by the name of their instrument (``"keyence"``) and by their content (``"displacement"``), and
+    calibration records by their kind (``"record:laser"``), those that will be written too, with their ``texts``.
+    ``owners`` are instrument and reason why no experiment may begin from a file, ``unknown`` those that no instrument
+    recognises, and ``copies`` those of the owned files that equal another one, with its name.
     """
 
     folder: Path
@@ -125,15 +109,9 @@ class Found:
 class Proposed:
     """An experiment that a kind would make of some files.
 
-    Attributes
-    ----------
-    stem : str
-        What the files' names have in common; it gives the experiment its name and its place.
-    files : tuple of str
-        Those that belong to it, relative to the folder; no other kind is offered them.
-    text : callable
-        Takes the name that the experiment gets and returns its tables of session.toml; values that
-        no file tells are gaps (:data:`labpipe.workflow.fields.GAP`).
+    ``stem`` is common to the names of the ``files``, which are relative to the folder and offered to no other kind; it
+    gives the experiment its name and its place. ``text`` takes that name and returns the tables of session.toml, in
+    which values that are in no file are gaps (:data:`labpipe.workflow.fields.GAP`).
     """
 
     stem: str
@@ -148,8 +126,7 @@ class Proposal:
     Attributes
     ----------
     contents : tuple of str
-        What it begins from (:data:`instruments.CONTENTS`); it is offered the files of every
-        instrument, of other distributions too, whose files hold that.
+        Contents of its files (:data:`instruments.CONTENTS`), of every instrument, of other distributions too.
     function : str
         ``"module:function"``; takes the :class:`Found` and the names of one instrument's files
         that no kind has taken yet, and yields :class:`Proposed`.
@@ -175,7 +152,7 @@ class Kind:
     name, title, summary : str
         As session.toml writes it; a heading; one line.
     settings : type
-        What its table in session.toml holds.
+        Its table in session.toml.
     stages : tuple of Stage
         From the files to the report.
     schemas : tuple of Schema
@@ -191,12 +168,12 @@ class Kind:
     body : str
         The table of the settings that names a material, such as ``"sphere"``.
     evidence : Derived, optional
-        What ``identify`` learns of the material; may take ``name`` (the experiment's) and
+        Evidence of ``identify`` on the material; may take ``name`` (the experiment's) and
         ``impacts`` (how many bounces count), and returns a
         :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that
         says why there is none.
     prior : Derived, optional
-        What is known of a material before ``identify``; may take ``name`` and ``temperature``
+        Knowledge of a material before ``identify``; may take ``name`` and ``temperature``
         (degC or None), and returns a ``MaterialEvidence``.
     material : Derived, optional
         The material as input of simulation codes; may take ``name`` and ``bulk`` (None for the
@@ -231,19 +208,19 @@ def stage(
 ) -> Stage:
     """Return a stage of the built-in kinds, called as its function unless it has another name.
 
-    ``function`` is that below ``pipelines.experiments``, such as ``"ball_drop.measured:bounces"``; what else a
-    stage has is given by name.
+    ``function`` is that below ``pipelines.experiments``, such as ``"ball_drop.measured:bounces"``; its
+    other attributes are given by name.
     """
     return Stage(name or function.rpartition(":")[2], f"{_ROOMS}{function}", inputs, parameters, **more)
 
 
 def solid_of(body: str) -> tuple[str, str]:
-    """Return the inputs that tell the solid of a body, the table of the settings that names a material."""
+    """Return the inputs that define the solid of a body, the table of the settings that names a material."""
     return f"{FILE}{body}.material_file", f"{OTHER}{body}.material_from/master_curve"
 
 
 def derived(function: str, *inputs: str) -> Derived:
-    """Return what follows from results by a function that is named as :func:`stage` names it."""
+    """Return a function of results that is no stage, named as :func:`stage` names it."""
     return Derived(f"{_ROOMS}{function}", inputs)
 
 
@@ -269,7 +246,7 @@ def judged(
 
 
 def reported(room: str, inputs: tuple[str, ...]) -> Stage:
-    """Return the stage that writes the page, of the judgement and what else it shows."""
+    """Return the stage that writes the page, of the judgement and other results."""
     shown = (JUDGEMENT, *inputs)
     return stage(
         f"{room}.page:page", shown, ("*",), name="report", output="page", context=True, summary="write the page"
@@ -277,6 +254,6 @@ def reported(room: str, inputs: tuple[str, ...]) -> Stage:
 
 
 def function(text: str) -> Callable[..., Any]:
-    """Import what ``"module:function"`` names."""
+    """Import a function by its name, ``"module:function"``."""
     module, _, name = text.partition(":")
     return getattr(importlib.import_module(module), name)

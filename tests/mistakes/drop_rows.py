@@ -31,14 +31,6 @@ def write(folder: Path) -> Path:
     return folder
 
 
-def _thinned(texts: list[str]) -> list[str]:
-    return texts[::2]
-
-
-def _scaled(k: float) -> Callable[[Floats], Floats]:
-    return lambda x: x * k
-
-
 def _in_contact(text: str) -> Callable[[list[str]], list[str]]:
     """Return what puts a text in place of the readings deep in the contacts."""
 
@@ -68,66 +60,21 @@ def _clipped(low: float | None, high: float | None) -> Callable[[Floats], Floats
     return change
 
 
-def _noise(x: Floats) -> Floats:
-    return x[0] + np.random.default_rng(1).normal(0.0, 0.001, x.size)
-
-
-def _constant(x: Floats) -> Floats:
-    return np.full(x.size, x[0])
-
-
 def _sine(x: Floats) -> Floats:
     t = np.arange(x.size) * 50e-6
     return x[0] - 0.4 * np.abs(np.sin(2 * np.pi * 20 * t)) + np.random.default_rng(2).normal(0.0, 7e-4, x.size)
 
 
-def _hum(amplitude: float, frequency: float = 50.0) -> Callable[[Floats], Floats]:
-    return lambda x: x + amplitude * np.sin(2 * np.pi * frequency * 50e-6 * np.arange(x.size))
-
-
-def _jump(x: Floats) -> Floats:
-    return x + 0.5 * (np.arange(x.size) > 1500)
-
-
-def _drift(x: Floats) -> Floats:
-    return x + np.linspace(0.0, 1.0, x.size)
-
-
-def _spike(place: int, size: float) -> Callable[[Floats], Floats]:
-    def change(x: Floats) -> Floats:
-        out = x.copy()
-        out[place] += size
-        return out
-
-    return change
-
-
-def _run(place: int, count: int, size: float) -> Callable[[Floats], Floats]:
+def _wild(place: int, count: int, size: float) -> Callable[[Floats], Floats]:
     return lambda x: x + size * ((np.arange(x.size) >= place) & (np.arange(x.size) < place + count))
 
 
-def _rounded(step: float) -> Callable[[Floats], Floats]:
-    return lambda x: np.round(x / step) * step
-
-
-def _lost(texts: list[str]) -> list[str]:
-    return texts[:1000] + texts[1060:]
-
-
-def _doubled(texts: list[str]) -> list[str]:
-    return texts[:1060] + texts[1000:]
-
-
-def _pasted(texts: list[str]) -> list[str]:
-    return texts + texts
+def _mains(x: Floats) -> Floats:
+    return np.sin(2 * np.pi * 50.0 * 50e-6 * np.arange(x.size))
 
 
 def _zero_tail(texts: list[str]) -> list[str]:
     return texts[:1400] + ["+00.0000"] * (len(texts) - 1400)
-
-
-def _lost_point(texts: list[str]) -> list[str]:
-    return [t.replace(".", "") for t in texts]
 
 
 def _copied(folder: Path) -> None:
@@ -166,13 +113,13 @@ ROWS = (
     Mistake("cycle 52.5 for 50 us", _cycle("52.5us"), "impossible", _INTERVAL, ALL[0], 4),
     Mistake("cycle without unit", _cycle("50"), "impossible", ("unit",)),
     Mistake("storage x2 written", header("Storage cycle,x1", "Storage cycle,x2"), "impossible", _INTERVAL, ALL[0]),
-    Mistake("every second row kept", cells(_thinned), "impossible", ("sampling interval", "100 µs"), ALL[0]),
+    Mistake("every second row kept", cells(lambda t: t[::2]), "impossible", ("sampling interval", "100 µs"), ALL[0]),
     # length
     Mistake("unit um", header("Unit,mm", "Unit,um"), "impossible", ("unit", "0.001"), ALL[0], 8),
     Mistake("unit mil", header("Unit,mm", "Unit,mil"), "impossible", ("unit",), ALL[0], 8),
-    Mistake("display x10", values(_scaled(10.0)), "impossible", ("10", "times too large")),
-    Mistake("gain one half", values(_scaled(0.5)), "impossible", ("too small by a factor of 2",)),
-    Mistake("decimal point lost", cells(_lost_point), "impossible", ("unit",)),
+    Mistake("display x10", values(lambda x: 10.0 * x), "impossible", ("10", "times too large")),
+    Mistake("gain one half", values(lambda x: 0.5 * x), "impossible", ("too small by a factor of 2",)),
+    Mistake("decimal point lost", cells(lambda t: [text.replace(".", "") for text in t]), "impossible", ("unit",)),
     # what the session states
     Mistake("height 15 for 1.5 mm", setting('"1.5 ±', '"15 ±'), "impossible", ("drop height", "1.50 mm"), _TOML, 17),
     Mistake("height 1.4 mm", setting('"1.5 ±', '"1.4 ±'), "impossible", ("drop height",), _TOML, 17),
@@ -184,12 +131,17 @@ ROWS = (
     Mistake("inclination 22 deg", setting('"12.00', '"22.00', RECORD), "impossible", _ANGLE, RECORD, 13),
     Mistake("inclination in radians", setting("0.10 deg", "0.10 rad", RECORD), "impossible", _ANGLE, RECORD, 13),
     Mistake("inclination 0.12 deg", setting('"12.00', '"0.12', RECORD), "impossible", _ANGLE, RECORD, 13),
-    Mistake("corrected twice", values(_scaled(1 / np.cos(np.deg2rad(12.0)))), "impossible", ("inclination", "twice")),
+    Mistake("corrected twice", values(lambda x: x / np.cos(np.deg2rad(12.0))), "impossible", ("inclination", "twice")),
     Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", _RECORD),
     Mistake("record of a camera", setting('kind = "laser"', 'kind = "camera"', RECORD), "impossible", ("camera",)),
     # sensor
-    Mistake("constant channel", values(_constant), "impossible", ("channel",)),
-    Mistake("noise only", values(_noise), "impossible", ("channel",)),
+    Mistake("constant channel", values(lambda x: np.full(x.size, x[0])), "impossible", ("channel",)),
+    Mistake(
+        "noise only",
+        values(lambda x: x[0] + np.random.default_rng(1).normal(0.0, 0.001, x.size)),
+        "impossible",
+        ("channel",),
+    ),
     Mistake("sine with cusps", values(_sine), "impossible", ()),
     Mistake("direction reversed", setting(_SPHERE, f"{_SENSOR}\n\n{_SPHERE}"), "impossible", ("direction",)),
     # out of range
@@ -209,23 +161,23 @@ ROWS = (
     Mistake("clipped below", values(_clipped(0.03, None)), "impossible", _CLIPPED),
     Mistake("clipped above", values(_clipped(None, 0.9)), "impossible", _CLIPPED),
     # where in time
-    Mistake("pasted together", cells(_pasted), "impossible", ("120 ms",)),
+    Mistake("pasted together", cells(lambda t: t + t), "impossible", ("120 ms",)),
     Mistake("cut, old count", cells(lambda t: t[:1300], FIRST, counted=False), "impossible", ("not copied whole",)),
     Mistake("zero-filled tail", cells(_zero_tail), "impossible", ("70.0 ms",)),
-    Mistake("60 rows lost", cells(_lost), "impossible", ("lost",)),
+    Mistake("60 rows lost", cells(lambda t: t[:1000] + t[1060:]), "impossible", ("lost",)),
     Mistake("one row lost in flight", cells(lambda t: t[:740] + t[741:], FIRST), "doubtful", ("single rows: 1 lost",)),
     Mistake("one row doubled in flight", cells(lambda t: t[:740] + t[739:], FIRST), "doubtful", ("1 doubled",)),
-    Mistake("60 rows doubled", cells(_doubled), "impossible", ("twice",)),
-    Mistake("level jump", values(_jump), "impossible", ("75", "jump")),
-    Mistake("drift 1 mm", values(_drift), "impossible", ("drift",)),
+    Mistake("60 rows doubled", cells(lambda t: t[:1060] + t[1000:]), "impossible", ("twice",)),
+    Mistake("level jump", values(lambda x: x + 0.5 * (np.arange(x.size) > 1500)), "impossible", ("75", "jump")),
+    Mistake("drift 1 mm", values(lambda x: x + np.linspace(0.0, 1.0, x.size)), "impossible", ("drift",)),
     Mistake("begins in mid-fall", cells(lambda t: t[600:]), "impossible", ("mid-fall",)),
     Mistake("ends after first contact", cells(lambda t: t[:820]), "impossible", ("ends",)),
-    Mistake("one spike of 3 mm", values(_spike(900, 3.0)), "note", ("spike",)),
-    Mistake("thirty wild readings", values(_run(900, 30, 1.0), FIRST), "impossible", ("too long to be",), FIRST[0]),
-    Mistake("hum of 5 um", values(_hum(0.005)), "note", ("hum",)),
-    Mistake("hum of 50 um", values(_hum(0.05)), "note", ("hum of 51",)),
-    Mistake("resolution 10 um", values(_rounded(0.01)), "note", ("resolution",)),
-    Mistake("resolution 100 um", values(_rounded(0.1)), "impossible", ("resolution",)),
+    Mistake("one spike of 3 mm", values(_wild(900, 1, 3.0)), "note", ("spike",)),
+    Mistake("thirty wild readings", values(_wild(900, 30, 1.0), FIRST), "impossible", ("too long to be",), FIRST[0]),
+    Mistake("hum of 5 um", values(lambda x: x + 0.005 * _mains(x)), "note", ("hum",)),
+    Mistake("hum of 50 um", values(lambda x: x + 0.05 * _mains(x)), "note", ("hum of 51",)),
+    Mistake("resolution 10 um", values(lambda x: np.round(x, 2)), "note", ("resolution",)),
+    Mistake("resolution 100 um", values(lambda x: np.round(x, 1)), "impossible", ("resolution",)),
     # repeats
     Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),
     Mistake("same readings, another header", _of_first, "doubtful", ("digit by digit", "copy"), ALL[2]),

@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 
 from pipelines.session import Verdict
+from tests.mistakes.recordings import setting
 from tests.mistakes.rows import judged
 
 SAMPLE = Path(__file__).parents[2] / "sample_data/thesis-small"
 TOML = "session.toml"
+LASER, UNDER, FRONT = (f"calibration/{name}.toml" for name in ("laser", "camera_under", "camera_front"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,16 +36,6 @@ def _stated(experiment: str, key: str, value: str) -> Callable[[Path], None]:
         changed, count = re.subn(rf'(?m)^{key} = ".*"', f'{key} = "{value}"', text[begin:], count=1)
         assert count == 1
         (folder / TOML).write_text(text[:begin] + changed, "utf-8")
-
-    return edit
-
-
-def _record(name: str, old: str, new: str) -> Callable[[Path], None]:
-    def edit(folder: Path) -> None:
-        path = folder / "calibration" / name
-        text = path.read_text("utf-8")
-        assert old in text
-        path.write_text(text.replace(old, new), "utf-8")
 
     return edit
 
@@ -76,9 +68,9 @@ CHANGES = (
     Change(
         "height of a film", "acrylic_1p5mm_film", _stated("acrylic_1p5mm_film", "height", "2 ± 0.005 mm"), ("height",)
     ),
-    Change("angle of the laser", "peek_1p5mm", _record("laser.toml", "12.00 ±", "14.00 ±"), ("inclination",)),
-    Change("scale under the disc", "acrylic_1p5mm_film", _record("camera_under.toml", "461 ±", "440 ±"), ("scale",)),
-    Change("scale of the front view", "ptfe_film", _record("camera_front.toml", "386 ±", "394 ±"), ("scale",)),
+    Change("angle of the laser", "peek_1p5mm", setting("12.00 ±", "14.00 ±", LASER), ("inclination",)),
+    Change("scale under the disc", "acrylic_1p5mm_film", setting("461 ±", "440 ±", UNDER), ("scale",)),
+    Change("scale of the front view", "ptfe_film", setting("386 ±", "394 ±", FRONT), ("scale",)),
     Change("polymer", "peek_1p5mm", _stated("peek_1p5mm", "material_from", "nylon_dma"), ("of PEEK",)),
     Change("modulus", "nbr_relaxation", _stiffer, ("DMA, specimen", "modulus")),
     Change(

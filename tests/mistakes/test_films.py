@@ -81,16 +81,12 @@ def _exchanged(a: int, b: int) -> Change:
     return _frames(chosen)
 
 
-def _put(name: str, value: Any) -> Change:
-    def change(film: xr.Dataset) -> xr.Dataset:
-        return film.assign({name: ("frame", np.broadcast_to(np.asarray(value), _COUNT).copy())})
-
-    return change
+def _at_rest(film: xr.Dataset) -> xr.Dataset:
+    return film.assign(in_contact=film["in_contact"] | True, radius=film["radius"].fillna(0.0) * 0.0 + 4e-4)
 
 
-def _knocked(frame: int, by: float) -> Change:
-    """Move the image by so many px from a frame on."""
-    return lambda film: film.assign(centre_x=film["centre_x"] + by * (film["frame"] >= frame))
+def _refocused(film: xr.Dataset) -> xr.Dataset:
+    return film.assign(centre_x=film["centre_x"] + 10.0 * (film["frame"] >= 182))
 
 
 def _lit(brightness: dict[int, float], clipped: float = 0.0) -> str:
@@ -112,25 +108,12 @@ def _lamp_off(frame: int) -> Change:
     return change
 
 
-def _clipped(share: float) -> Change:
-    return lambda film: film.assign_attrs(light=_lit({}, share))
-
-
 def _light(stated: float) -> dict[str, Any]:
     """A wavelength that the session states for one of 633 nm."""
     return {
         "change": lambda film: film.assign_attrs(phase_scale_ratio=stated / 632.8),
         "settings": {"wavelength": Quantity(stated * 1e-9, 0.0, "m")},
     }
-
-
-def _height(value: float) -> dict[str, Any]:
-    return {"settings": {"height": Quantity(value, 5e-6, "m")}}
-
-
-def _edges(film: xr.Dataset) -> xr.Dataset:
-    """Measure by edges what was measured by fringes."""
-    return film.assign(method=film["method"] * 2)
 
 
 def _exposed(seconds: float) -> dict[str, Any]:
@@ -147,18 +130,28 @@ ROWS = (
     Row("frame rate half", "impossible", (_RATE, "0.5 times"), _faster(0.5)),
     Row("exposure in ms for us", "doubtful", ("2.00 µs", "2.00 ms", "is used"), _said(exposure=2e-6), _exposed(2e-3)),
     Row("exposure longer than a frame", "impossible", ("each 100 µs", "= 1.00 ms"), settings=_exposed(1e-3)),
-    Row("height 2 for 1.5 mm", "doubtful", ("drop height is probably 1.50",), **_height(2e-3)),
+    Row(
+        "height 2 for 1.5 mm",
+        "doubtful",
+        ("drop height is probably 1.50",),
+        settings={"height": Quantity(2e-3, 5e-6, "m")},
+    ),
     # frames
     Row("neighbours exchanged", "doubtful", ("exchanged",), _exchanged(176, 177)),
     Row("contact and flight exchanged", "doubtful", ("frames 178 and 321 are exchanged",), _exchanged(178, 321)),
     Row("one frame twice", "doubtful", ("repeated frame", "180"), lambda f: f.assign_attrs(repeated="[180]")),
     Row("film backwards", "impossible", ("reverse order",), _frames(lambda i: i[::-1])),
-    Row("sphere at rest", "impossible", ("at rest",), lambda f: _put("in_contact", True)(_put("radius", 4e-4)(f))),
+    Row("sphere at rest", "impossible", ("at rest",), _at_rest),
     # view and light
-    Row("lens out of focus", "doubtful", ("not resolved",), _edges),
-    Row("lens refocused in a contact", "doubtful", ("frame 182", "10 px", "refocused"), _knocked(182, 10.0)),
+    Row("lens out of focus", "doubtful", ("not resolved",), lambda film: film.assign(method=film["method"] * 2)),
+    Row("lens refocused in a contact", "doubtful", ("frame 182", "10 px", "refocused"), _refocused),
     Row("lamp off in a contact", "doubtful", ("3 of", "frame 178", "light failed"), _lamp_off(178)),
-    Row("over-exposed by far", "doubtful", ("40 % of the pixels", "over-exposed"), _clipped(0.4)),
+    Row(
+        "over-exposed by far",
+        "doubtful",
+        ("40 % of the pixels", "over-exposed"),
+        lambda film: film.assign_attrs(light=_lit({}, 0.4)),
+    ),
 )
 
 

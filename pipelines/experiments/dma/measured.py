@@ -14,7 +14,7 @@ from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.dma import glass_transition
 from pipelines.experiments.dma.settings import Dma
-from pipelines.experiments.shared.exclusions import excluded
+from pipelines.experiments.shared.exclusions import EXCLUDED, without_readings
 from pipelines.experiments.shared.settings import named_columns
 
 _ONE_FREQUENCY = 0.01  # relative spread below which a run has a constant frequency
@@ -36,15 +36,9 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
         columns=named_columns(options.columns),
         allow_incomplete=options.allow_incomplete,
     )
-    if (is_excluded := excluded(settings, "readings", found.sizes["sample"])).any():
-        found["is_valid"] = found["is_valid"].where(~is_excluded, 0)
-        moduli = [name for name in ("storage_modulus", "loss_modulus") if name in found]
-        found = found.assign({name: found[name].where(~is_excluded) for name in moduli})
-        found["status"] = (
-            found["status"].where(~is_excluded, "excluded")
-            if "status" in found
-            else ("sample", np.where(is_excluded, "excluded", ""), {"long_name": "state of the reading"})
-        )
+    found = without_readings(found, settings, "storage_modulus", "loss_modulus")
+    if EXCLUDED in found:
+        found["is_valid"] = found["is_valid"].where(found[EXCLUDED] == 0, 0)
     stated = _stated(path, settings)
     if stated is None:
         return with_responses(found)

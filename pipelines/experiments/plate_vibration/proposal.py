@@ -26,6 +26,6 @@ calibration = "{record}"  # inclination of the sensor in its place over the plat
 {proposals.MOVING_MASS}
 
 [[experiments.{name}.drops]]  # one such table for each material and height
-{proposals.named_material_lines(files[0], found)}
+{proposals.material_line(files[0], found, is_shown=True)}
 {proposals.height_line(files[0])}
 laser = {proposals.listed(files)}"""

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from labpipe import contact, files, materials
+from labpipe import contact, materials
 from labpipe.arrays import Floats
 from labpipe.errors import LabpipeError
 from labpipe.judging import IMPOSSIBLE, agreement
@@ -21,6 +21,7 @@ from pipelines.experiments.shared.counter_body import counter_body_of
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.material_choice import fitted_at, resolve
 from pipelines.experiments.shared.plate_under_drop import resolve_plate
+from pipelines.experiments.shared.proposals import POLYMERS
 
 _REACH, _NODES = 40.0, 9
 """K by which another temperature may differ from the stated one, and temperatures that are simulated."""
@@ -28,6 +29,7 @@ _FINE = 0.1  # K
 _FALLS = 8.0  # times the first fall, within which three impacts follow
 _RTOL = 1e-3
 
+_ACRONYMS = ("nbr", "peek", "ptfe")
 
 SOURCES = ("material_file", "fitted", "plate")
 """Results by which the material and the plate of a drop are known."""
@@ -45,45 +47,34 @@ class Alternative(NamedTuple):
 
 
 def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any) -> list[Alternative]:
-    """Simulate a drop of the other polymers of the library, and at other temperatures.
+    """Simulate a drop of the other polymers of the library, and at the temperature that explains most.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        Compared values (n), measured minus model.
-    covariance : array (n, n)
-        Of their differences.
-    given : Given
-        Of the stated material and plate: ``material_file``, ``fitted``, ``plate``.
-    settings : BallDrop or ContactArea
-
-    Returns
-    -------
-    list of Alternative
-        One for each polymer, and one for the temperature that explains most.
+    ``rows`` are the compared values, ``covariance`` (row, row) is that of their differences, and ``given`` holds
+    :data:`SOURCES` of the stated drop.
     """
     material_file, fitted, plate = map(given.get, SOURCES)
     sphere, source = settings.sphere, settings.sphere.source
     temperature = None if sphere.temperature is None else sphere.temperature.value
-    library = sorted(path.stem for path in (Path(files.__file__).parent / "materials/library").glob("*.toml"))
-    others = {name: solid for name in library if name != source and (solid := _loaded(name, temperature))}
+    others = {name: solid for name in POLYMERS if name != source and (solid := _loaded(name, temperature))}
     warmer = _at_other_temperatures(temperature, source, material_file, fitted)
     solids = [resolve(sphere, material_file, fitted), *others.values(), *warmer.values()]
-    count, gravity, height = len(solids), settings.model.gravity.value, settings.height.value
+    gravity, height = settings.model.gravity.value, settings.height.value
     made = contact.impacts(
         solids,
-        [sphere.radius.value] * count,
-        [sphere.mass.value] * count,
-        [height] * count,
+        sphere.radius.value,
+        sphere.mass.value,
+        height,
         _FALLS * float(np.sqrt(2.0 * height / gravity)),
         IMPACTS,
         settings.model.profile,
         _RTOL,
         gravity=gravity,
-        plate=[resolve_plate(settings.plate, plate)] * count,
+        plate=resolve_plate(settings.plate, plate),
         substrate=counter_body_of(settings.counter_body),
     )
-    columns = [np.zeros(count) if r.simulated is None else made[r.simulated[0]].values[:, r.simulated[1]] for r in rows]
+    columns = [
+        np.zeros(len(solids)) if r.simulated is None else made[r.simulated[0]].values[:, r.simulated[1]] for r in rows
+    ]
     expected = np.array(columns).T
     differences = np.array([row.difference or 0.0 for row in rows])
     left = differences - np.nan_to_num(expected[1:] - expected[0], nan=np.inf)
@@ -101,9 +92,6 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
     text = f"the temperature was probably {fine[best]:.1f} °C, not {temperature:.4g} °C (sphere.temperature)"
     is_far = abs(fine[best] - temperature) > IMPOSSIBLE * (sphere.inside.u or np.inf)
     return [*found, Alternative(text, curves[best], bool(is_far))]
-
-
-_ACRONYMS = ("nbr", "peek", "ptfe")
 
 
 def _loaded(name: str, temperature: float | None) -> Prony | None:

@@ -74,7 +74,10 @@ def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], capti
 def blocks(
     found: Quantity, budget: Budget, drawn: MonteCarlo, columns: Mapping[str, Mapping[str, Any]] | None = None
 ) -> tuple[Block, ...]:
-    """Return one budget as text, table and bars; ``columns`` are further ones of the table by title and source."""
+    """Return one budget as text, table and bars, below a line of :func:`overview`.
+
+    ``columns`` are further ones of the table by title and source.
+    """
     half, unit = budget.expanded(), found.unit
     # two digits of the half width
     digits = 2 + max(ceil(log10(abs(budget.value) / half)), 1) if budget.value and half else 5
@@ -82,11 +85,7 @@ def blocks(
         f"{quantity(low, unit, digits)} to {quantity(high, unit, digits)}"
         for low, high in ((budget.value - half, budget.value + half), (drawn.low, drawn.high))
     ]
-    text = (
-        f"{value_with_uncertainty(budget.value, budget.u, unit)}; expanded uncertainty {half_width(budget, unit)} with "
-        f"k = {coverage_factor(budget):.3g} ({_number(budget.degrees_of_freedom)} degrees of freedom), 95 %. Linear: "
-        f"{ends[0]}; Monte Carlo: {ends[1]}: they {compared(budget, drawn)}."
-    )
+    text = f"Interval of 95 %, linear: {ends[0]}; Monte Carlo: {ends[1]}."
     rows = [row for row in budget.rows if row["u"] > 0.0]
     freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}
     few = any(isfinite(g.degrees_of_freedom) for g in found.inputs.values())

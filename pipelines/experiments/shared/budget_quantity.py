@@ -1,7 +1,7 @@
 """A reported quantity as a formula of its uncertain inputs, and helpers for such formulas.
 
-Nothing is counted twice: the noise is that of the readings themselves, and the scatter of repeats
-beyond it is the repeatability, type A with n − 1 degrees of freedom.
+Nothing counts twice: noise is estimated from the readings, and repeatability from the scatter of repeats beyond it,
+type A with n − 1 degrees of freedom.
 """
 
 import json
@@ -26,7 +26,7 @@ NOTHING_FALLS = (("inclination, pixel size, mass, height", "there is no laser, n
 """Inputs that do not act on an indentation, and why."""
 
 MEASURED = "measured"
-"""Name of the input that is the result as read; its uncertainty stands in the others."""
+"""Name of the input that is the result as read; its uncertainty is in the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Quantity:
     """One reported quantity as a formula of uncertain inputs.
 
     ``name``, ``unit``; ``model``: takes every input by its name; ``inputs``; ``inert``: inputs that do not act, several
-    in one text, and why; ``family``: what quantities of the same sense have in common; the name where it is empty.
+    in one text, and why; ``family``: common name of quantities of the same sense; the name where it is empty.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Quantity:
 
 
 def repeats(values: Floats, own: Floats) -> tuple[Input, Input]:
-    """Return what repeats state of themselves, averaged, and their scatter beyond it and chance."""
+    """Return the uncertainty that repeats state, averaged, and their scatter beyond it and chance."""
     n = values.size
     stated = float(np.sqrt(np.mean(own**2)))
     if n < 2:
@@ -56,7 +56,7 @@ def repeats(values: Floats, own: Floats) -> tuple[Input, Input]:
 
 
 def clock(displacement: xr.Dataset) -> Input:
-    """Return the sensor's clock over the true one; what nobody compared is assumed."""
+    """Return the sensor's clock over the true one; one that nobody compared is assumed."""
     return Input(1.0, float(json.loads(displacement.attrs["time_base"])["u_relative"]))
 
 
@@ -89,7 +89,7 @@ def of_simulation(name: str, model: xr.Dataset | None, variable: str, at: int = 
 def model_quantity(
     name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], asked: Sequence[str] = ()
 ) -> Quantity:
-    """Return what a model gave, of which only the sensitivities are known.
+    """Return a result of a model, of which only the sensitivities are known.
 
     Rows are those of :func:`labpipe.uncertainty.budget_rows`; inputs of the model that are ``asked`` for and have no
     row are stated as exact.

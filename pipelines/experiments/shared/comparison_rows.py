@@ -21,32 +21,15 @@ FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
 class Row:
     """One comparison.
 
-    Attributes
-    ----------
-    experiment, kind, material, condition : str
-        Which experiment, of what, and under which height, temperature or load. ``compare`` fills
-        in what a kind leaves empty.
-    quantity, unit : str
-        What is compared; SI.
-    n : int
-        Repeats behind the measurement, or points of a single curve.
-    against : str
-        ``model``, or what else the measurement is laid against.
-    measured, u_measured, model, u_model, difference, u_difference : float or None
-        Values of an event with standard uncertainties; the difference is measured minus model.
-        Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
-    nrmse : float or None
-        Of a curve, relative to the range of the model.
-    chi2 : float or None
-    degrees_of_freedom : float or None
-        Of a curve whose uncertainties are known along it, see :func:`labpipe.judging.along_curve`.
-    slopes : mapping of str to float
-        Derivative of the difference to each input that several rows share, SI: what hangs together
-        is counted once, and says what the comparison could notice.
-    simulated : (str, int), optional
-        Variable of a simulated drop and impact (from 0) with which the measurement is compared.
-    kept : tuple of str
-        Results behind it that earlier code made and that were taken as they are.
+    ``experiment``, ``kind``, ``material`` and ``condition`` (height, temperature or load) that a kind leaves empty are
+    filled in by ``compare``. ``quantity`` is in the SI ``unit``, of ``n`` repeats or points of a curve, compared
+    ``against`` the model or another measurement. Values of an event have standard uncertainties; the difference is
+    measured minus model. Of a curve only the difference is given, the bias, with ``nrmse``, relative to the range of
+    the model, and chi square where its uncertainties are known along it (:func:`labpipe.judging.along_curve`).
+
+    ``slopes`` are derivatives of the difference to each input that several rows share [SI], so that it is counted once;
+    ``simulated`` are variable and impact, from 0, of the simulated drop with which the measurement is compared;
+    ``kept`` are results behind it that earlier code made and that were taken as they are.
     """
 
     experiment: str

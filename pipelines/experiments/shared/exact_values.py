@@ -16,15 +16,7 @@ _MEASURED = (
 def exact_values(settings: Any) -> list[str]:
     """Return the names of measured values that are stated without an uncertainty, each once.
 
-    Parameters
-    ----------
-    settings : msgspec.Struct
-        Of an experiment.
-
-    Returns
-    -------
-    list of str
-        ``"mass"`` for ``sphere.mass`` and every ``loads[0].mass``.
+    ``sphere.mass`` and every ``loads[0].mass`` are ``"mass"``.
     """
     found = (
         place.rpartition(".")[2]
@@ -35,17 +27,7 @@ def exact_values(settings: Any) -> list[str]:
 
 
 def usual_uncertainty(given: Quantity) -> float:
-    """Return half a unit of the last digit of a value, in the unit in which it is a number from 1 to 1000.
-
-    Parameters
-    ----------
-    given : Quantity
-        In SI.
-
-    Returns
-    -------
-    float
-        In SI.
+    """Return half a unit of the last digit of a value [SI], in the unit in which it is a number from 1 to 1000.
 
     Examples
     --------

@@ -3,30 +3,25 @@
 from typing import Any, Literal, cast
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.arrays import Flags
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource, ShownFrames
 from labpipe.report import Block, Column, Notice, Section, Table
+from labpipe.variables import variable
 from labpipe.workflow.exclusions import exclusions
 
-EXCLUDED = 8
-"""Status of a reading that session.toml excludes, beyond the states that a controller writes."""
+EXCLUDED = "is_excluded"
+"""Variable of readings, over their dimension: 1 where session.toml excludes one. It is there where any is."""
 _OTHER: dict[str, Literal["readings", "frames"]] = {"readings": "frames", "frames": "readings"}
 
 
 def excluded(settings: Any, of: Literal["readings", "frames"], count: int) -> Flags:
-    """Return flags (count,) of the readings or frames of a file that are excluded.
+    """Return flags (count,) of the readings, from 1, or frames, from 0, of a file that are excluded.
 
-    Parameters
-    ----------
-    settings : struct
-        With the exclusions that concern the file alone, as a step receives it.
-    of : {"readings", "frames"}
-        Readings count from 1, frames from 0.
-    count : int
-        Of the file.
+    ``settings`` hold the exclusions that concern the file alone, as a step receives them.
 
     Raises
     ------
@@ -47,6 +42,16 @@ def excluded(settings: Any, of: Literal["readings", "frames"], count: int) -> Fl
         if flags.all():
             raise InputError(f"exclude: no {of} of {one.file} are left; exclude the whole file: give no {of}")
     return flags
+
+
+def without_readings(readings: xr.Dataset, settings: Any, *columns: str) -> xr.Dataset:
+    """Leave out excluded readings of any instrument: NaN in columns that begin so, and flagged in :data:`EXCLUDED`."""
+    dim = "time" if "time" in readings.dims else "sample"
+    flags = excluded(settings, "readings", readings.sizes[dim])
+    if not flags.any():
+        return readings
+    kept = {name: readings[name].where(~flags) for name in readings.data_vars if str(name).startswith(columns)}
+    return readings.assign(kept | {EXCLUDED: variable(dim, flags.astype(np.int8), "1", "excluded by session.toml")})
 
 
 def without_frames(film: FrameSource, is_excluded: Flags) -> FrameSource:

@@ -166,7 +166,7 @@ class Repeated(NamedTuple):
 
 
 def repeats_agree(falls: Sequence[Fall], quantities: Sequence[Repeated], cause: str) -> list[Check]:
-    """Compare repeats; ``cause`` says what a repeat that differs probably is.
+    """Compare repeats; ``cause`` is the probable cause of one that differs.
 
     Of several repeats their scatter is known, and the one that differs most is named; of two only a difference counts
     that no release by hand makes.

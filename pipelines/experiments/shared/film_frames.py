@@ -30,8 +30,8 @@ _WIDEST = 640  # px of a stored key frame, as wide as a page shows it
 _SMALLEST = 480  # px; smaller frames are drawn enlarged
 _NOT_WHOLE = "the film was not copied whole, or is damaged: copy it from the camera again"
 _ALIKE, _BESIDE = 0.5, 0.25
-"""Part of the differences between stated neighbours that is left between true ones, and how far
-beside their distance, relative, nothing alike may lie: rows that are alike all along are a pattern."""
+"""Part of the differences between stated neighbours that is left between true ones, and relative change of their
+distance beyond which no rows may be similar: rows that are similar at any distance are a pattern."""
 CAUSES = {
     EXCHANGED: "width and height are exchanged in the header of the film, which was edited or damaged: export it again"
 }
@@ -74,7 +74,7 @@ def open_film(path: Path, frame_rate: Quantity | None = None, channel: str | Non
 def _is_exchanged(film: FrameSource) -> bool:
     """Return whether the pixels of an image are neighbours at the distance of its height, not of its width.
 
-    The shape of a film is a number in its header: pixels below each other look alike at the distance
+    The shape of a film is a number in its header: pixels below each other are similar at the distance
     of a row, and nowhere near it.
     """
     _, rows, columns = film.shape
@@ -164,8 +164,8 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
     -------
     Dataset
         ``image`` (key, y, x) grey levels 0 to 255, ``frame`` (key,), ``key_time`` (key,) [s], and
-        the scalar ``reduction``, px of the film per px of the image. Attribute ``header``: what
-        the film says of itself, one line each.
+        the scalar ``reduction``, px of the film per px of the image. Attribute ``header``: the
+        entries of the film's header, one line each.
     """
     sound = [i for i in chosen if film.valid[i]]
     if not sound:

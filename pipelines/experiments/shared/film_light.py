@@ -23,17 +23,8 @@ LIGHT = "light"
 def light_of(film: FrameSource, wanted: Iterable[int]) -> str:
     """Measure the brightness of frames and the share of their pixels that are white, as JSON.
 
-    Parameters
-    ----------
-    film : FrameSource
-    wanted : iterable of int
-        Frames that matter; others all over the film are added.
-
-    Returns
-    -------
-    str
-        ``brightness`` by frame over that of the film, ``clipped``, the share of pixels at the grey level ``level`` of
-        white, and ``view``, rows and columns.
+    Frames all over the film are added to those that are ``wanted``. Returned are ``brightness`` by frame over that of
+    the film, ``clipped``, the share of pixels at the grey level ``level`` of white, and ``view``, rows and columns.
     """
     spread = np.linspace(0, len(film) - 1, min(_MOST, len(film))).round().astype(int)
     chosen = [i for i in sorted({*map(int, wanted), *map(int, spread)}) if film.valid[i]]
@@ -67,8 +58,8 @@ def exposed(found: xr.Dataset, film: str) -> Check:
 def lit(film: str, brightness: dict[int, float], counts: NDArray[np.bool_], time: NDArray[np.float64]) -> Check:
     """Look for frames without light.
 
-    Brightness is by frame, over that of the film or of the frames around it; ``counts`` (frame,) are those that show
-    what is measured: a dark frame next to one changes the result.
+    Brightness is by frame, over that of the film or of the frames around it; ``counts`` (frame,) are those that are
+    measured: a dark frame next to one changes the result.
     """
     name = "light of the frames"
     if not brightness:

@@ -27,7 +27,7 @@ def flights(time: Floats, touches: Floats, leaves: Floats, release: float) -> li
 
 
 def moved_by_scatter(time: Floats, touches: Floats, sd: Floats, velocity: Floats) -> Iterator[Floats]:
-    """Yield what the scatter that each impact adds does to a path (sample,) [m]: it moves all that follows.
+    """Yield the effect on a path (sample,) [m] of the scatter that each impact adds: it moves all that follows.
 
     ``sd`` (impact,) are the standard deviations [s] of times of touch between drops since the first of them.
     """

@@ -9,7 +9,7 @@ from labpipe.arrays import Floats
 from labpipe.judging import Check, stated
 
 _IN_NOISE, _LEFT = 10.0, 0.3
-"""Multiple of the usual bend from which a frame stands out, and share of the bends that may be left
+"""Multiple of the usual bend from which a frame is an outlier, and share of the bends that may be left
 about two frames which were exchanged back."""
 _UNEVEN = 1.5  # times the shortest step about a frame, from which on steps are uneven
 _MOST = 40  # frames that stand out most; all their pairs are tried
@@ -23,9 +23,9 @@ def exchanged(
 
     A body moves smoothly but at impacts, where no exchange makes the motion smoother.
 
-    ``y`` (frame,) is what is measured in each frame, all numbers, with the standard uncertainty ``noise`` where that is
-    more than what the frames show. Where the steps of ``time`` (frame,), in any unit, are uneven nothing is smooth over
-    frames. ``missed`` (frame,) are frames in which something may have been overlooked: beside another that is no
+    ``y`` (frame,) is measured in each frame, all numbers, with the standard uncertainty ``noise`` where that exceeds
+    their scatter. Where the steps of ``time`` (frame,), in any unit, are uneven nothing is smooth over
+    frames. ``missed`` (frame,) are frames in which something may have been overlooked: next to another that is no
     exchange. Returns the places of the two, the earlier first, or None.
     """
     if not y.size:

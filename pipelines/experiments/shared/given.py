@@ -13,7 +13,7 @@ from typing import Any
 class Given:
     """Results of an experiment by the names of its steps; ``given`` is itself the name of all of them.
 
-    A step gave a Dataset, a list of what each recording gave, or None where it gave nothing.
+    A step gave a Dataset, a list of the results of its recordings, or None where it gave nothing.
     """
 
     def __init__(self, **known: Any) -> None:
@@ -27,7 +27,7 @@ class Given:
         return self._known.get(name)
 
     def ask(self, function: Callable[..., Any]) -> Any:
-        """Call a function with what its parameters name; None where something lacks that it needs."""
+        """Call a function with the results that its parameters name; None where one lacks that it needs."""
         parameters = inspect.signature(function).parameters.values()
         if any(p.default is p.empty and p.name not in self._known for p in parameters):
             return None

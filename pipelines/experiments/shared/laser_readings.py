@@ -12,7 +12,7 @@ import instruments
 from calibration import laser
 from labpipe.errors import UNSAID, SourceError
 from labpipe.signals import outliers
-from pipelines.experiments.shared.exclusions import EXCLUDED, excluded
+from pipelines.experiments.shared.exclusions import without_readings
 from pipelines.experiments.shared.settings import Keyence, named_columns
 
 OUTLIER = 7
@@ -25,7 +25,7 @@ def readings(path: Path, *, settings: Any) -> xr.Dataset:
     The attribute ``outliers`` holds, as JSON and by output, first and last index and largest deviation [m or V] of
     each run.
     """
-    return without_outliers(without_excluded(read_laser(path, settings.keyence), settings))
+    return without_outliers(without_readings(read_laser(path, settings.keyence), settings, "out"))
 
 
 def without_outliers(readings: xr.Dataset, *, ends: bool = True) -> xr.Dataset:
@@ -48,22 +48,8 @@ def without_outliers(readings: xr.Dataset, *, ends: bool = True) -> xr.Dataset:
     return made.assign_attrs(outliers=json.dumps(left_out)) if left_out else readings
 
 
-def without_excluded(readings: xr.Dataset, settings: Any) -> xr.Dataset:
-    """Leave out readings that the session excludes: NaN, and :data:`EXCLUDED`."""
-    if not (is_excluded := excluded(settings, "readings", readings.sizes["time"])).any():
-        return readings
-    made = readings.copy()
-    for output in (str(name) for name in readings if str(name).startswith("out")):
-        state = output.replace("out", "status")
-        made[output] = readings[output].where(~is_excluded)
-        codes = readings[state].values if state in readings else np.zeros(is_excluded.size, np.int8)
-        attrs = readings[state].attrs if state in readings else {"units": "1", "long_name": f"state of {output}"}
-        made[state] = ("time", np.where(is_excluded, EXCLUDED, codes).astype(codes.dtype), attrs)
-    return made
-
-
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:
-    """Read one export of a laser sensor, with what the session says of it.
+    """Read one export of a laser sensor, with the statements of the session.
 
     Raises
     ------

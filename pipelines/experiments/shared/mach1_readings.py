@@ -18,14 +18,14 @@ from labpipe.signals import LONGEST_RUN, outliers
 from labpipe.units import Quantity
 from labpipe.variables import variable, with_u
 from pipelines.experiments.shared import mach1_touch
-from pipelines.experiments.shared.exclusions import EXCLUDED, excluded
+from pipelines.experiments.shared.exclusions import EXCLUDED, without_readings
 from pipelines.experiments.shared.punch_settings import Indentation
 from pipelines.experiments.shared.settings import named_columns
 
 LAST_DECIMAL = 1e-9
 """Last decimal of a position in m: every file has six of a millimetre."""
 
-_STATE = {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out as an outlier, 8 excluded"}
+_STATE = {"units": "1", "long_name": "state of the reading: 0 valid, 1 left out as an outlier"}
 _APPROACH = "Find Contact"
 _KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first
 _CONSISTENT = 3.0  # standard uncertainties between two delays that may be one
@@ -58,9 +58,10 @@ def readings(path: Path, *, settings: object = None) -> xr.Dataset:
 
 def _without_excluded(readings: xr.Dataset, settings: object) -> xr.Dataset:
     """Leave excluded readings out: NaN and :data:`EXCLUDED`; few in a row, as the analysis bridges them."""
-    flags = excluded(settings, "readings", readings.sizes["sample"])
-    if not flags.any():
+    made = without_readings(readings, settings, "position_", "force_")
+    if EXCLUDED not in made:
         return readings
+    flags = made[EXCLUDED].values.astype(bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     for first, after in zip(edges[::2], edges[1::2], strict=True):
         if after - first > LONGEST_RUN:
@@ -69,8 +70,6 @@ def _without_excluded(readings: xr.Dataset, settings: object) -> xr.Dataset:
                 "record that is evaluated at even sampling; exclude the whole file"
             )
     columns = [str(n) for n in readings if str(n).startswith(("position_", "force_"))]
-    made = readings.assign({name: readings[name].where(~flags) for name in columns})
-    made["status"] = ("sample", np.where(flags, EXCLUDED, 0).astype(np.int8), _STATE)
     return made.assign_attrs(
         excluded=json.dumps([[name, int(b)] for b in np.unique(readings["block"].values[flags]) for name in columns])
     )
@@ -84,7 +83,7 @@ def without_outliers(readings: xr.Dataset) -> xr.Dataset:
     """
     block, time = readings["block"].values, readings["time"].values
     made, left_out = readings.copy(), []
-    status = readings["status"].values.copy() if "status" in readings else np.zeros(block.size, np.int8)
+    status = np.zeros(block.size, np.int8)
     for name in (str(n) for n in readings if str(n).startswith(("position_", "force_"))):
         values = readings[name].values.astype(float)
         for number in np.unique(block):

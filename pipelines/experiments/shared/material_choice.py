@@ -73,12 +73,12 @@ class Variation(NamedTuple):
 def variations(
     choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None, times: tuple[float, float]
 ) -> dict[str, Variation]:
-    """Return what is uncertain of the material, each with the solid of a changed input.
+    """Return the uncertain inputs of the material, each with the solid of a changed one.
 
     The temperature shifts the material by its law; Poisson's ratio changes the modulus of a
     contact, E / (1 - nu^2), and nothing else. A rheometer's uncertainty comes as independent
-    changes of the whole spectrum, of unit size. The changes are large enough for a simulation to
-    tell them from its own error. ``times`` are the shortest and longest [s] on which the experiment
+    changes of the whole spectrum, of unit size. The changes are large enough to exceed the error of a
+    simulation. ``times`` are the shortest and longest [s] on which the experiment
     depends.
     """
     found: dict[str, Variation] = {}

@@ -30,7 +30,7 @@ class MaterialEvidence:
 
 
 CONTACT_MODULUS = "Poisson's ratio"
-"""Unknown of all contacts with a material, by its effect: E/(1 - nu^2) over what the stated ratio makes of it."""
+"""Unknown of all contacts with a material, by its effect: E/(1 - nu^2) over that of the stated ratio."""
 
 
 def of_poissons_ratio(nu: Quantity) -> list[Parameter]:

@@ -44,7 +44,7 @@ log_log = partial(LineChart, x_scale="log", y_scale="log")
 """A chart of two logarithmic axes, as moduli are drawn."""
 
 SESSION_PAGE = "index.html"
-"""The page of the whole session, beside the folder of the reports."""
+"""The page of the whole session, next to the folder of the reports."""
 
 
 LIMITS = "guide/limits.html"
@@ -66,7 +66,7 @@ def told(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
 def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:
     """List a variable of a result, with its standard uncertainty where it has one.
 
-    With a factor other than 1 the numbers are no longer in SI, and the title says in what they are.
+    With a factor other than 1 the numbers are no longer in SI, and the title names their unit.
     """
     u = f"u_{name}"
     values, units = (dataset[name].values * factor).tolist(), str(dataset[name].attrs["units"]) if factor == 1.0 else ""
@@ -111,7 +111,7 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
     """Assemble a page that answers first.
 
     The verdict comes before all else, then the one chart that shows it, the first of the kind's
-    sections; what the verdict rests on follows the key numbers, and the sections of every page
+    sections; the basis of the verdict follows the key numbers, and the sections of every page
     follow those of the kind.
     """
     head = (*settings_notice(context), *synthetic_notice(context), *kept_notice(context))
@@ -145,7 +145,7 @@ def _without_first_chart(sections: Sequence[Section]) -> tuple[list[Section], tu
 
 
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
-    """Make a section that is folded away until it is asked for; what warns stays in sight."""
+    """Make a section that is folded away until it is asked for; warnings stay in sight."""
     found = tuple(blocks)
     inside = tuple(block for block in found if not isinstance(block, Notice))
     notices = tuple(block for block in found if isinstance(block, Notice))
@@ -248,7 +248,7 @@ def calibration_rows(text: str) -> KeyValues:
 
 
 def camera_calibration(record: str, budget: str, rows: Sequence[tuple[str, str, str]]) -> Section:
-    """Show the calibration record of a camera, what follows from it, and the budget of its scale, folded away."""
+    """Show the calibration record of a camera, values from it, and the budget of its scale, folded away."""
     table = budget_table(json.loads(budget), "Budget of the image scale", "m/px")
     blocks = (calibration_rows(record), KeyValues(rows), *table)
     return folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
@@ -284,7 +284,7 @@ def laser_recordings(
     readings: Sequence[xr.Dataset | None],
     displacement: Sequence[xr.Dataset | None],
 ) -> Section:
-    """Show the recordings of a laser, what fell, and the sensor's calibration, folded away.
+    """Show the recordings of a laser, the falling body, and the sensor's calibration, folded away.
 
     ``recordings`` is the first row, ``body`` has a ``radius`` and, where it falls, a ``mass``, or is None.
     """

@@ -9,7 +9,7 @@ from labpipe.units import Quantity
 from pipelines.experiments.shared.settings import Plate
 
 OF_PLATE = "plate "
-"""Beginning of the names of the plate's inputs, beside those of the body."""
+"""Beginning of the names of the plate's inputs, next to those of the body."""
 
 
 def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plate | None:

@@ -1,7 +1,7 @@
 """Shared parts of the proposals of ``init``: words, lines, and file names.
 
 Repeats are files whose names differ in their last number only. A drop height or a material in a
-name (``7mm``, ``h1p5``, ``peek``) is taken as a proposal and marked as such. What no file tells is
+name (``7mm``, ``h1p5``, ``peek``) is taken as a proposal and marked as such. Values in no file are
 written as :data:`labpipe.workflow.fields.GAP`; a person is asked for it, and the experiment waits until
 it is filled.
 """
@@ -35,7 +35,7 @@ _DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
 _SLOW = 0.1  # s between readings: no drop is seen so slowly
-_POLYMERS = {
+POLYMERS = {
     "acrylic": re.compile(r"acryl(?:ic|glas)?(?![a-z])|pmma|plexiglas|perspex", re.IGNORECASE),
     "peek": re.compile("peek", re.IGNORECASE),
     "nylon": re.compile(r"nylon|polyamide?(?![a-z])|(?<![a-z])pa[ _-]?66?(?!\d)", re.IGNORECASE),
@@ -112,42 +112,27 @@ def material_word(text: str, *, is_whole: bool = False) -> str | None:
     """
     look = re.Pattern.fullmatch if is_whole else re.Pattern.search
     parts = reversed(text.split("/"))  # a file's own name tells more than its folder's
-    return next((known for part in parts for known, called in _POLYMERS.items() if look(called, part)), None)
+    return next((known for part in parts for known, called in POLYMERS.items() if look(called, part)), None)
 
 
-def material_line(name: str, found: Found | None = None) -> str:
-    """Return the line of the material, from a file's name where it names one.
+def material_line(name: str, found: Found | None = None, *, is_shown: bool = False) -> str:
+    """Return the lines of the material, from a file's name where it names one.
 
     A DMA export of the same material in the folder is preferred to the library, whose numbers are
-    no measurement of it.
+    no measurement of it; where the material ``is_shown``, its name is stated too.
     """
     known = material_word(name)
-    measured = None if found is None or known is None else dma_of(known, found)
-    if measured is not None:
-        return _from_dma(measured)
     if known is None:
-        return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr, or use material_file'
-    return _named(known)
-
-
-def named_material_lines(name: str, found: Found) -> str:
-    """Return the lines of a material that is shown by its name wherever its solid comes from."""
-    known = material_word(name)
-    if known is None:
-        return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr; or any name, with material_from'
-    measured = dma_of(known, found)
-    return _named(known) if measured is None else f"{_named(known)}\n{_from_dma(measured)}"
-
-
-def _named(material: str) -> str:
-    return f'material = "{material}"  # proposed from the file name'
-
-
-def _from_dma(experiment: str) -> str:
-    return (
-        f'material_from = "{experiment}"  # the DMA experiment of the same material, by the file names\n'
+        other = "or any name, with material_from" if is_shown else "or use material_file"
+        return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr{";" if is_shown else ","} {other}'
+    named = f'material = "{known}"  # proposed from the file name'
+    if found is None or (measured := dma_of(known, found)) is None:
+        return named
+    of_dma = (
+        f'material_from = "{measured}"  # the DMA experiment of the same material, by the file names\n'
         f'temperature = "{GAP} degC"  # of the specimen, with ±, e.g. "21.0 ± 0.5 degC"'
     )
+    return f"{named}\n{of_dma}" if is_shown else of_dma
 
 
 def dma_of(material: str, found: Found) -> str | None:
@@ -184,7 +169,7 @@ def fall_shown(path: Path) -> float:
 
 
 def height_line(name: str, shown: float = math.nan) -> str:
-    """Return the line of the drop height, where a file's name, or else its folder's, tells one length or calls it h.
+    """Return the line of the drop height, where a file's name, or else its folder's, holds one length or calls it h.
 
     A fall that the record shows [m] is added as a remark: it is no statement of the height.
     """

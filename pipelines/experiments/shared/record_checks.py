@@ -30,9 +30,7 @@ _IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
 _QUIET = 200  # readings at the beginning that should be at rest
 _LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is a note, doubtful, impossible
 _CHANCE = 1e-9  # probability of a run of equal readings that is reported
-_BLOCK, _LONG, _WHOLE = 48, 200, 0.8
-"""Readings that do not repeat by chance; stretches of them in a row that two records share by copying alone; share of a
-record from which on it is a copy."""
+_BLOCK = 48  # readings that do not repeat by chance
 _WINDOW = 24  # readings in which a lost or doubled one is looked for
 _BEFORE = 2e-3  # s before a release that was found, while which something may move already
 
@@ -93,9 +91,8 @@ class Trace:
             return None
         x = np.array(readings[output].values, float)
         state = output.replace("out", "status")
-        is_excluded: Flags | bool = False
+        is_excluded = EXCLUDED in readings and readings[EXCLUDED].values.astype(bool)
         if state in readings:
-            is_excluded = readings[state].values == EXCLUDED
             x[readings[state].values != 0] = np.nan
         left_out = json.loads(readings.attrs.get("outliers", "{}")).get(output, [])
         runs = tuple((int(first), int(last), float(by)) for first, last, by in left_out)
@@ -143,21 +140,10 @@ def of_recordings(
     context: Context,
     failed: Mapping[str, str],
 ) -> tuple[list[Check], list[Check]]:
-    """Evaluate the recordings of a laser.
+    """Evaluate the recordings of a laser: their readings, and in a second list the failed steps and the record.
 
-    Parameters
-    ----------
-    read, moved, bounced : mapping of str to Dataset or None
-        Readings, displacement and bounces by recording.
-    settings : BallDrop or PlateVibration
-    context : Context
-    failed : mapping of str to str
-        Causes of failed steps.
-
-    Returns
-    -------
-    of_readings, others : list of Check
-        Those of the readings; those of failed steps and of the calibration record.
+    ``read``, ``moved`` and ``bounced`` are readings, displacement and bounces by recording; ``failed`` are the causes
+    of failed steps.
     """
     gravity, record = settings.model.gravity.value, settings.calibration
     outputs = ((name, one) for name, one in read.items() if one is not None)
@@ -190,7 +176,7 @@ def unread(trace: Trace) -> Check:
     lost = ~np.isfinite(trace.reading)
     for first, last, _ in trace.outliers:
         lost[first : last + 1] = False
-    lost &= ~trace.is_excluded
+    lost &= ~np.asarray(trace.is_excluded)
     longest, start = longest_run(lost)
     name = "readings out of range"
     if not longest:
@@ -301,24 +287,16 @@ def _single_rows(trace: Trace) -> Check:
     return trace.seen(SINGLE_ROWS, text, "doubtful", cause)
 
 
-def _stretches(trace: Trace, step: float, *, from_any_zero: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Return a digest of every stretch of 48 readings, or of the steps between them, that differ, and their places."""
-    count = np.round(np.nan_to_num(trace.reading) / step).astype(np.int64)
-    count = np.diff(count) if from_any_zero else count
-    windows = np.lib.stride_tricks.sliding_window_view(count, _BLOCK)
-    is_lively = np.convolve(np.diff(count) != 0, np.ones(_BLOCK - 1), "valid") >= _BLOCK / 2
-    places = np.flatnonzero(is_lively)
-    weights = np.random.default_rng(0).integers(1, 2**62, _BLOCK)
-    return (windows @ weights)[places], places
-
-
 def repeated_rows(trace: Trace) -> Check:
     """Look for a stretch of readings that comes twice, digit by digit."""
     name = "rows that come twice"
     if trace.reading.size < 3 * _BLOCK or trace.resolution == 0.0:
         return not_made(name, f"{3 * _BLOCK} readings that differ")
-    keys, places = _stretches(trace, trace.resolution)
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    count = np.round(np.nan_to_num(trace.reading) / trace.resolution).astype(np.int64)
+    windows = np.lib.stride_tricks.sliding_window_view(count, _BLOCK)
+    places = np.flatnonzero(np.convolve(np.diff(count) != 0, np.ones(_BLOCK - 1), "valid") >= _BLOCK / 2)
+    digests = (windows @ np.random.default_rng(0).integers(1, 2**62, _BLOCK))[places]
+    _, first, inverse = np.unique(digests, return_index=True, return_inverse=True)
     original = places[first[inverse]]
     twice = np.flatnonzero(places - original >= _BLOCK)
     if not twice.size:
@@ -330,7 +308,7 @@ def repeated_rows(trace: Trace) -> Check:
 
 
 def shared_rows(traces: Sequence[Trace]) -> Check:
-    """Look for a stretch of readings that two records share, digit by digit but for their zero.
+    """Look for two records whose readings are equal, digit by digit but for their zero and the end of the longer one.
 
     Files with the same bytes are left to the check of the session.
     """
@@ -338,20 +316,14 @@ def shared_rows(traces: Sequence[Trace]) -> Check:
     known = [t for t in traces if t.reading.size >= 3 * _BLOCK and t.resolution > 0.0]
     if len(known) < 2:
         return not_made(name, "two records with readings that differ")
-    step = min(t.resolution for t in known)
-    found = [_stretches(t, step, from_any_zero=True)[0] for t in known]
-    for (one, first), (other, later) in combinations(zip(found, known, strict=True), 2):
-        if first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True):
-            continue
-        longest, _ = longest_run(np.isin(other, one))
-        if longest < _LONG:
-            continue
-        rows = longest + _BLOCK
-        is_copy = rows > _WHOLE * min(first.reading.size, later.reading.size)
-        text = f"{rows} readings in a row are those of {first.name}, digit by digit"
-        cause = "a copy was taken for a repeat" if is_copy else "two recordings were pasted together"
-        return later.seen(name, text, "doubtful" if is_copy else "impossible", cause)
-    return stated(name, f"{len(known)} records share no stretch of readings", None)
+    for first, later in combinations(known, 2):
+        n, half = min(first.reading.size, later.reading.size), 0.5 * max(first.resolution, later.resolution)
+        is_same_file = first.header == later.header and np.array_equal(first.reading, later.reading, equal_nan=True)
+        apart = np.abs(np.diff(first.reading[:n]) - np.diff(later.reading[:n]))
+        if not is_same_file and (apart[np.isfinite(apart)] < half).all():
+            text = f"{n} readings in a row are those of {first.name}, digit by digit"
+            return later.seen(name, text, "doubtful", "a copy was taken for a repeat")
+    return stated(name, f"no two of {len(known)} records share their readings", None)
 
 
 def resolution(trace: Trace) -> Check:

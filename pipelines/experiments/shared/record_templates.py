@@ -34,8 +34,11 @@ _CAMERA = f"""\
 reference_length = "{GAP} mm"  # of an object in the plane of focus, e.g. "30.00 ± 0.02 mm"
 pixel_length = "{GAP} px"  # what it measures in the image, e.g. "386 ± 1.5 px"
 """
-
-
+_TEMPLATES = {
+    "laser": ("micrometer steps against the reading", _LASER),
+    "camera": ("a ruler in the plane of focus", _CAMERA),
+}
+"""Method and values of a record, by its kind."""
 _NONE = f"calibration/{GAP}.toml"
 
 
@@ -47,8 +50,7 @@ def laser_records(found: Found) -> dict[str, dict[str, str]]:
     if not found.of("displacement") or found.of("record:laser"):
         return {}
     model, days = _about(found.folder, found.of("displacement"))
-    how = "micrometer steps against the reading"
-    return {"record:laser": _template(found.folder, "laser", "laser", model or "Keyence laser", days, "", how, _LASER)}
+    return {"record:laser": _template(found.folder, "laser", model or "Keyence laser", days)}
 
 
 def camera_records(found: Found) -> dict[str, dict[str, str]]:
@@ -63,9 +65,8 @@ def camera_records(found: Found) -> dict[str, dict[str, str]]:
             days_of[seen].append(days)
     made: dict[str, str] = {}
     for seen, days in ((seen, days) for seen, each in sorted(days_of.items()) for days in sorted(each)):
-        stem = f"camera_{seen}" if len(days_of[seen]) == 1 else "_".join(["camera", seen, *map(str, days)])
-        how = "a ruler in the plane of focus"
-        made |= _template(found.folder, stem, "camera", "camera", days, seen, how, _CAMERA)
+        stem = seen if len(days_of[seen]) == 1 else "_".join([seen, *map(str, days)])
+        made |= _template(found.folder, "camera", "camera", days, seen, f"camera_{stem}")
     return {"record:camera": made} if made else {}
 
 
@@ -75,14 +76,12 @@ def blank_record(folder: Path, kind: str, view: str, recordings: list[str], take
     It takes the place of no file, nor of one of the names ``taken``. Raises InputError for another kind.
     """
     model, days = _about(folder, recordings)
-    seen = identifier(view)
     if kind == "camera":
-        about = (f"camera_{seen}", kind, "camera", days, seen, "a ruler in the plane of focus", _CAMERA)
-    elif kind == "laser":
-        about = (kind, kind, model or "Keyence laser", days, "", "micrometer steps against the reading", _LASER)
-    else:
-        raise InputError(f'a record of kind "{kind}" is written by hand: the guide says how, For the experimenter')
-    return next(iter(_template(folder, *about, taken).items()))
+        seen = identifier(view)
+        return next(iter(_template(folder, kind, kind, days, seen, f"camera_{seen}", taken).items()))
+    if kind == "laser":
+        return next(iter(_template(folder, kind, model or "Keyence laser", days, taken=taken).items()))
+    raise InputError(f'a record of kind "{kind}" is written by hand: the guide says how, For the experimenter')
 
 
 def camera_record(found: Found, film: str) -> str:
@@ -138,16 +137,15 @@ def _fitting(
 
 def _template(
     folder: Path,
-    stem: str,
     kind: str,
     instrument: str,
     days: list[date],
-    view: str,
-    how: str,
-    values: str,
+    view: str = "",
+    stem: str = "",
     taken: Container[str] = (),
 ) -> dict[str, str]:
     """Return text and name of a record, one that no file has and that is not ``taken``."""
+    stem, (how, values) = stem or kind, _TEMPLATES[kind]
     name, number = f"calibration/{stem}.toml", 2
     while (folder / name).exists() or name in taken:
         name, number = f"calibration/{stem}_{number}.toml", number + 1
@@ -166,7 +164,7 @@ def _template(
 
 
 def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:
-    """Model of the sensor and days of the recordings, as far as the files tell."""
+    """Model of the sensor and days of the recordings, as far as the files hold them."""
     models, days = [], []
     for name in names:
         try:

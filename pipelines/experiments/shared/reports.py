@@ -22,19 +22,10 @@ from pipelines.experiments.shared.pages import document, failed_notice
 class Report:
     """The page of a kind: called by its stage, it shows the results of the steps.
 
-    Attributes
-    ----------
-    subtitle : str, or callable
-        Takes the settings.
-    shown : tuple of str
-        Names of what the stage is given, in its order, after the ``judgement``.
-    sections : sequence of callable
-        Each asks by name (:mod:`pipelines.experiments.shared.given`) and returns a section, several, or
-        None; a step that failed leaves its section out and its error in.
-    rows : callable, optional
-        Of the comparison.
-    counts : mapping of str to callable
-        Whether a result of that name is one at all.
+    ``subtitle`` may take the settings; ``shown`` names the inputs of the stage after the judgement, in its order; each
+    of ``sections`` asks by name (:mod:`pipelines.experiments.shared.given`) and returns a section, several, or None: a
+    step that failed leaves its section out and its error in; ``rows`` are those of the comparison; ``counts`` says by
+    name whether a result is one at all.
     """
 
     subtitle: str | Callable[[Any], str]
@@ -45,7 +36,7 @@ class Report:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of what the stage is given, in its order."""
+        """Names of the inputs of the stage, in its order."""
         return (JUDGEMENT, *self.shown)
 
     def __call__(self, judgement: xr.Dataset | None, *results: Any, settings: Any, context: Context) -> str:

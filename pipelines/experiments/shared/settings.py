@@ -133,8 +133,8 @@ class Keyence(Table, frozen=True, kw_only=True):
     """Settings that a laser export may lack; nothing here is guessed.
 
     ``cycle`` is the time between samples and ``storage_factor`` the number of samples per stored
-    point (1 where only the cycle is given here); ``units`` has one entry per output. What
-    contradicts the file is refused, not preferred. ``columns`` names those of a recorder's table.
+    point (1 where only the cycle is given here); ``units`` has one entry per output.
+    Contradictions to the file are refused. ``columns`` names those of a recorder's table.
     """
 
     cycle: Annotated[fields.Time, fields.POSITIVE] | None = None

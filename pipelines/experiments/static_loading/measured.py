@@ -21,6 +21,7 @@ from labpipe.errors import InputError
 from labpipe.units import Quantity
 from labpipe.variables import from_rows, variable, with_u
 from pipelines.experiments.shared import laser_readings
+from pipelines.experiments.shared.exclusions import without_readings
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, touch_apart, touch_weights, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
@@ -29,7 +30,7 @@ _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
 
 def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
     """Read the laser export; a reading at its end is kept: it may be the level before the first load."""
-    found = laser_readings.without_excluded(laser_readings.read_laser(path, settings.keyence), settings)
+    found = without_readings(laser_readings.read_laser(path, settings.keyence), settings, "out")
     return laser_readings.without_outliers(found, ends=False)
 
 

@@ -36,7 +36,7 @@ def test_readings_are_missing_and_their_reason_is_on_the_page_and_in_the_export(
     }
     assert lp.process(session_copy, jobs=0).failures == ()
     read = lp.result(session_copy, "drop", "readings", "laser/drop_1.csv")
-    left_out = np.flatnonzero(read["status1"] == EXCLUDED)
+    left_out = np.flatnonzero(read[EXCLUDED])
     assert left_out.tolist() == [30, 39, 40, 41]
     assert np.isnan(read["out1"][left_out]).all()
     np.testing.assert_array_equal(read["out1"].drop_isel(time=left_out), whole["out1"].drop_isel(time=left_out))

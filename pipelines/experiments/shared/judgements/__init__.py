@@ -27,16 +27,14 @@ from pipelines.experiments.shared.judgements._scene import (
     measured_by as measured_by,
 )
 from pipelines.experiments.shared.judgements._stage import judgement as judgement, judging as judging
-from pipelines.experiments.shared.judgements._usual_causes import (
-    line_of as line_of,
-    stated_wrongly as stated_wrongly,
-    times_over as times_over,
-    wrong_interval as wrong_interval,
-    wrong_scale as wrong_scale,
-)
-from pipelines.experiments.shared.judgements._usual_checks import (
+from pipelines.experiments.shared.judgements._usual import (
     because as because,
     day_known as day_known,
     failed_steps as failed_steps,
+    line_of as line_of,
+    stated_wrongly as stated_wrongly,
+    times_over as times_over,
     uncertainties_stated as uncertainties_stated,
+    wrong_interval as wrong_interval,
+    wrong_scale as wrong_scale,
 )

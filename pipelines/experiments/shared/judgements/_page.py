@@ -86,12 +86,12 @@ def counted_from_one(setting: str) -> str:
 
 
 def of_error(unit: str) -> str:
-    """Return the unit of an error of what is stated in a unit: a difference of temperatures is one in kelvin."""
+    """Return the unit of an error of a value in some unit: a difference of temperatures is one in kelvin."""
     return "K" if unit == "degC" else unit
 
 
 VERDICT = "verdict"
-"""Anchor of the sentence on a page that tells its verdict."""
+"""Anchor of the verdict on a page."""
 _FAR_WARMER = 100.0  # K, an error of a temperature beyond which a comparison is insensitive to it
 _BESIDE = {
     "agrees": "The {} agrees all the same.",
@@ -179,9 +179,7 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
         blocks.append(Table(tuple(map(Column, titles)), cells))
     if result.sizes["input"]:
         blocks.append(Paragraph(noticed(result)))
-    blocks.append(_checked(judged))
-    blocks.append(Details(f"Results of the {len(judged.checks)} evaluations", blocks=(_evaluated(judged),)))
-    return tuple(blocks)
+    return (*blocks, *_checked(judged))
 
 
 def written_place(finding: Finding) -> str:
@@ -223,26 +221,21 @@ def noticed(result: xr.Dataset) -> str:
     )
 
 
-def _checked(judged: Judgement) -> Table:
-    """List the checks, one row for each."""
-    rows = []
+def _checked(judged: Judgement) -> tuple[Block, Block]:
+    """List the checks, one row for each; and, folded away, their results for each recording and each stated value."""
+    checks, evaluations = [], []
     for row in judged.rows:
-        seen = row.worst.message or f"requires {row.worst.needs}"
-        rows.append((capitalised(row.title), row.summary, with_minus(seen), row.law))
-    columns = ("check", "result", "largest deviation", "principle")
-    return Table(tuple(Column(name) for name in columns), rows, caption="Checks of the record.")
-
-
-def _evaluated(judged: Judgement) -> Table:
-    """List the result of every check for each recording and each stated value."""
-    rows = []
-    for row in judged.rows:
-        for check in row.evaluations:
-            answer = check.level or ("passed" if check.is_made else "not made")
-            margin = f"{check.margin:+z.1f} u" if np.isfinite(check.margin) else ""
-            seen = check.message or f"requires {check.needs}"
-            rows.append((capitalised(row.title), check.name, answer, with_minus(margin), with_minus(seen)))
-    return Table(tuple(Column(name) for name in ("check", "quantity", "result", "margin", "observation")), rows)
+        title = capitalised(row.title)
+        checks.append((title, row.summary, with_minus(row.worst.message or f"requires {row.worst.needs}"), row.law))
+        for one in row.evaluations:
+            answer = one.level or ("passed" if one.is_made else "not made")
+            margin = f"{one.margin:+z.1f} u" if np.isfinite(one.margin) else ""
+            seen = one.message or f"requires {one.needs}"
+            evaluations.append((title, one.name, answer, with_minus(margin), with_minus(seen)))
+    heads = ("check", "result", "largest deviation", "principle")
+    table = Table(tuple(map(Column, heads)), checks, caption="Checks of the record.")
+    whole = Table(tuple(map(Column, ("check", "quantity", "result", "margin", "observation"))), evaluations)
+    return table, Details(f"Results of the {len(judged.checks)} evaluations", blocks=(whole,))
 
 
 def believed(result: xr.Dataset) -> Judgement:

@@ -57,19 +57,7 @@ COMMON: Titles = {
 
 
 def entitled(checks: Iterable[Check], titles: Titles) -> list[Check]:
-    """Give checks the title under which they are listed.
-
-    Parameters
-    ----------
-    checks : iterable of Check
-    titles : mapping of str to Title
-        Of the kind; those of :data:`COMMON` are added.
-
-    Returns
-    -------
-    list of Check
-        A quantity that no title names is a check of its own.
-    """
+    """Give checks the title under which they are listed, of a kind or of all; others have a title of their own."""
     pairs = ((name, title) for title, of in {**COMMON, **titles}.items() for name in of.names)
     longest = sorted(pairs, key=lambda pair: -len(pair[0]))
     found = []
@@ -123,11 +111,11 @@ class Scene(NamedTuple):
     """Checks, causes and comparison of an experiment.
 
     ``rows`` are those of the comparison, empty where there is no model. ``inputs`` are values and uncertainties of
-    what the rows name in their slopes; ``shared`` is what they name there too because they have it in common, but
-    nobody states and could have stated wrongly, such as the scatter of another measurement. The checks of ``basis``
-    are added to the others. ``unstated`` is what nobody stated and would explain a model that differs; it is told
-    first. ``measured_by`` is the experiment or file that knows the modulus of the material, "" where that is known by
-    its name alone. ``alternatives`` simulates, for rows and their covariance, other materials and temperatures
+    the inputs in their slopes; ``shared`` are those that nobody states and could have stated wrongly, such as the
+    scatter of another measurement. The checks of ``basis`` are added to the others. ``unstated`` is an explanation of a
+    model that differs by something that nobody states; it comes first. ``measured_by`` is the experiment or file that
+    knows the modulus of the material, "" where that is known by its name alone. ``alternatives`` simulates, for rows
+    and their covariance, other materials and temperatures
     (:mod:`pipelines.experiments.shared.alternatives`).
     """
 

@@ -1,7 +1,7 @@
 """The stage of a judgement: checks and comparison of an experiment, made one verdict."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -9,22 +9,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Floats
 from labpipe.judging import Agreement, Judgement, agreement, detectable, judge, model_verdict, to_json
-from labpipe.report import quantity
-from labpipe.units import Quantity
 from labpipe.variables import variable
 from labpipe.workflow.context import Context
-from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.experiments.shared.exact_values import exact_values, usual_uncertainty
+from pipelines.experiments.shared.exact_values import exact_values
 from pipelines.experiments.shared.given import Given
-from pipelines.experiments.shared.judgements._page import MATTERS, of_error
+from pipelines.experiments.shared.judgements._page import MATTERS
 from pipelines.experiments.shared.judgements._scene import Basis, Scene, Titles, entitled, laws
-from pipelines.experiments.shared.judgements._suspects import explanations
-from pipelines.experiments.shared.material_choice import is_unstated
-
-_LEAST_OWN = 0.05
-"""Least part of a difference's uncertainty that is its own, not shared with other rows: slopes are no better."""
+from pipelines.experiments.shared.judgements._suspects import Compared, explanations, undecided_by
 
 
 def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset:
@@ -34,47 +26,37 @@ def judgement(scene: Scene, titles: Titles = MappingProxyType({})) -> xr.Dataset
 
     Returned are ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the smallest error
     that the comparison would have shown, ``detectable`` (relative, NaN where the input is 0 or a temperature).
-    Attributes ``judgement``, ``model`` and ``believable`` hold the words and, as JSON, all checks; ``suspects`` what
-    would explain a model that differs.
+    Attributes ``judgement``, ``model`` and ``believable`` hold the words and, as JSON, all checks; ``suspects``
+    explanations of a model that differs.
     """
     judged = judge(entitled([*scene.checks, *scene.basis.checks], titles), scene.causes, laws(titles))
-    rows = [row for row in scene.rows if row.deviation is not None]
-    named = {name for row in rows for name in row.slopes}
-    known = {**scene.inputs, **scene.shared}
-    # what nobody states, such as a change of a rheometer's spectrum, could not have been stated wrongly
-    names = sorted(name for name in named & set(scene.inputs) if not is_unstated(name))
-    found, smallest = None, np.full(len(names), np.inf)
-    differences = [row.difference or 0.0 for row in rows]
-    own, covariance = np.empty((0, 0)), np.empty((0, 0))
-    if rows:
-        every = [*names, *sorted(named & set(known) - set(names))]
-        slopes = np.array([[row.slopes.get(name, 0.0) for name in every] for row in rows])
-        own = slopes[:, : len(names)]
-        covariance, slack = _covariance(rows, slopes, [known[name].u for name in every])
-        found = agreement(differences, covariance, slack)
-        smallest = detectable(own, covariance, slack=slack) if names else smallest
+    made = Compared.of(scene)
+    names, found, smallest = made.names, None, np.full(len(made.names), np.inf)
+    if made.rows:
+        found = agreement(made.differences, made.covariance, made.slack)
+        smallest = detectable(made.slopes, made.covariance, slack=made.slack) if names else smallest
     # an error of an input that is 0 has no size to be compared with, nor has that of a temperature in °C
     values = np.array([0.0 if scene.inputs[name].si == "degC" else scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=np.full(len(names), np.nan), where=values != 0.0)
     model = model_verdict(found, bool((relative < MATTERS).any()) if names else True)
     reason = ""
     if model == "differs" and scene.basis.is_sound:
-        reason = _undecided_by(names, scene.inputs, own, differences, covariance)
+        reason = undecided_by(scene.inputs, made)
     elif model == "agrees":
-        reason = _doubted(judged, {*named, *scene.inputs})
+        reason = _doubted(judged, {name for row in made.rows for name in row.slopes} | set(scene.inputs))
     is_held = scene.basis.is_sound and not reason
     told: list[str] = []
     if model == "differs" or not is_held:
         first = f"{scene.basis.reason}: see there first" if scene.basis.reason else ""
         told = [text for text in (first, reason, scene.unstated) if text]
-        told += explanations(scene, judged, names, rows, own, covariance) if rows else []
-    compared = found or Agreement(np.nan, 0, np.nan, np.nan)
+        told += explanations(scene, judged, made) if made.rows else []
+    agreed = found or Agreement(np.nan, 0, np.nan, np.nan)
     numbers = (
         ("n_checks", judged.n_made, "checks that were made"),
-        ("chi_square", compared.chi2, "chi square of the comparison"),
-        ("degrees_of_freedom", compared.degrees_of_freedom, "degrees of freedom"),
-        ("p", compared.p, "probability of a larger chi square"),
-        ("largest_deviation", compared.largest, "largest deviation of a row, in u"),
+        ("chi_square", agreed.chi2, "chi square of the comparison"),
+        ("degrees_of_freedom", agreed.degrees_of_freedom, "degrees of freedom"),
+        ("p", agreed.p, "probability of a larger chi square"),
+        ("largest_deviation", agreed.largest, "largest deviation of a row, in u"),
     )
     return xr.Dataset(
         {name: variable((), float(value), "1", text) for name, value, text in numbers}
@@ -104,75 +86,13 @@ def _doubted(judged: Judgement, inputs: Set[str]) -> str:
     return ""
 
 
-def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> tuple[Any, Any]:
-    """Return the covariance of the differences, and the part of its diagonal that allows for uncertain slopes.
-
-    It is what inputs share, and what is each row's own.
-    """
-    parts = slopes * np.asarray(u) if len(u) else np.zeros((len(rows), 0))
-    shared = parts @ parts.T
-    total = np.array([row.u_difference or 0.0 for row in rows]) ** 2
-    own = np.maximum(total - np.diagonal(shared), 0.0)
-    least = np.maximum(own, _LEAST_OWN**2 * total)
-    return shared + np.diag(least), least - own
-
-
-def _undecided_by(
-    names: Sequence[str],
-    inputs: Mapping[str, Quantity],
-    slopes: Floats,
-    differences: Sequence[float],
-    covariance: Floats,
-) -> str:
-    """Name which values need an uncertainty, where usual ones would explain why a model differs.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Inputs (m) that could have been stated wrongly.
-    inputs : mapping of str to Quantity
-    slopes : array (n, m)
-        Derivatives of the differences, SI.
-    differences : sequence of float
-        Measured minus model (n).
-    covariance : array (n, n)
-
-    Returns
-    -------
-    str
-        Empty where the model differs in spite of usual uncertainties.
-    """
-    usual = {
-        i: usual_uncertainty(given)
-        for i, name in enumerate(names)
-        if not (given := inputs[name]).u and given.value and not (given.si == "1" and float(given.value).is_integer())
-    }
-
-    def differs(some: Sequence[int]) -> bool:
-        effects = slopes[:, some] * [usual[i] for i in some]
-        found = agreement(differences, covariance + effects @ effects.T)
-        return model_verdict(found, could_notice=True) == "differs"
-
-    if not usual or differs(list(usual)):
-        return ""
-    alone = [i for i in usual if not differs([i])]
-    listed = alone or [i for i in usual if np.any(slopes[:, i])]
-    shown = ", ".join(f"{names[i]} (± {quantity(usual[i], of_error(inputs[names[i]].si), 1)})" for i in listed)
-    joined = "or" if alone and len(alone) > 1 else "and"
-    words = f" {joined} ".join(names[i] for i in listed)
-    return (
-        f"state ± of {words}: counted as exact here; with half a unit of the last digit, {shown}, the model would not "
-        "differ"
-    )
-
-
 @dataclass(frozen=True)
 class Judging:
-    """The judgement of a kind: called by its stage, it makes one verdict of what the steps gave.
+    """The judgement of a kind: called by its stage, it makes one verdict of the results of the steps.
 
     ``scene``: asks by name (:mod:`pipelines.experiments.shared.given`), for ``basis`` too; ``names``: of the results
     that the stage is given, in its order; ``rests_on``: fields that name experiments, as the stage lists them; their
-    judgements follow the results; ``expected``: names of what is no expectation where one of these experiments is
+    judgements follow the results; ``expected``: results that are no expectation where one of these experiments is
     impossible; ``titles``: of the checks.
     """
 
@@ -184,7 +104,7 @@ class Judging:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of what the stage is given, in its order; of a judgement, that of the field."""
+        """Names of the inputs of the stage, in its order; of a judgement, that of the field."""
         return (*self.names, *self.rests_on)
 
     def __call__(self, *results: Any, settings: Any, context: Context) -> xr.Dataset:

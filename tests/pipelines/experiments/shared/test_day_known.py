@@ -44,12 +44,9 @@ def test_a_stated_day_that_the_file_contradicts_is_told(tmp_path: Path, start: s
         assert ("was not valid" in found.message) == (level == "doubtful")
 
 
-def test_a_day_that_nobody_states_contradicts_nothing(tmp_path: Path) -> None:
-    assert day_known(calibrated(tmp_path, "2024-07-01T09:30:00", None), RECORD).level is None
-
-
 @pytest.mark.parametrize(("start", "why"), [("", "state it as measured_on"), ("1970-01-01", "never set")])
 def test_a_recording_of_an_unknown_day_is_a_note(tmp_path: Path, start: str, why: str) -> None:
+    assert day_known(calibrated(tmp_path, "2024-07-01T09:30:00", None), RECORD).level is None
     found = day_known(calibrated(tmp_path, start, None), RECORD)
     assert found.level == "note"
     assert "whether calibration/laser.toml was valid is not known" in found.message

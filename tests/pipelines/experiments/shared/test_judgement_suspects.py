@@ -37,11 +37,16 @@ def test_the_input_that_is_stated_wrongly_is_named_first_with_its_size() -> None
     assert "Temperature stated 5.00 K too large" in sentence(found)[1]
     higher = judgement(Scene((), rows=_rows(height=-0.3e-3), inputs=INPUTS))
     assert json.loads(higher.attrs["suspects"])[0].startswith("height stated 300 µm too small")
+    beyond = judgement(Scene((), rows=_rows(temperature=60.0), inputs=INPUTS))  # the reach of slopes
+    (said,) = json.loads(beyond.attrs["suspects"])
+    assert said.startswith("no input alone explains it")
 
 
-def test_an_error_of_a_temperature_that_would_have_shown_is_told_in_kelvin() -> None:
+def test_where_the_model_agrees_nothing_is_suspected_and_errors_that_would_have_shown_are_listed() -> None:
     """A share of a temperature in °C means nothing: at 0 °C it is infinite."""
-    said = noticed(judgement(Scene((), rows=_rows(), inputs=INPUTS)))
+    found = judgement(Scene((), rows=_rows(temperature=0.2), inputs=INPUTS))
+    assert (found.attrs["model"], json.loads(found.attrs["suspects"])) == ("agrees", [])
+    said = noticed(found)
     assert re.search(r"temperature\W[\d.]+\WK", said), said
     assert re.search(r"height\W[\d.]+\W%", said), said
 
@@ -69,12 +74,6 @@ def test_of_inputs_that_look_the_same_the_one_known_worst_is_named_and_no_part_o
     assert said.startswith("DMA, specimen (or length of a tip) stated 5 % too large")
 
 
-def test_beyond_the_reach_of_slopes_no_input_is_blamed() -> None:
-    found = judgement(Scene((), rows=_rows(temperature=60.0), inputs=INPUTS))
-    (said,) = json.loads(found.attrs["suspects"])
-    assert said.startswith("no input alone explains it")
-
-
 @pytest.mark.parametrize(("height", "model"), [(5e-3, "undecided"), (5.125e-3, "differs")])
 def test_a_value_without_uncertainty_makes_a_model_undecided_where_half_its_last_digit_explains_it(
     height: float, model: str
@@ -96,12 +95,6 @@ def test_a_suspect_beyond_ten_of_its_uncertainties_comes_last_and_says_so() -> N
     first, second = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
     assert first.startswith("ruler")
     assert re.search(r"^mass stated 10.* too large .*, but that is 10\d times its stated uncertainty$", second), second
-
-
-def test_nothing_is_suspected_where_the_model_agrees() -> None:
-    found = judgement(Scene((), rows=_rows(temperature=0.2), inputs=INPUTS))
-    assert found.attrs["model"] == "agrees"
-    assert json.loads(found.attrs["suspects"]) == []
 
 
 def _dma(level):

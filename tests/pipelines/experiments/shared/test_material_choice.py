@@ -77,18 +77,13 @@ def test_shifts_that_leave_their_law_are_met_where_they_were_measured(fitted):
     assert np.log10(between.rho[1]) == pytest.approx(wlf_shift(5.0) + 0.25)
 
 
-def test_beyond_the_isotherms_the_law_goes_on_with_a_warning(fitted):
+def test_beyond_the_isotherms_the_law_goes_on_with_a_warning_until_its_pole(fitted):
     with pytest.warns(UserWarning, match="60 °C lies outside.*0 to 40 °C"):
         found = resolve(choice(60.0), None, fitted)
     assert np.log10(found.rho[1]) == pytest.approx(wlf_shift(60.0))
 
-
-def test_beyond_the_pole_of_the_law_it_is_refused(fitted):
     with pytest.raises(InputError, match="-150"):
         resolve(choice(-150.0), None, fitted)
-
-
-def test_one_isotherm_cannot_be_shifted(fitted):
     one = fitted.isel(temperature=[2])
     one.attrs["law"] = json.dumps({"name": "arrhenius", "T_ref": T_REF, "parameters": [0.0]})
     with pytest.raises(InputError, match="one isotherm cannot be shifted to 30 °C"):
@@ -112,7 +107,5 @@ def test_an_uncertain_poisson_ratio_changes_the_modulus_of_a_contact(fitted, fac
     assert given == Quantity(0.4, 0.01, "1")
     expected = 1e7 * (1 - 0.4**power) / (1 - (0.4 + step) ** power)
     assert stiffer.E_relaxed == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_material_of_the_library_is_exact():
+    # a material of the library is exact
     assert variations(MaterialChoice(material="acrylic"), None, None, TIMES) == {}

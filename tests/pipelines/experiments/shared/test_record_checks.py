@@ -22,8 +22,7 @@ def test_equal_readings_of_a_body_at_rest_are_not_held_ones(noise: float) -> Non
     """With noise about the display's step, runs of equal readings come by chance, and so do jumps beside them."""
     assert [held_readings(_record(noise, 1e-6, seed)).level for seed in range(100)] == [None] * 100
 
-
-def test_a_reading_held_in_flight_is_told() -> None:
+    # one that is held 20 ms after the beginning of the fall
     trace = _record(0.8e-6, 1e-6, 1)
-    trace.reading[6000:6030] = trace.reading[6000]  # 20 ms after the beginning of the fall
+    trace.reading[6000:6030] = trace.reading[6000]
     assert held_readings(trace).level == "impossible"

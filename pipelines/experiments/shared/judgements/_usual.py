@@ -1,9 +1,10 @@
-"""Checks that several kinds have in common."""
+"""Checks and causes that several kinds have in common: failed steps, stated values, days, intervals, scales."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import date, timedelta
+from math import inf, log
 from types import MappingProxyType
 from typing import Any
 
@@ -11,14 +12,15 @@ import xarray as xr
 
 from calibration.record import UNDATED
 from labpipe import errors
-from labpipe.judging import Check, Level, not_made, stated, unfinished
-from labpipe.report import value_with_uncertainty
+from labpipe.judging import SLIPS, Cause, Check, Level, not_made, stated, too_large
+from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
+from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import counted_from_one
 
 _LARGE, _VAGUE = 0.2, 0.05
-"""Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a slip of typing."""
+"""Of a stated value, beyond which its uncertainty is doubtful, and beyond which it hides a typing error."""
 _NOT_READ = "the file is not what the session says, or was not copied whole"
 _USUAL = {
     errors.NO_MATERIAL: "the name of the material is misspelt",
@@ -35,8 +37,16 @@ _USUAL = {
 _SETTINGS = {errors.NO_MATERIAL: "sphere.material", errors.MATERIAL_FILE: "sphere"}
 """Setting that mends it, by the reason of the error."""
 
+_OF_RUN = (
+    "the program did not get through this step, which tells nothing about the record: run it again, and report it if "
+    "it happens again"
+)
 _ONE_DAY = timedelta(days=1)
 """By which days may differ that are the same: clocks of cameras count in UTC."""
+ANOTHER_VIEW = 3.0
+"""Factor in scale beyond which the record is of another view of the camera."""
+_TILTED = 0.94
+"""Factor by which a camera that is tilted by 20 degrees shortens lengths."""
 
 
 def uncertainties_stated(given: Iterable[tuple[str, Quantity]]) -> Iterator[Check]:
@@ -82,8 +92,8 @@ def failed_steps(
     """Turn steps that gave no result into checks that failed, or that could not be made.
 
     Where the run was at fault, as by a program that changed under it, a full disk, or a mistake of
-    the program itself, nothing is said of the record but that the verdict lacks a step. ``causes`` say
-    by stage, or by the reason of the error, what most likely is wrong with a record on which it fails,
+    the program itself, nothing is said of the record but that the verdict lacks a step. ``causes`` give
+    by stage, or by the reason of the error, the likeliest fault of a record on which it fails,
     ``settings`` by that reason which setting mends it.
     """
     found: dict[str, Check] = {}
@@ -92,18 +102,15 @@ def failed_steps(
             continue
         names_it = not failure.recording or failure.text.startswith(failure.recording)
         where = "" if names_it else f"{failure.recording}: "
+        name, text = f"step {failure.stage}", f"{where}{failure.text}"
         if failure.is_of_run:
-            found[failure.stage] = unfinished(
-                f"step {failure.stage}",
-                f"{where}{failure.text}",
-                "the program did not get through this step, which tells nothing about the record: run it again, and "
-                "report it if it happens again",
-            )
+            needs = "a run that gets through this step"
+            found[failure.stage] = Check(name, text, "note", needs=needs, cause=_OF_RUN, is_generic=True)
             continue
         known = _USUAL | dict(causes)
         found[failure.stage] = stated(
-            f"step {failure.stage}",
-            f"{where}{failure.text}",
+            name,
+            text,
             "impossible",
             cause=known.get(failure.reason) or known.get(failure.stage, ""),
             file=failure.recording or "",
@@ -116,6 +123,77 @@ def failed_steps(
 def because(checks: Sequence[Check], cause: str, *names: str, **changes: Any) -> list[Check]:
     """Return checks, those of some names that fail for a cause that another one found; "" blames nothing.
 
-    ``changes`` are further fields of what is blamed: a ratio that is no longer one of what it seemed is NaN.
+    ``changes`` are further fields of those checks, such as a ratio that is no longer one: NaN.
     """
     return [replace(c, cause=cause, **changes) if cause and c.level and c.name in names else c for c in checks]
+
+
+def stated_wrongly(
+    effects: Mapping[str, float],
+    name: str,
+    given: Quantity,
+    setting: str,
+    usual: str = "decimal",
+    u: float | None = None,
+) -> Cause:
+    """Return the mistake that a value of session.toml was typed wrongly, or is beyond its uncertainty.
+
+    ``usual`` is a key of :data:`labpipe.judging.SLIPS`; ``u``, relative, is by default as stated, or half a unit of the
+    last digit.
+    """
+    relative = (given.u or usual_uncertainty(given)) / given.value if u is None else u
+    say = times_over(name, given.value, given.si, f"{counted_from_one(setting)} in session.toml")
+    return Cause(effects, say, SLIPS[usual], u=relative, setting=setting)
+
+
+def wrong_interval(effects: Mapping[str, float], file: str, readings: xr.Dataset, is_stated: bool) -> Cause:
+    """Return the mistake that a sampling interval is wrong, in a recording's header or as session.toml states it."""
+    line = None if is_stated else line_of(str(readings.attrs.get("header", "")), "cycle", "period", "周期")
+    place = "" if line is None else f"line {line} of {file}"
+    say = times_over("the sampling interval", float(readings.attrs["sampling_interval"]), "s", place)
+    setting = "keyence.cycle" if is_stated else ""
+    return Cause(effects, say, SLIPS["interval"], file="" if is_stated else file, line=line, setting=setting)
+
+
+def wrong_scale(effects: Mapping[str, float], record: str, u: float = inf) -> Cause:
+    """Return the mistake that the scale of a camera's calibration record is wrong."""
+
+    def say(factor: float) -> str:
+        why = ", of another view" if abs(log(factor)) > log(ANOTHER_VIEW) else ""
+        why = ", or the camera is tilted" if _TILTED < factor < 1.0 else why
+        return f"lengths come out {too_large(factor)}: the scale in {record} is wrong{why}"
+
+    usual = SLIPS["length"] + SLIPS["gain"] + SLIPS["view"]
+    return Cause(effects, say, usual, u=u, file=record, setting="values.pixel_length")
+
+
+def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
+    """Return the sentence of a cause: the right value [SI] for a stated one, and its place.
+
+    Examples
+    --------
+    >>> say = times_over("the height", 1.5e-3, "m", "")
+    >>> say(0.1)
+    'the height is probably 15.0 mm, not 1.50 mm'
+    >>> say(1.0004)
+    'the height is probably 0.04 % less than the 1.50 mm that are stated'
+    """
+
+    def say(factor: float) -> str:
+        right = quantity(stated_value / factor, unit)
+        given = quantity(stated_value, unit)
+        place = f" ({what})" if what else ""
+        if right == given:
+            off, more = abs(100.0 * (1.0 / factor - 1.0)), "more" if factor < 1.0 else "less"
+            return f"{name} is probably {off:.2g} % {more} than the {given} that are stated{place}"
+        return f"{name} is probably {right}, not {given}{place}"
+
+    return say
+
+
+def line_of(header: str, *words: str) -> int | None:
+    """Return the line of a file's header that holds one of some words; None when none does."""
+    for number, text in enumerate(header.splitlines(), 1):
+        if any(word.lower() in text.lower() for word in words):
+            return number
+    return None
