@@ -240,24 +240,3 @@ def line_index(text: str) -> dict[Place, int]:
 
     note((), tomllib.loads("".join(written)))
     return lines | {(): 1}
-
-
-def end_of_list(text: str, place: Place) -> tuple[int | None, bool]:
-    """Return where the bracket is that closes a list of a TOML text, and whether an item may follow without a comma.
-
-    The position is None where there is no such list, or it is written as tables of its own.
-    """
-    line = line_index(text.replace("\ufeff", " ")).get(place)
-    start = 0 if line is None else sum(len(one) + 1 for one in text.split("\n")[: line - 1])
-    if line is None or text[start:].lstrip().startswith("["):
-        return None, True
-    last, depth = "", 0
-    for match in _TOKEN.finditer(text, start):
-        part = match[0]
-        if part[0] in "# \t\n":
-            continue
-        depth += (part in "[{" and (depth > 0 or last == "=")) - (part in "]}" and depth > 0)
-        if depth == 0 and part == "]":
-            return match.start(), last in "[,"
-        last = part
-    return None, True

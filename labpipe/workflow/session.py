@@ -2,16 +2,17 @@
 
 Versions of the file, newest first:
 
-1. ``[session]`` with title, operator, notes, synthetic, licence, files; ``[[creators]]`` with name, orcid, affiliation;
-   ``[defaults.KIND]``; ``[experiments.NAME]`` with ``kind`` and the fields of that kind; ``[variants.NAME]`` with
-   ``base``, an experiment, and the fields that differ from it; ``laboratory``, the name of the laboratory's file in a
-   folder above, which has ``[defaults.KIND]`` and parts, ``[SETTING.NAME]`` such as ``[sphere.A3]``, that sessions
-   refer to by name, ``sphere = "A3"``, or change, ``sphere = { from = "A3", mass = "506 g" }``.
+1. ``[session]`` with title, operator, notes, synthetic, licence, files, stated; ``[[creators]]`` with name, orcid,
+   affiliation; ``[defaults.KIND]``; ``[experiments.NAME]`` with ``kind`` and the fields of that kind;
+   ``[variants.NAME]`` with ``base``, an experiment, and the fields that differ from it; ``laboratory``, the name of the
+   laboratory's file in a folder above, which has ``[defaults.KIND]`` and parts, ``[SETTING.NAME]`` such as
+   ``[sphere.A3]``, that sessions refer to by name, ``sphere = "A3"``, or change,
+   ``sphere = { from = "A3", mass = "506 g" }``.
 """
 
 import re
 import unicodedata
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -158,6 +159,7 @@ def load(
     may_wait: bool = False,
     may_lack: Collection[str] = (),
     text: str | None = None,
+    fill: Callable[[Document, Path], object] = lambda document, root: None,
 ) -> Session:
     """Read a session folder's ``session.toml``.
 
@@ -173,6 +175,8 @@ def load(
         Experiments that may name files that are not there any more.
     text : str, optional
         Content that the file would have, to be checked before it is written.
+    fill : callable
+        Called with the document and its folder; may put values from elsewhere into the tree.
 
     Returns
     -------
@@ -195,9 +199,11 @@ def load(
     document = parse(source, text)
     _check_version(document)
     root = source.parent.resolve()
+    fill(document, root)
     head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
-    creators = {key: value for key, value in document.tree.items() if key == "creators"}
-    authors = Checker(document, root).structure(_CreatorsTable, creators, ())
+    authors = Checker(document, root).structure(
+        _CreatorsTable, {key: value for key, value in document.tree.items() if key == "creators"}, ()
+    )
     archive = (root / head.files).resolve() if isinstance(head, _SessionTable) and head.files else None
     if archive is not None and not archive.is_dir():
         document.report(("session", "files"), f"there is no folder {archive}; correct the path, or mount the disk")

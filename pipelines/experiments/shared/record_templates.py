@@ -1,5 +1,6 @@
 """Calibration records that recordings take, templates for those without one, and the first lines of a film."""
 
+import json
 import tomllib
 import warnings
 from collections.abc import Callable, Container
@@ -34,8 +35,10 @@ _CAMERA = f"""\
 reference_length = "{GAP} mm"  # of an object in the plane of focus, e.g. "30.00 ± 0.02 mm"
 pixel_length = "{GAP} px"  # what it measures in the image, e.g. "386 ± 1.5 px"
 """
-
-
+_CELL = f"""\
+scale = "{GAP}"  # true over displayed force, e.g. "1.0000 ± 0.0010"
+# filter_delay = "15.9 ± 0.2 ms"  # of the force against the position, by an elastic reference
+"""
 _NONE = f"calibration/{GAP}.toml"
 
 
@@ -70,7 +73,7 @@ def camera_records(found: Found) -> dict[str, dict[str, str]]:
 
 
 def blank_record(folder: Path, kind: str, view: str, recordings: list[str], taken: Container[str]) -> tuple[str, str]:
-    """Return name and text of a new record of a laser, or of a view of a camera, for the days of recordings.
+    """Return name and text of a new record of a laser, load cell, or view of a camera, for the days of recordings.
 
     It takes the place of no file, nor of one of the names ``taken``. Raises InputError for another kind.
     """
@@ -80,6 +83,8 @@ def blank_record(folder: Path, kind: str, view: str, recordings: list[str], take
         about = (f"camera_{seen}", kind, "camera", days, seen, "a ruler in the plane of focus", _CAMERA)
     elif kind == "laser":
         about = (kind, kind, model or "Keyence laser", days, "", "micrometer steps against the reading", _LASER)
+    elif kind == "load_cell":
+        about = (kind, kind, model or "load cell", days, "", "masses, displayed against true force", _CELL)
     else:
         raise InputError(f'a record of kind "{kind}" is written by hand: the guide says how, For the experimenter')
     return next(iter(_template(folder, *about, taken).items()))
@@ -166,7 +171,7 @@ def _template(
 
 
 def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:
-    """Model of the sensor and days of the recordings, as far as the files tell."""
+    """Model of the sensor, or name of the load cell, and days of the recordings, as far as the files tell."""
     models, days = [], []
     for name in names:
         try:
@@ -175,7 +180,9 @@ def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:
         except LabpipeError:
             continue  # `plan` and `process` say what is wrong with it
         attrs = getattr(found, "attrs", {})
-        models.append(str(attrs.get("model", "")))
+        blocks = json.loads(attrs.get("blocks", "[]"))  # each may name its load cell
+        cells = (str((block.get("load_cell") or {}).get("name") or "") for block in blocks)
+        models.append(next(filter(None, cells), "") or str(attrs.get("model", "")))
         day = str(attrs.get("start", ""))[:10] or recorded_on(found)
         if day:
             days.append(date.fromisoformat(day))
