@@ -55,6 +55,7 @@ __all__ = [
     "known",
     "read",
     "read_table",
+    "sheets",
     "text_of",
 ]
 

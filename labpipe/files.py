@@ -425,7 +425,7 @@ class HashIndex:
         source = Path(path).absolute()
         if source.is_dir():
             return folder_digest(source, self.digest)
-        name = os.path.relpath(source, self._path.absolute().parent)
+        name = relative(source, self._path.absolute().parent)
         try:
             status = source.stat()
         except OSError as error:
@@ -537,6 +537,14 @@ def _link_problem(joined: Path, base: Path) -> str | None:
         return "a symbolic link on the way leads in a circle, or the path is too long"
     is_inside = joined.resolve().is_relative_to(base)
     return None if is_inside else "a symbolic link leads out of the folder"
+
+
+def relative(path: str | os.PathLike[str], start: str | os.PathLike[str]) -> str:
+    """Return the way from a folder to a path with ``/``; the whole path where it is on another drive."""
+    try:
+        return Path(os.path.relpath(path, start)).as_posix()
+    except ValueError:
+        return Path(path).as_posix()
 
 
 def printable(text: str) -> str:

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from labpipe.arrays import Floats
 
 Style = Literal["line", "points", "step"]
-Scale = Literal["linear", "log"]
+Scale = Literal["linear", "log", "day"]
+"""Of days since 1970-01-01 the calendar dates are shown, along x alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +120,9 @@ class LineChart:
         Drawn in this order; bands always lie behind the curves.
     group : str
         Charts of one group share the cursor and the window along x. They should share x units.
-    x_scale, y_scale : {"linear", "log"}
-        Values that a logarithmic axis cannot show are left out, and their number is stated.
+    x_scale, y_scale : {"linear", "log", "day"}
+        Values that a logarithmic axis cannot show are left out, and their number is stated; of days since
+        1970-01-01, along x, the dates are shown.
     views : sequence of (name, x from, x to)
         Windows offered as buttons. Inside them, the narrowest first, all samples are kept.
     vlines : sequence of (name, x)

@@ -269,6 +269,8 @@ def ticks(low: float, high: float, scale: str, most: int) -> list[tuple[float, s
     digits += round(scaled * 10.0**digits, 6) % 1.0 != 0.0
     power = f"·{power_of_ten(exponent)}" if exponent else ""
     values = [n * step for n in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+    if scale == "day":
+        return [(v, str(np.datetime64(int(v), "D"))) for v in values if v % 1.0 == 0.0]
     written = [f"{v / 10.0**exponent:.{digits}f}".replace("-", MINUS) + (power if v else "") for v in values]
     return [(v, text) for v, text in zip(values, written, strict=True) if scale == "linear" or v > 0.0]
 

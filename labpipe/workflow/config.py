@@ -15,7 +15,6 @@ type :data:`File`; such a file must exist inside the folder of the configuration
 
 import contextlib
 import math
-import os
 import re
 import types
 import typing
@@ -27,7 +26,7 @@ from typing import Any, Literal, TypeVar, Union
 import msgspec
 
 from labpipe.errors import InputError
-from labpipe.files import files_below, safe_join
+from labpipe.files import files_below, relative, safe_join
 from labpipe.units import Quantity, quantity
 from labpipe.workflow.document import LABORATORY, LARGEST_FILE, Document, Place, parse
 from labpipe.workflow.fields import (
@@ -224,7 +223,7 @@ class Checker:
         is_of_laboratory = not isinstance(place[-1], int) and self.written(place)[:1] == (LABORATORY,)
         place_on_disk = safe_join((is_of_laboratory and self.laboratory) or self.root, value)
         if is_of_laboratory and place_on_disk.exists():
-            return Path(os.path.relpath(place_on_disk, self.root)).as_posix()
+            return relative(place_on_disk, self.root)
         if not place_on_disk.exists() and not self.may_wait:
             # files that a user may have meant; labpipe's own folder is not among them
             names = (f.relative_to(self.root).as_posix() for f in files_below(self.root))

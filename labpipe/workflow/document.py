@@ -181,28 +181,14 @@ def line_index(text: str) -> dict[Place, int]:
     >>> line_index('a = 1\n[b]\nc = [1,\n 2]')[("b", "c", 1)]
     4
     """
-    return _scan(text)[0]
-
-
-def end_of_list(text: str, place: Place) -> tuple[int | None, bool]:
-    """Return where the bracket is that closes a list of a TOML text, and whether an item may follow without a comma.
-
-    The position is None where there is no such list, or it is written as tables of its own.
-    """
-    return _scan(text.replace("\ufeff", " "))[1].get(place, (None, True))
-
-
-def _scan(text: str) -> tuple[dict[Place, int], dict[Place, tuple[int, bool]]]:
-    """Go through the tokens of a text once; return lines by place, and the ends of lists."""
     lines: dict[Place, int] = {(): 1}
-    ends: dict[Place, tuple[int, bool]] = {}
     tables: dict[Place, int] = {}  # number of the last table of each array of tables
     inside: list[tuple[Place, int | None]] = []  # tables and lists around a value, and the position in a list
     here, place = Place(), Place()
     keys: list[str] = []
     state, brackets, line = "key", 0, 1
-    for match in _TOKEN.finditer(text):
-        part, at = match[0], line
+    for part in _TOKEN.findall(text):
+        at = line
         line += part.count("\n")
         if part[0] in "# \t" or (part == "\n" and inside):
             continue
@@ -229,8 +215,6 @@ def _scan(text: str) -> tuple[dict[Place, int], dict[Place, tuple[int, bool]]]:
             state, keys = {"[": "value", "{": "key"}.get(part, "done"), []
         elif part in "]}" and inside:
             place, _ = inside.pop()
-            if part == "]":
-                ends[place] = match.start(), state == "value"
             state = "done"
         elif part == "," and state == "done":
             place, position = inside.pop()
@@ -238,4 +222,4 @@ def _scan(text: str) -> tuple[dict[Place, int], dict[Place, tuple[int, bool]]]:
             state, keys = "key" if position is None else "value", []
         elif state == "key" and part != ".":
             keys.append(part if _BARE.fullmatch(part) else next(iter(tomllib.loads(f"{part} = 0"))))
-    return lines, ends
+    return lines

@@ -2,16 +2,17 @@
 
 Versions of the file, newest first:
 
-1. ``[session]`` with title, operator, notes, synthetic, licence, files; ``[[creators]]`` with name, orcid, affiliation;
-   ``[defaults.KIND]``; ``[experiments.NAME]`` with ``kind`` and the fields of that kind; ``[variants.NAME]`` with
-   ``base``, an experiment, and the fields that differ from it; ``laboratory``, the name of the laboratory's file in a
-   folder above, which has ``[defaults.KIND]`` and parts, ``[SETTING.NAME]`` such as ``[sphere.A3]``, that sessions
-   refer to by name, ``sphere = "A3"``, or change, ``sphere = { from = "A3", mass = "506 g" }``.
+1. ``[session]`` with title, operator, notes, synthetic, licence, files, stated; ``[[creators]]`` with name, orcid,
+   affiliation; ``[defaults.KIND]``; ``[experiments.NAME]`` with ``kind`` and the fields of that kind;
+   ``[variants.NAME]`` with ``base``, an experiment, and the fields that differ from it; ``laboratory``, the name of the
+   laboratory's file in a folder above, which has ``[defaults.KIND]`` and parts, ``[SETTING.NAME]`` such as
+   ``[sphere.A3]``, that sessions refer to by name, ``sphere = "A3"``, or change,
+   ``sphere = { from = "A3", mass = "506 g" }``.
 """
 
 import re
 import unicodedata
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -163,6 +164,7 @@ def load(
     may_wait: bool = False,
     may_lack: Collection[str] = (),
     text: str | None = None,
+    fill: Callable[[Document, Path], object] = lambda document, root: None,
 ) -> Session:
     """Read a session folder's ``session.toml``.
 
@@ -178,6 +180,8 @@ def load(
         Experiments that may name files that are not there any more.
     text : str, optional
         Content that the file would have, to be checked before it is written.
+    fill : callable
+        Called with the document and its folder; may put values from elsewhere into the tree.
 
     Returns
     -------
@@ -200,6 +204,7 @@ def load(
     document = parse(source, text)
     _check_version(document)
     root = source.parent.resolve()
+    fill(document, root)
     checked = Checker(document, root).structure(_Layout, document.tree, ())
     layout = checked if isinstance(checked, _Layout) else _Layout(labpipe=VERSION)
     head = layout.session

@@ -16,6 +16,7 @@ import msgspec
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below
+from labpipe.workflow.document import Document
 from labpipe.workflow.session import FILE_NAME, Experiment, Session, load
 from labpipe.workflow.tasks import Stages, ancestors, spell_out
 
@@ -86,7 +87,7 @@ class Watcher:
     ``folder``: the session folder; session.toml may come later; ``kinds``, ``stages``: settings structure and stages of
     every kind of experiment; ``check``: given an experiment and the path of a file at rest: None when the file is
     complete by its own content, or the missing part; ``run``: given a session of complete experiments and the name of
-    one: processes it; ``settling``: how long a file must rest.
+    one: processes it; ``settling``: how long a file must rest; ``fill`` as of :func:`labpipe.workflow.session.load`.
     """
 
     folder: Path
@@ -100,6 +101,7 @@ class Watcher:
     verdicts: dict[tuple[str, Path], tuple[Stamp, str | None]] = field(default_factory=dict)
     session: Session | None = None
     read_at: Stamp = ()
+    fill: Callable[[Document, Path], object] = lambda document, root: None
 
     def look(self) -> Iterator[News]:
         """Look once at every file; process complete experiments; yield only news."""
@@ -131,7 +133,7 @@ class Watcher:
         try:
             if self.session is None or self.settling.stamp(path) != self.read_at:
                 self.session = None
-                self.session = load(path, self.kinds, may_wait=True)
+                self.session = load(path, self.kinds, may_wait=True, fill=self.fill)
                 self.read_at = self.settling.stamp(path)
             session = self.session
             tasks = spell_out(session, self.stages)

@@ -20,7 +20,7 @@ from calibration import KINDS as RECORDS
 from labpipe import files
 from labpipe.errors import ConfigError, InputError, LabpipeError
 from labpipe.files import safe_join
-from labpipe.workflow import config, session as sessions
+from labpipe.workflow import config
 from labpipe.workflow.document import dotted, nodes, parse
 from labpipe.workflow.fields import GAP, FileMark, describe, is_gap, mark, split
 from labpipe.workflow.graph import OTHER
@@ -29,7 +29,7 @@ from pipelines.app import _edits as edits, _history as history
 from pipelines.experiments import JUDGEMENT, KINDS, Kind
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.record_templates import blank_record
-from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, remedy, template_of
+from pipelines.session import COLUMNS, SETTINGS, bare_type, gap_for, in_unit, library_names, load, remedy, template_of
 
 Told = dict[str, Any]
 _PROBLEM = re.compile(r'^([^:\n]+):(\d+)(?::\d+)?: (?:((?:"(?:[^"\\]|\\.)*"|[^\s:"])+): )?(.*)$', re.DOTALL)
@@ -195,7 +195,7 @@ def _new_record(folder: Path, texts: dict[str, str], kind: str, view: str, names
         view = view or str(tree[name].get("view") or _default(SETTINGS[tree[name]["kind"]], "view"))
     made, text = blank_record(folder, kind, view, taken, texts)
     texts[made] = text
-    key = "camera" if kind == "camera" else "calibration"
+    key = {"camera": "camera", "load_cell": "record"}.get(kind, "calibration")
     texts[FILE_NAME] = edits.set_values(texts[FILE_NAME], [((edits.EXPERIMENTS, name, key), made) for name in names])
 
 
@@ -426,7 +426,7 @@ def _problems(folder: Path, texts: Mapping[str, str]) -> tuple[list[Told], Mappi
     told: list[str] = []
     waiting: Mapping[str, Any] = {}
     try:
-        session = sessions.load(folder / FILE_NAME, SETTINGS, text=texts[FILE_NAME])
+        session = load(folder / FILE_NAME, text=texts[FILE_NAME])
         waiting = session.waiting
         told += [line for lines in waiting.values() for line in lines]
     except ConfigError as error:

@@ -62,7 +62,7 @@ def run(quick: bool) -> list[Suite]:
     Parameters
     ----------
     quick : bool
-        Smaller frames and fewer of them; only the default's memory is traced.
+        Smaller frames and fewer of them.
     """
     scene = Scene()
     if quick:
@@ -81,8 +81,7 @@ def run(quick: bool) -> list[Suite]:
             "RMS / bound of 3 fringes": rms / bounds[3.0],
         }
 
-    traced = (_DEFAULT,) if quick else contenders
-    rows = race(contenders, repeats, judge, _DEFAULT, budget=60.0, per=frames, traced=traced) + _static(scene)
+    rows = race(contenders, repeats, judge, _DEFAULT, budget=60.0, per=frames) + _static(scene)
     suite = Suite(
         "contact-radius",
         f"Radius of a contact of {scene.radius / _MICROMETRE:g} µm, {frames} frames of "

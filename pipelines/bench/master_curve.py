@@ -61,8 +61,7 @@ def _compared(name: str, truth: "Truth", quick: bool) -> Suite:
             extra["95 % bars that hold (%)"] = 100.0 * float(np.mean(np.concatenate(off) <= np.concatenate(reach)))
         return float(np.mean(errors)), extra
 
-    traced = (_DEFAULT,) if quick else calls
-    points = race(calls, 2 if quick else 5, judge, _DEFAULT, budget=20.0, traced=traced)
+    points = race(calls, 2 if quick else 5, judge, _DEFAULT, budget=20.0)
     notes = [f"mean over {len(sets)} seeds; 12 temperatures, 11 points each, 2 % noise"]
     absent = [f"{peer} is not installed" for peer in PEERS if find_spec(peer) is None]
     notes += ["peers are left out of the quick run"] if quick else absent

@@ -1,4 +1,4 @@
-"""Results of a benchmark, and the measurement of time and memory.
+"""Results of a benchmark, and the measurement of time.
 
 A *part* is a module of ``pipelines.bench`` with ``run(quick)``, which returns suites. A suite is one work–precision
 diagram: settings of ours, of the thesis's method and of peers as points of error against run time, with physical
@@ -13,8 +13,7 @@ import os
 import platform
 import re
 import time
-import tracemalloc
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -43,8 +42,8 @@ class Point:
     ``error_label``; NaN: not defined. ``seconds``: median of the warm runs (s); NaN: not timed. ``group``: ``""`` for
     ours, ``"thesis"`` (or a name that starts so) for the thesis's own method, the name of a peer otherwise.
     ``is_default``: the setting that a user gets without asking. ``cold_seconds``: the first run of the process,
-    compilation or cache loading included (s). ``peak_bytes``: most memory in use at once during one run. ``samples``:
-    the warm runs in order (s), for ratios run by run. ``extra``: further columns of the table, unit in the name
+    compilation or cache loading included (s). ``samples``: the warm runs in order (s), for ratios run by run.
+    ``extra``: further columns of the table, unit in the name
     ("bias (px)").
     """
 
@@ -54,7 +53,6 @@ class Point:
     group: str = OURS
     is_default: bool = False
     cold_seconds: float | None = None
-    peak_bytes: int | None = None
     extra: Extra = field(default_factory=dict)
     samples: tuple[float, ...] = ()
 
@@ -144,35 +142,21 @@ def race(
     *,
     budget: float = math.inf,
     per: float = 1.0,
-    traced: Container[str] = (),
 ) -> list[Point]:
     """Time contenders in turn, and return a point for each.
 
     ``calls``: the contenders; ``repeats``, ``budget``: as of :func:`paired`; ``judge``: takes a setting
     and all timings; returns its error, and further columns; ``default``: the setting that a user gets without asking;
-    ``per``: pieces of work in a call; the time is that of one; ``traced``: settings whose memory is measured, in one
-    more run.
+    ``per``: pieces of work in a call; the time is that of one.
     """
     timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget)
     points = []
-    for name, (group, call) in calls.items():
+    for name, (group, _) in calls.items():
         error, extra = judge(name, timings)
-        timing, memory = timings[name], peak_bytes(call) if name in traced else None
+        timing = timings[name]
         seconds, cold, is_default = timing.seconds / per, timing.cold_seconds, name == default
-        points.append(Point(name, error, seconds, group, is_default, cold, memory, extra, timing.samples))
+        points.append(Point(name, error, seconds, group, is_default, cold, extra, timing.samples))
     return points
-
-
-def peak_bytes(call: Callable[[], object]) -> int:
-    """Return the most memory [byte] that a call allocates at once in Python and NumPy; tracing slows it down."""
-    tracemalloc.start()
-    try:
-        before = tracemalloc.get_traced_memory()[0]
-        tracemalloc.reset_peak()
-        call()
-        return max(0, tracemalloc.get_traced_memory()[1] - before)
-    finally:
-        tracemalloc.stop()
 
 
 def _timed(call: Callable[[], object]) -> tuple[float, object]:

@@ -149,7 +149,6 @@ def table(suite: Suite) -> Table:
     points = suite.points
     base = next((p.seconds for p in points if p.is_default and p.seconds > 0), math.nan)
     named = [f"{p.group or 'labpipe'}: {p.setting}{' (default)' if p.is_default else ''}" for p in points]
-    memory = [None if p.peak_bytes is None else p.peak_bytes / 2**20 for p in points]
     columns = [
         Listed("#", list(range(1, len(points) + 1))),
         Listed("method and setting", named),
@@ -157,7 +156,6 @@ def table(suite: Suite) -> Table:
         Listed("run time", [_known(p.seconds) for p in points], "s", digits=3),
         Listed("× default", [_known(p.seconds / base) for p in points], digits=3),
         Listed("first run", [_known(p.cold_seconds) for p in points], "s", digits=3),
-        Listed("peak memory (MiB)", memory, digits=3),
     ]
     extras = dict.fromkeys(name for point in points for name in point.extra)
     columns += [Listed(name, [_known(p.extra.get(name)) for p in points], digits=3) for name in extras]

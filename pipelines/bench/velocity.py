@@ -81,7 +81,7 @@ def run(quick: bool) -> list[Suite]:
             "time / thesis, median": timings[name].ratio(timings["moving average, default"])[0],
         }
 
-    points = race(calls, 3 if quick else 9, judge, "spline", budget=20.0, traced=("spline",) if quick else calls)
+    points = race(calls, 3 if quick else 9, judge, "spline", budget=20.0)
     title = f"Velocity of a bouncing sphere, {samples} samples at 20 kHz, 1 µm noise, 0.1 µm steps"
     return [Suite("velocity", title, "RMS error (m/s)", points)]
 

@@ -5,19 +5,17 @@ from typing import Any
 
 import click
 
-from pipelines.commands.options import FOLDER, emit, jobs_option, json_option, session_argument
+from pipelines.commands.options import FOLDER, NEW_FOLDER, emit, jobs_option, json_option, session_argument
 
 
 @click.command()
 @session_argument
-@click.option(
-    "--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to be made, not in SESSION."
-)
+@click.option("--out", required=True, type=NEW_FOLDER, help="Folder to be made, not in SESSION.")
 @click.option("--anonymous", is_flag=True, help="Leave out operator, creators and paths of this machine.")
 @click.option("--figures", type=FOLDER, help="Include this folder of `labpipe figures --data`.")
 @jobs_option
 @json_option
-def publish(session: Path, out: Path, as_json: bool, **options: Any) -> None:
+def publish(session: Path, out: Path, **options: Any) -> None:
     r"""Write SESSION as a data package for a journal or repository (RO-Crate).
 
     Raw files with SHA-256, session.toml, calibration records, results as netCDF (CF), pages, methods,
@@ -33,7 +31,7 @@ def publish(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     from pipelines.commands.progress import watching
     from pipelines.session import publish as verb
 
-    with watching(enabled=not as_json) as progress:
+    with watching() as progress:
         done = verb(session, out, progress=progress, **options)
     document = {
         "folder": str(done.folder),
@@ -41,8 +39,7 @@ def publish(session: Path, out: Path, as_json: bool, **options: Any) -> None:
         "left_out": list(done.left_out),
         "struck": list(done.struck),
     }
-    emit(as_json, document, [repr(done), f"then: labpipe verify {out}"])
-    click.get_current_context().exit(1 if done.left_out else 0)
+    emit(document, [repr(done), f"then: labpipe verify {out}"], code=1 if done.left_out else 0)
 
 
 @click.command()
@@ -50,7 +47,7 @@ def publish(session: Path, out: Path, as_json: bool, **options: Any) -> None:
 @click.option("--tolerance", default=1e-6, type=click.FloatRange(min=0), help="Of the largest value of a variable.")
 @jobs_option
 @json_option
-def verify(folder: Path, as_json: bool, **options: Any) -> None:
+def verify(folder: Path, **options: Any) -> None:
     r"""Check a package that `publish` made: its checksums, then its numbers.
 
     The raw files are processed again in a temporary folder, and every result is compared. Exit code 1:
@@ -64,18 +61,17 @@ def verify(folder: Path, as_json: bool, **options: Any) -> None:
     from pipelines.commands.progress import watching
     from pipelines.session import verify as verb
 
-    with watching(enabled=not as_json) as progress:
+    with watching() as progress:
         done = verb(folder, progress=progress, **options)
     rows = [{"name": r.name, "deviation": r.deviation, "differs": list(r.differs)} for r in done.results]
     document = {"folder": str(done.folder), "files": done.files, "tolerance": done.tolerance, "results": rows}
-    emit(as_json, document, [repr(done)])
-    click.get_current_context().exit(1 if done.differing else 0)
+    emit(document, [repr(done)], code=1 if done.differing else 0)
 
 
 @click.command()
 @click.argument("session", required=False, type=FOLDER)
 @json_option
-def cite(session: Path | None, as_json: bool) -> None:
+def cite(session: Path | None) -> None:
     r"""Print the sources to be cited as BibTeX: labpipe, standards, and the methods used in SESSION.
 
     \b
@@ -86,4 +82,4 @@ def cite(session: Path | None, as_json: bool) -> None:
     from pipelines.session import cite as verb
 
     text = verb(session)
-    emit(as_json, {"bibtex": text}, [text.rstrip()])
+    emit({"bibtex": text}, [text.rstrip()])

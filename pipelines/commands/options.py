@@ -19,7 +19,18 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 """Type of an argument: a folder that is there."""
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+NEW_FILE, NEW_FOLDER = (
+    click.Path(dir_okay=is_folder, file_okay=not is_folder, path_type=Path) for is_folder in (False, True)
+)
+"""Types of an argument: a file, or a folder, that is written."""
+_JSON = "labpipe.json"  # in the context of the command that runs
+json_option = click.option(
+    "--json",
+    is_flag=True,
+    expose_value=False,
+    callback=lambda context, _, value: context.meta.update({_JSON: value}),
+    help="Print one JSON document.",
+)
 session_argument = click.argument("session", type=FOLDER, metavar="SESSION")
 cluster_option = click.option(
     "--cluster", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port, computes instead."
@@ -54,13 +65,26 @@ def names_option(*declared: str, help: str) -> Callable[[F], F]:  # noqa: A002  
     return click.option(*declared, multiple=True, callback=split, metavar="NAME[,NAME…]", help=help)
 
 
-def emit(as_json: bool, document: Any, lines: Iterable[str]) -> None:
-    """Print one JSON document, or lines of text instead; quiet commands print no lines."""
-    if as_json:
+def wants_json() -> bool:
+    """Whether the command that runs prints one JSON document."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(_JSON))
+
+
+def emit(document: Any, lines: Iterable[str], *, errors: Iterable[str] = (), code: int = 0) -> None:
+    """Print one JSON document, or lines of text and errors instead; end with the exit code where it is not 0.
+
+    Quiet commands print errors alone; lines are made only where they are printed.
+    """
+    if wants_json():
         click.echo(json.dumps(document, indent=2, ensure_ascii=False, default=str))
-        return
-    for line in () if is_quiet() else lines:
-        click.echo(printable(line))
+    else:
+        for line in () if is_quiet() else lines:
+            click.echo(printable(line))
+        for line in errors:
+            click.echo(line, err=True)
+    if code:
+        click.get_current_context().exit(code)
 
 
 def reading_options(function: F) -> F:

@@ -14,17 +14,18 @@ if TYPE_CHECKING:
     from labpipe.workflow.run_result import Event
 
 
-def _is_shown(enabled: bool) -> bool:
+def is_shown() -> bool:
     """Whether progress may be shown: to a person at a terminal who wants to see it."""
     from pipelines.cli import is_quiet
+    from pipelines.commands.options import wants_json
 
-    return enabled and sys.stderr.isatty() and not is_quiet()
+    return sys.stderr.isatty() and not wants_json() and not is_quiet()
 
 
 @contextmanager
-def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]":
+def watching() -> "Iterator[Callable[[Event], None] | None]":
     """Give a function that shows the events of a run, or None without a terminal."""
-    if not _is_shown(enabled):
+    if not is_shown():
         yield None
         return
     from rich.markup import escape
@@ -49,14 +50,12 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
 
 
 @contextmanager
-def counted(
-    total: int, enabled: bool = True, *, when: Literal["begun", "done"] = "begun"
-) -> "Iterator[Callable[[str], None] | None]":
+def counted(total: int, *, when: Literal["begun", "done"] = "begun") -> "Iterator[Callable[[str], None] | None]":
     """Give a function that reports every piece of work by name, or None without a terminal.
 
     ``when`` says whether it is called when a piece begins or when it has ended.
     """
-    if not _is_shown(enabled):
+    if not is_shown():
         yield None
         return
     from rich.markup import escape
@@ -70,9 +69,9 @@ def counted(
 
 
 @contextmanager
-def waiting(text: str, enabled: bool = True) -> Iterator[None]:
+def waiting(text: str) -> Iterator[None]:
     """Show the elapsed time of a long task of unknown duration."""
-    if not _is_shown(enabled):
+    if not is_shown():
         yield
         return
     from rich.console import Console
@@ -85,8 +84,11 @@ def waiting(text: str, enabled: bool = True) -> Iterator[None]:
 
 
 @contextmanager
-def fraction(text: str) -> "Iterator[Callable[[float], None]]":
-    """Give a function that shows a fraction of one long piece of work."""
+def fraction(text: str) -> "Iterator[Callable[[float], None] | None]":
+    """Give a function that shows a fraction of one long piece of work, or None without a terminal."""
+    if not is_shown():
+        yield None
+        return
     from rich.progress import TaskProgressColumn
 
     with _bar(TaskProgressColumn()) as bar:

@@ -1,15 +1,15 @@
 """Commands on files and results: inspect, export, bundle, compare, catalogue, trend, sensitivity, identify."""
 
 import shutil
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from pipelines.cli import is_quiet
 from pipelines.commands.options import (
     FOLDER,
+    NEW_FILE,
+    NEW_FOLDER,
     as_typed,
     emit,
     jobs_option,
@@ -30,13 +30,9 @@ _LONGEST = 28  # characters of a text in a table of the terminal
 @click.command()
 @click.argument("source", metavar="FILE", type=click.Path(exists=True, path_type=Path))
 @reading_options
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Write a picture (.png): frames of a film, columns of a table.",
-)
+@click.option("--out", type=NEW_FILE, help="Write a picture (.png): frames of a film, columns of a table.")
 @json_option
-def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bool) -> None:
+def inspect(source: Path, reading: dict[str, Any], out: Path | None) -> None:
     r"""Say what FILE is: instrument, columns, units, ranges, sampling, problems.
 
     Works on any single file: readings, films, calibration records, session.toml, results,
@@ -54,7 +50,7 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bo
 
     found = look(source, out=out, **reading)
     lines = found.lines()
-    emit(as_json, found, (as_typed(line) if line.startswith("problem: ") else line for line in lines))
+    emit(found, (as_typed(line) if line.startswith("problem: ") else line for line in lines))
 
 
 @click.command()
@@ -62,11 +58,7 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bo
 @click.option("--format", "-f", "kind", type=click.Choice(FORMATS), default="csv", help="Format of the files.")
 @names_option("--only", "--experiment", help="Only these experiments of a session.")
 @names_option("--stage", "stages", help="Only these stages, such as bounces.")
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder; default SESSION/labpipe/export, or here for a file.",
-)
+@click.option("--out", type=NEW_FOLDER, help="Folder; default SESSION/labpipe/export, or here for a file.")
 @click.option(
     "--bulk",
     type=click.Choice(["constant", "relaxing", "incompressible"]),
@@ -76,7 +68,7 @@ def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bo
 @click.option("--force", is_flag=True, help="Replace files of the same name.")
 @reading_options
 @json_option
-def export(source: Path, kind: str, stages: list[str] | None, force: bool, as_json: bool, **options: Any) -> None:
+def export(source: Path, kind: str, stages: list[str] | None, force: bool, **options: Any) -> None:
     r"""Write results of a session, or a raw instrument file, for other programs.
 
     SOURCE is a session folder or a file of any known instrument. Values are in SI; a csv table
@@ -93,20 +85,19 @@ def export(source: Path, kind: str, stages: list[str] | None, force: bool, as_js
       labpipe export my-session --experiment nbr_dma --format abaqus --bulk constant
       labpipe export my-session/laser/drop_1.csv --format mat
     """
-    from pipelines import process as verbs
+    from pipelines import session as verbs
 
     done = verbs.export(source, kind, stages=stages or (), replace=force, **options)
-    emit(as_json, {"files": [str(p) for p in done.paths], "left_out": list(done.left_out)}, map(str, done.paths))
-    for line in done.left_out if not as_json else ():
-        click.echo(f"left out: {line}", err=True)
+    document = {"files": [str(p) for p in done.paths], "left_out": list(done.left_out)}
+    emit(document, map(str, done.paths), errors=(f"left out: {line}" for line in done.left_out))
 
 
 @click.command()
 @session_argument
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Default SESSION/labpipe/NAME.zip.")
+@click.option("--out", type=NEW_FILE, help="Default SESSION/labpipe/NAME.zip.")
 @click.option("--decimal", type=click.Choice([".", ","]), default=".", help="Of csv; with a comma, columns end at ;.")
 @json_option
-def bundle(session: Path, out: Path | None, decimal: str, as_json: bool) -> None:
+def bundle(session: Path, out: Path | None, decimal: str) -> None:
     r"""Pack pages, results, settings and calibration records of SESSION into one zip to be mailed.
 
     The pages hold all that they show and open without labpipe, from labpipe/index.html in the unpacked folder; a
@@ -121,7 +112,7 @@ def bundle(session: Path, out: Path | None, decimal: str, as_json: bool) -> None
 
     path = verb(session, out, decimal=decimal)
     size = path.stat().st_size
-    emit(as_json, {"path": str(path), "bytes": size}, [f"{path}: {size / 1e6:.1f} MB"])
+    emit({"path": str(path), "bytes": size}, [f"{path}: {size / 1e6:.1f} MB"])
 
 
 @click.command()
@@ -130,7 +121,7 @@ def bundle(session: Path, out: Path | None, decimal: str, as_json: bool) -> None
 @keep_option
 @click.option("--beside", nargs=2, metavar="A B", help="Two experiments side by side, by what is processed.")
 @json_option
-def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None, as_json: bool) -> None:
+def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None) -> None:
     r"""Compare measurement and model of every experiment in SESSION, on one page.
 
     Missing results are processed first; results of earlier code that `process --keep` took are
@@ -149,9 +140,9 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
 
     if beside:
         page = side_by_side(session, *beside)
-        emit(as_json, {"page": str(page)}, [f"page: {page}"])
+        emit({"page": str(page)}, [f"page: {page}"])
         return
-    with watching(enabled=not as_json) as progress:
+    with watching() as progress:
         found = verb(session, jobs=jobs, keep=keep or None, progress=progress)
     lines = []
     for whole in found.experiments:
@@ -173,15 +164,12 @@ def compare(session: Path, jobs: int, keep: bool, beside: tuple[str, str] | None
     document: dict[str, Any] = {"page": str(found.page), "rows": [row.document() for row in found.rows]}
     document |= {"experiments": list(found.experiments), "failed": found.failed, "absent": found.absent}
     document["variants"] = [one.document() for one in found.variants]
-    emit(as_json, document, [*lines, f"page: {found.page}"])
-    click.get_current_context().exit(1 if found.failed else 0)
+    emit(document, [*lines, f"page: {found.page}"], code=1 if found.failed else 0)
 
 
 _FOLDERS = click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=FOLDER)
 _DATABASE = click.option(
-    "--database",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="SQLite file; by default labpipe/catalogue.sqlite in the first FOLDER.",
+    "--database", type=NEW_FILE, help="SQLite file; by default labpipe/catalogue.sqlite in the first FOLDER."
 )
 _WHERE = click.option(
     "--where", default="", show_default=False, help="Only rows for which this SQL expression is true; SI units."
@@ -195,9 +183,7 @@ _WHERE = click.option(
 @names_option("--columns", help="Only these columns, in full.")
 @click.option("--table", default="experiments", type=click.Choice(["experiments", "results", "sessions", "columns"]))
 @json_option
-def catalogue(
-    folders: tuple[Path, ...], database: Path | None, columns: list[str] | None, as_json: bool, **options: str
-) -> None:
+def catalogue(folders: tuple[Path, ...], database: Path | None, columns: list[str] | None, **options: str) -> None:
     r"""List the experiments of all sessions below FOLDER: parameters and key numbers.
 
     `believable`, `model`, `checks`, `findings` and `cause` hold the verdict of what is processed.
@@ -228,10 +214,8 @@ def catalogue(
     lines += [f"not shown: {', '.join(hidden)} (name some with --columns)"] if hidden else []
     counts = f"{n} session{'s' * (n != 1)} read, {len(done.unchanged)} unchanged, {len(done.removed)} gone"
     lines += [f"{len(frame)} rows; {counts}; {done.path}", f"page: {done.page}"]
-    emit(as_json, document | {"units": units, "rows": rows}, lines)
-    for name, problem in done.problems.items() if not as_json else ():
-        click.echo(f"{name}: {problem}", err=True)
-    click.get_current_context().exit(1 if done.problems else 0)
+    problems = [f"{name}: {problem}" for name, problem in done.problems.items()]
+    emit(document | {"units": units, "rows": rows}, lines, errors=problems, code=bool(problems))
 
 
 def _narrow(frame: "pd.DataFrame", *, whole: bool) -> tuple[list[str], list[str]]:
@@ -256,9 +240,9 @@ def _narrow(frame: "pd.DataFrame", *, whole: bool) -> tuple[list[str], list[str]
 @_FOLDERS
 @_DATABASE
 @_WHERE
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="The page; default FOLDER/trend.html.")
+@click.option("--out", type=NEW_FILE, help="The page; default FOLDER/trend.html.")
 @json_option
-def trend(folders: tuple[Path, ...], database: Path | None, where: str, out: Path | None, as_json: bool) -> None:
+def trend(folders: tuple[Path, ...], database: Path | None, where: str, out: Path | None) -> None:
     r"""Chart the quantities of all sessions below FOLDER over time: mean, limits, drift.
 
     Individuals charts of every key number and of the ratios observed/expected of every sensor, with limits from the
@@ -277,10 +261,8 @@ def trend(folders: tuple[Path, ...], database: Path | None, where: str, out: Pat
     lines += [*repr(found).splitlines(), f"page: {found.page}"]
     names = ("drifts", "undated", "problems")
     document = {"page": str(found.page), **{name: getattr(found, name) for name in names}}
-    emit(as_json, document | {"charts": found.documents()}, lines)
-    for name, problem in found.problems.items() if not as_json else ():
-        click.echo(f"{name}: {problem}", err=True)
-    click.get_current_context().exit(1 if found.problems else 0)
+    problems = [f"{name}: {problem}" for name, problem in found.problems.items()]
+    emit(document | {"charts": found.documents()}, lines, errors=problems, code=bool(problems))
 
 
 def _varied(frame: "pd.DataFrame") -> "pd.DataFrame":
@@ -300,7 +282,7 @@ def _varied(frame: "pd.DataFrame") -> "pd.DataFrame":
 @session_argument
 @click.argument("which", required=False, metavar="[KIND|EXPERIMENT]")
 @json_option
-def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
+def sensitivity(session: Path, which: str | None) -> None:
     r"""Show which inputs limit the uncertainty of the main quantities in SESSION.
 
     Linear budget, Monte Carlo, Sobol indices, expanded uncertainty, and what to measure better to
@@ -320,7 +302,7 @@ def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
         value = value_with_uncertainty(row["value"], row["u"], row["unit"])
         lines.append(f"{row['experiment']}, {row['quantity']}: {value}; to halve the uncertainty: {row['to_halve']}")
     lines += [f"page: {page}" for page in found.pages]
-    emit(as_json, {"pages": [str(page) for page in found.pages], "quantities": rows}, lines)
+    emit({"pages": [str(page) for page in found.pages], "quantities": rows}, lines)
 
 
 @click.command()
@@ -334,7 +316,7 @@ def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
 )
 @jobs_option
 @json_option
-def identify(session: Path, experiments: list[str] | None, as_json: bool, **options: Any) -> None:
+def identify(session: Path, experiments: list[str] | None, **options: Any) -> None:
     r"""Identify the viscoelastic materials of the experiments in SESSION, with credible intervals.
 
     Drops, contact films, relaxations and harmonic indentations of one material are fitted
@@ -347,11 +329,12 @@ def identify(session: Path, experiments: list[str] | None, as_json: bool, **opti
       labpipe identify my-session -e acrylic_5mm -e acrylic_10mm
       labpipe identify my-session -e nbr_relaxation --prior dma
     """
+    from pipelines.commands.progress import is_shown
     from pipelines.identify import identify as verb
 
     def say(text: str) -> None:
-        if sys.stderr.isatty() and not is_quiet():  # a file or a pipe gets nothing
+        if is_shown():  # a file or a pipe gets nothing
             click.echo(text, err=True)
 
     found = verb(session, experiments or (), say=say, **options)
-    emit(as_json, found.documents(), found.lines())
+    emit(found.documents(), found.lines())

@@ -15,6 +15,7 @@ from labpipe.workflow.exclusions import exclusions
 from pipelines.cli import as_document as error_document, printable, report_error
 from pipelines.commands.options import (
     FOLDER,
+    NEW_FOLDER,
     cluster_option,
     emit,
     jobs_option,
@@ -22,6 +23,7 @@ from pipelines.commands.options import (
     keep_option,
     names_option,
     session_argument,
+    wants_json,
 )
 from pipelines.session import PAGE
 
@@ -37,7 +39,7 @@ _SHOWN = 3  # findings on one experiment that a command prints
 
 
 @click.command()
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.argument("folder", type=NEW_FOLDER)
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
 @click.option("--ask/--no-ask", default=None, help="Ask for what no file contains; default: ask at a terminal.")
 @click.option(
@@ -47,7 +49,7 @@ _SHOWN = 3  # findings on one experiment that a command prints
     help="No scan: the tables of this kind, every value to fill in; makes FOLDER if need be. Repeatable.",
 )
 @json_option
-def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...], as_json: bool) -> None:
+def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...]) -> None:
     r"""Scan FOLDER and write a commented session.toml.
 
     Instruments are recognised by the content of their files. Values that the files do not contain (mass,
@@ -62,7 +64,7 @@ def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...],
     """
     from pipelines.session import init as verb
 
-    is_person = sys.stdin.isatty() and not as_json
+    is_person = sys.stdin.isatty() and not wants_json()
     asker = _Asker() if (is_person if ask is None else ask) else None
     found = verb(folder, replace=force, ask=asker, template=template)
     n = len(found.experiments)
@@ -74,7 +76,7 @@ def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...],
     lines += [f"  not used: {line}" for line in found.unused]
     document = {"path": str(found.path), "experiments": found.experiments, "to_fill": found.gaps}
     document |= {"records": [str(p) for p in found.records], "unused": found.unused}
-    emit(as_json, document, [*lines, f"then: labpipe plan {folder}"])
+    emit(document, [*lines, f"then: labpipe plan {folder}"])
 
 
 class _Asker:
@@ -123,7 +125,7 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and s
 @_FULL
 @keep_option
 @json_option
-def plan(session: Path, as_json: bool, **options: Any) -> None:
+def plan(session: Path, **options: Any) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
     A summary comes first, with the experiments that wait and for which lines; then the steps, in one line
@@ -133,7 +135,7 @@ def plan(session: Path, as_json: bool, **options: Any) -> None:
     Example:
       labpipe plan my-session --to velocity
     """
-    from pipelines import process as verbs
+    from pipelines import session as verbs
 
     made = verbs.plan(session, **options)
     exact, waiting = verbs.stated_as_exact(made.session), made.session.waiting
@@ -148,7 +150,7 @@ def plan(session: Path, as_json: bool, **options: Any) -> None:
         changes = made.session.experiments[experiment].overrides.items()
         lines += [f"  laboratory.toml has {name} = {old}, the session {new}" for name, (old, new) in changes]
     document = {"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate, "excluded": left_out}
-    emit(as_json, document | {"waiting": waiting, "exact": exact}, lines)
+    emit(document | {"waiting": waiting, "exact": exact}, lines)
 
 
 def excluded_in(session: "Session") -> dict[str, list[str]]:
@@ -186,13 +188,13 @@ def _steps(rows: "list[Row]") -> Iterator[str]:
 @keep_option
 @click.option(
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=NEW_FOLDER,
     help="Work folder for the results of one SESSION in which nothing may be written; later commands take it instead.",
 )
 @jobs_option
 @cluster_option
 @json_option
-def process(sessions: tuple[Path, ...], out: Path | None, as_json: bool, **options: Any) -> None:
+def process(sessions: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     r"""Process session folders: results and one report per experiment.
 
     Results that are still true are kept. A failed experiment does not stop the others, nor
@@ -204,7 +206,7 @@ def process(sessions: tuple[Path, ...], out: Path | None, as_json: bool, **optio
       labpipe process sessions/* --cluster tcp://head:8786
       labpipe process /archive/2024-05 --out 2024-05    # then: labpipe compare 2024-05
     """
-    from pipelines import process as verbs
+    from pipelines import session as verbs
     from pipelines.commands.progress import watching
 
     if out is not None:
@@ -212,7 +214,7 @@ def process(sessions: tuple[Path, ...], out: Path | None, as_json: bool, **optio
             raise click.UsageError("--out is the work folder of one session; process each by itself")
         sessions = (verbs.work_folder(sessions[0], out),)
     folders = list({folder.resolve(): folder for folder in sessions}.values())
-    with watching(enabled=not as_json) as progress:
+    with watching() as progress:
         ended = dict(verbs.process_all(folders, progress=progress, **options))
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error
@@ -221,12 +223,13 @@ def process(sessions: tuple[Path, ...], out: Path | None, as_json: bool, **optio
     documents = [as_document(done, folder, judged.get(folder)) for folder, done in ended.items()]
     codes = {document["exit_code"] for document in documents}
     code = StorageError.exit_code if StorageError.exit_code in codes else codes.pop() if len(codes) == 1 else 1
-    lines: list[str] = []
-    for folder, done in ended.items() if not as_json else ():
-        lines += [f"{folder}:"] if len(folders) > 1 else []
-        lines += summary(done, judged.get(folder))
-    emit(as_json, documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code}, lines)
-    click.get_current_context().exit(code)
+    is_named = len(folders) > 1
+    lines = (
+        line
+        for folder, done in ended.items()
+        for line in itertools.chain([f"{folder}:"] * is_named, summary(done, judged.get(folder)))
+    )
+    emit(documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code}, lines, code=code)
 
 
 def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verdicts | None" = None) -> dict[str, Any]:
@@ -287,7 +290,7 @@ def summary(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = Non
 @click.argument("text")
 @click.option("--who", default="", help="Whose note it is; default: the operator of the session.")
 @json_option
-def note(session: Path, experiment: str, text: str, who: str, as_json: bool) -> None:
+def note(session: Path, experiment: str, text: str, who: str) -> None:
     r"""Append a note with the day of today to EXPERIMENT in session.toml; its page shows it.
 
     \b
@@ -298,7 +301,7 @@ def note(session: Path, experiment: str, text: str, who: str, as_json: bool) -> 
 
     made = verb(session, experiment, text, who=who)
     document = {"experiment": experiment, "on": str(made.on), "who": made.who, "text": made.text}
-    emit(as_json, document, [f"noted on {made.on}; its page shows it after: labpipe process {session}"])
+    emit(document, [f"noted on {made.on}; its page shows it after: labpipe process {session}"])
 
 
 @click.command()
@@ -310,7 +313,7 @@ def note(session: Path, experiment: str, text: str, who: str, as_json: bool) -> 
 @click.option("--until-done", is_flag=True, help="End once every experiment is processed.")
 @click.option("--jobs", "-j", default=1, type=click.IntRange(min=0), help="0 runs everything in this process.")
 @json_option
-def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int, as_json: bool) -> None:
+def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int) -> None:
     r"""Process each experiment of SESSION as soon as its files are complete; end with Ctrl-C.
 
     The folder is polled, so it may be on a network share. A file is complete when it is unchanged
@@ -321,7 +324,7 @@ def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int, 
     Example:
       labpipe watch my-session
     """
-    from pipelines import process as verbs
+    from pipelines import session as verbs
 
     watcher = verbs.watch(session, looks=looks, jobs=jobs)
     failed = False
@@ -330,12 +333,12 @@ def watch(session: Path, every: float, looks: int, until_done: bool, jobs: int, 
             for news in watcher.look():
                 failed |= news.state == "failed"
                 clock = datetime.now().astimezone().strftime("%H:%M:%S")
-                if not as_json:
-                    emit(False, None, [f"{clock}  {news.experiment or 'session'}: {news.state}: {news.text}"])
+                if not wants_json():
+                    emit(None, [f"{clock}  {news.experiment or 'session'}: {news.state}: {news.text}"])
             if until_done and watcher.is_done:
                 break
             time.sleep(every)
     finally:
         states = watcher.states.items()
-        emit(as_json, {"experiments": {n: {"state": s, "text": t} for n, (s, t) in states}}, ())
-    click.get_current_context().exit(1 if failed else 0)
+        emit({"experiments": {n: {"state": s, "text": t} for n, (s, t) in states}}, ())
+    click.get_current_context().exit(int(failed))

@@ -1,16 +1,16 @@
 """Commands that run the bundled simulator alone: simulate drop, indent, adhesion; sweep."""
 
 import json
-import sys
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext
 from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from pipelines.commands.options import cluster_option, emit, json_option
+from pipelines.commands.options import NEW_FILE, cluster_option, emit, json_option
+from pipelines.commands.progress import fraction
+from pipelines.sweeps.simulators import SIMULATORS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +30,7 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic only since
     """A number with a unit, such as ``9.525 mm``; its value is in SI."""
 
     def __init__(self, name: str, unit: str) -> None:
-        self.name, self._unit = name, unit
+        self.name, self.unit = name, unit
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the value in SI."""
@@ -38,37 +38,40 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic only since
         from labpipe.units import si
 
         try:
-            return si(value, self._unit, self.name)
+            return si(value, self.unit, self.name)
         except InputError as error:
             self.fail(str(error), param, ctx)
 
 
 LENGTH, TIME = Quantity("length", "m"), Quantity("time", "s")
-_MASS, _FREQUENCY, _RATIO = Quantity("mass", "kg"), Quantity("frequency", "Hz"), Quantity("number", "1")
-_SPEED, _TEMPERATURE, _FORCE = Quantity("speed", "m/s"), Quantity("temperature", "degC"), Quantity("force", "N")
+_MASS, _FREQUENCY, _SPEED = Quantity("mass", "kg"), Quantity("frequency", "Hz"), Quantity("speed", "m/s")
+_TEMPERATURE, _FORCE, _NUMBER = Quantity("temperature", "degC"), Quantity("force", "N"), Quantity("number", "1")
 _WORK, _HEAT_CAPACITY = Quantity("energy per area", "J/m2"), Quantity("heat capacity", "J/kg/K")
 _CONDUCTIVITY = Quantity("conductivity", "W/m/K")
+_TYPES = {each.unit: each for each in (LENGTH, TIME, _MASS, _FREQUENCY, _SPEED, _TEMPERATURE, _NUMBER)}
 
 
 def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
     return lambda function: reduce(lambda f, option: option(f), reversed(options), function)
 
 
-def _material_options(default: str) -> Callable[[F], F]:
-    """Add ``--material``, ``--temperature`` and ``--vertical-shift``."""
-    of_data = "Temperature of the material, by its shift law; default: that of its data."
-    shift = "b_T: factor on all moduli at that temperature."
-    return _options(
-        click.option("--material", default=default, help="Library name or TOML file."),
-        click.option("--temperature", type=_TEMPERATURE, help=of_data),
-        click.option("--vertical-shift", type=float, default=1.0, help=shift),
-    )
+def _parameters(simulator: str, *names: str) -> Callable[[F], F]:
+    """Add the material, its temperature and shift, and further parameters of a simulator, as a sweep has them."""
+    known = SIMULATORS[simulator].parameters
+    return _options(*(
+        click.option(
+            f"--{name.replace('_', '-')}",
+            type=_TYPES.get(known[name].unit, str),
+            default=known[name].default,
+            help=f"{known[name].text[:1].upper()}{known[name].text[1:]}.",
+        )
+        for name in ("material", "temperature", "vertical_shift", *names)
+    ))  # fmt: skip
 
 
-_FILE = click.Path(dir_okay=False, path_type=Path)
 _result_options = _options(
-    click.option("--out", type=_FILE, help="netCDF file to write."),
-    click.option("--picture", type=_FILE, help="Picture to draw (.png, .svg or .pdf)."),
+    click.option("--out", type=NEW_FILE, help="netCDF file to write."),
+    click.option("--picture", type=NEW_FILE, help="Picture to draw (.png, .svg or .pdf)."),
     json_option,
 )
 
@@ -84,19 +87,12 @@ def simulate() -> None:
 
 
 @simulate.command()
-@_material_options("acrylic")
-@click.option("--radius", type=LENGTH, default="9.525 mm", help="Of the sphere.")
-@click.option("--mass", type=_MASS, default="505 g", help="Total moving mass.")
-@click.option("--height", type=LENGTH, default="1.5 mm", help="Drop height, from release to first touch.")
+@_parameters("drop", "radius", "mass", "height", "rtol", "plate_mass", "plate_frequency", "plate_damping")
 @click.option("--duration", type=TIME, default="0.5 s", help="From release.")
 @click.option("--solver", type=click.Choice(["mdr", "rings", "thesis"]), default="mdr",
               help="'thesis' is the thesis's own scheme.")  # fmt: skip
 @click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola", help="Shape of the gap.")
-@click.option("--rtol", type=float, default=1e-4, help="Target relative error.")
 @click.option("--substrate", help='Elastic counter-body: "sapphire", or modulus and Poisson\'s ratio, "70 GPa, 0.22".')
-@click.option("--plate-mass", type=_MASS, help="Modal mass of a vibrating substrate; needs the next two options.")
-@click.option("--plate-frequency", type=_FREQUENCY, help="Natural frequency.")
-@click.option("--plate-damping", type=_RATIO, help="Damping ratio.")
 @click.option("--adhesion", "work_of_adhesion", type=_WORK,
               help='Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.')  # fmt: skip
 @click.option("--heating", is_flag=True, help="Estimate self-heating.")
@@ -115,16 +111,14 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
     from pipelines.simulator_inputs import material as load, thermal_of
 
     of_plate = [options.pop(f"plate_{name}") for name in ("mass", "frequency", "damping")]
-    if None in of_plate and of_plate != [None, None, None]:
-        raise click.UsageError("a plate needs --plate-mass, --plate-frequency and --plate-damping together")
-    plate = None if None in of_plate else contact.Plate(*of_plate)
+    plate = contact.Plate(*of_plate) if of_plate[0] else None
     if options["substrate"] and "," in options["substrate"]:
         options["substrate"] = tuple(options["substrate"].split(",", 1))
-    output = {name: options.pop(name) for name in ("out", "picture", "as_json")}
+    output = {name: options.pop(name) for name in ("out", "picture")}
     work, is_heated = options.pop("work_of_adhesion"), options.pop("heating")
     properties = [options.pop(name) for name in ("heat_capacity", "conductivity")]
     solid = load(material, temperature, vertical_shift)
-    with _progress(output["as_json"]) as shown:
+    with fraction("simulating") as shown:
         found = contact.drop(solid, **options, plate=plate, progress=shown)
     rows = _drop_rows(found)
     if work is not None:
@@ -135,19 +129,9 @@ def drop(material: str, temperature: float | None, vertical_shift: float, **opti
 
 
 @simulate.command()
-@_material_options("nbr")
-@click.option("--tip-radius", type=LENGTH, default="2 mm", help="Of curvature.")
-@click.option("--period", type=LENGTH, default="8 mm", help="Distance between neighbouring tips.")
-@click.option("--depth", type=LENGTH, default="18 mm", help="Contact length summed over the tips.")
-@click.option("--mean", type=LENGTH, default="0.1 mm", help="Mean indentation.")
-@click.option("--amplitude", type=LENGTH, default="0.01 mm", help="Of the oscillation.")
-@click.option("--frequency", type=_FREQUENCY, default="1 Hz", help="Of the oscillation.")
+@_parameters("indent", "tip_radius", "period", "depth", "mean", "amplitude", "frequency", "hold", "ramp", "profile")
 @click.option("--cycles", type=click.IntRange(min=0), default=5, help="Number of cycles; 0 for press and hold only.")
-@click.option("--hold", type=TIME, default="600 s", help="Duration of the hold before the cycles.")
-@click.option("--ramp", type=_SPEED, default="1 mm/s", help="Speed of the ramp.")
 @click.option("--thickness", type=LENGTH, help="Thickness of a bonded layer; default: half-plane.")
-@click.option("--profile", type=click.Choice(["parabola", "circle", "cosine"]), default="circle",
-              help="Shape of a tip.")  # fmt: skip
 @click.option("--elements", type=click.IntRange(min=64), default=1024, help="Strips per period.")
 @click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
 @_result_options
@@ -168,10 +152,10 @@ def indent(
     for name in ("mean", "frequency", "ramp"):
         if not options[name] > 0.0:
             raise click.UsageError(f"--{name} is {options[name]:g} in SI units; expected more than 0")
-    output = {name: options.pop(name) for name in ("out", "picture", "as_json")}
+    output = {name: options.pop(name) for name in ("out", "picture")}
     moves = {name: options.pop(name) for name in ("mean", "amplitude", "frequency", "cycles", "hold", "ramp")}
     time, moved = ramp_hold_oscillation(**moves, per_cycle=100)
-    with _progress(output["as_json"]) as shown:
+    with fraction("simulating") as shown:
         found = contact.indent(
             load(material, temperature, vertical_shift),
             time=time,
@@ -197,7 +181,7 @@ def indent(
 
 
 @simulate.command()
-@_material_options("nbr")
+@_parameters("indent")
 @click.option("--radius", type=LENGTH, default="9.525 mm", help="Of the sphere.")
 @click.option("--work", type=_WORK, default="50 mJ/m2", help="Of adhesion.")
 @click.option("--load", type=_FORCE, default="1 N", help="Largest load.")
@@ -235,20 +219,18 @@ def adhesion(
 
 
 @click.command()
-@click.argument("simulator", type=click.Choice(["drop", "indent"]))
+@click.argument("simulator", type=click.Choice(list(SIMULATORS)))
 @click.option("--vary", multiple=True, metavar="NAME=VALUES",
               help='"height = 1 mm : 10 mm : 7", ": log" for equal ratios, or a list.')  # fmt: skip
 @click.option("--set", "fixed", multiple=True, metavar="NAME=VALUE",
               help='A fixed parameter; with "±" and --draws it is sampled.')  # fmt: skip
 @click.option("--draws", type=click.IntRange(min=0), default=0, help="Random draws per point.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of the draws.")
-@click.option("--out", required=True, type=_FILE, help="netCDF file; the page is written beside it.")
+@click.option("--out", required=True, type=NEW_FILE, help="netCDF file; the page is written beside it.")
 @click.option("--jobs", "-j", type=click.IntRange(min=0), default=1, help="Local processes; 0 for one per processor.")
 @cluster_option
 @json_option
-def sweep(
-    simulator: str, vary: tuple[str, ...], fixed: tuple[str, ...], out: Path, as_json: bool, **options: Any
-) -> None:
+def sweep(simulator: str, vary: tuple[str, ...], fixed: tuple[str, ...], out: Path, **options: Any) -> None:
     r"""Simulate every combination of some parameters; write one netCDF file and a page.
 
     The same command resumes a stopped sweep and retries failed points. The result does not depend
@@ -259,17 +241,14 @@ def sweep(
       labpipe sweep drop --vary "material = acrylic, ptfe" --vary "height = 1 mm : 10 mm : 7" \
           --set "radius = 9.525 ± 0.005 mm" --draws 20 --out heights.nc
     """
-    from pipelines.commands.progress import fraction
     from pipelines.sweeps import sweep as verb
 
     varied, constants = _named(vary), _named(fixed)
-    progress: Any = nullcontext(None) if as_json else fraction("simulating")
-    with progress as shown:
+    with fraction("simulating") as shown:
         swept = verb(simulator, out, vary=varied, fixed=constants, progress=shown, **options)
     counts = {"computed": swept.computed, "reused": swept.reused, "failed": swept.failed}
     lines = (swept.summary, f"results: {out}", f"page: {swept.page}")
-    emit(as_json, {"netcdf": str(out), "page": str(swept.page)} | counts, lines)
-    click.get_current_context().exit(1 if swept.failed else 0)
+    emit({"netcdf": str(out), "page": str(swept.page)} | counts, lines, code=1 if swept.failed else 0)
 
 
 def _named(texts: Iterable[str]) -> dict[str, str]:
@@ -285,20 +264,12 @@ def _named(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def _progress(quiet: bool) -> AbstractContextManager[Callable[[float], None] | None]:
-    if quiet or not sys.stderr.isatty():
-        return nullcontext(None)
-    from pipelines.commands.progress import fraction
-
-    return fraction("simulating")
-
-
 # --- output ---
 
 
 def _deliver(
     found: "xr.Dataset", rows: _Rows, work: dict[str, Any], panels: _Panels,
-    *, out: Path | None, picture: Path | None, as_json: bool,
+    *, out: Path | None, picture: Path | None
 ) -> None:  # fmt: skip
     """Write and draw a simulation as wanted, and print its rows and its work."""
     from labpipe import files
@@ -330,7 +301,7 @@ def _deliver(
     units = {name: unit for name, _, unit in rows if unit}
     lines = [f"{name:{_WIDTH}}{text(value)} {unit}".rstrip() for name, value, unit in rows]
     lines.append(f"{'work':{_WIDTH}}" + ", ".join(f"{n.replace('_', ' ')} {v}" for n, v in work.items()))
-    emit(as_json, {name: value for name, value, _ in rows} | {"units": units, "work": work}, lines)
+    emit({name: value for name, value, _ in rows} | {"units": units, "work": work}, lines)
 
 
 def _drop_rows(found: "xr.Dataset") -> _Rows:

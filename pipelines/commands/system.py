@@ -1,7 +1,7 @@
 """Commands about the installation and its parts: doctor, completion, open, sample, demo, figures, bench, acquire."""
 
+import itertools
 import json
-import sys
 from collections import Counter
 from dataclasses import fields
 from pathlib import Path
@@ -12,17 +12,14 @@ from click.shell_completion import get_completion_class
 
 from labpipe.errors import ConfigError, StorageError, StoreError
 from pipelines.cli import cli
-from pipelines.commands.options import FOLDER, emit, jobs_option, json_option
+from pipelines.commands.options import FOLDER, NEW_FILE, NEW_FOLDER, emit, jobs_option, json_option, wants_json
 from pipelines.commands.simulate import TIME
-
-_NEW_FOLDER = click.Path(file_okay=False, path_type=Path)
-_NEW_FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command()
 @click.argument("session", required=False, type=FOLDER)
 @json_option
-def doctor(session: Path | None, as_json: bool) -> None:
+def doctor(session: Path | None) -> None:
     r"""Check the installation and the disk; audit SESSION.
 
     Lists installed versions and whether they are too old, whether another package
@@ -47,21 +44,19 @@ def doctor(session: Path | None, as_json: bool) -> None:
     if audit is not None:
         findings = [trouble.document() for trouble in audit.troubles]
         document |= {"checks": audit.checks, "exact": audit.exact, "findings": findings}
-    emit(as_json, document, repr(found).splitlines())
-    if found.damaged_results:
-        sys.exit(StoreError.exit_code)
-    if found.problems:
-        sys.exit(StorageError.exit_code)
-    if found.session_problems:
-        sys.exit(ConfigError.exit_code)
-    if audit is not None and audit.is_impossible:
-        sys.exit(1)
+    codes = (
+        (found.damaged_results, StoreError.exit_code),
+        (found.problems, StorageError.exit_code),
+        (found.session_problems, ConfigError.exit_code),
+        (audit is not None and audit.is_impossible, 1),
+    )
+    emit(document, repr(found).splitlines(), code=next((code for is_wrong, code in codes if is_wrong), 0))
 
 
 @click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @json_option
-def completion(shell: str, as_json: bool) -> None:
+def completion(shell: str) -> None:
     r"""Print the script that makes SHELL complete labpipe's commands and options.
 
     \b
@@ -72,7 +67,7 @@ def completion(shell: str, as_json: bool) -> None:
     if kind is None:  # click knows all three shells of the choice above
         raise click.UsageError(f"no completion for {shell}")
     script = kind(cli, {}, "labpipe", "_LABPIPE_COMPLETE").source()
-    emit(as_json, {"shell": shell, "script": script}, [script])
+    emit({"shell": shell, "script": script}, [script])
 
 
 @click.command("open")
@@ -88,7 +83,7 @@ def completion(shell: str, as_json: bool) -> None:
 )
 @click.option("--guide", is_flag=True, help="Show the guide that is installed instead; no network is needed.")
 @json_option
-def open_(folder: Path, port: int, browser: bool, guide: bool, as_json: bool) -> None:
+def open_(folder: Path, port: int, browser: bool, guide: bool) -> None:
     r"""Set up, run and read the session in FOLDER in a local page; end with Ctrl-C.
 
     The page answers on this computer only, under an address that nobody can guess, and shows
@@ -107,19 +102,19 @@ def open_(folder: Path, port: int, browser: bool, guide: bool, as_json: bool) ->
     served = open_guide(port=port) if guide else verb(folder, port=port)
     kept = "" if guide else "; a run that goes on is stopped then, its results are kept"
     lines = (f"{'the guide' if guide else folder}: {served.address}", f"end with Ctrl-C{kept}")
-    emit(as_json, {"address": served.address, "folder": None if guide else str(folder)}, lines)
-    if browser and not as_json:
+    emit({"address": served.address, "folder": None if guide else str(folder)}, lines)
+    if browser and not wants_json():
         webbrowser.open(served.address)
     served.run()
 
 
 @click.command()
 @click.argument("name", required=False)
-@click.argument("dest", required=False, type=_NEW_FOLDER)
+@click.argument("dest", required=False, type=NEW_FOLDER)
 @click.option("--full-size", is_flag=True, help="Films at the camera's full size.")
 @click.option("--seed", type=click.IntRange(min=0), help="Draw the rig of thesis and thesis-small anew.")
 @json_option
-def sample(name: str | None, dest: Path | None, full_size: bool, seed: int | None, as_json: bool) -> None:
+def sample(name: str | None, dest: Path | None, full_size: bool, seed: int | None) -> None:
     r"""Write the synthetic session NAME, with its true values, into the new folder DEST.
 
     Without NAME the samples are listed. The virtual rig generates all data; none is measured.
@@ -133,21 +128,21 @@ def sample(name: str | None, dest: Path | None, full_size: bool, seed: int | Non
 
     if name is None:
         known = {key: entry.summary for key, entry in SAMPLES.items()}
-        emit(as_json, known, (f"{key:14}{text}" for key, text in known.items()))
+        emit(known, (f"{key:14}{text}" for key, text in known.items()))
         return
     if dest is None:
         raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")
-    with waiting(f"recording {name}", enabled=not as_json):
+    with waiting(f"recording {name}"):
         experiments = [*verb(name, dest, full_size=full_size, seed=seed).experiments]
     n = len(experiments)
     line = f"wrote {n} synthetic experiment{'s' * (n != 1)} into {dest}"
-    emit(as_json, {"folder": str(dest), "experiments": experiments}, [line])
+    emit({"folder": str(dest), "experiments": experiments}, [line])
 
 
 @click.command()
-@click.argument("dest", default="labpipe-demo", type=_NEW_FOLDER)
+@click.argument("dest", default="labpipe-demo", type=NEW_FOLDER)
 @json_option
-def demo(dest: Path, as_json: bool) -> None:
+def demo(dest: Path) -> None:
     r"""Write a synthetic session into DEST, process it, and print the path of the reports.
 
     Where DEST holds the demonstration already, it is processed as it is.
@@ -161,14 +156,13 @@ def demo(dest: Path, as_json: bool) -> None:
     from pipelines.commands.session import as_document, summary
     from pipelines.session import verdicts_of
 
-    with waiting("recording a session", enabled=not as_json):
+    with waiting("recording a session"):
         rig.record_demo(dest)
-    with watching(enabled=not as_json) as progress:
+    with watching() as progress:
         outcome = rig.demo(dest, progress=progress)
     judged = verdicts_of(outcome)
-    lines = [] if as_json else [f"synthetic session: {dest}", *summary(outcome, judged)]
-    emit(as_json, as_document(outcome, dest, judged), lines)
-    click.get_current_context().exit(outcome.exit_code)
+    lines = itertools.chain([f"synthetic session: {dest}"], summary(outcome, judged))
+    emit(as_document(outcome, dest, judged), lines, code=outcome.exit_code)
 
 
 @click.command()
@@ -176,19 +170,12 @@ def demo(dest: Path, as_json: bool) -> None:
 @click.option("--list", "listed", is_flag=True, help="List what each figure needs; draw nothing.")
 @click.option("--check", is_flag=True, help="Compare the thesis's printed numbers with ours.")
 @click.option("--session", type=FOLDER, help="Session folder for the figures that show experiments.")
-@click.option("--out", type=_NEW_FOLDER, default="figures", help="Folder to write into.")
+@click.option("--out", type=NEW_FOLDER, default="figures", help="Folder to write into.")
 @click.option("--data", is_flag=True, help="Write the numbers that each figure draws too, as csv.")
 @jobs_option
 @json_option
 def figures(
-    ids: tuple[str, ...],
-    listed: bool,
-    check: bool,
-    session: Path | None,
-    out: Path,
-    data: bool,
-    jobs: int,
-    as_json: bool,
+    ids: tuple[str, ...], listed: bool, check: bool, session: Path | None, out: Path, data: bool, jobs: int
 ) -> None:
     r"""Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each, as text and as LaTeX.
 
@@ -209,7 +196,7 @@ def figures(
         checked = check_rows()
         count = Counter(row.verdict for row in checked)
         counts = "; ".join(f"{n} {verdict}" for verdict, n in sorted(count.items()))
-        emit(as_json, {"rows": [row.document() for row in checked]}, [*(row.line() for row in checked), counts])
+        emit({"rows": [row.document() for row in checked]}, [*(row.line() for row in checked), counts])
         return
     wanted = make.chosen(ids)
     if listed:
@@ -221,32 +208,24 @@ def figures(
                          "state": s.state, "detail": s.detail})  # fmt: skip
             needs = f"{needs}{' (optional)' if is_optional else ''}" or "-"
             lines.append(f"{figure.id:10} {figure.title:46} {needs:26} {s.state}{s.detail and f': {s.detail}'}")
-        emit(as_json, {"figures": rows}, lines)
+        emit({"figures": rows}, lines)
         return
 
-    def said(outcome: Any) -> None:
-        emit(False, None, [f"{outcome.id:10} {outcome.state}{outcome.detail and f': {outcome.detail}'}"])
-
-    with counted(len(wanted), enabled=not as_json, when="done") as step:
-        # while the bar is shown, the list waits: both on one screen would run into each other
-        quiet = (lambda outcome: None) if as_json else said
-        show = quiet if step is None else lambda outcome: step(outcome.id)
+    with counted(len(wanted), when="done") as step:
+        show = None if step is None else lambda outcome: step(outcome.id)
         outcomes = verb(ids, session=session, out=out, data=data, jobs=jobs, progress=show).outcomes
-    for outcome in outcomes if step is not None else ():
-        said(outcome)
-    if as_json:
-        made = [{"id": o.id, "state": o.state, "detail": o.detail, "files": [*o.files]} for o in outcomes]
-        emit(as_json, {"out": str(out), "figures": made}, ())
-    click.get_current_context().exit(any(o.state == make.FAILED for o in outcomes))
+    made = [{"id": o.id, "state": o.state, "detail": o.detail, "files": [*o.files]} for o in outcomes]
+    lines = [f"{o.id:10} {o.state}{o.detail and f': {o.detail}'}" for o in outcomes]
+    emit({"out": str(out), "figures": made}, lines, code=any(o.state == make.FAILED for o in outcomes))
 
 
 @click.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--quick", is_flag=True, help="Fewer settings and repeats; minutes for all parts.")
 @click.option("--list", "listed", is_flag=True, help="Name the parts; measure nothing.")
-@click.option("--out", type=_NEW_FOLDER, default="bench", help="Folder to write into.")
+@click.option("--out", type=NEW_FOLDER, default="bench", help="Folder to write into.")
 @json_option
-def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json: bool) -> None:
+def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path) -> None:
     r"""Measure error against run time of every part, on data with known true values.
 
     Writes one JSON file and one page with a work-precision diagram for each part: our default
@@ -262,14 +241,14 @@ def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json:
 
     wanted = chosen(names)
     if listed:
-        emit(as_json, {n: PARTS[n][1] for n in wanted}, (f"{n:18}{PARTS[n][1]}" for n in wanted))
+        emit({n: PARTS[n][1] for n in wanted}, (f"{n:18}{PARTS[n][1]}" for n in wanted))
         return
     from labpipe import files
     from pipelines.bench import page
     from pipelines.bench.measure import machine
     from pipelines.commands.progress import counted
 
-    with counted(len(wanted), enabled=not as_json) as begin:
+    with counted(len(wanted)) as begin:
         results, failures = measure_all(wanted, quick, begin or (lambda _: None))
     about = machine()
     document = page.as_document(results, failures, about)
@@ -277,10 +256,9 @@ def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json:
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     files.write_text(out / "bench.json", text + "\n")
     files.write_text(out / "bench.html", page.render(results, failures, about))
-    for failure in failures if not as_json else ():
-        click.echo(f"failed: {failure.name}: {failure.message}", err=True)
-    emit(as_json, document, [f"wrote {out / 'bench.html'}, and bench.json in the same folder"])
-    click.get_current_context().exit(bool(failures))
+    failed = [f"failed: {failure.name}: {failure.message}" for failure in failures]
+    lines = [f"wrote {out / 'bench.html'}, and bench.json in the same folder"]
+    emit(document, lines, errors=failed, code=bool(failures))
 
 
 @click.group()
@@ -294,7 +272,7 @@ def acquire() -> None:
 
 
 @acquire.command()
-@click.argument("file", type=_NEW_FILE)
+@click.argument("file", type=NEW_FILE)
 @click.option("--host", required=True, help="Address of the controller.")
 @click.option("--port", type=click.IntRange(1, 65535), help="TCP port; 24687 for lk-g5000, required for dl-en1.")
 @click.option("--protocol", type=click.Choice(["lk-g5000", "dl-en1"]), default="lk-g5000", help="Of the controller.")
@@ -307,7 +285,7 @@ def acquire() -> None:
 @click.option("--before", type=TIME, default="100 ms", help="Duration kept before the trigger.")
 @click.option("--patience", type=TIME, default="10 s", help="Longest wait for an answer of the controller.")
 @json_option
-def keyence(file: Path, as_json: bool, **given: Any) -> None:
+def keyence(file: Path, **given: Any) -> None:
     r"""Record a Keyence displacement controller over TCP into FILE.
 
     FILE has the layout of a storage file and is readable at any moment, also after a crash; FILE.times.csv holds the
@@ -337,13 +315,13 @@ def keyence(file: Path, as_json: bool, **given: Any) -> None:
         patience=patience,
     )
     found = {each.name: getattr(done, each.name) for each in fields(done) if not each.name.startswith("_")}
-    _show(found | {name: str(found[name]) for name in ("path", "times", "start")}, as_json)
+    _show(found | {name: str(found[name]) for name in ("path", "times", "start")})
 
 
 @acquire.command()
-@click.argument("file", type=_NEW_FILE)
+@click.argument("file", type=NEW_FILE)
 @json_option
-def recover(file: Path, as_json: bool) -> None:
+def recover(file: Path) -> None:
     r"""Cut off the half line that a power failure may leave at the end of a recording.
 
     \b
@@ -352,8 +330,8 @@ def recover(file: Path, as_json: bool) -> None:
     """
     from instruments import keyence as laser
 
-    _show(laser.recover(file), as_json)
+    _show(laser.recover(file))
 
 
-def _show(found: dict[str, Any], as_json: bool) -> None:
-    emit(as_json, found, (f"{name.replace('_', ' '):20}{value}" for name, value in found.items()))
+def _show(found: dict[str, Any]) -> None:
+    emit(found, (f"{name.replace('_', ' '):20}{value}" for name, value in found.items()))

@@ -44,7 +44,7 @@ _IMPORTS = (
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "scipy.optimize",
-    "pipelines.process",
+    "pipelines.session",
     *dict.fromkeys(figure.function.partition(":")[0] for figure in FIGURES if figure.function),
 )
 """What drawing needs, for workers to share."""
@@ -127,9 +127,9 @@ class Shelf:
         """Open a folder (which need not exist) and a session."""
         if session is None:
             return cls(folder)
-        from pipelines import process
+        from pipelines import session as verbs
 
-        made = process.plan(session.absolute(), keep=None)  # workers may stand in another folder
+        made = verbs.plan(session.absolute(), keep=None)  # workers may stand in another folder
         return cls(folder, made.session, made)
 
     def record(self) -> dict[str, Any]:
@@ -216,10 +216,10 @@ def _processed(shelf: Shelf, ready: list[State], jobs: int) -> tuple[Shelf, dict
     to_run = () if shelf.plan is None else shelf.plan.to_run
     if shelf.session is None or targets.isdisjoint((row.experiment, row.stage) for row in to_run):
         return shelf, {}
-    from pipelines import process
+    from pipelines import session as verbs
 
     root, names = shelf.session.root, sorted({name for name, _ in targets})
-    run = process.process(root, sorted(f"{n}/{stage}" for n, stage in targets), names, jobs=jobs, keep=None)
+    run = verbs.process(root, sorted(f"{n}/{stage}" for n, stage in targets), names, jobs=jobs, keep=None)
     failures = {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
     return replace(Shelf.of(shelf.folder, root), with_data=shelf.with_data), failures
 

@@ -37,8 +37,9 @@ def settings() -> str:
     parts = [
         "# Settings of session.toml\n\nEach experiment is a table `[experiments.NAME]` with a `kind`; a field without "
         'default must be there. Quantities are texts with unit, such as `"9.525 ± 0.005 mm"`: the number after ± '
-        "is one standard uncertainty. `[session]` holds `title`, `operator`, `notes`, `synthetic` and `licence` "
-        '(such as `"CC-BY-4.0"`), `[[creators]]` a `name`, `orcid` and `affiliation`, for a data package.\n\n'
+        "is one standard uncertainty. `[session]` holds `title`, `operator`, `notes`, `synthetic`, `stated` "
+        '(values from a workbook) and `licence` (such as `"CC-BY-4.0"`), `[[creators]]` a `name`, `orcid` and '
+        "`affiliation`, for a data package.\n\n"
     ]
     for kind in KINDS.values():
         parts.append(f'## {kind.title}: `kind = "{kind.name}"`\n\n{kind.summary[:1].upper()}{kind.summary[1:]}.\n\n')

@@ -10,10 +10,9 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from pipelines.session._catalogue import Catalogued as Catalogued, catalogue as catalogue
-    from pipelines.session._citation import cite as cite
     from pipelines.session._compare import compare as compare
+    from pipelines.session._compare_page import beside as beside
     from pipelines.session._comparison import Comparison as Comparison, comparison_text as comparison_text
-    from pipelines.session._contact_sheet import write_sheet as write_sheet
     from pipelines.session._doctor import Health as Health, doctor as doctor
     from pipelines.session._elsewhere import bundle as bundle, work_folder as work_folder
     from pipelines.session._export import FORMATS as FORMATS, Exported as Exported, export as export
@@ -26,7 +25,12 @@ if TYPE_CHECKING:
         library_names as library_names,
         template_of as template_of,
     )
-    from pipelines.session._inspection import Inspected as Inspected, describe as describe, inspect as inspect
+    from pipelines.session._inspection import (
+        Inspected as Inspected,
+        describe as describe,
+        inspect as inspect,
+        write_sheet as write_sheet,
+    )
     from pipelines.session._notes import note as note, with_note as with_note
     from pipelines.session._open_session import OpenSession as OpenSession, open_lab_session as open_lab_session
     from pipelines.session._overview import PAGE as PAGE, write_overview as write_overview
@@ -40,7 +44,13 @@ if TYPE_CHECKING:
         watch as watch,
     )
     from pipelines.session._proposal import Scan as Scan, draft as draft, init as init
-    from pipelines.session._publication import Published as Published, publish as publish
+    from pipelines.session._publication import (
+        Published as Published,
+        Verified as Verified,
+        cite as cite,
+        publish as publish,
+        verify as verify,
+    )
     from pipelines.session._recognition import (
         COLUMNS as COLUMNS,
         Surveyed as Surveyed,
@@ -52,6 +62,7 @@ if TYPE_CHECKING:
         SETTINGS as SETTINGS,
         STAGES as STAGES,
         derive as derive,
+        load as load,
         needed as needed,
         open_session as open_session,
         opened as opened,
@@ -61,7 +72,6 @@ if TYPE_CHECKING:
     )
     from pipelines.session._sensitivity import Sensitivity as Sensitivity, sensitivity as sensitivity
     from pipelines.session._session_checks import stated_as_exact as stated_as_exact
-    from pipelines.session._together import beside as beside
     from pipelines.session._trend import trend as trend
     from pipelines.session._verdicts import (
         Verdict as Verdict,
@@ -69,6 +79,5 @@ if TYPE_CHECKING:
         verdict_on as verdict_on,
         verdicts_of as verdicts_of,
     )
-    from pipelines.session._verification import Verified as Verified, verify as verify
 else:
     __getattr__ = lazily(__name__)

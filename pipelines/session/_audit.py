@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.session._processing import process
 from pipelines.session._results import open_session
-from pipelines.session._session_checks import SESSION_CHECKS, named_at, stated_as_exact, unused_files
+from pipelines.session._session_checks import SESSION_CHECKS, stated_as_exact, unused_files
 from pipelines.session._verdicts import WAITING, verdicts_of
 
 if TYPE_CHECKING:
@@ -19,14 +19,13 @@ if TYPE_CHECKING:
 _WEIGHT: dict[Level, int] = {"impossible": 3, "doubtful": 2, "note": 1}
 
 
-@dataclass(frozen=True, slots=True)
-class Trouble:
+class Trouble(NamedTuple):
     """One row of an audit: one thing to change, and all that it spoils.
 
     ``level``: the worst of what follows from it; ``experiments``: those that it spoils; ``checks``: those that it
     fails; ``message``: of the worst of them; ``cause``: the most likely mistake, empty when nothing singles one
     out; ``file``: to look at or to change, relative to the session; ``line``: of that file, where it is known;
-    ``named_at``: line of session.toml that names the file, where that is another file; ``value``: the text of the line.
+    ``value``: the text of the line, or where session.toml names the file; ``place``: all of these, for people.
     """
 
     level: Level
@@ -36,15 +35,14 @@ class Trouble:
     cause: str
     file: str
     line: int | None
-    named_at: int | None = None
-    value: str = ""
+    value: str
+    place: str
 
-    @property
-    def place(self) -> str:
-        """The line to change, for people."""
-        where = self.file if self.line is None else f"{self.file}:{self.line}"
-        where = where if self.named_at is None else f"{where} ({FILE_NAME}:{self.named_at})"
-        return f"{where}: {self.value}" if self.value and self.named_at is None else where
+    @classmethod
+    def of(cls, finding: Finding, experiments: tuple[str, ...] = (), checks: tuple[str, ...] = ()) -> Trouble:
+        """Return the row of a finding."""
+        f = finding
+        return cls(f.level, experiments, checks or (f.check,), f.message, f.cause, f.file, f.line, f.value, f.place)
 
     @property
     def sentence(self) -> str:
@@ -55,7 +53,7 @@ class Trouble:
 
     def document(self) -> dict[str, Any]:
         """Return the row for JSON."""
-        return asdict(self)
+        return self._asdict()
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,30 +91,26 @@ def audit(folder: Path) -> Audit:
     for e in session.experiments.values():
         stages = [stage.name for stage in KINDS[e.kind].stages]
         targets += [f"{e.name}/{stage}" for stage in ([JUDGEMENT] if JUDGEMENT in stages else stages[-1:])]
-    rows = [Trouble(f.level, (), (f.check,), f.message, f.cause, f.file, None) for f in unused_files(session)]
+    rows = [Trouble.of(finding) for finding in unused_files(session)]
     checks = SESSION_CHECKS
     if targets:
         run = process(folder, targets)
         session = run.session
+        # the lines that experiments wait for are among the problems of session.toml
+        verdicts = [v for v in verdicts_of(run).experiments if v.state != WAITING]
+        checks += sum(v.checks for v in verdicts)
         joined: dict[tuple[str, int | None, str], list[tuple[str, Finding]]] = {}
-        judged = set[str]()
-        for verdict in verdicts_of(run).experiments:
-            checks += verdict.checks
-            # the lines that experiments wait for are among the problems of session.toml
-            for finding in () if verdict.state == WAITING else verdict.findings:
-                key = (finding.file, finding.line, finding.cause or finding.message)
-                joined.setdefault(key, []).append((verdict.experiment, finding))
-                judged.add(verdict.experiment)
-        lines = named_at(session)
-        for (file, line, _), found in joined.items():
+        for name, f in ((v.experiment, f) for v in verdicts for f in v.findings):
+            joined.setdefault((f.file, f.line, f.cause or f.message), []).append((name, f))
+        for found in joined.values():
             worst = max((f for _, f in found), key=lambda f: _WEIGHT[f.level])
             names, titles = (tuple(dict.fromkeys(c)) for c in zip(*((n, f.check) for n, f in found), strict=True))
-            named = lines.get(file) if line is None else None
-            rows.append(Trouble(worst.level, names, titles, worst.message, worst.cause, file, line, named, worst.value))
+            rows.append(Trouble.of(worst, names, titles))
+        judged = {v.experiment for v in verdicts if v.findings}
         for outcome in run.failures:  # in experiments whose kind makes no verdict
             if (name := outcome.task.experiment) not in judged:
                 step, line = f"step {outcome.task.stage}", session.experiments[name].lines.get("")
-                text = f"{step}: {outcome.message}"
-                rows.append(Trouble("impossible", (name,), (step,), text, "", FILE_NAME, line))
+                about = (f"{step}: {outcome.message}", "", FILE_NAME, line, "", f"{FILE_NAME}:{line}")
+                rows.append(Trouble("impossible", (name,), (step,), *about))
     rows.sort(key=lambda t: (-_WEIGHT[t.level], -len(t.experiments), -len(t.checks)))
     return Audit(tuple(rows), checks, stated_as_exact(session))

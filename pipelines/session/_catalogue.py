@@ -30,8 +30,7 @@ from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.proposals import material_word
-from pipelines.session._catalogue_page import catalogue_page
-from pipelines.session._catalogue_query import CATALOGUE, PAGE, Opened, base_of, relative
+from pipelines.session._catalogue_page import CATALOGUE, PAGE, Opened, base_of, catalogue_page
 from pipelines.session._processing import plan as plan_session
 from pipelines.session._verdicts import Verdict, stored_verdicts, waiting_verdicts
 
@@ -221,7 +220,7 @@ def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) 
     renewed, unchanged = [], []
     problems: dict[str, str] = {}
     for folder in _sessions(roots):
-        name = relative(folder, base)
+        name = files.relative(folder, base)
         try:
             plan = plan_session(folder, keep=True)  # years of sessions outlive the code that processed them
         except LabpipeError as error:
@@ -235,7 +234,7 @@ def _update(tables: dict[str, pd.DataFrame], roots: Sequence[Path], path: Path) 
         new["sessions"].append({**head, "synthetic": int(session.synthetic), "digest": digest})
         _add(new, units, name, plan)
         renewed.append(name)
-    below = [relative(root, base) for root in roots]
+    below = [files.relative(root, base) for root in roots]
     found = {*renewed, *unchanged, *problems}
     gone = [
         name

@@ -98,7 +98,8 @@ def compare(
         if name not in failed
     ]
     page = session.folder / COMPARISON_PAGE
-    found = Comparison(tuple(rows), failed, absent, page, tuple(whole), side_by_side(session, rows))
+    variants = tuple(side_by_side(session, one.base, name, rows) for name, one in session.variants.items())
+    found = Comparison(tuple(rows), failed, absent, page, tuple(whole), variants)
     files.write_text(found.page, render(session, found))
     write_overview(session, STAGES)
     return found

@@ -1,9 +1,18 @@
-"""The page of all comparisons of a session."""
+"""The pages of comparisons: all of a session, and two experiments side by side."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from labpipe import files
+from labpipe.errors import InputError, UsageError
 from labpipe.judging import LIKELY
 from labpipe.report import (
     SURE,
@@ -13,18 +22,28 @@ from labpipe.report import (
     Deviations,
     DisplayUnit,
     KeyValues,
+    LineChart,
+    Link,
     Notice,
     Paragraph,
+    Role,
     Section,
+    Series,
     Table,
     display_unit,
 )
+from labpipe.workflow.plan import page_name
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
+from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.judgements import probability
-from pipelines.experiments.shared.pages import session_document, synthetic_notice
-from pipelines.session._comparison import Comparison, SideBySide, comparison_text
-from pipelines.session._verdict_notices import agreement
+from pipelines.experiments.shared.pages import counted, session_document, synthetic_notice
+from pipelines.session._comparison import Comparison, SideBySide, compared, comparison_text, side_by_side
+from pipelines.session._overview import AND, BESIDE, PAGE, curve, write_overview
+from pipelines.session._results import STAGES, opened
+from pipelines.session._verdict_notices import agreement, each
+from pipelines.session._verdicts import stored_verdicts
 
 GOOD = 0.03
 """nRMSE that is called good: the aim for data made with the right material."""
@@ -41,20 +60,141 @@ def render(session: Session, found: Comparison) -> str:
         rows=tuple(row for row in found.rows if row.experiment not in session.variants),
         experiments=tuple(one for one in found.experiments if one["experiment"] not in session.variants),
     )
-    variants = [Section(f"{one.name}, variant of {one.base}", beside_base(one)) for one in found.variants]
+    variants = [Section(f"{one.name}, variant of {one.base}", tuple(_pairs(one))) for one in found.variants]
     sections = [Section("Answer", (*_summary(once), *synthetic_notice(session))), *variants, *parts(once)]
     return session_document(session, "Measurement against model", sections)
 
 
-def beside_base(one: SideBySide) -> tuple[Block, ...]:
-    """Show a variant next to its base: the settings that differ, and every comparison of both."""
-    settings = [(name, *values) for name, values in one.changed.items()]
-    blocks: list[Block] = [Table(tuple(map(Column, ("setting", one.base, one.name))), settings)]
-    rows = [(what(old), comparison_text(old), comparison_text(new)) for old, new in one.rows]
-    if rows:
-        caption = "Measured against expected; what the settings do not touch is equal on both sides."
-        blocks.append(Table(tuple(map(Column, ("quantity", one.base, one.name))), rows, caption=caption))
-    return tuple(blocks)
+def beside(folder: str | Path, first: str, second: str) -> Path:
+    """Write the page of two experiments side by side, from the results that are there.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    first, second : str
+        Names of two experiments.
+
+    Returns
+    -------
+    Path
+        ``FOLDER/labpipe/beside-FIRST--SECOND.html``.
+
+    Raises
+    ------
+    UsageError
+        There is no such experiment, or it is one and the same.
+    InputError
+        One of them has no results that are up to date.
+
+    Examples
+    --------
+    >>> beside("my-session", "acrylic_7mm", "acrylic_10mm")  # doctest: +SKIP
+    """
+    results = opened(folder)
+    session = results.plan.session
+    for name in (first, second):
+        if name not in session.experiments:
+            raise UsageError(f'there is no experiment "{name}" that is complete')
+    if first == second:
+        raise UsageError(f'name two experiments; "{first}" was named twice')
+    verdicts = stored_verdicts(results)
+    rows = {name: compared(results, name) for name in (first, second)}
+    for name, own in rows.items():
+        if own is None and name not in verdicts:
+            raise InputError(f"{name} has no results that are up to date; run: labpipe process {folder} --only {name}")
+    pair = next((n for n in ((first, second), (second, first)) if session.experiments[n[1]].base == n[0]), None)
+    base, name = pair or (first, second)
+    one = side_by_side(session, base, name, [*(rows[base] or []), *(rows[name] or [])])
+    said = f"{name} is a variant of {base}: {one.changes}." if pair else _apart(one)
+    found = Comparison((*(rows[first] or []), *(rows[second] or [])), {}, {}, session.folder / PAGE)
+    against = {r.experiment: r.against for r in sorted(found.rows, key=lambda r: r.against == "model")}
+    answer = (*each((first, second), verdicts, against), Notice("info", said), *_curves_of(results, (first, second)))
+    links = [Link(n, page_name(n), KINDS[session.experiments[n].kind].title) for n in (first, second)]
+    links = [link for link in links if (session.folder / link.href).is_file()]
+    sections = [Section("Answer", answer)]
+    sections += [Section("Difference", (*_pairs(one), *links, *synthetic_notice(session))), *parts(found)]
+    path = _page(session, first, second)
+    files.write_text(path, session_document(session, f"{first} beside {second}", sections))
+    write_overview(session, STAGES)
+    return path
+
+
+def write_variants(session: Session, done: Collection[str]) -> None:
+    """Write the page of each variant beside its base, of which something was computed and all is up to date."""
+    for name, one in session.variants.items():
+        if {name, one.base} & set(done) or not _page(session, one.base, name).is_file():
+            with contextlib.suppress(InputError):  # the page of the one that failed says why
+                beside(session.root, one.base, name)
+
+
+def _page(session: Session, first: str, second: str) -> Path:
+    names = (re.sub(r"[^\w.-]+", "_", name) for name in (first, second))
+    return session.folder / f"{BESIDE}{AND.join(names)}.html"
+
+
+def _apart(one: SideBySide) -> str:
+    """Say in how many quantities two experiments differ."""
+    gaps = [gap for old, new in one.rows if (gap := _gap(old, new)) is not None]
+    if not gaps:
+        return "No quantity is measured in both: the comparisons of each follow below."
+    apart, n = sum(abs(gap) >= SURE for gap in gaps), len(gaps)
+    verb = "differs" if apart == 1 else "differ"
+    text = f"{apart} of {counted(n, 'quantity', 'quantities')} measured in both {verb} by more than"
+    return f"{text} the 95 % interval of the difference."
+
+
+def _gap(old: Row, new: Row) -> float | None:
+    """Return the difference of two measured values in units of its standard uncertainty; None where it has none."""
+    u = float(np.hypot(old.u_measured or 0.0, new.u_measured or 0.0))
+    return None if old.measured is None or new.measured is None or not u else (old.measured - new.measured) / u
+
+
+def _pairs(one: SideBySide) -> Iterator[Block]:
+    """Show two experiments next to each other: every comparison of both, and the settings in which a variant differs.
+
+    The measurement of a variant is that of its base; of others the measured values are compared, the largest
+    difference first.
+    """
+    if one.changed:
+        settings = [(name, *values) for name, values in one.changed.items()]
+        yield Table(tuple(map(Column, ("setting", one.base, one.name))), settings)
+    rows = [(_gap(old, new), what(old), comparison_text(old), comparison_text(new)) for old, new in one.rows]
+    names = tuple(map(Column, ("quantity", one.base, one.name)))
+    caption = "Measured against expected"
+    if one.changed and rows:
+        caption += "; what the settings do not touch is equal on both sides."
+        yield Table(names, [tuple(cells) for _, *cells in rows], caption=caption)
+    elif rows:
+        caption += ". What both share, such as the calibration of one sensor, counts in each: where they share much, "
+        caption += "the difference is known better than is said here."
+        rows.sort(key=lambda cells: -abs(cells[0] or 0.0))
+        yield Table((Column(f"{one.base} minus {one.name}", "u", digits=2), *names), rows, caption=caption)
+
+
+def _curves_of(results: Results, names: tuple[str, str]) -> Iterator[Block]:
+    """Lay the main curve of each experiment over the other's, where both are of one kind."""
+    kinds = {results.experiments[name].kind for name in names}
+    source = KINDS[next(iter(kinds))].picture if len(kinds) == 1 else None
+    if source is None:
+        return
+    found = [results.first(name, source.stage) for name in names]
+    sides = [side for one in found if (side := curve(one, source)) is not None]
+    if found[0] is None or len(sides) < 2:
+        return
+    shown = []
+    for variable, values in zip((source.x, source.y), zip(*sides, strict=True), strict=True):
+        every = np.concatenate(values)
+        shown.append(display_unit(every[np.isfinite(every)], str(found[0][variable].attrs.get("units", "1"))))
+    names_of = zip((source.x, source.y), shown, strict=True)
+    x_label, y_label = (f"{v.replace('_', ' ')} / {unit.text}" for v, unit in names_of)
+    roles: tuple[Role, Role] = ("measured", "reference")
+    series = [
+        Series(name, x / shown[0].factor, y / shown[1].factor, role=role)
+        for name, (x, y), role in zip(names, sides, roles, strict=True)
+    ]
+    title, scale = source.y.replace("_", " ").capitalize(), source.scale
+    yield LineChart(title, x_label, y_label, series, x_scale=scale, y_scale=scale)  # type: ignore[arg-type]
 
 
 def parts(found: Comparison) -> list[Section]:

@@ -1,5 +1,7 @@
 """Comparisons of measurement and model over a session: the rows of its experiments, named and labelled."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,7 +33,7 @@ class Comparison(ShownAsTable):
     absent: dict[str, str]
     page: Path
     experiments: tuple[dict[str, Any], ...] = ()
-    variants: tuple["SideBySide", ...] = ()
+    variants: tuple[SideBySide, ...] = ()
 
     def _shown(self) -> Shown:
         rows = [(r.experiment, r.condition, r.quantity, comparison_text(r)) for r in self.rows]
@@ -42,7 +44,7 @@ class Comparison(ShownAsTable):
 
 @dataclass(frozen=True, slots=True)
 class SideBySide:
-    """A variant and its base: the settings that differ, each with both values, and their rows in pairs, base first."""
+    """Two experiments: the settings that differ where one is a variant, and their rows in pairs, base first."""
 
     name: str
     base: str
@@ -60,16 +62,11 @@ class SideBySide:
         return {"name": self.name, "base": self.base, "changed": dict(self.changed), "rows": rows}
 
 
-def side_by_side(session: Session, rows: Iterable[Row]) -> tuple[SideBySide, ...]:
-    """Pair the rows of every variant of a session with those of its base that compare the same."""
-    by_name: dict[str, dict[tuple[str, str, str], Row]] = {}
-    for row in rows:
-        by_name.setdefault(row.experiment, {})[row.quantity, row.unit, row.against] = row
-    found = []
-    for name, one in session.variants.items():
-        own, others = by_name.get(name, {}), by_name.get(one.base, {})
-        found.append(SideBySide(name, one.base, one.changed, tuple((others[k], own[k]) for k in others if k in own)))
-    return tuple(found)
+def side_by_side(session: Session, base: str, name: str, rows: Iterable[Row]) -> SideBySide:
+    """Pair the rows of two experiments that compare the same."""
+    base_rows, own = ({(r.quantity, r.unit, r.against): r for r in rows if r.experiment == n} for n in (base, name))
+    pairs = tuple((base_rows[key], own[key]) for key in base_rows if key in own)
+    return SideBySide(name, base, session.experiments[name].changed, pairs)
 
 
 def comparison_text(row: Row) -> str:

@@ -77,15 +77,12 @@ class Writer:
         """Write one Dataset, as csv in one file per set of dimensions."""
         from pipelines.session import _export_formats as formats
 
-        if self.format == "nc":
-            self.write(f"{name}.nc", formats.cf_dataset(dataset, remarks))
-        elif self.format == "mat":
-            self.write(f"{name}.mat", formats.mat_bytes(dataset, remarks))
-        elif self.format == "json":
-            self.write(f"{name}.json", formats.json_text(dataset, remarks))
-        else:
+        if self.format == "csv":
             for part, text in formats.csv_tables(dataset, remarks, self.decimal).items():
                 self.write(f"{name}.{part}.csv", text)
+        else:
+            made: Any = {"nc": formats.cf_dataset, "mat": formats.mat_bytes, "json": formats.json_text}
+            self.write(f"{name}.{self.format}", made[self.format](dataset, remarks))
 
 
 def export(

@@ -5,12 +5,12 @@ result are equal byte for byte.
 """
 
 import io
-import json
 import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -26,10 +26,7 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
 _APART = r"\1'"
 CONVENTIONS = "CF-1.11"
 """The climate and forecast conventions, https://cfconventions.org, which programs that read netCDF know."""
-_MATLAB_NAME = 63  # characters of a variable's name
-_MATLAB_HEAD = 116
-"""Bytes of free text that begin a MATLAB file; by default they hold the time of day."""
-_MATLAB_OURS = ("units", "long_name", "dimensions", "remarks")
+_MATLAB_HEAD = 116  # bytes of free text
 
 
 def cf_dataset(dataset: xr.Dataset, remarks: Mapping[str, str]) -> xr.Dataset:
@@ -143,65 +140,31 @@ def json_text(dataset: xr.Dataset, remarks: Mapping[str, str]) -> str:
     It has ``remarks``, ``dimensions`` (sizes by name), ``attributes``, and ``variables``: for each
     ``dimensions``, ``units``, ``long_name``, further attributes, and nested ``values``.
     """
+    made = dataset.to_dict()
     variables = {
-        str(name): {
-            "dimensions": list(map(str, variable.dims)),
-            **{str(k): _plain(v) for k, v in variable.attrs.items()},
-            "values": _plain(variable.values),
-        }
-        for name, variable in dataset.variables.items()
+        name: {"dimensions": one["dims"], **one["attrs"], "values": one["data"]}
+        for name, one in (made["coords"] | made["data_vars"]).items()
     }
-    document = {
-        "remarks": dict(remarks),
-        "dimensions": {str(k): v for k, v in dataset.sizes.items()},
-        "attributes": {str(k): _plain(v) for k, v in dataset.attrs.items()},
-        "variables": variables,
-    }
-    return json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    """Turn numpy's values into Python's; a number that JSON has not becomes null."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if isinstance(value, str | int | float | bool) or value is None else str(value)
+    document = {"remarks": remarks, "dimensions": made["dims"], "attributes": made["attrs"], "variables": variables}
+    return msgspec.json.format(msgspec.json.encode(document, enc_hook=str), indent=1).decode() + "\n"
 
 
 def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
     """Write a Dataset as a MATLAB file (version 5, readable by MATLAB, Octave and Julia).
 
     It has one array per variable; structures ``units``, ``long_name`` and ``dimensions`` with a text
-    per variable; ``remarks``. Names are cut to those that MATLAB takes.
+    per variable; and a structure ``remarks``.
     """
     from scipy.io import savemat
 
-    names = _matlab_names(map(str, dataset.variables), _MATLAB_OURS)
-    content: dict[str, Any] = {}
-    for name, short in names.items():
-        values = dataset[name].values
-        content[short] = values.astype(object) if values.dtype.kind in "OU" else values
-    for key in ("units", "long_name"):
-        content[key] = {n: str(dataset[v].attrs.get(key, "")) for v, n in names.items()}
-    content["dimensions"] = {n: ", ".join(map(str, dataset[v].dims)) for v, n in names.items()}
-    content["remarks"] = {short: remarks[key] for key, short in _matlab_names(remarks, ()).items()} or ""
+    texts = {str(n): v for n, v in dataset.variables.items()}
+    content: dict[str, Any] = {
+        n: v.values.astype(object) if v.dtype.kind in "OU" else v.values for n, v in texts.items()
+    }
+    content |= {key: {n: str(v.attrs.get(key, "")) for n, v in texts.items()} for key in ("units", "long_name")}
+    content |= {"dimensions": {n: ", ".join(map(str, v.dims)) for n, v in texts.items()}, "remarks": dict(remarks)}
     stream = io.BytesIO()
     savemat(stream, content, long_field_names=True, oned_as="column", do_compression=True)
+    # by default the time of day is in the free text that begins the file
     head = b"MATLAB 5.0 MAT-file, written by labpipe".ljust(_MATLAB_HEAD)
     return head + stream.getvalue()[_MATLAB_HEAD:]
-
-
-def _matlab_names(names: Iterable[str], taken: Iterable[str]) -> dict[str, str]:
-    """Give every name one that MATLAB accepts, all of them different."""
-    found: dict[str, str] = {}
-    for name in names:
-        plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-        wanted = plain = (plain if plain[:1].isalpha() else f"x{plain}")[:_MATLAB_NAME]
-        number = 2
-        while plain in (*taken, *found.values()):
-            plain, number = f"{wanted[: _MATLAB_NAME - 4]}_{number}", number + 1
-        found[name] = plain
-    return found

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import datetime
-import json
 import tomllib
 from pathlib import Path
+
+import tomlkit
+import tomlkit.items
 
 from labpipe import files
 from labpipe.errors import InputError, UsageError
 from labpipe.workflow import session as sessions
-from labpipe.workflow.document import dotted, end_of_list
+from labpipe.workflow.document import dotted
 from labpipe.workflow.exclusions import Note
 from labpipe.workflow.fields import suggest
-from pipelines.session._results import SETTINGS, reopen_session
+from pipelines.session._results import load, reopen_session
 
 
 def note(folder: str | Path, experiment: str, text: str, *, who: str = "", on: datetime.date | None = None) -> Note:
-    """Append a dated note to an experiment in session.toml; the rest of the file stays byte for byte.
+    """Append a dated note to an experiment in session.toml; remarks and order of the file stay.
 
     Parameters
     ----------
@@ -54,7 +56,7 @@ def note(folder: str | Path, experiment: str, text: str, *, who: str = "", on: d
     made = Note(on=on or datetime.datetime.now().astimezone().date(), text=text.strip(), who=who or session.operator)
     path = Path(folder) / sessions.FILE_NAME
     changed = with_note(path.read_bytes().decode(), experiment, made)
-    sessions.load(path, SETTINGS, text=changed.removeprefix("\ufeff"), may_lack=known)
+    load(path, text=changed.removeprefix("\ufeff"), may_lack=known)
     files.write_text(path, changed)
     return made
 
@@ -70,16 +72,19 @@ def with_note(text: str, experiment: str, made: Note) -> str:
     if not made.text:
         raise InputError("the note is empty")
     values = {"on": made.on} | ({"who": made.who} if made.who else {}) | {"text": made.text}
-    lines = [f"{k} = {json.dumps(v, ensure_ascii=False) if isinstance(v, str) else v}" for k, v in values.items()]
     try:
-        meant = tomllib.loads(text.removeprefix("\ufeff"))
+        meant, document = tomllib.loads(text.removeprefix("\ufeff")), tomlkit.parse(text.removeprefix("\ufeff"))
         place = ("variants" if experiment in meant.get("variants", {}) else "experiments", experiment, "notes")
         meant[place[0]][experiment].setdefault("notes", []).append(values)
-        end, is_first = end_of_list(text, place)
-        entry = f"{{ {', '.join(lines)} }}"
-        block = "\n".join(["", f"[[{dotted(place)}]]", *lines, ""])
-        changed = text + "\n" * (not text.endswith("\n")) + block
-        changed = changed if end is None else f"{text[:end]}{'' if is_first else ', '}{entry}{text[end:]}"
+        written = document[place[0]][experiment].get("notes")
+        if isinstance(written, tomlkit.items.Array):
+            entry = tomlkit.inline_table()
+            entry.update(values)
+            written.append(entry)
+            changed = "\ufeff" * text.startswith("\ufeff") + tomlkit.dumps(document)
+        else:
+            block = f"[[{dotted(place)}]]\n{tomlkit.dumps(values)}"
+            changed = text + "\n" * (not text.endswith("\n")) + "\n" + block
         is_meant = tomllib.loads(changed.removeprefix("\ufeff")) == meant
     except (ValueError, KeyError, TypeError, AttributeError):
         is_meant = False

@@ -22,6 +22,7 @@ from pipelines.session._verdicts import Verdict, stored_verdicts
 if TYPE_CHECKING:
     import xarray as xr
 
+    from labpipe.arrays import Floats
     from labpipe.report import Block, Cell, IndexRow, LineChart, Notice, ScatterChart, Table
 
 PAGE = "index.html"
@@ -198,7 +199,8 @@ def _numbers(results: Results, names: Sequence[str]) -> "tuple[Table, dict[str, 
 def _row(
     results: Results, name: str, cells: Sequence[Any], picture: bytes | None, verdict: Verdict | None, heading: str
 ) -> "IndexRow":
-    from labpipe.report import IndexRow
+    from labpipe.report import IndexRow, Level
+    from pipelines.session._verdict_notices import judgement
 
     plan = results.plan
     rows = [row for row in plan.rows if row.experiment == name]
@@ -209,8 +211,9 @@ def _row(
     kind = experiments.KINDS[experiment.kind].title
     variant = f"variant of {experiment.base}" if experiment.base else ""
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
-    judged, colour = _judged(verdict)
-    state, level = judged, colour
+    level: Level
+    judged, level = judgement(verdict.believable, verdict.model) if verdict else ("done", "ok")
+    state = judged
     if unreadable:
         state, level = "waiting for files", "warning"
     elif has_page and {row.stage for row in waiting} == {"report"}:
@@ -227,7 +230,7 @@ def _row(
     return IndexRow(
         name,
         state,
-        level,  # type: ignore[arg-type]
+        level,
         href=page_name(name) if has_page else "",
         metrics=tuple(cells),
         thumbnail=picture,
@@ -235,41 +238,40 @@ def _row(
     )
 
 
-def _judged(verdict: Verdict | None) -> tuple[str, str]:
-    """Return a judgement in a few words, and its colour."""
-    if verdict is None:
-        return "done", "ok"
-    if verdict.believable != "yes":
-        return verdict.believable, "error" if verdict.believable == "impossible" else "warning"
-    if verdict.model == "none":
-        return "believable", "ok"
-    return f"believable, model {verdict.model}", "warning" if verdict.model == "differs" else "ok"
+def curve(dataset: "xr.Dataset | None", source: Picture) -> "tuple[Floats, Floats] | None":
+    """Return the main curve of an experiment, by x; None where its result is not there or holds too few points.
 
-
-def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | ScatterChart | None":
-    """Draw the main curve of an experiment; None where its result is not there or holds too few points."""
+    A missing value is a gap, not a line across it.
+    """
     import numpy as np
 
-    from labpipe.report import LineChart, ScatterChart, Series
-
-    if dataset is None or not {source.x, source.y} <= set(dataset.variables):
+    if dataset is None or not {source.x, source.y} <= set(dataset.variables) or dataset[source.x].ndim != 1:
         return None
     x, y = (np.asarray(dataset[name].values, float) for name in (source.x, source.y))
-    if x.ndim > 1:  # one loop per frequency
-        loops = [(a[np.isfinite(a + b)], b[np.isfinite(a + b)]) for a, b in zip(x, y, strict=True)]
-        series = [Series(str(i), a, b) for i, (a, b) in enumerate(loops) if a.size]
-        return ScatterChart("", source.x, source.y, series) if series else None
     known = np.flatnonzero(np.isfinite(x))
     order = known[np.argsort(x[known], kind="stable")]
-    x, y = x[order], np.where(np.isinf(y), np.nan, y)[order]  # a missing value is a gap, not a line across it
+    x, y = x[order], np.where(np.isinf(y), np.nan, y)[order]
     if source.is_first:
         edges = np.flatnonzero(np.diff(np.isfinite(y), prepend=False, append=False)).reshape(-1, 2)
         first = next((slice(a, b) for a, b in edges if b - a > _LEAST_STRETCH), slice(None))
         x, y = x[first], y[first]
-    if np.count_nonzero(np.isfinite(y)) < 2:
+    return (x, y) if np.count_nonzero(np.isfinite(y)) > 1 else None
+
+
+def _chart(dataset: "xr.Dataset | None", source: Picture) -> "LineChart | ScatterChart | None":
+    """Draw the main curve of an experiment, or a loop for each frequency."""
+    import numpy as np
+
+    from labpipe.report import LineChart, ScatterChart, Series
+
+    if (found := curve(dataset, source)) is not None:
+        scale: Any = source.scale
+        return LineChart("", source.x, source.y, [Series(source.y, *found)], x_scale=scale, y_scale=scale)
+    if dataset is None or source.x not in dataset.variables or dataset[source.x].ndim < 2:
         return None
-    series, scale = [Series(source.y, x, y)], source.scale
-    return LineChart("", source.x, source.y, series, x_scale=scale, y_scale=scale)  # type: ignore[arg-type]
+    loops = [values[:, np.isfinite(values.sum(0))] for values in np.stack([dataset[source.x], dataset[source.y]], 1)]
+    series = [Series(str(i), *loop) for i, loop in enumerate(loops) if loop.size]
+    return ScatterChart("", source.x, source.y, series) if series else None
 
 
 # --- pages of experiments ---

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import Plan, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.watch import LOOKS, Settling, Watcher
 from pipelines.experiments import Derived
 from pipelines.session._overview import write_overview
-from pipelines.session._results import SCHEMAS, SETTINGS, STAGES, needed, opened, reopen_session
+from pipelines.session._results import SCHEMAS, SETTINGS, STAGES, load, needed, opened, reopen_session
+from pipelines.session._stated import fill
 
 if TYPE_CHECKING:
     from labpipe.report import Report
@@ -200,7 +200,7 @@ def _finish(session: Session, done: RunResult, plan: Plan | None, has_processes:
     beside their base.
     """
     if session.variants:
-        from pipelines.session._together import write_variants
+        from pipelines.session._compare_page import write_variants
 
         write_variants(session, {o.experiment for o in done.outcomes if o.state == "done"})
     from labpipe.workflow.engines import Call, Died, elsewhere
@@ -245,11 +245,10 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
         from labpipe.workflow.runner import run
 
         done = run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
-        _finish(sessions.load(session.root, SETTINGS, may_wait=True), done, None)
+        _finish(load(session.root, may_wait=True), done, None)
         return done
 
-    settling = Settling(looks)
-    return Watcher(Path(folder), SETTINGS, STAGES, missing_part, run_one, settling)
+    return Watcher(Path(folder), SETTINGS, STAGES, missing_part, run_one, Settling(looks), fill=fill)
 
 
 def report(folder: str | Path, experiment: str) -> Report:

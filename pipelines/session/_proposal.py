@@ -108,7 +108,7 @@ def init(
         if GAP in line and not line.lstrip().startswith("#")
     ]
     records = [folder / name for name in made.written[1:]]
-    return Scan(path, made.experiments, gaps, records, _unused_files(made.found, made.texts[FILE_NAME]))
+    return Scan(path, made.experiments, gaps, records, _left_over(made.found, made.texts[FILE_NAME]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,53 +177,39 @@ def _head(folder: Path) -> str:
     return f'labpipe = {VERSION}  # version of this file\'s format\n\n[session]\n{title}\noperator = ""\nnotes = ""'
 
 
-def _unused_files(found: Found, text: str) -> list[str]:
-    """Name every file that the text does not, with the reason; files of one folder and reason in one line."""
-    lines: list[str] = []
-    copies: dict[tuple[str, str, Path], list[str]] = {}
+def _left_over(found: Found, text: str = "") -> list[str]:
+    """Name every file that a text does not, with the reason; files of one folder, sort and reason in one line."""
+    alike: dict[tuple[Path, str, str, str], list[str]] = {}
     for name, (title, reason) in found.owners.items():
         if f'"{quoted(name)}"' in text:
             continue
-        if name in found.copies:
-            first = Path(found.copies[name])
-            copies.setdefault((title, Path(name).parent.as_posix(), first.parent), []).append(name)
-        else:
-            lines.append(f"{_shown(found.folder, name)} ({title}): {unreadable(found.folder / name) or reason}")
-    for (title, place, first_place), names in copies.items():
-        if len(names) == 1:
-            lines.append(f"{names[0]} ({title}): {found.owners[names[0]][1]}")
-        else:
-            kept = f"{first_place.as_posix()}/" if first_place != Path() else "the session folder"
-            lines.append(f"{len(names)} files in {place}/ ({title}): copies of those in {kept}")
-    same: dict[tuple[Path, str, str], list[str]] = {}
+        first = found.copies.get(name)
+        why = f"copies of those in {_shown(found.folder, Path(first).parent.as_posix())}" if first else ""
+        key = (Path(name).parent, "", title, why or unreadable(found.folder / name) or reason)
+        alike.setdefault(key, []).append(name)
     for name in found.unknown:
-        why = why_unknown(found.folder, name)
-        same.setdefault((Path(name).parent, Path(name).suffix.lower(), why), []).append(name)
-    for (_, _, why), names in same.items():
+        key = (Path(name).parent, Path(name).suffix.lower(), "", why_unknown(found.folder, name))
+        alike.setdefault(key, []).append(name)
+    lines = []
+    for (_, _, title, why), names in alike.items():
+        said = found.owners[names[0]][1] if names[0] in found.copies and len(names) == 1 else why
         more = f" and {len(names) - 1} more beside it" if len(names) > 1 else ""
-        lines.append(f"{printable(names[0])}{more}: {why}")
+        lines.append(f"{printable(_shown(found.folder, names[0]))}{more}{f' ({title})' if title else ''}: {said}")
     return lines
 
 
 def _shown(folder: Path, name: str) -> str:
+    if name == ".":
+        return "the session folder"
     return f"{name}/" if (folder / name).is_dir() else name
 
 
 def _nothing_proposed(found: Found) -> str:
     """Say why no experiment begins from the files of a folder; or that nothing is known of them."""
     folder = found.folder
-    by_reason: dict[tuple[str, str], list[str]] = {}
-    for name, (title, why) in found.owners.items():
-        by_reason.setdefault((title, unreadable(folder / name) or why), []).append(_shown(folder, name))
-    if by_reason:
-        lines = [f"{folder}: no experiment is proposed"]
-        for (title, reason), names in by_reason.items():
-            more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-            lines.append(f"{names[0]}{more} ({title}): {reason}")
-        return "\n  ".join(lines)
-    loose = next((name for name in found.unknown if why_unknown(folder, name) == LOOSE), None)
-    if loose is not None:
-        return f"{folder}: no experiment is proposed\n  {loose} and others: {LOOSE}"
+    if found.owners or any(why_unknown(folder, name) == LOOSE for name in found.unknown):
+        lines = _left_over(with_fields(found, unknown=() if found.owners else found.unknown))
+        return "\n  ".join([f"{folder}: no experiment is proposed", *lines])
     known = ", ".join(each.name for each in instruments.known())
     remedies = [f"{name}: {hint}" for name in found.unknown if (hint := remedy(folder / name))]
     nothing = f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"

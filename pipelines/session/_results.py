@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from labpipe.workflow.results import Results, open_result
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import KINDS, Derived, function
+from pipelines.session._stated import fill
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 SETTINGS = {name: kind.settings for name, kind in KINDS.items()}
 STAGES = {name: kind.stages for name, kind in KINDS.items()}
 SCHEMAS = {schema.name: schema for kind in KINDS.values() for schema in kind.schemas}
+load = partial(sessions.load, kinds=SETTINGS, fill=fill)
+"""Read a session.toml with our kinds, and the values that it takes from a workbook."""
 
 
 def open_session(folder: str | Path, *, is_processed: bool = False) -> Session:
@@ -51,7 +55,7 @@ def open_session(folder: str | Path, *, is_processed: bool = False) -> Session:
     if not path.is_file():
         raise SourceError(path, "there is no such file", hint=f"Write one with `labpipe init {folder}`.")
     pages = {page.stem for page in (folder / "labpipe").glob(page_name("*"))} if is_processed else ()
-    return sessions.load(path, SETTINGS, may_lack=pages)
+    return load(path, may_lack=pages)
 
 
 def reopen_session(folder: str | Path) -> Session:

@@ -6,7 +6,6 @@ laboratory gave its files. None opens a recording: digests are those of the run.
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from math import hypot, inf, log
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
 from labpipe.workflow.exclusions import exclusions, files_of
@@ -204,7 +204,7 @@ def _records(session: Session) -> _Owned:
     check, users = "calibration record", dict[str, list[str]]()
     for named in named_files(session):
         if named.path.suffix == CONFIGURATION:
-            name = Path(os.path.relpath(named.path.resolve(), session.files)).as_posix()  # or that of the laboratory
+            name = files.relative(named.path.resolve(), session.files)  # or that of the laboratory
             users.setdefault(name, []).append(named.experiment)
     records = {name: record for name in users if (record := _record(session.files / name)) is not None}
     for name, record in records.items():

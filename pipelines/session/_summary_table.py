@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import io
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from labpipe.report import display_unit, number, plus_minus
 from labpipe.workflow.results import Results
@@ -28,13 +28,13 @@ COLUMNS = (
 )  # fmt: skip
 """Headings; values are in SI, ``u`` is a standard uncertainty."""
 
-_LATEX = {
-    **{c: f"\\{c}" for c in "&%$#_{}"},
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
-    "±": r"$\pm$", "×": r"$\times$", "−": "$-$", "°": r"$^\circ$", "µ": r"$\mu$", "·": r"$\cdot$", "δ": r"$\delta$",
-    "′": "$'$", "″": "$''$", "\N{NO-BREAK SPACE}": "~", "\N{EN DASH}": "--", "\N{EM DASH}": "---",
-}  # fmt: skip
-_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_LATEX = str.maketrans(
+    {c: f"\\{c}" for c in "&%$#_{}"}
+    | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$",
+       "×": r"$\times$", "−": "$-$", "°": r"$^\circ$", "µ": r"$\mu$", "·": r"$\cdot$", "δ": r"$\delta$", "′": "$'$",
+       "″": "$''$", "\N{NO-BREAK SPACE}": "~", "\N{EN DASH}": "--", "\N{EM DASH}": "---"}
+    | {power: f"$^{{{digit}}}$" for power, digit in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)}
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,9 @@ def tex_text(found: Sequence[Line], remarks: Mapping[str, str]) -> str:
         quantity = ", ".join(part for part in (r.quantity, r.condition) if part)
         body.append((r.experiment, quantity, unit, *values, deviation, verdict))
     above = "".join(f"% {key}: {one_line(value)}\n" for key, value in remarks.items())
-    titles, *rows = (" & ".join(map(_latex, cells)) + r" \\" + "\n" for cells in (head, *body))
+    titles, *rows = (
+        " & ".join(one_line(cell).translate(_LATEX) for cell in cells) + r" \\" + "\n" for cells in (head, *body)
+    )
     begin, middle = "\\begin{tabular}{lllllll}\n\\toprule\n", "\\midrule\n"
     return f"{above}{begin}{titles}{middle}{''.join(rows)}\\bottomrule\n\\end{{tabular}}\n"
 
@@ -116,26 +118,14 @@ def _shown(value: float | None, u: float | None, factor: float) -> str:
     return number(value / factor, 4) if not u else plus_minus(value / factor, u / factor)
 
 
-def _latex(text: str) -> str:
-    powers = re.sub(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: f"\0{m[0].translate(_SUPERSCRIPTS)}\1", one_line(text))
-    plain = "".join(_LATEX.get(character, character) for character in powers)
-    return plain.replace("\0", "$^{").replace("\1", "}$")
-
-
 def xlsx_bytes(found: Sequence[Line], remarks: Mapping[str, str]) -> bytes:
     """Write a workbook: the table, and a sheet about itself; texts stay texts, those that begin like a formula too."""
-    from openpyxl import Workbook
-    from openpyxl.cell import WriteOnlyCell
-
-    book = Workbook(write_only=True)
-    for title, body in (("quantities", (COLUMNS, *(line.cells for line in found))), ("about", tuple(remarks.items()))):
-        sheet = book.create_sheet(title)
-        sheet.freeze_panes = "B2" if title == "quantities" else None
-        for values in body:
-            cells = [WriteOnlyCell(sheet, one_line(v) if isinstance(v, str) else v) for v in values]
-            for cell in cells:
-                cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type
-            sheet.append(cells)
+    cells = ([one_line(v) if isinstance(v, str) else v for v in line.cells] for line in found)
+    table = pd.DataFrame(cells, columns=list(COLUMNS))
     stream = io.BytesIO()
-    book.save(stream)
+    with pd.ExcelWriter(stream, engine="openpyxl") as book:
+        table.to_excel(book, sheet_name="quantities", index=False, freeze_panes=(1, 1))
+        pd.DataFrame(remarks.items()).map(one_line).to_excel(book, sheet_name="about", index=False, header=False)
+        for cell in (cell for sheet in book.sheets.values() for row in sheet.iter_rows() for cell in row):
+            cell.data_type = "s" if cell.data_type == "f" else cell.data_type
     return stream.getvalue()

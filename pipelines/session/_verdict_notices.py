@@ -81,6 +81,15 @@ def each(names: Iterable[str], verdicts: Mapping[str, Verdict], against: Mapping
         yield Notice(level, f"{name}: {said}.{reason}{causes}")
 
 
+def judgement(believable: str, model: str) -> tuple[str, Level]:
+    """Return a verdict in a few words, and its level."""
+    if believable != "yes":
+        return believable, LEVELS.get(believable, "warning")
+    if model == "none":
+        return "believable", "ok"
+    return f"believable, model {model}", "warning" if model == "differs" else "ok"
+
+
 def as_sentence(text: str) -> str:
     """Begin and end what was found as a sentence."""
     return f"{capitalised(text).rstrip('.')}."

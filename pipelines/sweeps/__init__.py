@@ -1,4 +1,11 @@
 """Maps of the simulator over its parameters: grids and random draws, on any number of workers."""
 
-from pipelines.sweeps.grid import Axis as Axis, Design as Design, axis as axis, design as design
-from pipelines.sweeps.run import Swept as Swept, run_design as run_design, sweep as sweep
+from typing import TYPE_CHECKING
+
+from labpipe.installation import lazily
+
+if TYPE_CHECKING:
+    from pipelines.sweeps.grid import Axis as Axis, Design as Design, axis as axis, design as design
+    from pipelines.sweeps.run import Swept as Swept, run_design as run_design, sweep as sweep
+else:
+    __getattr__ = lazily(__name__)

@@ -143,9 +143,9 @@ def design(
         _parameter(simulator, name)
         if [*names, *given].count(name) > 1:
             raise UsageError(f"{name} is given twice")
-    values = {name: parameter.default for name, parameter in SIMULATORS[simulator].parameters.items()}
-    stated = {name: _value(simulator, name, value) for name, value in given.items()}
-    values |= {name: v.value if isinstance(v, Quantity) else v for name, v in stated.items()}
+    known = {name: parameter.default for name, parameter in SIMULATORS[simulator].parameters.items()}
+    stated = {n: None if v is None else _value(simulator, n, v) for n, v in (known | given).items()}
+    values: dict[str, Value] = {n: v.value if isinstance(v, Quantity) else v for n, v in stated.items()}
     spread = {name: v for name, v in stated.items() if isinstance(v, Quantity) and v.u > 0.0}
     if bool(spread) != bool(draws):
         message = (

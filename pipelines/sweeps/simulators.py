@@ -1,4 +1,4 @@
-"""Simulators for sweeps: sets of parameters in, a few numbers out for each.
+"""Simulators: their parameters, as the commands name them, and for sweeps sets of them in, a few numbers out for each.
 
 They take plain values in SI and return plain floats, so that a point means the same in this process, in another one,
 and on another machine.
@@ -8,10 +8,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-import numpy as np
-
-from pipelines.simulator_inputs import material, ramp_hold_oscillation
 
 if TYPE_CHECKING:
     from labpipe.materials import Prony
@@ -26,10 +22,10 @@ Outputs = dict[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter: SI unit ("" for a name), default, and meaning."""
+    """A parameter: SI unit ("" for a name), default as it is written, and meaning."""
 
     unit: str
-    default: Value
+    default: str | float | None
     text: str
 
 
@@ -43,14 +39,16 @@ class Simulator:
 
 
 _MATERIAL = {
-    "temperature": Parameter("degC", None, "of the material; without it, that of its data"),
-    "vertical_shift": Parameter("1", 1.0, "factor b_T on all moduli at that temperature"),
+    "temperature": Parameter("degC", None, "of the material, by its shift law; without it, that of its data"),
+    "vertical_shift": Parameter("1", "1", "factor b_T on all moduli at that temperature"),
 }
 _LIBRARY = "library name or TOML file"
 
 
 def _solid(point: Point) -> "Prony":
     """Return the material of a point, at its temperature."""
+    from pipelines.simulator_inputs import material
+
     temperature, shift = (None if (given := point[n]) is None else float(given) for n in list(_MATERIAL))
     return material(str(point["material"]), temperature, 1.0 if shift is None else shift)
 
@@ -62,6 +60,8 @@ def _numbers(point: Point) -> dict[str, float]:
 
 def drops(points: Sequence[Point]) -> list[Outputs]:
     """First impacts of viscoelastic spheres on a rigid flat (or a ringing plate); each material is made once."""
+    import numpy as np
+
     from labpipe import contact
 
     found: list[Outputs] = [{} for _ in points]
@@ -94,7 +94,10 @@ def drops(points: Sequence[Point]) -> list[Outputs]:
 
 def indents(points: Sequence[Point]) -> list[Outputs]:
     """Oscillations of a periodic punch in a half-plane after a ramp and a hold."""
+    import numpy as np
+
     from labpipe import contact
+    from pipelines.simulator_inputs import ramp_hold_oscillation
 
     found: list[Outputs] = []
     for point in points:
@@ -124,15 +127,15 @@ SIMULATORS = {
         {
             "material": Parameter("", "acrylic", _LIBRARY),
             **_MATERIAL,
-            "radius": Parameter("m", 9.525e-3, "of the sphere"),
-            "mass": Parameter("kg", 0.505, "total moving mass"),
-            "height": Parameter("m", 1.5e-3, "drop height, from release to first touch"),
-            "gravity": Parameter("m/s2", 9.81, "of the place"),
-            "after_touch": Parameter("s", 20e-3, "simulated after the fall"),
-            "plate_mass": Parameter("kg", 0.0, "of a ringing substrate; 0 for a rigid one"),
-            "plate_frequency": Parameter("Hz", 390.0, "natural frequency of the substrate"),
-            "plate_damping": Parameter("1", 0.03, "damping ratio of the substrate"),
-            "rtol": Parameter("1", 1e-4, "relative error aimed at"),
+            "radius": Parameter("m", "9.525 mm", "of the sphere"),
+            "mass": Parameter("kg", "505 g", "total moving mass"),
+            "height": Parameter("m", "1.5 mm", "drop height, from release to first touch"),
+            "gravity": Parameter("m/s2", "9.81 m/s2", "of the place"),
+            "after_touch": Parameter("s", "20 ms", "simulated after the fall"),
+            "plate_mass": Parameter("kg", "0 kg", "of a ringing substrate; 0 for a rigid one"),
+            "plate_frequency": Parameter("Hz", "390 Hz", "natural frequency of the substrate"),
+            "plate_damping": Parameter("1", "0.03", "damping ratio of the substrate"),
+            "rtol": Parameter("1", "1e-4", "relative error aimed at"),
         },
         {
             "restitution": ("1", "Restitution of the first impact"),
@@ -147,15 +150,15 @@ SIMULATORS = {
         {
             "material": Parameter("", "nbr", _LIBRARY),
             **_MATERIAL,
-            "tip_radius": Parameter("m", 2e-3, "of curvature"),
-            "period": Parameter("m", 8e-3, "distance of two tips"),
-            "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
-            "mean": Parameter("m", 1e-4, "mean indentation"),
-            "amplitude": Parameter("m", 1e-5, "of the oscillation"),
-            "frequency": Parameter("Hz", 1.0, "of the oscillation"),
-            "cycles": Parameter("1", 5.0, "whole cycles; the last one is evaluated"),
-            "hold": Parameter("s", 600.0, "before the oscillation"),
-            "ramp": Parameter("m/s", 1e-3, "speed of pressing in"),
+            "tip_radius": Parameter("m", "2 mm", "of curvature"),
+            "period": Parameter("m", "8 mm", "distance of two tips"),
+            "depth": Parameter("m", "18 mm", "contact length summed over the tips"),
+            "mean": Parameter("m", "0.1 mm", "mean indentation"),
+            "amplitude": Parameter("m", "0.01 mm", "of the oscillation"),
+            "frequency": Parameter("Hz", "1 Hz", "of the oscillation"),
+            "cycles": Parameter("1", "5", "whole cycles; the last one is evaluated"),
+            "hold": Parameter("s", "600 s", "before the oscillation"),
+            "ramp": Parameter("m/s", "1 mm/s", "speed of pressing in"),
             "profile": Parameter("", "circle", "parabola, circle or cosine"),
         },
         {
@@ -167,4 +170,4 @@ SIMULATORS = {
         },
     ),
 }
-"""Keys as ``labpipe sweep`` names them."""
+"""Keys as ``labpipe sweep`` and ``labpipe simulate`` name them."""

@@ -22,7 +22,7 @@ import instruments
 from instruments import keyence
 from labpipe import contact, files, imaging, materials, signals, units
 from labpipe.errors import LabpipeError
-from pipelines import process
+from pipelines import session as verbs
 from pipelines.session import init
 
 Edits = Mapping[str, tuple[str, str]]
@@ -68,7 +68,7 @@ def session(folder: Path, text: str = DROP) -> object:
     (folder / "a.csv").write_text("x")
     (folder / "laser.toml").write_text("x")
     (folder / "session.toml").write_text(text, "utf-8")
-    return process.open_session(folder)
+    return verbs.open_session(folder)
 
 
 SESSION = {
@@ -95,12 +95,12 @@ edited(DROP, SESSION, session)
 
 def session_not_utf8(folder: Path) -> object:
     (folder / "session.toml").write_bytes(b'labpipe = 1\n[session]\ntitle = "\xe9"\n')
-    return process.open_session(folder)
+    return verbs.open_session(folder)
 
 
 _TWIN = DROP[DROP.index("[experiments.drop]") :].replace("experiments.drop", "experiments.Drop")
 CASES |= {
-    "session_absent": process.open_session,
+    "session_absent": verbs.open_session,
     "session_not_utf8": session_not_utf8,
     "names_differ_in_case": lambda f: session(f, DROP + _TWIN),
 }
@@ -312,10 +312,10 @@ def folder_cannot_be_made(folder: Path) -> object:
 
 
 CASES |= {
-    "target_of_no_name": unprocessed(process.plan, targets=["velocty"]),
-    "experiment_of_no_name": unprocessed(process.plan, only=["dorp"]),
-    "result_of_no_run": unprocessed(process.result, "drop", "repeats"),
-    "export_before_processing": unprocessed(process.export),
+    "target_of_no_name": unprocessed(verbs.plan, targets=["velocty"]),
+    "experiment_of_no_name": unprocessed(verbs.plan, only=["dorp"]),
+    "result_of_no_run": unprocessed(verbs.result, "drop", "repeats"),
+    "export_before_processing": unprocessed(verbs.export),
     "scan_of_nothing": init,
     "store_record_damaged": store_record_damaged,
     "folder_cannot_be_made": folder_cannot_be_made,

@@ -64,7 +64,7 @@ def _image(path: Path) -> None:
 
 def _configuration(path: Path) -> None:
     from labpipe.workflow import session
-    from pipelines.process import SETTINGS
+    from pipelines.session import SETTINGS
 
     session.load(path, SETTINGS, may_wait=True)
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from labpipe.workflow.run_result import RunResult
-from pipelines.process import SETTINGS, process
 from pipelines.rig.samples import laser_record
+from pipelines.session import SETTINGS, process
 
 SPHERE = 'sphere = { radius = "9.5 mm", mass = "0.5 kg", material = "acrylic" }\n'
 KINDS = {

@@ -9,7 +9,7 @@ from labpipe import files
 from labpipe.errors import ConfigError
 from labpipe.workflow import provenance, runner
 from labpipe.workflow.session import load
-from pipelines.process import SETTINGS
+from pipelines.session import SETTINGS
 from tests.labpipe.workflow import toy_laboratory as toy
 
 

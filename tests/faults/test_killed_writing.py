@@ -16,8 +16,7 @@ from instruments import keyence
 from instruments.keyence import Setup, Status, record
 from instruments.keyence._connection import Reading
 from pipelines.figures import make
-from pipelines.process import process
-from pipelines.session import init
+from pipelines.session import init, process
 from tests.faults.crashes import killed_after, moments, operations
 from tests.faults.test_failed_inputs import session
 

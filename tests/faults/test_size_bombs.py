@@ -20,7 +20,7 @@ from instruments import anton_paar, images, keyence, mach1, phantom
 from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.session import load
-from pipelines.process import SETTINGS
+from pipelines.session import SETTINGS
 from tests.by_day import by_day
 from tests.faults import seeds
 

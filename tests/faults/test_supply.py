@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.process import process
+from pipelines.session import process
 from tests.faults.crashes import at_once
 from tests.faults.test_failed_inputs import GARBAGE, session
 

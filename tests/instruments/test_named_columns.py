@@ -16,7 +16,7 @@ from pipelines.experiments.harmonic import measured
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.laser_readings import read_laser
 from pipelines.experiments.shared.settings import Keyence
-from pipelines.process import SETTINGS
+from pipelines.session import SETTINGS
 
 TIME = np.arange(24) * 5e-4
 FALL = 0.031 - 4.905 * TIME**2

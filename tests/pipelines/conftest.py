@@ -24,7 +24,7 @@ def pristine_session(small_session: Path, tmp_path_factory: pytest.TempPathFacto
     of_all = tmp_path_factory.getbasetemp().parent / "pristine" if "PYTEST_XDIST_WORKER" in os.environ else folder
     if of_all.is_dir():
         return Path(shutil.copytree(of_all, folder))
-    from pipelines.process import process
+    from pipelines.session import process
 
     shutil.copytree(small_session, folder)
     outcome = process(folder, jobs=0)

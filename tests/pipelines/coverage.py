@@ -36,7 +36,6 @@ from pipelines.experiments.relaxation import measured as relaxation, moduli as r
 from pipelines.experiments.shared import laser_readings, mach1_readings
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.static_loading import load_steps, measured as static_loading
-from pipelines.process import open_session
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.drops import write_drops
@@ -65,6 +64,7 @@ from pipelines.rig.session_text import (
 )
 from pipelines.rig.solids import SOLIDS
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
+from pipelines.session import open_session
 from tests.pipelines.small import START
 
 Scores = dict[str, list[float]]

@@ -23,7 +23,6 @@ import numpy as np
 
 from labpipe import files
 from pipelines.experiments import KINDS
-from pipelines.process import process
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.dma import write_dma
 from pipelines.rig.drops import write_drops
@@ -50,7 +49,7 @@ from pipelines.rig.session_text import (
 )
 from pipelines.rig.solids import SOLIDS, specimen_of
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
-from pipelines.session import derive, opened
+from pipelines.session import derive, opened, process
 from tests.pipelines.coverage import INSIDE, POLYMERS
 from tests.pipelines.small import START
 

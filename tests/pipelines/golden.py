@@ -30,7 +30,7 @@ SKIPPED = {"readings", "loads", "displacement", "keys", "loops", "velocity"}
 
 def numbers(folder: Path) -> dict[str, list[float]]:
     """Return the scalars and the first values of short arrays, each with its tolerance."""
-    from pipelines.process import open_session, results
+    from pipelines.session import open_session, results
 
     found: dict[str, list[float]] = {}
     for experiment in open_session(folder).experiments:
@@ -77,7 +77,7 @@ def changes(before: Mapping[str, list[float]], now: Mapping[str, list[float]]) -
 
 def processed(name: str, folder: Path) -> Path:
     """Write and process one of the sessions in an empty folder."""
-    from pipelines.process import process
+    from pipelines.session import process
     from tests.pipelines.small import write_small
 
     if name == "small":

@@ -83,16 +83,6 @@ def test_a_misspelt_command_is_answered_with_the_nearest(capsys: pytest.CaptureF
     assert 'Did you mean "process"?' in err
 
 
-def test_plan_and_process_of_a_processed_session(capsys: pytest.CaptureFixture[str], processed_session: Path) -> None:
-    code, out, _ = run(capsys, "plan", str(processed_session), "--json")
-    assert code == 0
-    assert json.loads(out)["to_run"] == 0
-    code, out, _ = run(capsys, "process", str(processed_session), "--jobs", "0", "--json")
-    document = json.loads(out)
-    assert code == document["exit_code"] == 0
-    assert set(document["reports"]) == {"drop", "nbr"}
-
-
 def test_bad_configuration_is_exit_3_and_says_so_in_json(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "session.toml").write_text("labpipe = 1\n[experiments.a]\nkind = 'nothing'\n")
     code, out, _ = run(capsys, "plan", str(tmp_path), "--json")
@@ -182,21 +172,6 @@ def test_a_named_pipe_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: P
         os.mkfifo(tmp_path / name)
         code, _, err = run(capsys, "inspect", str(tmp_path / name))
         assert (code, "is a named pipe, expected a file" in err) == (3, True), err
-
-
-def test_simulate_writes_what_is_asked_for(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    from labpipe import files
-
-    out = tmp_path / "drop.nc"
-    picture = tmp_path / "drop.png"
-    code, text, _ = run(
-        capsys, "simulate", "drop", "--duration", "0.03 s", "--out", str(out), "--picture", str(picture), "--json"
-    )
-    document = json.loads(text)
-    assert code == 0
-    assert document["first restitution"] == pytest.approx(0.9386, abs=2e-4)
-    assert files.read_dataset(out)["restitution"].size == document["impacts"]
-    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def leaves(group: click.Group) -> Iterator[click.Command]:
@@ -290,19 +265,6 @@ def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
     assert set(json.loads(out)["reports"]) == {"drop", "nbr"}
 
 
-def test_doctor_finds_a_damaged_result(capsys: pytest.CaptureFixture[str], session_copy: Path) -> None:
-    code, out, _ = run(capsys, "doctor", str(session_copy))
-    assert code == 0
-    assert "no problem found" in out
-    victim = sorted((session_copy / "labpipe/store").rglob("*.nc"))[0]
-    data = bytearray(victim.read_bytes())
-    data[len(data) // 2] ^= 0x10
-    victim.write_bytes(bytes(data))
-    code, out, _ = run(capsys, "doctor", str(session_copy), "--json")
-    assert code == 4
-    assert json.loads(out)["damaged_results"]
-
-
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_prints_a_script(capsys: pytest.CaptureFixture[str], shell: str) -> None:
     code, out, _ = run(capsys, "completion", shell)
@@ -339,25 +301,6 @@ def test_a_foreign_package_of_our_name_is_told_by_every_command(
         assert f"the module `{name}` at {face} is not labpipe's" in said
         assert "use a separate environment" in said
         assert "Traceback" not in done.stderr
-
-
-@pytest.mark.parametrize(("verb", "name"), [("process", "calibration"), ("init", "pipelines")])
-def test_a_foreign_package_of_our_name_is_told_by_the_front_door(tmp_path: Path, verb: str, name: str) -> None:
-    (tmp_path / name).mkdir()
-    (tmp_path / name / "__init__.py").write_text(WORKING)
-    path = os.pathsep.join([str(tmp_path), *sys.path])
-    code = "import labpipe as lp\nfrom labpipe.errors import InstallationError\n"
-    code += f"try:\n    lp.{verb}\nexcept InstallationError as error:\n    print(error)"
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        check=True,
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": path},
-    )
-    assert f"the module `{name}`" in done.stdout
-    assert "is not labpipe's" in done.stdout
 
 
 def test_a_package_that_another_one_took_away_is_told(

@@ -1,13 +1,6 @@
-"""Stated uncertainties against the truth of every kind, and runs that are killed."""
+"""Stated uncertainties against the truth of every kind."""
 
-import os
-import shutil
-import signal
-import subprocess
-import sys
-import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -54,29 +47,3 @@ def test_coverage_of_whole_sweeps(kind: str, tmp_path: Path) -> None:
         # What one recording tells many times over counts as one.
         chance = 3 * np.sqrt(0.05 * 0.95 / min(len(z), 2 * seeds))
         assert share(z) >= 0.95 - max(chance, 0.05), name
-
-
-def stored(folder: Path) -> dict[str, bytes]:
-    kept = [p for p in (folder / "labpipe").rglob("*") if p.suffix in {".nc", ".html"}]
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in kept}
-
-
-@pytest.mark.slow
-def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
-    small_session: Path, pristine_session: Path, tmp_path: Path, amount: Callable[[int, int], int]
-) -> None:
-    folder = tmp_path / "session"
-    shutil.copytree(small_session, folder)
-    command = [sys.executable, "-m", "labpipe", "process", str(folder), "--jobs", "2"]
-    generator = np.random.default_rng(4)
-    for _ in range(amount(2, 40)):
-        running = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-        )
-        time.sleep(float(generator.uniform(0.3, 3.0)))
-        os.killpg(running.pid, signal.SIGKILL)
-        running.wait()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert stored(folder) == stored(pristine_session)
-    assert not list(folder.rglob("*.part"))

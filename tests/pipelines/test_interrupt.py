@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.process import process
+from pipelines.session import process
 from tests.by_day import by_day
 from tests.pipelines.stored import assert_same, results, without_commit
 

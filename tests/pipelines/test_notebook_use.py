@@ -9,7 +9,7 @@ import xarray as xr
 from labpipe.errors import InputError
 from labpipe.notebook import html_table
 from labpipe.report import Report
-from pipelines.process import open_session, plan, process, report, result, results, verdict
+from pipelines.session import open_session, plan, process, report, result, results, verdict
 
 
 class Tags(HTMLParser):

@@ -4,10 +4,11 @@ import io
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
 from pipelines.commands.progress import counted, waiting, watching
-from pipelines.process import process
+from pipelines.session import process
 
 
 class Terminal(io.StringIO):
@@ -61,8 +62,10 @@ def test_a_long_wait_says_what_for(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_nothing_is_shown_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = terminal(monkeypatch)
-    with counted(3, enabled=False) as step, watching(enabled=False) as progress:
-        assert step is progress is None
+    with click.Context(click.Command("x"), obj=None) as context:
+        context.meta["labpipe.json"] = True
+        with counted(3) as step, watching() as progress:
+            assert step is progress is None
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     with counted(3) as step, watching() as progress, waiting("x"):
         assert step is progress is None

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,9 @@ from labpipe import files
 from pipelines.cli import main
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+def run(capsys: pytest.CaptureFixture[str], line: str, *more: str) -> tuple[int, str, str]:
     with pytest.raises(SystemExit) as left:
-        main(["simulate", *arguments])
+        main(["simulate", *shlex.split(line), *more])
     shown = capsys.readouterr()
     return int(left.value.code or 0), shown.out, shown.err
 
@@ -21,22 +22,8 @@ def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     out = tmp_path / "drop.nc"
-    code, text, _ = run(
-        capsys,
-        "drop",
-        "--duration",
-        "0.03 s",
-        "--rtol",
-        "1e-3",
-        "--plate-mass",
-        "30 kg",
-        "--plate-frequency",
-        "180 Hz",
-        "--plate-damping",
-        "0.03",
-        "--out",
-        str(out),
-    )
+    plate = "--plate-mass '30 kg' --plate-frequency '180 Hz' --plate-damping 0.03"
+    code, text, _ = run(capsys, f"drop --duration '0.03 s' --rtol 1e-3 {plate} --out {out}")
     assert code == 0
     rows = {line[:34].strip(): line[34:].split() for line in text.splitlines()}
     assert rows["first peak force"][1] == "N"
@@ -49,7 +36,7 @@ def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
 def test_a_drop_on_an_elastic_flat_is_softer(capsys: pytest.CaptureFixture[str]) -> None:
     forces = []
     for flat in ((), ("--substrate", "sapphire"), ("--substrate", "70 GPa, 0.22")):
-        code, text, _ = run(capsys, "drop", "--duration", "0.02 s", *flat)
+        code, text, _ = run(capsys, "drop --duration '0.02 s'", *flat)
         forces.append(float(re.search(r"first peak force +(\S+)", text)[1]))  # type: ignore[index]
     assert code == 0
     assert forces[0] > forces[1] > forces[2]
@@ -59,22 +46,8 @@ def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     out, picture = tmp_path / "indent.nc", tmp_path / "indent.svg"
-    code, text, _ = run(
-        capsys,
-        "indent",
-        "--cycles",
-        "1",
-        "--hold",
-        "1 s",
-        "--elements",
-        "128",
-        "--maps",
-        "--out",
-        str(out),
-        "--picture",
-        str(picture),
-        "--json",
-    )
+    line = f"indent --cycles 1 --hold '1 s' --elements 128 --maps --out {out} --picture {picture} --json"
+    code, text, _ = run(capsys, line)
     document = json.loads(text)
     assert code == 0
     assert document["units"]["peak force"] == "N"
@@ -84,22 +57,8 @@ def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
 
 
 def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureFixture[str]) -> None:
-    code, text, _ = run(
-        capsys,
-        "drop",
-        "--duration",
-        "0.03 s",
-        "--rtol",
-        "1e-3",
-        "--temperature",
-        "39 degC",
-        "--vertical-shift",
-        "1.1",
-        "--adhesion",
-        "50 mJ/m2",
-        "--heating",
-        "--json",
-    )
+    asked = "--temperature '39 degC' --vertical-shift 1.1 --adhesion '50 mJ/m2' --heating"
+    code, text, _ = run(capsys, f"drop --duration '0.03 s' --rtol 1e-3 {asked} --json")
     assert code == 0
     document = json.loads(text)
     assert document["adhesion"] == document["self-heating"] == "negligible"
@@ -111,7 +70,7 @@ def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureF
 
 def test_adhesion_is_simulated_drawn_and_kept(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     out, picture = tmp_path / "jkr.nc", tmp_path / "jkr.svg"
-    code, text, _ = run(capsys, "adhesion", "--out", str(out), "--picture", str(picture), "--json")
+    code, text, _ = run(capsys, f"adhesion --out {out} --picture {picture} --json")
     document = json.loads(text)
     assert code == 0
     assert document["regime"] == "JKR"
@@ -121,24 +80,24 @@ def test_adhesion_is_simulated_drawn_and_kept(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "words"),
+    ("line", "code", "words"),
     [
-        (["adhesion", "--work", "50 mJ"], 2, "is in J; expected a number in J/m2"),
-        (["adhesion", "--load", "1e9 N"], 3, "reduce the load"),
-        (["drop", "--duration", "0.01 s", "--adhesion", "50 mJ/m2"], 3, "no completed impact"),
-        (["drop", "--duration", "0.01 s", "--heating"], 3, "at least one completed impact"),
-        (["indent", "--frequency", "0 Hz"], 2, "--frequency is 0"),
-        (["indent", "--ramp", "0 mm/s"], 2, "--ramp is 0"),
-        (["indent", "--mean", "-1 mm"], 2, "--mean is -0.001"),
-        (["indent", "--mean", "5 mm"], 3, "reaches the end of the indenter"),
-        (["indent", "--ramp", "5"], 2, "has no unit"),
-        (["drop", "--radius", "0 mm"], 3, "radius is 0 m"),
-        (["drop", "--picture", "x.bmp", "--duration", "0.02 s"], 3, "figure format"),
+        ("adhesion --work '50 mJ'", 2, "is in J; expected a number in J/m2"),
+        ("adhesion --load '1e9 N'", 3, "reduce the load"),
+        ("drop --duration '0.01 s' --adhesion '50 mJ/m2'", 3, "no completed impact"),
+        ("drop --duration '0.01 s' --heating", 3, "at least one completed impact"),
+        ("indent --frequency '0 Hz'", 2, "--frequency is 0"),
+        ("indent --ramp '0 mm/s'", 2, "--ramp is 0"),
+        ("indent --mean '-1 mm'", 2, "--mean is -0.001"),
+        ("indent --mean '5 mm'", 3, "reaches the end of the indenter"),
+        ("indent --ramp 5", 2, "has no unit"),
+        ("drop --radius '0 mm'", 3, "radius is 0 m"),
+        ("drop --picture x.bmp --duration '0.02 s'", 3, "figure format"),
     ],
 )
 def test_bad_values_are_refused_with_the_reason(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: str
+    capsys: pytest.CaptureFixture[str], line: str, code: int, words: str
 ) -> None:
-    found, _, said = run(capsys, *arguments)
+    found, _, said = run(capsys, line)
     assert found == code
     assert words in said

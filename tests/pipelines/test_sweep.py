@@ -1,14 +1,12 @@
 """Maps of the simulator: the points, the engines that compute them, and stops in between."""
 
-import contextlib
 import json
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -18,7 +16,7 @@ from labpipe.errors import InputError, UsageError
 from labpipe.workflow.engines import choose, side_by_side
 from pipelines.commands.simulate import sweep as command
 from pipelines.sweeps import Design, axis, design, run as run_module, run_design
-from pipelines.sweeps.page import _text, render
+from pipelines.sweeps.page import render
 from pipelines.sweeps.run import Outcome
 from pipelines.sweeps.simulators import SIMULATORS, Parameter, Simulator, Value
 
@@ -221,12 +219,6 @@ def test_the_state_of_a_material_can_be_mapped(swept: str, rises: int, tmp_path:
     assert np.sign(np.diff(found.dataset["peak_force"].values)) == rises
 
 
-def test_the_command_offers_every_simulator() -> None:
-    (argument,) = [p for p in command.params if p.name == "simulator"]
-    assert isinstance(argument.type, click.Choice)
-    assert list(argument.type.choices) == list(SIMULATORS)
-
-
 def test_points_of_any_stretch_are_those_of_the_whole() -> None:
     plan = design(
         "drop",
@@ -240,50 +232,6 @@ def test_points_of_any_stretch_are_those_of_the_whole() -> None:
     assert [p["material"] for p in whole[:13]] == ["acrylic"] * 12 + ["ptfe"]
     assert [p["height"] for p in whole[:9]] == [0.001] * 4 + [0.002] * 4 + [0.003]
     assert whole[3]["radius"] == whole[7]["radius"] != whole[4]["radius"]
-
-
-@pytest.mark.slow
-def test_drops_are_counted_once_though_workers_are_killed(
-    tmp_path: Path, amount: Callable[[int, int], int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Three workers killed on the way, the bytes of one process; 10,000 under ``-m nightly``."""
-    count = amount(40, 10_000)
-    monkeypatch.setattr(run_module, "BLOCK", amount(5, run_module.BLOCK))
-    plan = design("drop", [axis("drop", "height", f"1 mm : 10 mm : {count}")], {"rtol": "0.001"})
-    killed: list[int] = []
-
-    def kill(done: float) -> None:
-        if len(killed) < 3 and done > 0.25 * (len(killed) + 1):
-            workers = [p for p in workers_of(os.getpid()) if p not in killed]
-            killed.append(workers[0])
-            os.kill(workers[0], signal.SIGKILL)
-
-    swept = run_design(plan, tmp_path / "map.nc", choose(2), progress=kill)
-    assert killed
-    assert swept.computed == count
-    if swept.failed:  # points whose worker died twice are asked for by the same call again
-        swept = run_design(plan, tmp_path / "map.nc", choose(2))
-    assert swept.failed == 0
-    run_design(plan, tmp_path / "one.nc")
-    assert (tmp_path / "map.nc").read_bytes() == (tmp_path / "one.nc").read_bytes()
-    # Ever higher, ever faster: no point is missing, doubled or at another's place.
-    assert np.all(np.diff(swept.dataset["peak_force"].values) > 0.0)
-
-
-def workers_of(parent: int) -> list[int]:
-    """Workers that the server of a process forked, oldest first."""
-    above = {}
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdigit():
-            with contextlib.suppress(OSError):
-                above[int(folder.name)] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-    servers = [p for p, its in above.items() if its == parent]
-    return sorted(p for p, its in above.items() if its in servers)
-
-
-def test_an_unknown_material_is_refused_before_anything_runs(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match='no material "steel"'):
-        run_design(design("drop", [], {"material": "steel"}), tmp_path / "map.nc")
 
 
 @pytest.mark.slow
@@ -320,13 +268,3 @@ def test_the_command_writes_a_page_and_goes_on_from_what_is_there(tmp_path: Path
     assert "curves: material, mass" in page
     assert "ptfe, 200 g" in page
     assert files.read_dataset(out).sizes == {"material": 2, "height": 3, "mass": 2}
-
-
-def test_a_command_that_says_too_little_is_told_the_form() -> None:
-    run = CliRunner().invoke(command, ["drop", "--vary", "height", "--out", "x.nc"])
-    assert run.exit_code == 2
-    assert "expected NAME=VALUE" in run.stderr
-
-
-def test_a_parameter_is_written_in_the_unit_in_which_it_is_read() -> None:
-    assert [_text(0.01, "m"), _text(0.03, "1"), _text("acrylic", "")] == ["10 mm", "0.03", "acrylic"]

@@ -14,8 +14,7 @@ import pytest
 
 from labpipe import files
 from pipelines.experiments.shared.judgements import suspected
-from pipelines.process import process, result
-from pipelines.session import verdict_on
+from pipelines.session import process, result, verdict_on
 from tests.pipelines.detection import SESSION, SHOWN, WRONG, Wrong, changed, judge, shown
 from tests.pipelines.deviations import write_specimens
 

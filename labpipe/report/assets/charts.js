@@ -79,6 +79,9 @@
     return fixed(value, Math.max(-step, 0));
   };
 
+  /** Calendar date of days since 1970-01-01. */
+  const dayText = (value) => (value % 1 === 0 ? new Date(value * 864e5).toISOString().slice(0, 10) : "");
+
   const logTicks = (low, high) => {
     const ticks = [];
     for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power += 1) {
@@ -496,7 +499,8 @@
   const hover = (chart) => {
     const { left, top } = chart.plot.cursor;
     const isAway = left === null || left === undefined || left < 0;
-    chart.flag.textContent = isAway || chart.isPlane ? "" : readout(chart.plot.posToVal(left, "x"), widthOf(chart.plot, "x"));
+    const along = chart.plot.posToVal(left, "x"), isDay = chart.description.xScale === "day";
+    chart.flag.textContent = isAway || chart.isPlane ? "" : isDay ? dayText(Math.round(along)) : readout(along, widthOf(chart.plot, "x"));
     chart.flag.style.transform = `translateX(calc(${left}px - 50%))`;
     for (const s of chart.series) {
       if (isAway) { s.value.textContent = ""; s.mark.style.display = "none"; } else hoverOne(chart, s, left, top);
@@ -572,9 +576,9 @@
     const family = getComputedStyle(document.body).fontFamily;
     const options = {
       scale: key, label: isX ? chart.description.xLabel : undefined, font: `12px ${family}`, labelFont: `13px ${family}`, labelGap: 2,
-      labelSize: 22, gap: 5, space: isX ? 64 : 36, stroke: () => colour("--text"),
+      labelSize: 22, gap: 5, space: isX ? (scale === "day" ? 96 : 64) : 36, stroke: () => colour("--text"),
       grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--axis"), width: 1, size: 5 }, border: { show: true, stroke: () => colour("--axis"), width: 1 },
-      values: (u, ticks, place, space, step) => (scale === "log" ? logLabels(ticks, isX ? (u.width - 80) / 40 : u.height / 22) : ticks.map((v) => tickText(v, step))),
+      values: (u, ticks, place, space, step) => (scale === "log" ? logLabels(ticks, isX ? (u.width - 80) / 40 : u.height / 22) : ticks.map((v) => (scale === "day" ? dayText(v) : tickText(v, step)))),
       size: (u, values) => {
         if (isX) return 28;
         u.ctx.save(); u.ctx.font = `${12 * (window.devicePixelRatio || 1)}px ${family}`;

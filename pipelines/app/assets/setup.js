@@ -83,7 +83,7 @@ const row = (field, name = field.label) => {
   const [input, ...more] = control(field, [field], name);
   input.note = make("p", { className: "note" });
   const made = make("label", { className: "field" }, make("span", { textContent: field.label + (field.required || field.gap ? "" : " (optional)") }), input, ...more, input.note);
-  if (!["laser", "camera"].includes(field.record)) return made;
+  if (!field.record) return made;
   const fresh = button("New record", () => restructure({ op: "record", kind: field.record, view: "", names: [field.place[1]] }));
   fresh.setAttribute("aria-label", `New calibration record for ${field.place[1]}`);
   return make("div", {}, made, fresh);

@@ -1,5 +1,6 @@
 """Calibration records that recordings take, templates for those without one, and the first lines of a film."""
 
+import json
 import tomllib
 import warnings
 from collections.abc import Callable, Container
@@ -34,9 +35,14 @@ _CAMERA = f"""\
 reference_length = "{GAP} mm"  # of an object in the plane of focus, e.g. "30.00 ± 0.02 mm"
 pixel_length = "{GAP} px"  # what it measures in the image, e.g. "386 ± 1.5 px"
 """
+_CELL = f"""\
+scale = "{GAP}"  # true over displayed force, e.g. "1.0000 ± 0.0010"
+# filter_delay = "15.9 ± 0.2 ms"  # of the force against the position, by an elastic reference
+"""
 _TEMPLATES = {
     "laser": ("micrometer steps against the reading", _LASER),
     "camera": ("a ruler in the plane of focus", _CAMERA),
+    "load_cell": ("masses, displayed against true force", _CELL),
 }
 """Method and values of a record, by its kind."""
 _NONE = f"calibration/{GAP}.toml"
@@ -71,7 +77,7 @@ def camera_records(found: Found) -> dict[str, dict[str, str]]:
 
 
 def blank_record(folder: Path, kind: str, view: str, recordings: list[str], taken: Container[str]) -> tuple[str, str]:
-    """Return name and text of a new record of a laser, or of a view of a camera, for the days of recordings.
+    """Return name and text of a new record of a laser, load cell, or view of a camera, for the days of recordings.
 
     It takes the place of no file, nor of one of the names ``taken``. Raises InputError for another kind.
     """
@@ -79,8 +85,9 @@ def blank_record(folder: Path, kind: str, view: str, recordings: list[str], take
     if kind == "camera":
         seen = identifier(view)
         return next(iter(_template(folder, kind, kind, days, seen, f"camera_{seen}", taken).items()))
-    if kind == "laser":
-        return next(iter(_template(folder, kind, model or "Keyence laser", days, taken=taken).items()))
+    if kind in _TEMPLATES:
+        sensor = model or {"laser": "Keyence laser", "load_cell": "load cell"}[kind]
+        return next(iter(_template(folder, kind, sensor, days, taken=taken).items()))
     raise InputError(f'a record of kind "{kind}" is written by hand: the guide says how, For the experimenter')
 
 
@@ -164,7 +171,7 @@ def _template(
 
 
 def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:
-    """Model of the sensor and days of the recordings, as far as the files hold them."""
+    """Model of the sensor, or name of the load cell, and days of the recordings, as far as the files hold them."""
     models, days = [], []
     for name in names:
         try:
@@ -173,7 +180,9 @@ def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:
         except LabpipeError:
             continue  # `plan` and `process` say what is wrong with it
         attrs = getattr(found, "attrs", {})
-        models.append(str(attrs.get("model", "")))
+        blocks = json.loads(attrs.get("blocks", "[]"))  # each may name its load cell
+        cells = (str((block.get("load_cell") or {}).get("name") or "") for block in blocks)
+        models.append(next(filter(None, cells), "") or str(attrs.get("model", "")))
         day = str(attrs.get("start", ""))[:10] or recorded_on(found)
         if day:
             days.append(date.fromisoformat(day))

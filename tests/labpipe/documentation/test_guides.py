@@ -10,7 +10,7 @@ import pytest
 
 import labpipe
 from pipelines.cli import COMMANDS, cli
-from pipelines.process import open_session
+from pipelines.session import open_session
 
 ROOT = Path(labpipe.__file__).parents[1]
 FOLDER = ROOT / "labpipe/documentation"

@@ -28,36 +28,13 @@ class Trial(NamedTuple):
     holds_long_time_modulus: bool
 
 
-def random_solid(seed: int, *, is_rubber: bool) -> Viscoelastic:
-    """Draw a polymer; its dispersions are skewed for odd seeds.
-
-    A rubber has a glass transition far below a millisecond and two slow dispersions; a glass has three
-    secondary ones and a loss factor at 1 kHz between 0.01 and 0.08.
-    """
-    rng = np.random.default_rng(seed)
-    is_skewed = not is_symmetric(seed)
-    if is_rubber:
-        relaxed = 10.0 ** rng.uniform(6.3, 7.5)
-        ranges = [((-9.0, -5.0), (1.5, 2.5)), *[((-3.0, 3.0), (-1.5, -0.3))] * 2]
-        parts = tuple(_dispersion(relaxed, rng, *of, is_skewed=is_skewed) for of in ranges)
-        return Viscoelastic(parts, relaxed, 0.5)
-    relaxed = 10.0 ** rng.uniform(8.8, 9.5)
-    while True:
-        parts = tuple(_dispersion(relaxed, rng, (-8.0, 2.0), (-1.5, 0.0), is_skewed=is_skewed) for _ in range(3))
-        solid = Viscoelastic(parts, relaxed, 0.35)
-        modulus = complex(solid.modulus(1e3))
-        if 0.01 < modulus.imag / modulus.real < 0.08:
-            return solid
-
-
 def random_rubber(seed: int) -> Viscoelastic:
-    """Draw a rubber."""
-    return random_solid(seed, is_rubber=True)
-
-
-def is_symmetric(seed: int) -> bool:
-    """Tell whether the dispersions of the polymer of a seed are symmetric."""
-    return seed % 2 == 0
+    """Draw a rubber; its dispersions, one far below a millisecond and two slow ones, are skewed for odd seeds."""
+    rng = np.random.default_rng(seed)
+    relaxed = 10.0 ** rng.uniform(6.3, 7.5)
+    ranges = [((-9.0, -5.0), (1.5, 2.5)), *[((-3.0, 3.0), (-1.5, -0.3))] * 2]
+    parts = tuple(_dispersion(relaxed, rng, *of, is_skewed=seed % 2 == 1) for of in ranges)
+    return Viscoelastic(parts, relaxed, 0.5)
 
 
 def _dispersion(

@@ -13,8 +13,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from calibration import load_record
 from labpipe import files
+from labpipe.workflow.exclusions import files_of
 from pipelines.app import open_guide
+from pipelines.experiments.shared.record_templates import blank_record
 from pipelines.session import open_session, process
 from tests.pipelines.app.conftest import Page
 
@@ -385,3 +388,14 @@ def test_what_arrives_while_it_is_watched_is_processed(page: Page, raw: Path) ->
     assert ("nbr", "processed") in [(e.get("experiment"), e.get("state")) for e in state["events"]]
     page.told("api/run", {"action": "stop"})
     assert until(page, lambda state: not state["running"])["code"] == 130
+
+
+def test_a_record_of_a_load_cell_is_begun_from_a_recording(small_session: Path, tmp_path: Path) -> None:
+    (recording,) = [text for _, text in files_of(open_session(small_session).experiments["nbr"].settings)][:1]
+    name, text = blank_record(small_session, "load_cell", "", [recording], ())
+    assert name == "calibration/load_cell.toml"
+    assert '\ninstrument = "250N' in text
+    assert "\nvalid_from = 2024-05-14 " in text
+    path = tmp_path / "cell.toml"
+    path.write_text(text.replace('scale = "FILL"', 'scale = "1.000 ± 0.001"').replace("FILL", "x"), "utf-8")
+    assert load_record(path).values.scale.u == pytest.approx(1e-3)

@@ -18,7 +18,7 @@ TOY = Suite(
     "Sums of numbers <against> themselves",
     "error (px)",
     (
-        Point("fine", 1e-5, 2.0, is_default=True, cold_seconds=3.0, peak_bytes=2**20),
+        Point("fine", 1e-5, 2.0, is_default=True, cold_seconds=3.0),
         Point("coarse", 1e-3, 0.5, extra={"bias (px)": 4e-4}),
         Point("exact", 0.0, 1.0),
         Point("central differences", 1e-2, 0.25, "thesis"),
@@ -61,7 +61,6 @@ def test_a_run_writes_page_and_json(tmp_path: Path, capsys: pytest.CaptureFixtur
     document = json.loads(out)
     assert document == json.loads((tmp_path / "new/bench.json").read_text())
     suite = document["parts"][0]["suites"][0]
-    assert suite["points"][0]["peak_bytes"] == 2**20
     assert suite["points"][5]["seconds"] is None
     assert suite["bounds"] == [{"label": "rounding", "error": 1e-7}]
     text = (tmp_path / "new/bench.html").read_text()

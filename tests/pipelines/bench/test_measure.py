@@ -1,12 +1,11 @@
-"""Timing in turn, memory, and what a point may be."""
+"""Timing in turn, and what a point may be."""
 
 from collections.abc import Mapping
 
-import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from pipelines.bench.measure import OURS, THESIS, Extra, Timing, paired, peak_bytes, race
+from pipelines.bench.measure import OURS, THESIS, Extra, Timing, paired, race
 
 
 def test_contenders_run_in_turn_after_one_cold_run_each() -> None:
@@ -33,11 +32,9 @@ def test_a_race_makes_a_point_of_every_contender() -> None:
         return abs(float(str(timings[name].value)) - 3.0), {"letters": len(name)}
 
     calls = {"exact": (OURS, lambda: 3), "coarse": (THESIS, lambda: 2)}
-    exact, coarse = race(calls, 3, judge, "exact", per=10.0, traced=("coarse",))
+    exact, coarse = race(calls, 3, judge, "exact", per=10.0)
     assert (exact.setting, exact.error, exact.group, exact.is_default) == ("exact", 0.0, OURS, True)
-    assert exact.peak_bytes is None
     assert (coarse.error, coarse.group, coarse.is_default, coarse.extra) == (1.0, THESIS, False, {"letters": 6})
-    assert coarse.peak_bytes is not None
     assert exact.seconds == sorted(exact.samples)[1] / 10.0
 
 
@@ -46,10 +43,3 @@ def test_ratios_are_taken_run_by_run() -> None:
     ours = Timing(4.0, 0.0, (2.0, 8.0, 4.0), None)
     theirs = Timing(2.0, 0.0, (1.0, 4.0, 2.0), None)
     assert ours.ratio(theirs) == (2.0, 2.0, 2.0)
-
-
-@pytest.mark.slow
-def test_peak_memory_counts_what_is_freed_again() -> None:
-    size = 4_000_000
-    found = peak_bytes(lambda: np.ones(size // 8).sum())
-    assert size <= found < 1.1 * size + 100_000

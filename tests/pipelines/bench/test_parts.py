@@ -71,6 +71,7 @@ def test_default_shifts_meet_their_goal_on_both_truths() -> None:
         assert default.error < goal
 
 
+@pytest.mark.slow
 def test_a_drop_follows_its_tolerance_and_beats_the_thesis() -> None:
     first, train = drop.run(True)
     errors = by_name(first)
@@ -86,6 +87,7 @@ def test_a_drop_follows_its_tolerance_and_beats_the_thesis() -> None:
     assert min(p.error for p in train.points if p.group == THESIS) == 1.0
 
 
+@pytest.mark.slow
 def test_an_indented_line_converges_and_names_a_missing_peer() -> None:
     elastic, *tapping = line.run(True)
     errors = by_name(elastic)

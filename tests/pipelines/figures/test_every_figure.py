@@ -8,7 +8,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from pipelines import process
+from pipelines import session as verbs
 from pipelines.figures import FIGURES, Figure, make
 from pipelines.figures.inputs import matching
 
@@ -30,10 +30,10 @@ def of_campaign(tmp_path_factory: pytest.TempPathFactory) -> make.Shelf:
     """A folder of figures with the small campaign, of which is processed what they need."""
     folder = tmp_path_factory.mktemp("every")
     session = Path(shutil.copytree(CAMPAIGN, folder / "campaign"))
-    opened = process.open_session(session)
+    opened = verbs.open_session(session)
     shown = {(name, stage) for f in DRAWN for n in f.needs for name in matching(opened, n) for stage in n.stages}
     targets, names = sorted(f"{name}/{stage}" for name, stage in shown), sorted({name for name, _ in shown})
-    assert process.process(session, targets, names, jobs=0).exit_code == 0
+    assert verbs.process(session, targets, names, jobs=0).exit_code == 0
     return make.Shelf.of(folder / "figures", session)
 
 

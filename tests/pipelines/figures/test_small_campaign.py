@@ -8,7 +8,7 @@ import pytest
 from labpipe import files
 from labpipe.workflow import events
 from pipelines.figures import FIGURES, make
-from pipelines.process import open_session
+from pipelines.session import open_session
 
 CAMPAIGN = Path(__file__).parents[3] / "sample_data/thesis-small"
 MOST_BYTES = 2_500_000

@@ -10,11 +10,11 @@ import pytest
 from labpipe import files
 from labpipe.errors import UsageError
 from pipelines.figures import FIGURES, make
-from pipelines.process import open_session
 from pipelines.rig import campaign, dma, plate_session, static_loading
 from pipelines.rig.indentation_session import oscillation_section, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.samples import write_sample
+from pipelines.session import open_session
 
 START = datetime(2024, 5, 14, 9, 30)
 

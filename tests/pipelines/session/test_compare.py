@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.cli import main
-from pipelines.process import open_session, result
-from pipelines.session import compare
+from pipelines.session import compare, open_session, result
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:

@@ -1,6 +1,7 @@
 """Exclusions and notes: left out of the measurement, counted, with a reason on the page and in the export."""
 
 import json
+import tomllib
 from datetime import date
 from pathlib import Path
 
@@ -115,8 +116,12 @@ def test_a_note_is_appended_and_nothing_else_changes(session_copy: Path, capsys:
 def test_a_note_is_appended_to_a_list_as_it_is_written() -> None:
     made = Note(on=date(2026, 11, 28), text='a "b"')
     text = "[experiments.a]\nnotes = [{ on = 2026-11-27 , text = ']' } ]  # ]\nb = [{ on = 2026-11-27 }]\n"
-    new = ', { on = 2026-11-28, text = "a \\"b\\"" }'
-    assert with_note(text, "a", made) == text.replace(" ]  #", f" {new}]  #")
-    assert with_note("[experiments.a]\nnotes = [\n  # none\n]\n", "a", made).endswith(f"# none\n{new[2:]}]\n")
+    kept = tomllib.loads(text)["experiments"]["a"]["notes"][0]
+    for before in (text, "[experiments.a]\nnotes = [\n  # none\n]\nb = 1  # ]\n"):
+        after = with_note(before, "a", made)
+        assert after.splitlines()[-1].replace(" ", "") == before.splitlines()[-1].replace(" ", "")
+        *others, last = tomllib.loads(after)["experiments"]["a"]["notes"]
+        assert others == [kept] * (before is text)
+        assert last == {"on": made.on, "text": made.text}
     with pytest.raises(InputError, match="by hand"):
         with_note("experiments.a = { b = 1 }\n", "a", made)

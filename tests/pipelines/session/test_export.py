@@ -13,8 +13,7 @@ from scipy.io import loadmat
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.process import export, result
-from pipelines.session import compare
+from pipelines.session import compare, export, result
 from pipelines.session._export_formats import csv_tables
 from pipelines.session._summary_table import Line, tex_text
 

@@ -86,7 +86,6 @@ def _of_index(index: str, name: str) -> str:
 
 
 _EDITS = {
-    "clean": ((lambda _: None), {}, ""),
     "a copy for a repeat": (_copied, {"drop": "doubtful"}, "holds the same bytes as laser/drop_1.csv"),
     "height of another drop": (_in_toml('height = "1.5', 'height = "15'), {"drop": "impossible"}, ""),
 }

@@ -9,8 +9,7 @@ import labpipe
 from labpipe.errors import InputError, UsageError
 from pipelines.cli import main
 from pipelines.experiments.shared.comparison_rows import row
-from pipelines.process import process
-from pipelines.session import beside, reopen_session
+from pipelines.session import beside, process, reopen_session
 from pipelines.session._comparison import labelled
 
 

@@ -21,7 +21,7 @@ from pipelines.commands.results import trend as command
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import STATED_FLOOR, drop_section, laser_record, session_head
-from pipelines.session._catalogue_query import CATALOGUE
+from pipelines.session._catalogue_page import CATALOGUE
 from pipelines.session._control_chart import control_charts
 
 MONTHS = 10
@@ -43,8 +43,9 @@ def test_limits_follow_from_the_moving_range_and_the_stated_uncertainty() -> Non
     assert chart.state == "steady"
 
 
+@pytest.mark.slow
 def test_the_drifting_laser_of_two_is_found_and_no_chance() -> None:
-    noise = np.random.default_rng(3).normal(0.0, 3e-4, (400, MONTHS))
+    noise = np.random.default_rng(3).normal(0.0, 3e-4, (200, MONTHS))
     steady = [made_up(f"laser {i}", 1.0 + row) for i, row in enumerate(noise)]
     sagging = made_up("sagging laser", 1.0 - 1e-3 * np.arange(MONTHS) + noise[0])
     charts = control_charts(pd.concat([*steady, sagging], ignore_index=True))
@@ -52,7 +53,7 @@ def test_the_drifting_laser_of_two_is_found_and_no_chance() -> None:
     found = next(chart for chart in charts if chart.is_drifting)
     assert found.change == pytest.approx(-9e-3, abs=1e-3)
     by_chance = np.mean([chart.p < 0.05 for chart in charts if chart is not found])
-    assert 0.03 < by_chance < 0.075  # binomial, 400 charts
+    assert 0.02 < by_chance < 0.085  # binomial, 200 charts
 
 
 def test_an_operator_who_reads_otherwise_is_named_by_the_comparison_of_groups() -> None:

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 from labpipe.judging import Finding
-from pipelines.session._compare_page import _reason
 from pipelines.session._verdict_notices import agreement, belief, each
 from pipelines.session._verdicts import Verdict
 
@@ -17,10 +16,8 @@ def verdicts(**believable: str) -> dict[str, Verdict]:
 @pytest.mark.parametrize(
     ("words", "level", "sentence"),
     [
-        ({"a": "yes"}, "ok", "The experiment is believable."),
         ({"a": "yes", "b": "yes"}, "ok", "All 2 experiments are believable."),
         ({"a": "yes", "b": "unknown"}, "info", "1 of 2 experiments is believable. Not known: b."),
-        ({"a": "doubtful"}, "warning", "0 of 1 experiment is believable. Doubtful: a."),
         (
             {"a": "doubtful", "b": "impossible", "c": "yes", "d": "impossible"},
             "error",
@@ -33,16 +30,9 @@ def test_belief_counts_and_names_what_cannot_be_believed(words: dict[str, str], 
     assert (said.level, said.text) == (level, sentence)
 
 
-def test_more_names_than_can_be_read_are_counted() -> None:
-    names = {f"e{i}": "doubtful" for i in range(8)}
-    said = belief(verdicts(**names), names)
-    assert said.text.endswith("Doubtful: e0, e1, e2, e3, e4 and 3 more.")
-
-
 @pytest.mark.parametrize(
     ("models", "level", "sentence"),
     [
-        ({"a": "agrees"}, "ok", "The model agrees in 1 of 1 experiment."),
         (
             {"a": "agrees", "b": "undecided", "c": "none"},
             "info",
@@ -73,12 +63,3 @@ def test_each_names_the_cause_of_a_finding_or_what_explains_a_difference() -> No
     assert said.text.endswith("Likely: its DMA.")
     (said,) = each(["drop"], {"drop": replace(differs, model="agrees", suspects=())}, {})
     assert "Likely" not in said.text
-
-
-def test_a_comparison_says_of_a_record_that_cannot_be_believed_its_cause_alone() -> None:
-    told = {"experiment": "drop", "believable": "impossible", "cause": "the height is wrong", "suspects": ["radius"]}
-    assert (said := _reason(told)) is not None
-    assert (said.level, said.text) == ("error", "drop: the record is impossible: the height is wrong.")
-    assert (said := _reason(told | {"believable": "yes", "suspects": ["radius", "mass"]})) is not None
-    assert (said.level, said.text) == ("warning", "drop: radius; mass.")
-    assert _reason(told | {"believable": "yes", "suspects": []}) is None

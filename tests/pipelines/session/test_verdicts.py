@@ -5,8 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pipelines.process import open_session, process, verdict, verdicts_of
-from pipelines.session import catalogue, compare, verdict_on
+from pipelines.session import catalogue, compare, open_session, process, verdict, verdict_on, verdicts_of
 from pipelines.session._results import opened
 from pipelines.session._verdicts import stored_verdicts
 
@@ -16,7 +15,7 @@ _KEPT = "labpipe/store/verdicts.json"
 def test_an_unchanged_session_is_processed_and_judged_again_without_numpy(session_copy: Path) -> None:
     expected = [[one.experiment, one.believable, one.model] for one in verdict(session_copy).experiments]
     code = (
-        "import json, sys; from pipelines.process import process, verdicts_of; done = process(sys.argv[1])\n"
+        "import json, sys; from pipelines.session import process, verdicts_of; done = process(sys.argv[1])\n"
         "print(json.dumps([[v.experiment, v.believable, v.model] for v in verdicts_of(done).experiments]))\n"
         "sys.exit(bool({'numpy', 'scipy', 'xarray', 'matplotlib'} & sys.modules.keys()))"
     )

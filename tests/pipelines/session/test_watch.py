@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from labpipe.workflow.watch import ARRIVING, BROKEN, FAILED, PROCESSED, REFUSED, WAITING, Settling, Watcher
-from pipelines.process import SETTINGS, STAGES, plan, process, watch
+from pipelines.session import SETTINGS, STAGES, plan, process, watch
 from tests.by_day import by_day
 from tests.pipelines.stored import results
 
@@ -111,17 +111,6 @@ def test_a_failed_experiment_is_tried_again_only_after_a_change(session_copy: Pa
         list(watcher.look())
     assert states(watcher) == {"drop": FAILED, "nbr": PROCESSED}
     assert calls == [("drop", ["drop"]), ("nbr", ["nbr"])]
-
-
-def test_a_file_counts_as_arrived_when_it_was_the_same_over_all_looks(tmp_path: Path) -> None:
-    path, clock, settling = tmp_path / "f", Clock(), Settling(3)
-    found = []
-    for data in (None, b"", b"a", b"ab", None, None, None, b"abc"):
-        if data is not None:
-            clock.write(path, data)
-        settling.look(path)
-        found.append(settling.is_at_rest(path))
-    assert found == [False] * 5 + [True, True, False]
 
 
 def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(pristine_session: Path, tmp_path: Path) -> None:

@@ -12,11 +12,11 @@ from labpipe.units import Quantity
 from labpipe.workflow import config
 from pipelines.experiments.shared.counter_body import modulus_of
 from pipelines.experiments.shared.settings import Flat, Table
-from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import STATED_FLOOR
 from pipelines.rig.session_text import drop_section, laser_record, session_head
+from pipelines.session import process, result
 from tests.pipelines.small import START
 
 HEIGHT = 5e-3

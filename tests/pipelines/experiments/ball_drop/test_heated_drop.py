@@ -9,11 +9,11 @@ import pytest
 
 from labpipe import contact, files, materials
 from labpipe.units import Quantity
-from pipelines.process import open_session, process, result
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE
 from pipelines.rig.session_text import drop_section, laser_record, session_head
+from pipelines.session import open_session, process, result
 from tests.pipelines.small import START
 
 HEIGHT, HEATED, COOL = 5e-3, 39.0, Quantity(20.0, 0.5, "degC")

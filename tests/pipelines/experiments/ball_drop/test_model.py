@@ -15,7 +15,7 @@ from pipelines.experiments.ball_drop.measured import repeats
 from pipelines.experiments.ball_drop.model import model
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.settings import Plate
-from pipelines.process import open_session, result
+from pipelines.session import open_session, result
 
 Measured = tuple[BallDrop, xr.Dataset]
 # The rig's table is 1500 kg at 400 Hz; this is what a laboratory might know of it.

@@ -11,7 +11,6 @@ import pytest
 from labpipe import files
 from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
-from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.film_front import FrontCamera
@@ -19,6 +18,7 @@ from pipelines.rig.film_session import front_section, write_front
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from pipelines.rig.session_text import front_record, under_record
 from pipelines.rig.solids import specimen_of
+from pipelines.session import process, result
 from tests.labpipe.report.conftest import assert_fit_to_read
 from tests.pipelines.asked import quantities
 

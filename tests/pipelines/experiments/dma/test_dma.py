@@ -16,11 +16,10 @@ from labpipe.schema import check
 from labpipe.units import Quantity
 from pipelines.experiments.dma import glass_transition, measured as dma, model
 from pipelines.experiments.dma.settings import Dimensions, Dma, Fit, Specimen
-from pipelines.process import open_session, process
 from pipelines.rig.dma import Protocol, write_dma
 from pipelines.rig.session_text import dma_section, session_head
 from pipelines.rig.solids import SOLIDS
-from pipelines.session import SCHEMAS, init
+from pipelines.session import SCHEMAS, init, open_session, process
 
 SMALL = Protocol(temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()))
 

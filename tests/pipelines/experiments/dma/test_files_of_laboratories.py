@@ -11,8 +11,7 @@ from labpipe.materials import Prony, gather_sweeps
 from labpipe.units import Quantity
 from pipelines.experiments.dma import measured, model
 from pipelines.experiments.dma.settings import Dma, Export
-from pipelines.process import export, process, result
-from pipelines.session import init
+from pipelines.session import export, init, process, result
 
 SOLID = Prony(1e6, np.array([3e8, 1e8, 2e7]), np.array([1e-3, 1e-1, 1e1]), nu=0.35)
 RHO = np.geomspace(1e-6, 1e6, 60)

@@ -15,11 +15,11 @@ from labpipe import contact, files, materials
 from labpipe.materials import Prony
 from pipelines.experiments.harmonic import comparison, measured as harmonic, model, theory
 from pipelines.experiments.shared import punch_model
-from pipelines.process import open_session, process, result
 from pipelines.rig.indentation_session import oscillation_section
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.relaxations import TESTER
 from pipelines.rig.session_text import cell_record, session_head
+from pipelines.session import open_session, process, result
 from tests.pipelines.shown import texts_between
 
 START = datetime(2024, 5, 14, 9, 30)

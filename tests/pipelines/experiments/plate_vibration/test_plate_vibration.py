@@ -11,7 +11,6 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.uncertainty import linear_budget
-from pipelines.process import open_session, process, result
 from pipelines.rig.campaign import SMALL
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
@@ -19,6 +18,7 @@ from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import write_plate
 from pipelines.rig.samples import drop_section, laser_record, session_head, sweeps
 from pipelines.rig.session_text import from_dma, plate_laser_record
+from pipelines.session import open_session, process, result
 from tests.pipelines.asked import quantities
 from tests.pipelines.small import START
 

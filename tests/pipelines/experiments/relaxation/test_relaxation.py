@@ -20,11 +20,11 @@ from pipelines.experiments.relaxation import comparison, measured as relaxation,
 from pipelines.experiments.shared import mach1_readings, punch_model, ramps_and_holds
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
-from pipelines.process import open_session, process, result
 from pipelines.rig.indentation_session import relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, session_head
+from pipelines.session import open_session, process, result
 from tests.pipelines.asked import quantities
 from tests.pipelines.shown import texts_between
 

@@ -17,9 +17,9 @@ from labpipe.materials import Prony
 from labpipe.uncertainty import linear_budget
 from labpipe.units import quantity
 from pipelines.experiments.static_loading import comparison, load_steps, measured as static_loading, model
-from pipelines.process import open_session, process, result
 from pipelines.rig.session_text import laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
+from pipelines.session import open_session, process, result
 from tests.pipelines.asked import quantities
 
 START = datetime(2024, 5, 14, 9, 30)
