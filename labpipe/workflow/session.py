@@ -261,8 +261,7 @@ def load(
     document.finish()
     told = (head.title or files.name, head.operator, head.notes, head.synthetic)
     waits_of = {name: waiting[name] for name in places if name in waiting}
-    archive = files if head.files else None
-    return Session(root, *told, experiments, waits_of, head.licence, layout.creators, archive)
+    return Session(root, *told, experiments, waits_of, head.licence, layout.creators, files if head.files else None)
 
 
 def _of_line(problem: str) -> tuple[bool, str, int]:
