@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from labpipe import contact, materials
 from labpipe.arrays import Floats
-from labpipe.errors import LabpipeError
+from labpipe.errors import InputError, LabpipeError
 from labpipe.judging import IMPOSSIBLE, agreement
 from labpipe.materials import Prony
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row
@@ -59,19 +59,22 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
     warmer = _at_other_temperatures(temperature, source, material_file, fitted)
     solids = [resolve(sphere, material_file, fitted), *others.values(), *warmer.values()]
     gravity, height = settings.model.gravity.value, settings.height.value
-    made = contact.impacts(
-        solids,
-        sphere.radius.value,
-        sphere.mass.value,
-        height,
-        _FALLS * float(np.sqrt(2.0 * height / gravity)),
-        IMPACTS,
-        settings.model.profile,
-        _RTOL,
-        gravity=gravity,
-        plate=resolve_plate(settings.plate, plate),
-        substrate=counter_body_of(settings.counter_body),
-    )
+    try:
+        made = contact.impacts(
+            solids,
+            sphere.radius.value,
+            sphere.mass.value,
+            height,
+            _FALLS * float(np.sqrt(2.0 * height / gravity)),
+            IMPACTS,
+            settings.model.profile,
+            _RTOL,
+            gravity=gravity,
+            plate=resolve_plate(settings.plate, plate),
+            substrate=counter_body_of(settings.counter_body),
+        )
+    except InputError:
+        return []  # of no material can the stated sphere be simulated: its radius, mass or height is wrong
     columns = [
         np.zeros(len(solids)) if r.simulated is None else made[r.simulated[0]].values[:, r.simulated[1]] for r in rows
     ]

@@ -131,7 +131,7 @@ def restitution(fall: Fall) -> Check:
     worst = int(np.argmax(beyond))
     text = f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} at impact {worst + 1}"
     found = bounded(name, text, float(held[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
-    if beyond.size > 1 and np.all(beyond > DOUBTFUL):
+    if beyond.size > 1 and np.mean(beyond > DOUBTFUL) > 0.5:
         return replace(found, cause=BACKWARDS)
     if worst == 0 or (beyond[:worst] > DOUBTFUL).any():
         return found

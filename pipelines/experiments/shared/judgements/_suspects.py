@@ -43,6 +43,8 @@ _MOST, _MUCH, _SOME = 0.8, 0.5, 0.2
 _NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
 _SLIPS_OF = {"kg": "mass", "m": "size"}  # which factors are usual, by the unit of an input
 _BENT = 0.1  # relative, by which effects over such a factor leave a power law
+_MOST_COUNTED = 20
+"""Largest number of tips, or of anything else, that a count is tried as."""
 _SUSPECTS = 2  # inputs that are named where the model differs
 _CLOSE = 6.0
 """Difference of chi square within which an input explains as much as the one that explains most."""
@@ -251,8 +253,9 @@ def _slipped(scene: Scene, compared: Compared, ranked: Ranked, confirmed: Set[st
     that a check of the record has confirmed.
     """
     known, names = scene.inputs, compared.names
-    # a relative number has no unit to be typed wrongly, and a temperature no factor
-    typed = {name for name in names if known[name].value > 0.0 and known[name].si not in _NO_SLIP}
+    # a relative number has no unit to be typed wrongly, and a temperature no factor; a count is another count
+    counts = {name for name in names if name.startswith("number of ")}
+    typed = {name for name in names if known[name].value > 0.0 and known[name].si not in _NO_SLIP} | counts
     certain = {name for name in names if known[name].u or (scene.measured_by and name == _MODULUS)} | typed
     free = {e.name for _, alike in ranked if not certain.issuperset(o.name for o in alike) for e in alike}
     checks: list[Check] = []
@@ -272,7 +275,9 @@ def _slipped(scene: Scene, compared: Compared, ranked: Ranked, confirmed: Set[st
     causes = []
     for name in sorted(typed - confirmed):
         factors = SLIPS[_SLIPS_OF.get(known[name].si, "value")]
-        if free:  # where another input may have any value, a check names what is out of all proportion
+        if name in counts:
+            factors = tuple(known[name].value / n for n in range(1, _MOST_COUNTED + 1) if n != known[name].value)
+        elif free:  # where another input may have any value, a check names what is out of all proportion
             factors = tuple(k for k in factors if abs(log(k)) <= log(_DECIMAL))
         causes.append(Cause(powers[name], str, factors, only_usual=True, bend=_BENT, setting=name))
     if sum((check.log_ratio / check.u_log_ratio) ** 2 for check in checks) < DOUBTFUL**2:
