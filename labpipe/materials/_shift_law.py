@@ -113,20 +113,25 @@ class ShiftLaw:
             )
         return value
 
-    @property
-    def _slope_and_curvature(self) -> tuple[float, float]:
-        return self.parameters if self.name == "wlf" else (float("nan"), float("nan"))  # type: ignore[return-value]
+    def u_log10_aT(self, temperature: ArrayLike) -> Floats:
+        """Return the standard uncertainty of log10 a_T from the parameters' covariance."""
+        slope = law_slopes(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
+        return propagated_u(slope, self.covariance)
 
     @property
     def C1(self) -> float:
         """WLF constant C₁ (1); NaN for another law."""
-        m, q = self._slope_and_curvature
+        if self.name != "wlf":
+            return float("nan")
+        m, q = self.parameters
         return m / q if q != 0 else float("inf")
 
     @property
     def C2(self) -> float:
         """WLF constant C₂ in K; NaN for another law."""
-        q = self._slope_and_curvature[1]
+        if self.name != "wlf":
+            return float("nan")
+        q = self.parameters[1]
         return 1.0 / q if q != 0 else float("inf")
 
     @property
@@ -140,13 +145,16 @@ class ShiftLaw:
     @property
     def u_C1(self) -> float:
         """Standard uncertainty of C₁."""
-        m, q = self._slope_and_curvature
-        return float(propagated_u(np.array([1.0 / q, -m / q**2]), self.covariance)) if self.name == "wlf" else np.nan
+        m, q = self.parameters if self.name == "wlf" else (np.nan, np.nan)
+        slope = np.array([1.0 / q, -m / q**2])
+        return float(propagated_u(slope, self.covariance)) if self.name == "wlf" else np.nan
 
     @property
     def u_C2(self) -> float:
         """Standard uncertainty of C₂ in K."""
-        return float(np.sqrt(self.covariance[1, 1])) * self.C2**2 if self.name == "wlf" else np.nan
+        if self.name != "wlf":
+            return float("nan")
+        return float(np.sqrt(self.covariance[1, 1])) * self.C2**2
 
     @property
     def activation_energy(self) -> float:

@@ -9,7 +9,6 @@ partly cancel.
 
 import numpy as np
 import xarray as xr
-from scipy.linalg import block_diag
 
 from labpipe.arrays import Complexes, Floats
 from labpipe.materials.prony import Prony
@@ -41,8 +40,9 @@ def predictions(
     points = data.points
     half = points.omega.size
     undone = without_delay(points, found.fit) * np.exp(reference.ln_bT)
+    measured = np.concatenate([points.storage, points.loss])
     fitted = found.fit.predicted
-    residual = fitted / points.moduli - 1.0
+    residual = fitted / measured - 1.0
     at_reference = points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[points.isotherm]
     columns = {
         "reduced_frequency": (at_reference, "Hz", "frequency at the reference temperature"),
@@ -71,7 +71,9 @@ def overlap_of_neighbours(data: SweepData, log10_aT: Floats, covariance: Floats)
     """Return step, uncertainty and overlap of every pair of neighbouring temperatures."""
     order = np.argsort(data.temperature, kind="stable")
     cold, warm = order[:-1], order[1:]
-    low, high = data.points.reach(log10_aT)
+    place = np.log10(data.points.omega) + log10_aT[data.points.isotherm]
+    low = np.array([place[data.points.isotherm == k].min() for k in range(data.points.count)])
+    high = np.array([place[data.points.isotherm == k].max() for k in range(data.points.count)])
     squared = covariance[cold, cold] + covariance[warm, warm] - 2.0 * covariance[cold, warm]
     u_step = np.sqrt(np.maximum(squared, 0.0))
     shared = np.minimum(high[cold], high[warm]) - np.maximum(low[cold], low[warm])
@@ -104,8 +106,8 @@ def terms_of(prony: Prony, window: tuple[float, float]) -> xr.Dataset:
 
 def curve_and_modes(
     points: Points, found: Superposition, reference: Reference, window: tuple[float, float]
-) -> tuple[xr.Dataset, xr.Dataset, Floats]:
-    """Return the master curve over the covered window [Hz], the modes of its uncertainty, the covariance of log10 a_T.
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Return the master curve over the covered window [Hz] with its uncertainty, and the modes of that.
 
     The uncertainty joins that of the spectrum, widened by the lack of fit, that of the shifts, vertical law and delay,
     and the error of the temperature of the sweeps at the reference.
@@ -115,69 +117,79 @@ def curve_and_modes(
     """
     count = max(int(np.ceil(np.log10(window[1] / window[0]) * _CURVE_POINTS)), 1) + 1
     frequency = np.geomspace(window[0], window[1], count)
-    columns, value = _changes(points, found, reference, np.log(2.0 * np.pi * frequency) + _LN10 * reference.log10_aT)
-    isotherms, words = found.model.temperature, "frequency at the reference temperature"
-    curve = xr.Dataset(coords={"reduced_frequency": variable("reduced_frequency", frequency, "Hz", words)})
-    u = np.sqrt(np.sum(columns**2, axis=1))
+    ln_omega = np.log(2.0 * np.pi * frequency) + _LN10 * reference.log10_aT
+    columns, value = _changes(points, found, reference, ln_omega)
+    b_ref = float(np.exp(reference.ln_bT))
+    squared = np.sum(columns[: 2 * count] ** 2, axis=1)
+    variables = {}
     for name, part in (("storage", slice(count)), ("loss", slice(count, 2 * count))):
-        size, text = float(np.exp(reference.ln_bT)) * value[part], f"{name} modulus at the reference temperature"
-        curve[name] = variable("reduced_frequency", size, "Pa", text)
-        curve[f"u_{name}"] = variable("reduced_frequency", size * u[part], "Pa", f"standard uncertainty of the {text}")
-    factor = (curve["loss"] / curve["storage"]).variable
+        size, u = b_ref * value[part], b_ref * value[part] * np.sqrt(squared[part])
+        variables[name] = variable("reduced_frequency", size, "Pa", f"{name} modulus at the reference temperature")
+        variables[f"u_{name}"] = variable("reduced_frequency", u, "Pa", f"standard uncertainty of the {name} modulus")
+    words = "frequency at the reference temperature"
+    curve = xr.Dataset(variables, coords={"reduced_frequency": variable("reduced_frequency", frequency, "Hz", words)})
+    factor = curve["loss"] / curve["storage"]
     factor.attrs = described("1", "loss factor at the reference temperature")
     stored = np.unique(np.append(np.arange(0, count, _STORED), count - 1))
     rows = np.concatenate([stored, count + stored, np.arange(2 * count, columns.shape[0])])
     left, size, _ = np.linalg.svd(columns[rows], full_matrices=False)
     kept = min(int(np.searchsorted(np.cumsum(size**2) / np.sum(size**2), _KEPT)) + 1, _MOST_MODES)
-    ends = np.cumsum([stored.size, stored.size, isotherms.size])
-    changes = np.split((left[:, :kept] * size[:kept]).T, ends, axis=1)
-    names = (
-        ("mode_storage", "mode_frequency", "relative change of the storage modulus"),
-        ("mode_loss", "mode_frequency", "relative change of the loss modulus"),
-        ("mode_shift", "mode_temperature", "change of log10 a_T"),
-        ("mode_vertical", "mode_temperature", "change of ln b_T"),
-    )
+    made, half, isotherms = (left[:, :kept] * size[:kept]).T, stored.size, found.model.temperature
+    parts = {
+        "mode_storage": (made[:, :half], "mode_frequency", "relative change of the storage modulus"),
+        "mode_loss": (made[:, half : 2 * half], "mode_frequency", "relative change of the loss modulus"),
+        "mode_shift": (made[:, 2 * half : 2 * half + isotherms.size], "mode_temperature", "change of log10 a_T"),
+        "mode_vertical": (made[:, 2 * half + isotherms.size :], "mode_temperature", "change of ln b_T"),
+    }
     modes = xr.Dataset(
-        {n: variable(("mode", over), made, "1", text) for (n, over, text), made in zip(names, changes, strict=True)},
+        {name: variable(("mode", over), values, "1", text) for name, (values, over, text) in parts.items()},
         coords={
             "mode_frequency": variable("mode_frequency", frequency[stored], "Hz", words),
             "mode_temperature": variable("mode_temperature", isotherms, "degC", "temperature of an isotherm"),
         },
     )
-    by_shift = columns[2 * count : 2 * count + isotherms.size]
-    return curve.assign(loss_factor=factor), modes, by_shift @ by_shift.T
+    return curve.assign(loss_factor=factor), modes
 
 
 def _changes(points: Points, found: Superposition, reference: Reference, ln_omega: Floats) -> tuple[Floats, Floats]:
     """Return independent changes by one standard uncertainty as columns, and the curve in the frame of the fit.
 
     Rows are the relative changes of storage and loss at every frequency, then those of log10 a_T and of ln b_T of
-    every isotherm. They follow from the weights of the spectrum, from the outer parameters, which the spectrum
-    follows, and from the sweeps' own errors; the reference moves along the curve with the shifts that define it.
+    every isotherm.
     """
     model, fit = found.model, found.fit
-    shapes, active = moduli_of_terms(ln_omega, fit.grid.ln_time) * fit.grid.scale, fit.solution.coefficient > 0
-    value = shapes @ fit.solution.coefficient
-    by_weight = shapes[:, active] / value[:, None]
+    isotherms = model.temperature.size
+    value = _curve(fit, ln_omega) @ fit.solution.coefficient
+    active = fit.solution.coefficient > 0
+    spread = _root(found.lack_of_fit * np.asarray(np.linalg.pinv(fit.normal, hermitian=True), dtype=np.float64))
+    own_of_spectrum = _curve(fit, ln_omega)[:, active] @ spread / value[:, None]
+    columns = [np.vstack([own_of_spectrum, np.zeros((2 * isotherms, spread.shape[1]))])]
+    if not model.size:
+        return np.column_stack(columns), value
     per_decade = np.concatenate([_LN10 * np.gradient(part, ln_omega) for part in np.split(value, 2)]) / value
-    followed = solve_normal(fit.normal, fit.rows.T @ sensitivity(points, fit, model))
-    by_outer = np.outer(per_decade, reference.shift_by_parameter) + reference.vertical_by_parameter
+    # Shifts, vertical law and delay, the spectrum following them; the reference moves along the curve with
+    # the shifts that define it.
+    coupling = fit.rows.T @ sensitivity(points, fit, model)
+    curve = -_curve(fit, ln_omega)[:, active] @ solve_normal(fit.normal, coupling) / value[:, None]
+    curve += np.outer(per_decade, reference.shift_by_parameter) + reference.vertical_by_parameter
     shift, vertical, _ = model.directions(fit.state)
-    none = np.zeros((shift.shape[0], by_weight.shape[1]))
-    apart = np.eye(shift.shape[0]) - reference.share
-    response = np.block(
-        [
-            [by_weight, by_outer - by_weight @ followed, np.outer(per_decade, reference.share)],
-            [none, shift - reference.shift_by_parameter, apart],
-            [none, vertical - reference.vertical_by_parameter, 0.0 * apart],
-        ]
-    )
-    spectrum = found.lack_of_fit * np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
-    return response @ block_diag(_root(spectrum), _root(found.covariance), np.diag(reference.own)), value
+    shift, vertical = shift - reference.shift_by_parameter, vertical - reference.vertical_by_parameter
+    columns.append(np.vstack([curve, shift, vertical]) @ _root(found.covariance))
+    none = np.zeros((isotherms, isotherms))
+    own = (np.eye(isotherms) - reference.share) * reference.own
+    columns.append(np.vstack([np.outer(per_decade, reference.share * reference.own), own, none]))
+    rest = _root(reference.covariance - shift @ found.covariance @ shift.T - own @ own.T)
+    columns.append(np.vstack([np.zeros((value.size, rest.shape[1])), rest, none[:, : rest.shape[1]]]))
+    return np.column_stack(columns), value
+
+
+def _curve(fit: Fit, ln_omega: Floats) -> Floats:
+    """Return storage and, below it, loss (2 frequency, column) per coefficient of the fit."""
+    return moduli_of_terms(ln_omega, fit.grid.ln_time) * fit.grid.scale
 
 
 def _root(covariance: Floats) -> Floats:
     """Return columns whose squares sum to a covariance; parts that rounding made negative are left out."""
     size, vectors = np.linalg.eigh(covariance)
-    kept = size > 1e-12 * np.max(size, initial=0.0)
+    kept = size > 1e-12 * max(float(size[-1]), 0.0)
     return np.asarray(vectors[:, kept] * np.sqrt(size[kept]))

@@ -8,10 +8,10 @@ Model of isotherm k at the angular frequency ω (rad/s):
 
 with the horizontal shift a, the vertical shift b and the delay d of the instrument's phase. The
 spectrum enters linearly and is eliminated (variable projection): for every set of shifts the
-best non-negative spectrum is one small least-squares problem, and the outer iteration sees only
-shifts, vertical parameters and the delay. Its Jacobian is the data's sensitivity to those, less
-what a change of the spectrum could imitate (Kaufman's form); the inverse of its normal matrix is
-their covariance.
+best non-negative spectrum is one small least-squares problem, and the outer Levenberg-Marquardt
+iteration sees only shifts, vertical parameters and the delay. Its matrix is the data's
+sensitivity to those, less what a change of the spectrum could imitate (Kaufman's form); the
+inverse of that matrix is their covariance.
 
 References
 ----------
@@ -20,10 +20,10 @@ Kaufman, BIT 15 (1975) 49, doi:10.1007/BF01932995.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
 from labpipe.materials.spectrum import (
@@ -41,13 +41,15 @@ from labpipe.materials.spectrum import (
 from labpipe.materials.superposition._parameters import OuterModel, State
 
 _LN10 = float(np.log(10.0))
-# The active set of the spectrum may flicker near the end, so the cost is watched, not the gradient.
+# Levenberg-Marquardt: first damping relative to the diagonal, its factors, and the stop. The
+# active set of the spectrum may flicker near the end, so the cost is watched, not the gradient.
+_FIRST_DAMPING = 1e-3
+_DAMPING_DOWN, _DAMPING_UP = 0.2, 8.0
+_LEAST_DAMPING, _MAX_DAMPING = 1e-9, 1e8
 _COST_TOLERANCE = 1e-5
-_MAX_EVALUATIONS = 80
+_MAX_ITERATIONS = 40
 # No shift moves further than this in one step (decades): the model is linear only so far.
 _MAX_STEP_DECADES = 0.7
-# A residual that refuses a trial.
-_REFUSED = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,38 +66,27 @@ class Points:
     loss: Floats
     count: int
 
-    @property
-    def moduli(self) -> Floats:
-        """Storage, then loss (2 point,) [Pa]."""
-        return np.concatenate([self.storage, self.loss])
-
-    def reach(self, log10_aT: Floats) -> tuple[Floats, Floats]:
-        """Return the ends (isotherm,) of the sweeps on the master curve, log10 of rad/s."""
-        place = np.log10(self.omega) + log10_aT[self.isotherm]
-        parts = [place[self.isotherm == k] for k in range(self.count)]
-        return np.array([part.min() for part in parts]), np.array([part.max() for part in parts])
-
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """One evaluated state: spectrum, residuals, and the least-squares problem there.
+    """One evaluated state: spectrum, residuals, and the outer least-squares problem there.
 
     ``residual`` (2 point,): Weighted residuals, storage first. ``predicted`` (2 point,) [Pa]. ``rows`` (2 point,
-    column), ``rough`` (row, column): Weighted design matrix and penalty of the active columns. ``normal`` (column,
-    column): Their penalised normal matrix. ``by_shift`` (2 point,): Weighted change of every prediction with its own
-    ln a.
+    column): Weighted design matrix of the active columns. ``normal`` (column, column): Penalised normal matrix of the
+    active columns. ``by_shift``, ``by_vertical``, ``by_delay`` (2 point,): Weighted change of every prediction with
+    its own ln a, ln b, and with the delay.
     """
 
     state: State
     grid: Grid
     solution: Solution
-    weight: Floats
     residual: Floats
     predicted: Floats
     rows: Floats
-    rough: Floats
     normal: Floats
     by_shift: Floats
+    by_vertical: Floats
+    by_delay: Floats
 
     @property
     def cost(self) -> float:
@@ -129,13 +120,15 @@ def evaluate(
     ``strength`` None chooses the smoothing by cross-validation, walking from ``near`` if given.
     A ``guess`` is the solution at a nearby state, with the strength to keep.
     """
-    storage, loss = maxwell_shapes(reduced(points, state), grid.ln_time)
-    factor = np.exp(state.ln_bT[points.isotherm] + 1j * points.omega * state.delay)
-    terms = factor[:, None] * np.column_stack([storage + 1j * loss, np.ones(points.omega.size)]) * grid.scale
-    rows = np.vstack([terms.real, terms.imag]) * weight[:, None]
-    measured = points.moduli
+    shapes = maxwell_shapes(reduced(points, state), grid.ln_time)
+    vertical = np.exp(state.ln_bT[points.isotherm])
+    phase = points.omega * state.delay
+    turn, lean = np.cos(phase) * vertical, np.sin(phase) * vertical
+    rows = _design(shapes, turn, lean, grid, weight)
+    measured = np.concatenate([points.storage, points.loss])
     target = measured * weight
-    solution = None if guess is None else solve_nearby(rows, target, grid.penalty, guess)
+    gram = rows.T @ rows if guess is not None else None
+    solution = None if guess is None or gram is None else solve_nearby(rows, target, gram, grid.penalty, guess)
     if solution is None:
         system = compress(rows, target)
         if strength is None:
@@ -146,53 +139,81 @@ def evaluate(
     active = coefficient > 0
     predicted = rows @ coefficient / weight
     # d/d ln ω of the two shapes: 2 L² and L (1 − 2 S).
-    slope = factor * ((2.0 * loss**2 + 1j * loss * (1.0 - 2.0 * storage)) @ (coefficient * grid.scale)[:-1])
-    used, rough = rows[:, active], np.sqrt(solution.strength) * grid.penalty[:, active]
+    weights = coefficient[:-1] * grid.scale[:-1]
+    storage, loss = shapes
+    storage_slope = 2.0 * loss**2 @ weights
+    loss_slope = (loss * (1.0 - 2.0 * storage)) @ weights
+    half = points.omega.size
+    by_shift = np.concatenate([turn * storage_slope - lean * loss_slope, lean * storage_slope + turn * loss_slope])
+    by_delay = np.concatenate([-points.omega * predicted[half:], points.omega * predicted[:half]])
+    used = rows if active.all() else rows[:, active]
+    normal = used.T @ used if gram is None else gram[np.ix_(active, active)]
+    normal = normal + solution.strength * grid.penalty[:, active].T @ grid.penalty[:, active]
     return Fit(
         state=state,
         grid=grid,
         solution=solution,
-        weight=weight,
         residual=(measured - predicted) * weight,
         predicted=predicted,
         rows=used,
-        rough=rough,
-        normal=used.T @ used + rough.T @ rough,
-        by_shift=np.concatenate([slope.real, slope.imag]) * weight,
+        normal=normal,
+        by_shift=by_shift * weight,
+        by_vertical=predicted * weight,
+        by_delay=by_delay * weight,
     )
+
+
+def _design(shapes: tuple[Floats, Floats], turn: Floats, lean: Floats, grid: Grid, weight: Floats) -> Floats:
+    """Return storage and loss of every term and of the relaxed modulus, weighted, (2 point, term + 1).
+
+    ``turn`` and ``lean`` are the vertical factor times cosine and sine of the phase error.
+    """
+    half, terms = shapes[0].shape
+    design = np.empty((2 * half, terms + 1))
+    for part, w, first, sign, second in (
+        (design[:half], weight[:half], 0, -1.0, 1),
+        (design[half:], weight[half:], 1, 1.0, 0),
+    ):
+        np.multiply(shapes[first], (w * turn)[:, None], out=part[:, :-1])
+        if lean.any():
+            part[:, :-1] += (sign * w * lean)[:, None] * shapes[second]
+    design[:half, -1], design[half:, -1] = weight[:half] * turn, weight[half:] * lean
+    design *= grid.scale
+    return design
 
 
 def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Floats:
     """Return the weighted change of every prediction per outer parameter, spectrum held."""
     shift, vertical, delay = model.directions(fit.state)
-    index = np.tile(points.isotherm, 2)
-    storage, loss = np.split(fit.predicted, 2)
-    by_delay = np.concatenate([-points.omega * loss, points.omega * storage])
+    index = np.concatenate([points.isotherm, points.isotherm])
     return np.asarray(
         fit.by_shift[:, None] * (_LN10 * shift[index])
-        + (fit.predicted * fit.weight)[:, None] * vertical[index]
-        + (by_delay * fit.weight)[:, None] * delay
+        + fit.by_vertical[:, None] * vertical[index]
+        + fit.by_delay[:, None] * delay
     )
 
 
-def outer_residuals(fit: Fit, model: OuterModel) -> Floats:
-    """Return the residuals (row,) of the outer problem: of the data, the penalty on the spectrum, the expectations."""
-    pull, target = model.expected
-    active = fit.solution.coefficient[fit.solution.coefficient > 0]
-    return np.concatenate([fit.residual, -fit.rough @ active, target - pull @ fit.state.parameters])
-
-
-def outer_jacobian(points: Points, fit: Fit, model: OuterModel) -> Floats:
-    """Return the change (row, parameter) of the predictions behind those residuals, the spectrum following."""
-    change = sensitivity(points, fit, model)
-    followed = solve_normal(fit.normal, fit.rows.T @ change)
-    return np.vstack([change - fit.rows @ followed, -fit.rough @ followed, model.expected[0]])
-
-
 def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
-    """Return normal matrix and gradient of the outer parameters, the spectrum following."""
-    jacobian = outer_jacobian(points, fit, model)
-    return jacobian.T @ jacobian, jacobian.T @ outer_residuals(fit, model)
+    """Return normal matrix and gradient of the outer parameters, expectation included.
+
+    The spectrum follows. A point knows the parameters only through shift and level of its own
+    isotherm and the delay, so sums over each isotherm hold all that :func:`sensitivity` would.
+    """
+    by = np.column_stack([fit.by_shift, fit.by_vertical, fit.by_delay])
+    both = np.column_stack([by, fit.residual, fit.rows])
+    isotherm = np.concatenate([points.isotherm, points.isotherm])
+    order = np.argsort(isotherm, kind="stable")
+    ends = np.searchsorted(isotherm[order], np.arange(points.count + 1))
+    both = both[order]
+    sums = np.stack([both[a:b, :3].T @ both[a:b] for a, b in pairwise(ends.tolist())])
+    shift, vertical, delay = model.directions(fit.state)
+    along = np.stack([_LN10 * shift, vertical, np.broadcast_to(delay, shift.shape)], axis=1)
+    along, flat = along.reshape(-1, model.size), sums.reshape(-1, sums.shape[2])
+    own = (sums[:, :, :3] @ along.reshape(points.count, 3, -1)).reshape(along.shape)
+    coupling = flat[:, 4:].T @ along
+    normal = along.T @ own - coupling.T @ solve_normal(fit.normal, coupling)
+    more_normal, more_gradient = model.pull(fit.state)
+    return normal + more_normal, along.T @ flat[:, 3] + more_gradient
 
 
 def minimise(
@@ -201,31 +222,19 @@ def minimise(
     fit: Fit,
     model: OuterModel,
     tolerance: float = _COST_TOLERANCE,
-    evaluations: int = _MAX_EVALUATIONS,
+    iterations: int = _MAX_ITERATIONS,
 ) -> Fit:
     """Move the outer parameters to the least cost, on the grid and smoothing of a first fit."""
-    if not model.size:
-        return fit
-    accepted = last = fit
-    refused = np.full(outer_residuals(fit, model).size, _REFUSED)
-
-    def residuals(parameters: Floats) -> Floats:
-        nonlocal last
-        state = model.state(parameters)
-        if state is None or np.max(np.abs(state.log10_aT - accepted.state.log10_aT)) > _MAX_STEP_DECADES:
-            return refused
-        if not np.array_equal(parameters, last.state.parameters):
-            last = evaluate(points, weight, fit.grid, state, fit.solution.strength, guess=accepted.solution)
-        return outer_residuals(last, model)
-
-    def slopes(parameters: Floats) -> Floats:
-        nonlocal accepted
-        accepted = last
-        return -outer_jacobian(points, last, model)
-
-    first = fit.state.parameters
-    least_squares(residuals, first, slopes, ftol=tolerance, xtol=1e-6, gtol=None, max_nfev=evaluations, x_scale="jac")
-    return accepted
+    damping = _FIRST_DAMPING
+    for _ in range(iterations if model.size else 0):
+        problem = outer_problem(points, fit, model)
+        trial, damping = _damped_step(points, weight, fit, model, problem, damping)
+        if trial is None:
+            break
+        gain, fit = total_cost(fit, model) - total_cost(trial, model), trial
+        if gain <= tolerance * fit.cost:
+            break
+    return fit
 
 
 def total_cost(fit: Fit, model: OuterModel) -> float:
@@ -245,3 +254,23 @@ def predictive_cost(fit: Fit, model: OuterModel) -> float:
     Mallows, Technometrics 15 (1973) 661, doi:10.1080/00401706.1973.10489103.
     """
     return fit.solution.misfit + 2.0 * fit.solution.freedom + model.pull_cost(fit.state)
+
+
+def _damped_step(
+    points: Points, weight: Floats, fit: Fit, model: OuterModel, problem: tuple[Floats, Floats], damping: float
+) -> tuple[Fit | None, float]:
+    """Raise the damping until a step lowers the cost; None when no step does."""
+    normal, gradient = problem
+    diagonal = np.diag(normal).copy()
+    diagonal[diagonal <= 0] = 1.0
+    least = total_cost(fit, model)
+    while damping < _MAX_DAMPING:
+        step = solve_normal(normal + damping * np.diag(diagonal), gradient)
+        state = model.state(fit.state.parameters + step)
+        if state is not None and np.max(np.abs(state.log10_aT - fit.state.log10_aT)) <= _MAX_STEP_DECADES:
+            strength = fit.solution.strength
+            trial = evaluate(points, weight, fit.grid, state, strength, guess=fit.solution)
+            if total_cost(trial, model) < least:
+                return trial, max(damping * _DAMPING_DOWN, _LEAST_DAMPING)
+        damping *= _DAMPING_UP
+    return None, damping

@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from labpipe.arrays import Floats
@@ -25,8 +26,15 @@ from labpipe.materials._shift_law import LawName
 from labpipe.materials._step_tests import with_responses
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._model_selection import Options, superpose
-from labpipe.materials.superposition._parameters import GLASS, VERTICAL_SIZE, Horizontal, OuterModel, Vertical
-from labpipe.materials.superposition._points import read_sweeps
+from labpipe.materials.superposition._parameters import (
+    GLASS,
+    SLOPE_SPREAD,
+    VERTICAL_SIZE,
+    Horizontal,
+    OuterModel,
+    Vertical,
+)
+from labpipe.materials.superposition._points import SweepData, read_sweeps
 from labpipe.materials.superposition._result import MasterCurve, assembled
 from labpipe.materials.superposition._sweeps import Mode, gather_sweeps, loading_asked_for
 from labpipe.units import Measure, si
@@ -46,6 +54,10 @@ def master_curve(
     vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto",
     delay: bool | Literal["auto"] = "auto",
     levels: bool | Literal["auto"] = "auto",
+    robust: bool = True,
+    noise_ratio: float | None = None,
+    shifts: ArrayLike | None = None,
+    refine: bool = True,
     nu: float | None = None,
     mode: Mode | None = None,
 ) -> MasterCurve:
@@ -70,9 +82,18 @@ def master_curve(
     delay : bool or "auto"
         Lag of the instrument's phase by a constant time.
     levels : bool or "auto"
-        A small level of its own (2 %) of every sweep about the vertical law, as after clamping or
-        tempering the sample anew; kept apart in ``level``, not part of b_T. "auto" gives it to
-        sweeps that do not superpose otherwise.
+        A small level of its own of every sweep about the vertical law, as after
+        clamping or tempering the sample anew; kept apart in ``level``, not part of b_T.
+    robust : bool
+        Leave out readings that lie far off their own sweep (more than a third), and weaken
+        residuals beyond three standard deviations.
+    noise_ratio : float, optional
+        Relative noise of the loss over that of the storage modulus; default estimated from the
+        residuals. 10 makes the storage modulus dominate, for glasses whose loss is not trusted.
+    shifts : array (temperature,), optional
+        Hand-set log10 a_T, in the order of the sweeps, relative to any temperature.
+    refine : bool
+        Use hand-set shifts as the start of the fit (True) or as they are (False).
     nu : float
         Poisson's ratio of the material, handed on to ``prony``. Of readings it has to be given; of
         ``storage`` and ``loss`` it is 0.5 unless given.
@@ -97,11 +118,10 @@ def master_curve(
 
     Notes
     -----
-    Residuals are relative to the noise of either modulus, which they show themselves. Readings far
-    off their own sweep (more than a third) are left out, residuals beyond three standard deviations
-    weakened. Free shifts carry a weak expectation of how polymers shift (:func:`.expected_shifts`),
-    which matters only where the data say nothing. Uncertainties come from the projected normal
-    matrix and take the model (superposition, one spectrum) for granted.
+    Residuals are relative to the noise of either modulus. Free shifts carry a weak expectation
+    of how polymers shift (:func:`.expected_shifts`), which matters
+    only where the data say nothing. Uncertainties come from the projected normal matrix and
+    take the model (superposition, one spectrum) for granted.
 
     References
     ----------
@@ -113,7 +133,7 @@ def master_curve(
     >>> curve.at(39.0).relaxation(1e-3)  # doctest: +SKIP
     """
     sweeps, nu = _in_tension(sweeps, mode, nu)
-    data = read_sweeps(sweeps)
+    data = read_sweeps(sweeps, robust)
     points, temperature = data.points, data.temperature
     for name, value, allowed in (
         ("law", law, (None, "wlf", "arrhenius")),
@@ -123,7 +143,11 @@ def master_curve(
     ):
         if value not in allowed:
             raise InputError(f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}")
-    horizontal: Horizontal = "fixed" if points.count == 1 else law or "free"
+    if noise_ratio is not None and not (np.isfinite(noise_ratio) and noise_ratio > 0):
+        raise InputError(f"noise_ratio = {noise_ratio}: expected a positive number (loss over storage)")
+    given = None if shifts is None else _given_shifts(shifts, sweeps, data)
+    is_fixed = points.count == 1 or (given is not None and not refine)
+    horizontal: Horizontal = "fixed" if is_fixed else law or "free"
     reference = int(np.argsort(temperature, kind="stable")[temperature.size // 2])
     where = float(temperature[reference]) if T_ref is None else si(T_ref, "degC", "T_ref")
     _check_reference(temperature, where, horizontal)
@@ -131,20 +155,23 @@ def master_curve(
     model = OuterModel(
         temperature=temperature,
         reference=reference,
-        given=np.zeros(points.count),
+        given=np.zeros(points.count) if given is None else given - given[reference],
         delay_unit=1.0 / float(np.max(points.omega)),
         horizontal=horizontal,
-        is_sloped=vertical == "auto" and is_glass,
+        slope_spread=SLOPE_SPREAD if vertical == "auto" and is_glass else 0.0,
     )
     options = Options(
-        _verticals(vertical, points, is_glass),
-        None if delay == "auto" else delay,
+        verticals=_verticals(vertical, points, is_glass),
+        delay=None if delay == "auto" else delay,
         # Levels need enough isotherms to separate their spread from a law.
-        False if points.count < _LEVELS_NEED else None if levels == "auto" else levels,
+        levels=False if points.count < _LEVELS_NEED else None if levels == "auto" else levels,
+        robust=robust,
+        noise_ratio=noise_ratio,
     )
+    starts = (("given", model.given),) if given is not None or is_fixed else None
     # Thousands of small systems: more threads of linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        return assembled(sweeps, data, superpose(points, model, options), where, nu)
+        return assembled(sweeps, data, superpose(points, model, options, starts), where, nu)
 
 
 def _in_tension(
@@ -179,6 +206,17 @@ def _verticals(vertical: str, points: Points, is_glass: bool) -> tuple[Vertical,
         laws = tuple(law for law in VERTICAL_SIZE if not (law == "rho_T" and is_glass))
         return laws if points.count > 3 else ("none",)
     return (vertical,)  # type: ignore[return-value]
+
+
+def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Floats:
+    values = np.asarray(shifts, dtype=float)
+    count = sweeps.sizes["temperature"]
+    if values.shape != (count,) or not np.isfinite(values[data.kept]).all():
+        raise InputError(
+            f"shifts has shape {values.shape}; expected one finite log10 a_T for each of the "
+            f"{count} temperatures, in their order"
+        )
+    return values[data.kept]
 
 
 def _check_reference(temperature: Floats, T_ref: float, horizontal: Horizontal) -> None:

@@ -1,8 +1,8 @@
 """The whole fit of a master curve: starts, noise levels, smoothing, and the laws that the data need.
 
-The joint fit of :mod:`._joint_fit` is run from a few starts, then repeated with the noise levels and the
-smoothing that its residuals ask for. A law of the vertical factor and a delay of the instrument's phase are added
-where Schwarz's criterion is strongly in favour of them.
+The joint fit of :mod:`._joint_fit` is run from two or three starts, then repeated with the noise levels and
+the smoothing that its residuals ask for. A vertical factor, a delay of the instrument's phase and levels of
+the sweeps are added one at a time, as long as Schwarz's criterion is strongly in favour of them.
 """
 
 from collections.abc import Sequence
@@ -12,25 +12,25 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.materials._shift_law import fit_law
-from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
+from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE, Grid
 from labpipe.materials.superposition._joint_fit import (
     Fit,
     Points,
     evaluate,
     grid_for,
     minimise,
-    outer_jacobian,
     outer_problem,
     predictive_cost,
+    sensitivity,
     total_cost,
 )
 from labpipe.materials.superposition._noise import (
-    VIOLATED,
     Noise,
+    Scatter,
     design_effect,
-    noise_of,
+    first_noise,
+    next_noise,
     scatter_of_sweeps,
-    with_misfit,
 )
 from labpipe.materials.superposition._pairwise_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._parameters import (
@@ -45,16 +45,16 @@ from labpipe.materials.superposition._parameters import (
 from labpipe.uncertainty import propagated_variance
 from labpipe.units import ZERO_CELSIUS
 
-# Laws may be revised once, after the noise levels have followed the first choice.
-_MAX_CHOICES = 4
+# Vertical law, delay and levels are added one at a time, and may each be revised once.
+_MAX_EXTENSIONS = 5
 # Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
 # Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
 _STRONG_EVIDENCE = 6.0
 # Smoothing for comparing starts, in units of the noise, and one that biases no shift.
 _STIFF, _UNBIASED = 100.0, 1.0
-# Starts and candidates are compared before they have settled to the last digit: tolerance and evaluations.
-_STARTING, _SCREENING = (1e-4, 20), (1e-3, 12)
-# A law through the best start is another; it needs more isotherms than it has constants.
+# Starts and candidates are compared before they have settled to the last digit: tolerance and iterations.
+_STARTING, _SCREENING = (1e-4, 12), (1e-3, 8)
+# A law through the best start is a third start; it needs more isotherms than it has constants.
 _LAW_NEEDS, _LAW_ROUGHNESS = 3, 0.1
 # Starts that differ by less (decades) end in the same minimum.
 _SAME_BASIN = 0.3
@@ -65,8 +65,11 @@ _MAX_PASSES, _NOISE_SETTLED = 6, 0.02
 # Residuals beyond this many standard deviations count with their root only (Huber); normal
 # noise exceeds it once in 370 points, so clean data lose nothing.
 _HUBER = 3.0
-# Relative noise where sweeps are too short to show theirs.
-_ASSUMED_NOISE = 0.02
+# First and extreme standard deviations of the levels (relative): clamping a sample anew moves its
+# modulus by some percent.
+_FIRST_LEVELS, _LEAST_LEVELS, _MOST_LEVELS = 0.02, 0.002, 0.1
+# Strengths of the smoothing that may be the right one, in units of the chosen one.
+_STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 # Odds of a slope before the data; even odds would make the limits of materials without one too wide.
 _ODDS = 1.0 / 3.0
 # Delay (s) of the phase of an instrument, in order of size: public exports show 20 to 120 microseconds.
@@ -75,93 +78,92 @@ _DELAY = 5e-5
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Choices of the user; of several ``verticals``, and of ``delay`` None, the criterion chooses.
-
-    ``levels`` None: for sweeps that do not superpose otherwise.
-    """
+    """Choices of the user; of several ``verticals``, and of ``delay`` and ``levels`` None, the criterion chooses."""
 
     verticals: tuple[Vertical, ...] = ("none",)
     delay: bool | None = False
     levels: bool | None = False
-    scatter: Noise | None = None
+    robust: bool = True
+    noise_ratio: float | None = None
+    scatter: Scatter | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Superposition:
     """A settled joint fit with the covariance of its outer parameters.
 
-    ``covariance`` (parameter, parameter): Of the outer parameters, the spectrum having followed. ``weight`` (2
-    point,): One over the noise, that of outliers reduced. ``starts``: Name of every start, its final cost in units of
-    the noise, and the largest difference of its shifts from the best ones (decades). ``violation``: Noise of the fit
-    over scatter of the sweeps, of the worse modulus; one where sweeps are too short. ``lack_of_fit``: Factor on
-    variances by the lack of fit. ``refused``: Vertical laws that fit only with factors of no material.
+    ``covariance`` (parameter, parameter): Of the outer parameters, the spectrum having followed. ``standardised`` (2
+    point,): Residuals in units of the noise, storage first, outliers not weakened. ``starts``: Name of every start,
+    its final cost in units of the noise, and the largest difference of its shifts from the best ones (decades).
+    ``violation``: Noise of the fit over scatter of the sweeps, of the worse modulus; one where sweeps are too short.
+    ``lack_of_fit``: Factor on variances by the lack of fit. ``refused``: Vertical laws that fit only with factors of
+    no material.
     """
 
     model: OuterModel
     fit: Fit
     noise: Noise
     covariance: Floats
-    weight: Floats
+    standardised: Floats
     starts: tuple[tuple[str, float, float], ...] = ()
     violation: float = 1.0
     lack_of_fit: float = 1.0
     refused: tuple[Vertical, ...] = ()
 
 
-def superpose(points: Points, model: OuterModel, options: Options) -> Superposition:
+def superpose(
+    points: Points, model: OuterModel, options: Options, starts: Sequence[tuple[str, Floats]] | None = None
+) -> Superposition:
     """Fit shifts, spectrum and the laws that the data need.
 
-    ``model`` holds the horizontal law and the slope of a glass.
+    ``model`` holds the horizontal law and the slope of a glass; ``starts`` are named first estimates of log10 a_T, by
+    default the pairwise scan and the overlap.
     """
     scatter = scatter_of_sweeps(points)
-    noise = scatter or Noise(_ASSUMED_NOISE, _ASSUMED_NOISE)
+    noise = first_noise(scatter, options.noise_ratio)
     options = replace(options, scatter=scatter)
-    base = replace(
-        model, vertical=options.verticals[0], has_delay=options.delay is True, has_levels=options.levels is True
-    )
-    # A delay bends the loss of every sweep: the starts allow for one.
-    (model, fit), ends = _best_start(points, replace(base, has_delay=options.delay is not False), noise)
-    if options.delay is None:
-        model = replace(model, has_delay=False)
-        start = evaluate(points, _weights(points, noise), fit.grid, model.start(fit.state), fit.solution.strength)
-        fit = minimise(points, _weights(points, noise), start, model, *_SCREENING)
-    current = _settled_finely(points, model, fit, noise, options)
+    spread = _FIRST_LEVELS if options.levels is True else 0.0
+    base = replace(model, vertical=options.verticals[0], has_delay=options.delay is True, level_spread=spread)
+    first, ends = _best_start(points, base, noise, starts)
+    current = _settled_finely(points, *first, noise, options)
     refused: tuple[Vertical, ...] = ()
-    for _ in range(_MAX_CHOICES):
-        better = _better(points, current, options)
-        if better is None:
+    for _ in range(_MAX_EXTENSIONS):
+        extended = _extended(points, current, options)
+        if extended is None:
             break
-        further = _settled_finely(points, *better, current.noise, options)
+        law = extended[0].vertical
+        further = _settled_finely(points, *extended, current.noise, options)
         if is_physical(further.fit.state.ln_bT, base.temperature, base.T0, float(points.storage.min())):
             current = further
+        elif law == current.model.vertical:
+            options = replace(options, levels=False)
         else:
             # It made up for sweeps that do not superpose: better a misfit that shows.
-            law = better[0].vertical
             options = replace(options, verticals=tuple(v for v in options.verticals if v != law))
             refused = (*refused, law)
-    noise, widened = current.noise, design_effect(current.noise, scatter, points)
-    violation = 1.0 if scatter is None else max(noise.over(scatter))
-    covariance = widened * current.covariance
+    found = current
+    noise, widened = found.noise, design_effect(found.noise, scatter, points)
+    violation = 1.0 if scatter is None else max(noise.storage / scatter.storage, noise.loss / scatter.loss)
+    covariance = widened * found.covariance
     found = replace(
-        current, covariance=covariance, starts=ends, violation=violation, lack_of_fit=widened, refused=refused
+        found, covariance=covariance, starts=ends, violation=violation, lack_of_fit=widened, refused=refused
     )
     # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
     return _with_possible_laws(points, _with_model_uncertainty(points, found, options), options)
 
 
 def _best_start(
-    points: Points, model: OuterModel, noise: Noise
+    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None
 ) -> tuple[tuple[OuterModel, Fit], tuple[tuple[str, float, float], ...]]:
     """Run the joint fit from every start; return the best one, and the ends of all."""
-    weight, starts = _weights(points, noise), [("given", model.given)]
-    if model.horizontal != "fixed":
-        ways = (("overlap", overlapped_shifts), ("scan", scanned_shifts))
-        starts = [(name, way(points, model.temperature, model.start().ln_bT)) for name, way in ways]
-        apart = starts[0][1] - starts[1][1]
-        if np.max(np.abs(apart - apart[model.reference])) < _SAME_BASIN:
-            starts = starts[:1]
+    weight, is_searched = _weights(points, noise), starts is None
+    if starts is None:
+        arguments = points, model.temperature, model.start().ln_bT
+        found = (("overlap", overlapped_shifts(*arguments)), ("scan", scanned_shifts(*arguments)))
+        apart = found[0][1] - found[1][1]
+        starts = found[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < _SAME_BASIN else 2]
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
-    if model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
+    if is_searched and model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
         # A sweep without loss in common with its neighbours fits anywhere: start from the law of all others too.
         runs.append(_run(points, weight, model, "law", _on_a_law(points, *min(runs, key=lambda run: run[1])[2:])))
     runs.sort(key=lambda run: run[1])
@@ -201,52 +203,80 @@ def _on_a_law(points: Points, fit: Fit, model: OuterModel) -> Floats:
 def _settled_finely(points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options) -> Superposition:
     """Settle a fit, on a finer grid of times as long as that predicts much better.
 
-    A single relaxation time between two of the grid leaves a misfit that a delay would
+    A single relaxation time between two of the grid leaves a misfit that delays and levels would
     be called for; so this comes before them. After a law has come, the grid starts coarse again.
     """
-    current = _settled(points, model, fit, noise, options.scatter, TERMS_PER_DECADE)
+    current = _settled(points, model, fit, noise, options, TERMS_PER_DECADE)
     while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE:
         fit, model = current.fit, current.model
+        weight = _robust_weights(points, current, options)
         density, strength = fit.grid.terms_per_decade, fit.solution.strength
         present, finer = (
-            evaluate(points, current.weight, grid_for(points, fit.state, count), fit.state, None, strength)
+            evaluate(points, weight, grid_for(points, fit.state, count), fit.state, None, strength)
             for count in (density, 2 * density)
         )
         gain = predictive_cost(present, model) - predictive_cost(finer, model)
         if gain < _STRONG_EVIDENCE * design_effect(current.noise, options.scatter, points):
             break
-        current = _settled(points, model, finer, current.noise, options.scatter, 2 * density)
+        current = _settled(points, model, finer, current.noise, options, 2 * density)
     return current
 
 
 def _settled(
-    points: Points, model: OuterModel, fit: Fit, noise: Noise, scatter: Noise | None, density: float
+    points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options, density: float
 ) -> Superposition:
     """Repeat fit, noise and smoothing until the noise levels do not change any more."""
+    expected = fit.predicted
     near: float | None = None
-    measured, half = points.moduli, points.omega.size
+    measured = np.concatenate([points.storage, points.loss])
+    standardised = (measured - expected) * _weights(points, noise, expected)
+    half = points.omega.size
     for _ in range(_MAX_PASSES):
-        plain = _weights(points, noise, fit.predicted)
-        weight = plain * _root_of_influence((measured - fit.predicted) * plain)
+        plain = _weights(points, noise, expected)
+        weight = plain * _root_of_influence(standardised, options)
         model = replace(model, expectation=expected_shifts(model.temperature, fit.state.log10_aT))
         grid = grid_for(points, fit.state, density)
         fit = minimise(points, weight, evaluate(points, weight, grid, fit.state, None, near), model)
-        near = fit.solution.strength
-        residual = np.clip((measured - fit.predicted) * plain, -_HUBER, _HUBER)
-        jacobian = outer_jacobian(points, fit, model)
-        covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian, hermitian=True))
+        near, expected = fit.solution.strength, fit.predicted
+        residual = (measured - expected) * plain
+        if options.robust:
+            residual = np.clip(residual, -_HUBER, _HUBER)
+        covariance, leverage = _covariance(points, fit, model)
+        model = _with_level_spread(model, fit, covariance)
         # Each modulus has as many free residuals as points, less its share of the fitted freedom (leverage),
         # so that a noise ratio comes out right even when one modulus dominates.
-        leverage = propagated_variance(fit.rows, np.asarray(np.linalg.pinv(fit.normal, hermitian=True)))
-        leverage = leverage + propagated_variance(jacobian[: 2 * half], covariance)
-        square, used = (np.sum(values.reshape(2, -1), axis=1) for values in (residual**2, leverage))
-        factors = np.sqrt(square / np.maximum(half - used, 1.0)).tolist()
-        last, noise = noise, with_misfit(noise_of(noise.storage * factors[0], noise.loss * factors[1]), scatter)
-        if max(abs(np.log(noise.over(last)))) < _NOISE_SETTLED:
+        squares = [
+            (float(np.sum(residual[p] ** 2)), float(np.sum(leverage[p]))) for p in (slice(half), slice(half, None))
+        ]
+        factors = [float(np.sqrt(square / max(half - used, 1.0))) for square, used in squares]
+        last, noise = noise, next_noise(noise, (factors[0], factors[1]), options.scatter, options.noise_ratio)
+        standardised = (measured - expected) * _weights(points, noise, expected)
+        if max(abs(np.log(noise.storage / last.storage)), abs(np.log(noise.loss / last.loss))) < _NOISE_SETTLED:
             break
-    plain = _weights(points, noise, fit.predicted)
-    weight = plain * _root_of_influence((measured - fit.predicted) * plain)
-    return Superposition(model, fit, noise, covariance, weight)
+    return Superposition(model, fit, noise, covariance, standardised)
+
+
+def _covariance(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
+    """Return the covariance of the outer parameters, and the leverage (2 point,) of every reading."""
+    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
+    leverage = propagated_variance(fit.rows, inverse)
+    if not model.size:
+        return np.empty((0, 0)), leverage
+    change = sensitivity(points, fit, model)
+    rest = change - fit.rows @ (inverse @ (fit.rows.T @ change))
+    covariance = np.asarray(np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True))
+    return covariance, leverage + propagated_variance(rest, covariance)
+
+
+def _with_level_spread(model: OuterModel, fit: Fit, covariance: Floats) -> OuterModel:
+    """Estimate the spread of the levels from the levels, as noise from residuals."""
+    if model.level_spread <= 0:
+        return model
+    levels = model.levels(fit.state.parameters)
+    variance = np.diag(covariance)[model.level_slice]
+    determined = max(float(np.sum(1.0 - variance / model.level_spread**2)), 1.0)
+    spread = float(np.sqrt(np.sum(levels**2) / determined))
+    return replace(model, level_spread=float(np.clip(spread, _LEAST_LEVELS, _MOST_LEVELS)))
 
 
 def _weights(points: Points, noise: Noise, expected: Floats | None = None) -> Floats:
@@ -254,77 +284,87 @@ def _weights(points: Points, noise: Noise, expected: Floats | None = None) -> Fl
 
     Weights from the measured values themselves would favour low readings.
     """
-    size = points.moduli if expected is None else expected
+    size = np.concatenate([points.storage, points.loss]) if expected is None else expected
     sigma = np.repeat([noise.storage, noise.loss], points.omega.size)
     return np.asarray(1.0 / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
 
 
-def _root_of_influence(standardised: Floats) -> Floats:
+def _robust_weights(points: Points, current: Superposition, options: Options) -> Floats:
+    """Weights of a settled fit: of its noise, and such that few outliers do not decide."""
+    plain = _weights(points, current.noise, current.fit.predicted)
+    return np.asarray(plain * _root_of_influence(current.standardised, options))
+
+
+def _root_of_influence(standardised: Floats, options: Options) -> Floats:
     """One within the limit, beyond it such that the squared residual counts linearly."""
+    if not options.robust:
+        return np.ones(standardised.size)
     return np.asarray(np.sqrt(_HUBER / np.maximum(np.abs(standardised), _HUBER)))
 
 
-def _better(points: Points, current: Superposition, options: Options) -> tuple[OuterModel, Fit] | None:
-    """Return the laws that the criterion favours most, None if they are the present ones."""
-    others = _alternatives(current.model, options)
-    is_violated = options.scatter is not None and max(current.noise.over(options.scatter)) > VIOLATED
-    if options.levels is None and (is_violated or current.model.has_levels):
-        others.append(replace(current.model, has_levels=not current.model.has_levels))
-    elif not _may_gain(points, current, others):
+def _extended(points: Points, current: Superposition, options: Options) -> tuple[OuterModel, Fit] | None:
+    """Return the single change of laws that the criterion favours most, None if there is none."""
+    moves = _moves(current.model, options)
+    if not _may_gain(points, current, moves):
         return None
+    weight = _robust_weights(points, current, options)
     # The present model is fitted anew as well: only costs of equal weights can be compared.
-    present = _screened(points, current, current.model, current.fit.state)
+    present = _screened(points, weight, current, current.model, current.fit.state)
     best, least = None, _criterion(points, present, current.model)
-    for model in others:
-        fit = _screened(points, current, model, current.fit.state)
+    # A delay bends the loss of every sweep; the other laws are judged without it.
+    for model in sorted(moves, key=lambda move: move.has_delay <= current.model.has_delay):
+        if best is not None and best[0].has_delay > max(current.model.has_delay, model.has_delay):
+            break
+        fit = _screened(points, weight, current, model, current.fit.state)
         score = _criterion(points, fit, model)
         if score < least and is_physical(fit.state.ln_bT, model.temperature, model.T0, float(points.storage.min())):
             best, least = (model, fit), score
     return best
 
 
-def _alternatives(model: OuterModel, options: Options) -> list[OuterModel]:
-    """List all other combinations of a vertical law and a delay.
+def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
+    """List the models one change away from the present one.
 
-    Where a modulus grows as T does, the density falls as well, and a glass softens: by slopes of known size.
+    Of a liquid that flows, a delay changes the storage modulus as a vertical factor would, and may have come in its
+    place. So a law may come and the delay go at once.
     """
-    delays = (False, True) if options.delay is None else (options.delay,)
-    return [
-        replace(
-            model,
-            vertical=law,
-            has_delay=has_delay,
-            is_sloped=model.is_sloped if law == model.vertical else law == "rho_T" or "rho_T" not in options.verticals,
-        )
-        for law in options.verticals
-        for has_delay in delays
-        if (law, has_delay) != (model.vertical, model.has_delay)
-    ]
+    moves = []
+    for vertical in [v for v in options.verticals if v != model.vertical]:
+        # Where a modulus grows as T does, the density falls as well, and a glass softens: by slopes of known size.
+        is_sloped = vertical == "rho_T" or "rho_T" not in options.verticals
+        moves.append(replace(model, vertical=vertical, slope_spread=SLOPE_SPREAD if is_sloped else 0.0))
+    if options.delay is None:
+        others = [*moves, model] if model.has_delay else [model]
+        moves += [replace(move, has_delay=not model.has_delay) for move in others]
+    if options.levels is None:
+        moves.append(replace(model, level_spread=0.0 if model.level_spread else _FIRST_LEVELS))
+    return moves
 
 
-def _may_gain(points: Points, current: Superposition, others: list[OuterModel]) -> bool:
-    """Ask the gradient first if any law could add strong evidence; a delay may be idle after a law has come.
+def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -> bool:
+    """Ask the gradient first if any further parameter could be worth its price.
 
     One look at the residuals instead of a fit per candidate; data that need nothing pay nothing.
     """
-    if current.model.has_delay and len(others) > 1:
-        return True
-    order = list(VERTICAL_SIZE)
-    for model in [m for m in others if order.index(m.vertical) >= order.index(current.model.vertical)]:
-        if score(points, current, model) > _STRONG_EVIDENCE:
+    price = float(np.log(2 * points.omega.size))
+    for model in moves:
+        extra = model.law_size - current.model.law_size
+        if extra <= 0 and not model.level_spread > current.model.level_spread:
+            # Nothing to ask: a law that was needed before another came may be idle now.
+            if current.model.has_delay or current.model.level_spread:
+                return True
+            continue
+        probe = replace(current.fit, state=model.start(current.fit.state))
+        normal, gradient = outer_problem(points, probe, model)
+        gain = float(gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient)
+        if gain > price * max(extra, 1) + _STRONG_EVIDENCE:
             return True
     return False
 
 
-def score(points: Points, current: Superposition, model: OuterModel) -> float:
-    """Return the cost that a model of more parameters would save, by the gradient at the present one (Rao's test)."""
-    normal, gradient = outer_problem(points, replace(current.fit, state=model.start(current.fit.state)), model)
-    return float(gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient)
-
-
-def _screened(points: Points, current: Superposition, model: OuterModel, first: State) -> Fit:
+def _screened(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
     """Fit another model from a state, well enough to compare it: first with a stiff spectrum, then as at present."""
-    state, strength, weight = model.start(first), current.fit.solution.strength, current.weight
+    state, strength = model.start(first), current.fit.solution.strength
     for smoothing in (max(strength, _STIFF), strength):
         grid = grid_for(points, state, current.fit.grid.terms_per_decade)
         fit = minimise(points, weight, evaluate(points, weight, grid, state, smoothing), model, *_SCREENING)
@@ -335,16 +375,21 @@ def _screened(points: Points, current: Superposition, model: OuterModel, first: 
 def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
     """Schwarz's criterion; every law beyond horizontal shifts has to have strong evidence.
 
-    The law b ∝ T has no number, but choosing it is half a parameter. The price of slope and levels, which are random,
-    is the evidence lost by having to determine them.
+    The law b ∝ T has no number, but choosing it is half a parameter.
+    Levels are random, not chosen: their price is the evidence lost by having to determine them
+    (how much narrower the data make them than their spread), and one parameter, the spread.
     """
+    price = float(np.log(2 * points.omega.size))
     count = model.law_size + (0.5 if model.vertical == "rho_T" else 0.0)
-    laws = (model.vertical != "none") + model.has_delay + model.has_levels
-    score = total_cost(fit, model) + count * float(np.log(2 * points.omega.size)) + laws * _STRONG_EVIDENCE
-    if model.has_slope or model.has_levels:
+    laws = (model.vertical != "none") + model.has_delay + (model.level_spread > 0)
+    score = total_cost(fit, model) + count * price + laws * _STRONG_EVIDENCE
+    if model.level_spread > 0 or model.has_slope:
         covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
-        random = slice(model.level_slice.start - int(model.has_slope), model.level_slice.stop)
-        score -= float(np.linalg.slogdet(covariance[random, random])[1])
+    if model.level_spread > 0:
+        at = model.level_slice
+        score += price - float(np.linalg.slogdet(covariance[at, at] / model.level_spread**2)[1])
+    if model.has_slope:
+        score -= float(np.log(covariance[model.horizontal_size, model.horizontal_size]))
     return score
 
 
@@ -362,18 +407,19 @@ def _with_possible_laws(points: Points, found: Superposition, options: Options) 
     if not model.horizontal_size:
         return found
     if len(options.verticals) + len(found.refused) > 1 and not (model.has_slope or VERTICAL_SIZE[model.vertical]):
-        sloped = replace(model, is_sloped=True)
+        sloped = replace(model, slope_spread=SLOPE_SPREAD)
         entropic = 1.0 / (model.T0 + ZERO_CELSIUS) / SLOPE_SPREAD
-        found = _widened(points, found, sloped, model.horizontal_size, 1.0, ((_ODDS, 0.0), (1.0, entropic)))
+        found = _widened(points, found, options, sloped, model.horizontal_size, 1.0, ((_ODDS, 0.0), (1.0, entropic)))
     if options.delay is None and not model.has_delay:
         late = replace(found.model, has_delay=True)
-        found = _widened(points, found, late, late.size - 1, _DELAY / late.delay_unit, ((1.0, 0.0),))
+        found = _widened(points, found, options, late, late.size - 1, _DELAY / late.delay_unit, ((1.0, 0.0),))
     return found
 
 
 def _widened(
     points: Points,
     found: Superposition,
+    options: Options,
     model: OuterModel,
     at: int,
     spread: float,
@@ -387,7 +433,7 @@ def _widened(
     """
     state, loose = found.fit.state, found.fit
     if loose.solution.strength > _UNBIASED:
-        loose = evaluate(points, found.weight, loose.grid, state, _UNBIASED)
+        loose = evaluate(points, _robust_weights(points, found, options), loose.grid, state, _UNBIASED)
     extended = replace(state, parameters=np.insert(state.parameters, at, 0.0))
     normal, gradient = outer_problem(points, replace(loose, state=extended), model)
     if model.has_delay and not found.model.has_delay:
@@ -409,11 +455,12 @@ def _widened(
 
 
 def _with_model_uncertainty(points: Points, found: Superposition, options: Options) -> Superposition:
-    """Widen a covariance by the changes of the parameters with the grid of the spectrum and the vertical law.
+    """Widen a covariance by the changes of the shifts with smoothing and grid of the spectrum and the vertical law.
 
-    Shifts depend on choices that are known from the data only. The change by a grid of half the spacing is the error
-    of discretisation, as of any quadrature. Other vertical laws, where several were possible, add the squares of the
-    changes of free shifts, weighed with Schwarz's criterion.
+    Shifts depend on choices that are known from the data only. The covariance is the mean over strengths of the
+    smoothing, the change of the parameters with them included, each weighed with exp(-C_p / 2). The change by a grid
+    of half the spacing is the error of discretisation, as of any quadrature. Other vertical laws, where several were
+    possible, add the squares of the changes of free shifts, weighed with Schwarz's criterion.
 
     References
     ----------
@@ -422,20 +469,49 @@ def _with_model_uncertainty(points: Points, found: Superposition, options: Optio
     model, fit = found.model, found.fit
     if not model.size:
         return found
-    weight, strength = found.weight / np.sqrt(found.lack_of_fit), fit.solution.strength / found.lack_of_fit
-    ends = []
-    for density in (fit.grid.terms_per_decade, 2.0 * fit.grid.terms_per_decade):
-        start = evaluate(points, weight, grid_for(points, fit.state, density), fit.state, strength)
-        ends.append(minimise(points, weight, start, model, *_SCREENING).state.parameters)
-    covariance = found.covariance + np.outer(ends[1] - ends[0], ends[1] - ends[0])
+    weight = _robust_weights(points, found, options) / np.sqrt(found.lack_of_fit)
+    chosen = fit.solution.strength / found.lack_of_fit
+
+    def refitted(factor: float, grid: Grid) -> Fit:
+        return minimise(points, weight, evaluate(points, weight, grid, fit.state, chosen * factor), model, *_SCREENING)
+
+    fits = {factor: refitted(factor, fit.grid) for factor in _STRENGTHS}
+    price = np.array([predictive_cost(other, model) for other in fits.values()])
+    share = np.exp(-0.5 * (price - min(price)))
+    covariance = np.zeros((model.size, model.size))
+    for weight_of, other in zip((share / share.sum()).tolist(), fits.values(), strict=True):
+        change = other.state.parameters - fit.state.parameters
+        spread = np.linalg.pinv(outer_problem(points, other, model)[0], hermitian=True)
+        covariance += weight_of * (spread + np.outer(change, change))
+    halved = refitted(1.0, grid_for(points, fit.state, 2.0 * fit.grid.terms_per_decade))
+    change = halved.state.parameters - fits[1.0].state.parameters
+    covariance += np.outer(change, change)
     if model.horizontal == "free":
         head, total, changes = slice(model.horizontal_size), 1.0, np.zeros((model.horizontal_size,) * 2)
-        at = replace(found, weight=weight, fit=evaluate(points, weight, fit.grid, fit.state, strength))
-        for law in _alternatives(model, replace(options, delay=model.has_delay)):
-            other = _screened(points, at, law, fit.state)
+        present = evaluate(points, weight, fit.grid, fit.state, chosen)
+        for law in [one for one in _moves(model, options) if one.vertical != model.vertical]:
+            other = _screened(points, weight, replace(found, fit=present), law, fit.state)
             change = other.state.parameters[head] - fit.state.parameters[head]
-            gain = _criterion(points, at.fit, model) - _criterion(points, other, law)
+            gain = _criterion(points, present, model) - _criterion(points, other, law)
             odds = float(np.exp(np.clip(0.5 * gain, -50.0, 50.0)))
             total, changes = total + odds, changes + odds * np.outer(change, change)
         covariance[head, head] += changes / total
     return replace(found, covariance=covariance)
+
+
+def free_shifts_gain(points: Points, found: Superposition) -> float:
+    """Return the F statistic of replacing the shift law by free shifts.
+
+    About one when the law holds; large when it does not.
+    """
+    law = found.model
+    shifts = found.fit.state.log10_aT
+    given, expected = shifts - shifts[law.reference], expected_shifts(law.temperature, shifts)
+    free = replace(law, horizontal="free", given=given, expectation=expected)
+    weight = _weights(points, found.noise, found.fit.predicted)
+    strength, grid = found.fit.solution.strength, found.fit.grid
+    tied = evaluate(points, weight, grid, found.fit.state, strength)
+    loose = minimise(points, weight, evaluate(points, weight, grid, free.start(found.fit.state), strength), free)
+    extra = free.size - law.size
+    rest = max(2 * points.omega.size - loose.solution.freedom - free.size, 1.0)
+    return float(((tied.cost - loose.cost) / extra) / (loose.solution.misfit / rest))

@@ -1,7 +1,11 @@
 """Noise of storage and loss modulus, and the lack of fit of the model.
 
-The residuals of a fit give the noise of either modulus. The scatter of every sweep about its own smooth curve,
-which needs no superposition, is pure error; residuals beyond it are a lack of fit of the model.
+Left to the residuals alone, the ratio of the two noise levels can run away: when superposition
+does not hold exactly, one modulus is fitted ever better while all misfit is called noise of the
+other. So the scatter of every sweep about its own smooth curve, which needs no superposition,
+gives the noise (pure error); residuals beyond it are a lack of fit of the model, which counts the
+same (relative) in both moduli. Where both levels of the residuals lie within the uncertainty of the
+scatter, of few readings, there is no lack of fit to share out, and the residuals decide.
 """
 
 from dataclasses import dataclass
@@ -11,11 +15,9 @@ import numpy as np
 from labpipe.arrays import Floats
 from labpipe.materials.superposition._joint_fit import Points
 
-#: Noise of the fit over scatter of the sweeps from which superposition is violated (the scatter of the fewest
-#: sweeps that are judged is known to a fifth).
-VIOLATED = 1.5
 # Relative noise is never taken below this: cleaner data are limited by the grid of times.
 _LEAST_NOISE = 1e-6
+_ASSUMED_NOISE = 0.02
 # A sweep needs this many points before a cubic leaves anything to judge, and all sweeps together
 # this many free residuals before their scatter is trusted (18 % on a level).
 _LEAST_POINTS, _LEAST_FREEDOM = 6, 16
@@ -26,45 +28,35 @@ _MEDIAN_EFFICIENCY = 0.37  # of a variance from such a median
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Relative standard deviation of storage and loss; of the scatter of sweeps also its degrees of freedom."""
+    """Relative standard deviation of storage and loss about the model."""
 
     storage: float
     loss: float
-    freedom: int = 0
 
-    @property
-    def reach(self) -> float:
-        """Upper end of the 95 % interval of a variance over its estimate, from as many degrees of freedom."""
-        return 1.0 + 2.0 * float(np.sqrt(2.0 / (_MEDIAN_EFFICIENCY * self.freedom)))
-
-    def over(self, other: "Noise") -> tuple[float, float]:
-        """Return the ratios to other levels."""
-        return self.storage / other.storage, self.loss / other.loss
+    def scaled(self, storage: float, loss: float) -> "Noise":
+        """Return the levels times two factors, not below the resolution of the grid."""
+        return Noise(max(self.storage * storage, _LEAST_NOISE), max(self.loss * loss, _LEAST_NOISE))
 
 
-def noise_of(storage: float, loss: float, freedom: int = 0) -> Noise:
-    """Return two levels, not below the resolution of the grid."""
-    return Noise(max(storage, _LEAST_NOISE), max(loss, _LEAST_NOISE), freedom)
+@dataclass(frozen=True, slots=True)
+class Scatter(Noise):
+    """Noise of the sweeps about their own curves; ``freedom`` is the number of free residuals behind it."""
+
+    freedom: int
+
+    def holds(self, found: Noise) -> bool:
+        """Return True where two levels agree with this scatter within its 95 % interval."""
+        ratio = 1.0 + 2.0 * float(np.sqrt(2.0 / (_MEDIAN_EFFICIENCY * self.freedom)))
+        shares = (found.storage / self.storage) ** 2, (found.loss / self.loss) ** 2
+        return all(1.0 / ratio < share < ratio for share in shares)
 
 
-def with_misfit(noise: Noise, scatter: Noise | None) -> Noise:
-    """Return the levels of a fit; where they exceed the scatter of the sweeps, both share the misfit of the model.
-
-    Left to the residuals alone, one modulus would be fitted ever better there, and all misfit be noise of the other.
-    """
-    if scatter is None or max(noise.over(scatter)) ** 2 < scatter.reach:
-        return noise
-    pure = scatter.storage**2, scatter.loss**2
-    misfit = 0.5 * max(noise.storage**2 - pure[0] + noise.loss**2 - pure[1], 0.0)
-    return noise_of((pure[0] + misfit) ** 0.5, (pure[1] + misfit) ** 0.5)
-
-
-def scatter_of_sweeps(points: Points) -> Noise | None:
+def scatter_of_sweeps(points: Points) -> Scatter | None:
     """Return the scatter of either modulus about a cubic per sweep; None if there is too little.
 
     The median of the absolute residuals is used, so that single outliers do not count.
     """
-    residuals: list[Floats] = []
+    residuals: list[list[Floats]] = [[], []]
     freedom = 0
     for k in range(points.count):
         mask = points.isotherm == k
@@ -74,30 +66,62 @@ def scatter_of_sweeps(points: Points) -> Noise | None:
         base = np.linalg.qr(np.vander(x - x.mean(), _DEGREE + 1))[0]
         share = np.sqrt(np.maximum(1.0 - np.sum(base**2, axis=1), 1e-3))
         freedom += x.size - _DEGREE - 1
-        y = np.log([points.storage[mask], points.loss[mask]])
-        residuals.append((y - y @ base @ base.T) / share)
+        for found, values in zip(residuals, (points.storage, points.loss), strict=True):
+            y = np.log(values[mask])
+            found.append((y - base @ (base.T @ y)) / share)
     if freedom < _LEAST_FREEDOM:
         return None
-    levels = np.median(np.abs(np.hstack(residuals)), axis=1) / _MEDIAN_OF_NORMAL
-    return noise_of(float(levels[0]), float(levels[1]), freedom)
+    levels = [float(np.median(np.abs(np.concatenate(r)))) / _MEDIAN_OF_NORMAL for r in residuals]
+    return Scatter(max(levels[0], _LEAST_NOISE), max(levels[1], _LEAST_NOISE), freedom)
 
 
-def design_effect(noise: Noise, scatter: Noise | None, points: Points) -> float:
+def first_noise(scatter: Noise | None, ratio: float | None) -> Noise:
+    """Return the levels before there are residuals."""
+    noise = scatter or Noise(_ASSUMED_NOISE, _ASSUMED_NOISE)
+    if ratio is None:
+        return noise
+    level = float(np.sqrt(0.5 * (noise.storage**2 + (noise.loss / ratio) ** 2)))
+    return Noise(level, ratio * level)
+
+
+def next_noise(noise: Noise, factors: tuple[float, float], scatter: Scatter | None, ratio: float | None) -> Noise:
+    """Return the levels that the residuals ask for.
+
+    ``noise``: levels of the last fit; ``factors``: root mean square of its residuals in those units, free residuals
+    counted; ``scatter``: scatter of the sweeps; without it the residuals decide alone; ``ratio``: loss over storage
+    where the user fixed it.
+    """
+    if ratio is not None:
+        common = float(np.hypot(*factors) / np.sqrt(2.0))
+        return noise.scaled(common, common)
+    found = noise.scaled(*factors)
+    if scatter is None or scatter.holds(found):
+        return found
+    v_storage, v_loss = found.storage**2, found.loss**2
+    s_storage, s_loss = scatter.storage**2, scatter.loss**2
+    excess = 0.5 * (v_storage / s_storage + v_loss / s_loss)
+    if excess <= 1.0:
+        return scatter.scaled(float(np.sqrt(excess)), float(np.sqrt(excess)))
+    # v'/(s' + m) + v''/(s'' + m) = 2 for the misfit m of the model: the positive root.
+    half = 0.5 * (s_storage + s_loss - 0.5 * (v_storage + v_loss))
+    rest = s_storage * s_loss - 0.5 * (v_storage * s_loss + v_loss * s_storage)
+    misfit = float(-half + np.sqrt(max(half**2 - rest, 0.0)))
+    return Noise(float(np.sqrt(s_storage + misfit)), float(np.sqrt(s_loss + misfit)))
+
+
+def design_effect(noise: Noise, scatter: Scatter | None, points: Points) -> float:
     """Return the factor by which a lack of fit widens the covariance of a fit.
 
     Pure error differs from reading to reading; a lack of fit is common to the readings of a sweep, with the
-    intraclass correlation r = (noise² − scatter²)/noise², the mean of both moduli. Sweeps of n readings then are worth
-    1 + (n − 1) r times fewer (Kish's design effect). Levels within the 95 % interval of the scatter show no lack of
-    fit.
+    intraclass correlation r = (noise² − scatter²)/noise². Sweeps of n readings then are worth 1 + (n − 1) r
+    times fewer (Kish's design effect). The modulus with the larger correlation counts.
 
     References
     ----------
     Kish, Survey Sampling, Wiley, 1965, ch. 5.
     """
-    if scatter is None:
+    if scatter is None or scatter.holds(noise):
         return 1.0
-    excess = float(np.mean(np.square(noise.over(scatter))))
-    if excess < scatter.reach:
-        return 1.0
+    pure = min((scatter.storage / noise.storage) ** 2, (scatter.loss / noise.loss) ** 2)
     readings = points.omega.size / points.count
-    return 1.0 + (readings - 1.0) * (1.0 - 1.0 / excess)
+    return 1.0 + (readings - 1.0) * max(1.0 - pure, 0.0)

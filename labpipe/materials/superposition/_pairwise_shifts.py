@@ -1,4 +1,4 @@
-"""First estimates of the shifts, one neighbouring pair of isotherms at a time.
+r"""First estimates of the shifts, one neighbouring pair of isotherms at a time.
 
 Two independent ways, because the joint objective can have several minima in a glass:
 
@@ -60,24 +60,14 @@ def overlapped_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Flo
     steps = []
     for cold, warm in pairwise(order.tolist()):
         (x1, E1, _), (x2, E2, _) = _pair(points, ln_bT, cold, warm)
-        slopes = [np.polyfit(x, np.log(y), 1)[0] if x.size > 1 else 0.0 for x, y in ((x1, E1), (x2, E2))]
-        jump = float(np.mean(np.log(E1)) - np.mean(np.log(E2))) / max(float(np.mean(slopes)), _FLAT_SLOPE)
+        y1, y2 = np.log(E1), np.log(E2)
+        slopes = [np.polyfit(x, y, 1)[0] if x.size > 1 else 0.0 for x, y in ((x1, y1), (x2, y2))]
+        slope = max(float(np.mean(slopes)), _FLAT_SLOPE)
+        jump = float(np.mean(y1) - np.mean(y2)) - slope * float(np.mean(x1) - np.mean(x2))
+        # Within the steps of polymers.
         mean, spread = _expected(float(temperature[warm] - temperature[cold]))
-        step = (jump - float(np.mean(x1) - np.mean(x2))) / _LN10
-        steps.append(float(np.clip(step, mean - 3 * spread, mean + 3 * spread)))
+        steps.append(float(np.clip(jump / slope / _LN10, mean - 3 * spread, mean + 3 * spread)))
     return _summed(order, steps)
-
-
-def _summed(order: NDArray[np.intp], steps: Sequence[float]) -> Floats:
-    """Add up the steps from the warmest isotherm to colder ones."""
-    shifts = np.zeros(order.size)
-    shifts[order[:-1]] = np.cumsum(steps[::-1])[::-1]
-    return shifts
-
-
-def _expected(difference: float) -> tuple[float, float]:
-    """Return mean and spread of the step of polymers over a difference of temperature."""
-    return STEP_PER_KELVIN * difference, STEP_SPREAD + STEP_SPREAD_PER_KELVIN * difference
 
 
 _Sweep = tuple[Floats, Floats, Floats]
@@ -90,6 +80,18 @@ def _pair(points: Points, ln_bT: Floats, cold: int, warm: int) -> tuple[_Sweep, 
         mask, factor = points.isotherm == k, np.exp(-ln_bT[k])
         found.append((np.log(points.omega[mask]), points.storage[mask] * factor, points.loss[mask] * factor))
     return found[0], found[1]
+
+
+def _summed(order: NDArray[np.intp], steps: Sequence[float]) -> Floats:
+    """Add up the steps from the warmest isotherm to colder ones."""
+    shifts = np.zeros(order.size)
+    shifts[order[:-1]] = np.cumsum(steps[::-1])[::-1]
+    return shifts
+
+
+def _expected(difference: float) -> tuple[float, float]:
+    """Return mean and spread of the step of polymers over a difference of temperature."""
+    return STEP_PER_KELVIN * difference, STEP_SPREAD + STEP_SPREAD_PER_KELVIN * difference
 
 
 def _scanned(cold: _Sweep, warm: _Sweep, difference: float) -> tuple[Floats, Floats]:

@@ -35,7 +35,6 @@ _STEEPEST_FALL, _SLACK = 0.006, 0.1
 #: 0.02 to 0.1 % per kelvin in addition to their relaxations; densities fall by 0.03 to 0.1 %.
 SLOPE_SPREAD = 5e-4
 _DENSITY_SLOPE = -3e-4  # expected in addition to b ∝ T
-_LEVEL_SPREAD = 0.02  # relative: clamping or tempering a sample anew moves its modulus by some percent
 #: Steps of polymers: 0.03 to 0.3 decades per kelvin, hardly known beforehand.
 STEP_PER_KELVIN, STEP_SPREAD, STEP_SPREAD_PER_KELVIN = 0.08, 0.5, 0.12
 #: The step per isotherm changes from one to the next by this much (decades), plus this share.
@@ -46,7 +45,7 @@ LEAST_SPACING = 1.0
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Parameters (horizontal, vertical, levels, delay), and their shifts and factors.
+    """Parameters (horizontal, vertical, levels, delay), and what they make.
 
     ``log10_aT``, ``ln_bT`` (isotherm,); ``delay`` [s].
     """
@@ -88,9 +87,9 @@ class OuterModel:
 
     ``temperature`` (isotherm,) [degC]; ``reference``: the isotherm where all laws are zero; ``given`` (isotherm,):
     the shifts of a fixed model, the start of the others; ``delay_unit`` [s]: one radian at the highest frequency;
-    ``is_sloped``: ln b has a slope, of :data:`SLOPE_SPREAD`, about a vertical law that has no numbers;
-    ``has_levels``: every isotherm has a small level of its own about the vertical law; ``expectation``: weak pull on
-    free shifts.
+    ``level_spread``: standard deviation (relative) of a level of its own per isotherm about the vertical law, as a
+    sample that is clamped or tempered anew shows; 0 allows none; ``slope_spread`` [1/K]: standard deviation of a
+    slope of ln b about a vertical law that has no numbers; 0 allows none; ``expectation``: weak pull on free shifts.
     """
 
     temperature: Floats
@@ -100,8 +99,8 @@ class OuterModel:
     horizontal: Horizontal = "free"
     vertical: Vertical = "none"
     has_delay: bool = False
-    is_sloped: bool = False
-    has_levels: bool = False
+    level_spread: float = 0.0
+    slope_spread: float = 0.0
     expectation: tuple[Floats, Floats] | None = None
 
     @property
@@ -117,7 +116,7 @@ class OuterModel:
     @property
     def has_slope(self) -> bool:
         """True where the vertical law has a slope about it."""
-        return self.is_sloped and not VERTICAL_SIZE[self.vertical]
+        return self.slope_spread > 0 and not VERTICAL_SIZE[self.vertical]
 
     @cached_property
     def law_size(self) -> int:
@@ -128,7 +127,7 @@ class OuterModel:
     def level_slice(self) -> slice:
         """Place of the levels among the parameters."""
         first = self.horizontal_size + VERTICAL_SIZE[self.vertical] + int(self.has_slope)
-        return slice(first, first + self.has_levels * self.temperature.size)
+        return slice(first, first + (self.temperature.size if self.level_spread > 0 else 0))
 
     @cached_property
     def size(self) -> int:
@@ -137,39 +136,57 @@ class OuterModel:
 
     def levels(self, parameters: Floats) -> Floats:
         """Return ln of the level of every isotherm about the vertical law; zero without."""
-        found = _LEVEL_SPREAD * parameters[self.level_slice]
-        return found if self.has_levels else np.zeros(self.temperature.size)
+        found = parameters[self.level_slice]
+        return found if found.size else np.zeros(self.temperature.size)
 
-    def law_of_b(self, parameters: Floats, at: Floats) -> tuple[Floats, Floats]:
-        """Return ln b of the vertical law at temperatures, with its derivatives (temperature, parameter)."""
-        n, step, rows = self.horizontal_size, at - self.T0, np.zeros((at.size, self.size))
-        is_entropic = self.vertical == "rho_T"
-        value = np.log((at + ZERO_CELSIUS) / (self.T0 + ZERO_CELSIUS)) if is_entropic else np.zeros(at.size)
+    def law_of_b(self, parameters: Floats, at: Floats) -> tuple[Floats, Floats] | None:
+        """Return ln b of the vertical law at temperatures, with its derivatives (temperature, parameter).
+
+        None where the law would turn negative.
+        """
+        n, step = self.horizontal_size, at - self.T0
+        rows, count = np.zeros((at.size, self.size)), VERTICAL_SIZE[self.vertical]
+        value = np.zeros(at.size)
+        if self.vertical == "rho_T":
+            value = np.log((at + ZERO_CELSIUS) / (self.T0 + ZERO_CELSIUS))
         if self.has_slope:
-            rows[:, n] = SLOPE_SPREAD * step
+            rows[:, n] = self.slope_spread * step
             value = value + rows[:, n] * parameters[n]
-        elif count := VERTICAL_SIZE[self.vertical]:
+        elif count:
             powers = _powers(step, count)
-            factor = np.maximum(1.0 + powers @ parameters[n : n + count], _LEAST_FACTOR)
+            factor = 1.0 + powers @ parameters[n : n + count]
+            if np.any(factor < _LEAST_FACTOR):
+                return None
             value, rows[:, n : n + count] = np.log(factor), powers / factor[:, None]
         return np.asarray(value), rows
 
     def start(self, state: State | None = None) -> State:
         """Return the state of this model nearest to another model's state (default: given)."""
         shifts = self.given if state is None else state.log10_aT
-        found, n = np.zeros(self.size), self.horizontal_size
-        from_reference = shifts - shifts[self.reference]
+        ln_bT = np.zeros(shifts.size) if state is None else state.ln_bT
+        found = np.zeros(self.size)
         if self.horizontal == "free":
-            found[:n] = np.delete(from_reference, self.reference)
+            found[: self.horizontal_size] = np.delete(shifts - shifts[self.reference], self.reference)
         elif self.horizontal != "fixed":
+            from_reference = shifts - shifts[self.reference]
             law = fit_law(self.horizontal, self.temperature, from_reference, np.eye(shifts.size), self.T0)
-            found[:n] = law.parameters
-        if state is not None:
-            if count := VERTICAL_SIZE[self.vertical]:
-                powers = _powers(self.temperature - self.T0, count)
-                found[n : n + count] = np.linalg.lstsq(powers, np.expm1(state.ln_bT), rcond=None)[0]
-            if self.has_delay:
-                found[-1] = state.delay / self.delay_unit
+            found[: self.horizontal_size] = law.parameters
+        n, count, warmer = self.horizontal_size, VERTICAL_SIZE[self.vertical], self.temperature - self.T0
+        if count:
+            found[n : n + count] = np.linalg.lstsq(_powers(warmer, count), np.expm1(ln_bT), rcond=None)[0]
+        law_of_b = self.law_of_b(found, self.temperature)
+        if law_of_b is None:
+            found[n : n + count] = 0.0
+        value = np.zeros(shifts.size) if law_of_b is None else law_of_b[0]
+        if self.has_slope:
+            slope = float((ln_bT - value) @ warmer / max(float(warmer @ warmer), 1.0)) / self.slope_spread
+            found[n] = np.clip(slope, -2.0, 2.0)
+            value = value + found[n] * self.slope_spread * warmer
+        if self.level_spread > 0:
+            # The remainder, shrunk into the spread that levels may have.
+            found[self.level_slice] = np.clip(ln_bT - value, -2.0 * self.level_spread, 2.0 * self.level_spread)
+        if self.has_delay and state is not None:
+            found[-1] = state.delay / self.delay_unit
         started = self.state(found)
         if started is None:
             raise ValueError("the first estimate of a shift law lies outside its domain")
@@ -183,11 +200,11 @@ class OuterModel:
             shifts = np.insert(head, self.reference, 0.0)
         elif self.horizontal != "fixed":
             shifts = law_values(self.horizontal, head, self.temperature, self.T0)
-        if shifts is None:
+        law = self.law_of_b(parameters, self.temperature)
+        if shifts is None or law is None:
             return None
         delay = float(parameters[-1]) * self.delay_unit if self.has_delay else 0.0
-        ln_bT = self.law_of_b(parameters, self.temperature)[0] + self.levels(parameters)
-        return State(parameters, shifts, ln_bT, delay)
+        return State(parameters, shifts, law[0] + self.levels(parameters), delay)
 
     def directions(self, state: State) -> tuple[Floats, Floats, Floats]:
         """Return the changes of log10 a (isotherm, p), ln b (isotherm, p) and delay (p,)."""
@@ -197,30 +214,37 @@ class OuterModel:
             shift[:, :n] = np.delete(np.eye(count), self.reference, axis=1)
         elif self.horizontal != "fixed":
             shift[:, :n] = law_slopes(self.horizontal, state.parameters[:n], self.temperature, self.T0)
+        law = self.law_of_b(state.parameters, self.temperature)
+        vertical = np.zeros((count, self.size)) if law is None else law[1]
+        if self.level_spread > 0:
+            vertical[:, self.level_slice] = np.eye(count)
         if self.has_delay:
             delay[-1] = self.delay_unit
-        vertical = self.law_of_b(state.parameters, self.temperature)[1]
-        if self.has_levels:
-            vertical[:, self.level_slice] = _LEVEL_SPREAD * np.eye(count)
         return shift, vertical, delay
 
     @cached_property
-    def expected(self) -> tuple[Floats, Floats]:
-        """Rows and targets (row,) of the expectations of levels, slope and shifts, with unit variance."""
+    def _expected(self) -> tuple[Floats, Floats]:
+        """Rows and targets (row,) of the expectations of shifts, slope and levels, with unit variance."""
         n, place = self.horizontal_size, np.eye(self.size)
-        random = slice(self.level_slice.start - int(self.has_slope), self.level_slice.stop)
-        rows, targets = [place[random]], [np.zeros(len(place[random]))]
-        if self.has_slope and self.vertical == "rho_T":
-            targets[0][0] = _DENSITY_SLOPE / SLOPE_SPREAD
+        levels = place[self.level_slice]
+        rows, targets = [levels / (self.level_spread or 1.0)], [np.zeros(len(levels))]
+        if self.has_slope:
+            rows.append(place[[n]])
+            targets.append(np.array([_DENSITY_SLOPE / self.slope_spread if self.vertical == "rho_T" else 0.0]))
         if self.expectation is not None and self.horizontal == "free":
             known, target = self.expectation
             rows.append(np.delete(known, self.reference, axis=1) @ place[:n])
             targets.append(target)
         return np.vstack(rows), np.concatenate(targets)
 
+    def pull(self, state: State) -> tuple[Floats, Floats]:
+        """Return the contribution of the expectations to the normal matrix and the gradient."""
+        rows, target = self._expected
+        return rows.T @ rows, -rows.T @ (rows @ state.parameters - target)
+
     def pull_cost(self, state: State) -> float:
-        """Return the cost of the expectations alone."""
-        rows, target = self.expected
+        """Return the cost of :meth:`pull` alone, which every trial step asks for."""
+        rows, target = self._expected
         return float(np.sum((rows @ state.parameters - target) ** 2))
 
 

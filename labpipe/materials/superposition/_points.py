@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
@@ -19,43 +18,67 @@ from labpipe.materials.spectrum import compress, make_grid, moduli_of_terms, sol
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.units import ZERO_CELSIUS
 
-# A reading is left out when one spectrum through its sweep is off by this (of ln E), and by this many times the
-# median of all readings of the modulus.
+# A reading is suspected when it is off the parabola through its neighbours by half of this (of ln E), and
+# by this many times the median of others; it is left out when one spectrum through the rest of its sweep
+# is as far from it as well.
 _FAR, _SCATTERS = 0.3, 8.0
-# Readings from which a sweep can show which of them is wrong, and the share of it that may be left out.
-_LEAST_OF_SWEEP, _MOST_SHARE = 5, 0.25
-# Relative noise and smoothing of that spectrum, its passes, and the distance at which a reading counts half.
-_NOISE, _STRENGTH, _PASSES, _HALF = 0.05, 1e-2, 10, 0.1
+# Readings from which a sweep can show which of them is wrong, the share of it that may be left out, and
+# neighbours on either side.
+_LEAST_OF_SWEEP, _MOST_SHARE, _SIDE = 5, 0.25, 3
+# Smoothing of the spectrum of one sweep whose readings are taken to be known to this.
+_NOISE, _STRENGTH = 0.05, 1e-3
 
 
 def outliers(points: Points) -> Flags:
-    """Return the readings (point,) far off their own sweep, in storage or in loss.
-
-    One spectrum goes through both moduli of the sweep, by Cauchy's weights of ever smaller misfits.
-    """
-    off = np.zeros((2, points.omega.size))
-    for k in range(points.count):
-        row = np.flatnonzero(points.isotherm == k)
-        if row.size < _LEAST_OF_SWEEP:
+    """Return the readings (point,) far off their own sweep, in storage or in loss."""
+    found = np.zeros(points.omega.size, dtype=bool)
+    rows = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
+    rows = [row[np.argsort(points.omega[row], kind="stable")] for row in rows if row.size >= _LEAST_OF_SWEEP]
+    if not rows:
+        return found
+    columns = (points.storage, points.loss)
+    off = [[_off_neighbours(points.omega[row], values[row]) for row in rows] for values in columns]
+    limits = [max(_FAR / 2.0, _SCATTERS * float(np.median(np.abs(np.concatenate(part))))) for part in off]
+    for k, row in enumerate(rows):
+        kept = np.ones((2, row.size), dtype=bool)
+        for which, values in enumerate(columns):
+            left = off[which][k]
+            while np.sum(~kept[which]) < _MOST_SHARE * row.size:
+                worst = int(np.argmax(np.abs(left)))
+                if abs(left[worst]) <= limits[which]:
+                    break
+                kept[which, np.flatnonzero(kept[which])[worst]] = False
+                left = _off_neighbours(points.omega[row][kept[which]], values[row][kept[which]])
+        if kept.all():
             continue
-        row = row[np.argsort(points.omega[row], kind="stable")]
-        x, moduli = np.log(points.omega[row]), np.stack([points.storage[row], points.loss[row]])
-        smooth = median_filter(moduli, (1, _LEAST_OF_SWEEP), mode="nearest")
-        measured, expected, grid = moduli.ravel(), smooth.ravel(), make_grid(x, *smooth)
-        away = np.log(measured / expected)
+        # One spectrum through the rest of the sweep, both moduli, has to be far from the suspects too.
+        x, both = np.log(points.omega[row]), kept.all(axis=0)
+        measured = np.concatenate([points.storage[row], points.loss[row]])
+        grid = make_grid(x[both], points.storage[row][both], points.loss[row][both])
         design = moduli_of_terms(x, grid.ln_time) * grid.scale
-        for _ in range(_PASSES):
-            weight = 1.0 / (_NOISE * expected * np.sqrt(1.0 + (away / _HALF) ** 2))
-            target = expected * (1.0 + away) * weight  # the logarithm of the modulus, linearised
-            solution = solve(*compress(design * weight[:, None], target), grid.penalty, _STRENGTH)
-            expected = np.maximum(design @ solution.coefficient, np.finfo(float).tiny)
-            away = np.log(measured / expected)
-            if np.max(np.abs(away)) < 0.5 * _FAR:
-                break
-        off[:, row] = np.abs(away).reshape(2, -1)
-    far = np.any(off > np.maximum(_FAR, _SCATTERS * np.median(off, axis=1, keepdims=True)), axis=0)
-    share = np.bincount(points.isotherm, far, points.count) / np.bincount(points.isotherm, minlength=points.count)
-    return np.asarray(far & (share[points.isotherm] <= _MOST_SHARE))
+        used = kept.ravel()
+        weight = 1.0 / (_NOISE * measured[used])
+        solution = solve(*compress(design[used] * weight[:, None], measured[used] * weight), grid.penalty, _STRENGTH)
+        far = np.abs(np.log(measured / np.maximum(design @ solution.coefficient, np.finfo(float).tiny)))
+        found[row[np.any(~kept & (far.reshape(2, -1) > _FAR), axis=0)]] = True
+    return found
+
+
+def _off_neighbours(omega: Floats, values: Floats) -> Floats:
+    """Return the distance of ln E from the parabola through its neighbours, in units of that of one reading."""
+    x, y = np.log(omega), np.log(values)
+    count = x.size
+    width = min(2 * _SIDE + 1, count)
+    first = np.clip(np.arange(count) - _SIDE, 0, count - width)
+    near = first[:, None] + np.arange(width)
+    near = near[near != np.arange(count)[:, None]].reshape(count, width - 1)
+    away = x[near] - x[:, None]
+    reach = np.max(np.abs(away), axis=1)
+    powers = (away / np.maximum(reach, np.finfo(float).tiny)[:, None])[..., None] ** np.arange(3)
+    normal = powers.transpose(0, 2, 1) @ powers + 1e-9 * np.eye(3)  # defined for repeats of one frequency too
+    # The value of the parabola at the reading itself, as weights of its neighbours.
+    weights = (powers @ np.linalg.solve(normal, np.eye(3)[:, :1]))[..., 0]
+    return np.asarray((y - np.sum(weights * y[near], axis=1)) / np.sqrt(1.0 + np.sum(weights**2, axis=1)))
 
 
 _UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC"}
@@ -64,6 +87,9 @@ _UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC
 _MAX_SHARE_OF_LOST_POINTS = 0.25
 # Fewer points than this over the whole set say nothing about a spectrum.
 _LEAST_POINTS = 4
+# A storage modulus that falls with frequency by more than this many times its scatter
+# (and by this share at least) is not that of a linear viscoelastic material.
+_FALL_SCATTERS, _LEAST_FALL = 5.0, 0.02
 # Moduli beyond this (Pa) and below its inverse are of no material, in whatever unit.
 _MOST = 1e30
 # Isotherms closer than this (K) are the same temperature measured twice.
@@ -88,7 +114,7 @@ class SweepData:
     warnings: tuple[str, ...]
 
 
-def read_sweeps(sweeps: xr.Dataset) -> SweepData:
+def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
     """Check a Dataset of sweeps and flatten it into points.
 
     Parameters
@@ -96,6 +122,8 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     sweeps : Dataset
         Variables ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency``
         [Hz]; NaN where a sweep has no point. Any order, repeated temperatures allowed.
+    is_robust : bool
+        Leave out readings far off their own sweep.
 
     Raises
     ------
@@ -141,7 +169,7 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     if present.sum() < _LEAST_POINTS:
         raise InputError(f"only {present.sum()} points with both moduli; a spectrum needs {_LEAST_POINTS} at least")
     far = np.zeros_like(present)
-    far[present] = outliers(_flat(present, storage, loss, frequency))
+    far[present] = outliers(_flat(present, storage, loss, frequency)) if is_robust else False
     if far.any():
         present &= ~far
         notes.append(f"{far.sum()} readings lie far off the other readings of their sweep, {where(far)}; left out")
@@ -155,6 +183,7 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
         for k in np.flatnonzero(np.diff(ordered) < _REPEAT)
     ]
     points = _flat(present, storage, loss, frequency)
+    notes += _falling(points, temperature[kept])
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=3)
     row, column = np.nonzero(present)
@@ -192,3 +221,23 @@ def _arrays(sweeps: xr.Dataset) -> tuple[Floats, Floats, Floats, Floats]:
     if not (np.isfinite(frequency) & (frequency > 0)).all():
         raise InputError(f"frequency {frequency} Hz: expected positive, finite values")
     return storage, loss, temperature, frequency
+
+
+def _falling(points: Points, temperature: Floats) -> list[str]:
+    """Name the isotherms whose storage modulus falls with frequency beyond the scatter."""
+    masks = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
+    curves = [np.log(points.storage[mask][np.argsort(points.omega[mask])]) for mask in masks]
+    scatters = [float(np.sqrt(np.mean(np.diff(y, 2) ** 2) / 6.0)) for y in curves if y.size > 2]
+    scatter = float(np.median(scatters)) if scatters else 0.0
+    notes = []
+    for y, T in zip(curves, temperature, strict=True):
+        # the largest drop between means of neighbouring points
+        window = max(y.size // 4, 1)
+        means = np.convolve(y, np.full(window, 1.0 / window), mode="valid")
+        fall = float(np.max(np.maximum.accumulate(means) - means))
+        if fall > max(_FALL_SCATTERS * scatter * np.sqrt(2.0 / window), _LEAST_FALL):
+            notes.append(
+                f"storage modulus falls with frequency by {100 * (1 - np.exp(-fall)):.1f} % at {T:g} °C; no linear "
+                "viscoelastic material does that (resonance, slip, or a sample that was still changing)"
+            )
+    return notes

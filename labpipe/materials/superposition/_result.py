@@ -7,7 +7,7 @@ import os
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -220,55 +220,63 @@ class MasterCurve(ShownAsTable):
 def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, T_ref: float, nu: float) -> MasterCurve:
     """Move the reference to T_ref and put the result into Datasets."""
     model, state = found.model, found.fit.state
-    reference = reference_at(found, T_ref)
+    reference = reference_at(data.points, found, T_ref)
     log10_aT = state.log10_aT - reference.log10_aT
     b_ref = float(np.exp(reference.ln_bT))
     weights = found.fit.solution.coefficient * found.fit.grid.scale * b_ref
     prony = Prony(weights[-1], weights[:-1], np.exp(found.fit.grid.ln_time) * 10.0**reference.log10_aT, nu)
+    laws = _laws(found, reference.covariance, T_ref)
+    chosen = _chosen_law(found, laws, T_ref)
     reduced = predictions(sweeps, data, found, reference, log10_aT)
-    window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
-    curve, modes, covariance = curve_and_modes(data.points, found, reference, window)
-    laws = _laws(found, covariance, T_ref)
     moduli = without_delay(data.points, found.fit) * b_ref
     frequency = data.points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[data.points.isotherm]
     # Where the loss is small its noise may be larger than the remainder without the delay.
     lossy = moduli.imag > 0
     kk = kramers_kronig(frequency[lossy], moduli.real[lossy], moduli.imag[lossy])
-    overlap = overlap_of_neighbours(data, log10_aT, covariance)
+    overlap = overlap_of_neighbours(data, log10_aT, reference.covariance)
+    window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
     verdict = verdict_on(found, kk)
-    notes = limits_of(data.points, found, overlap, verdict)
+    notes = limits_of(data.points, found, chosen, overlap, verdict)
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=4)
+    curve, modes = curve_and_modes(data.points, found, reference, window)
     levels = model.levels(state.parameters)
-    b_T = np.exp(state.ln_bT - levels - reference.ln_bT)
-    by_b = model.law_of_b(state.parameters, model.temperature)[1] - reference.vertical_by_parameter
-    u_ln_bT = propagated_u(by_b, found.covariance)
+    law_b_T = np.exp(state.ln_bT - levels - reference.ln_bT)
+    by_b = model.directions(state)[1] - reference.vertical_by_parameter
+    by_b[:, model.level_slice] = 0.0
+    u_ln_bT = propagated_u(by_b, found.covariance) if model.size else np.zeros(levels.size)
     is_sloped = model.has_slope and bool(state.parameters[model.horizontal_size])
     u_delay = found.covariance[-1, -1] ** 0.5 * model.delay_unit if model.has_delay else 0.0
     temperature = sweeps["temperature"]
 
     def over(values: Floats, text: str) -> xr.DataArray:
-        """Put values of the used isotherms over all temperatures, NaN elsewhere, on one axis or two."""
-        full = np.full((temperature.size,) * values.ndim, np.nan)
-        full[np.ix_(*[data.kept] * values.ndim)] = values
-        coords: dict[str, Any] = {"temperature": temperature}
-        if values.ndim > 1:
-            coords["temperature_2"] = variable("temperature_2", temperature.values, "degC", "temperature")
-        return xr.DataArray(full, coords, tuple(coords), attrs=described("1", text))
+        """Put values of the used isotherms over all temperatures, NaN elsewhere."""
+        full = np.full(temperature.size, np.nan)
+        full[data.kept] = values
+        coords, attrs = {"temperature": temperature}, described("1", text)
+        return xr.DataArray(full, dims="temperature", coords=coords, attrs=attrs)
 
+    u_log10_aT = np.sqrt(np.maximum(np.diag(reference.covariance), 0.0))
+    full = np.full((temperature.size,) * 2, np.nan)
+    full[np.ix_(data.kept, data.kept)] = reference.covariance
+    twice = {
+        "temperature": temperature,
+        "temperature_2": variable("temperature_2", temperature.values, "degC", "temperature"),
+    }
+    covariance = xr.DataArray(full, twice, tuple(twice), attrs=described("1", "covariance of log10_aT"))
     return MasterCurve(
         T_ref=T_ref,
         log10_aT=over(log10_aT, "log10 of the horizontal shift factor"),
-        u_log10_aT=over(np.sqrt(np.diag(covariance)), "standard uncertainty of log10_aT"),
-        covariance=over(covariance, "covariance of log10_aT"),
-        b_T=over(b_T, "vertical shift factor"),
-        u_b_T=over(b_T * u_ln_bT, "standard uncertainty of b_T"),
+        u_log10_aT=over(u_log10_aT, "standard uncertainty of log10_aT"),
+        covariance=covariance,
+        b_T=over(law_b_T, "vertical shift factor"),
+        u_b_T=over(law_b_T * u_ln_bT, "standard uncertainty of b_T"),
         level=over(np.exp(levels), "level of the sweep about the vertical law"),
         # A slope that a glass turned out to have is a linear law.
         vertical="linear" if model.vertical == "none" and is_sloped else model.vertical,
         delay=state.delay,
         u_delay=float(u_delay),
-        law=_chosen_law(found, laws, T_ref),
+        law=chosen,
         laws=laws,
         prony=prony,
         terms=terms_of(prony, window),

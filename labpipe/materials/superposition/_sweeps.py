@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
-from labpipe.materials._step_tests import tables_of
 from labpipe.variables import variable
 
 Mode = Literal["tension", "bending", "shear", "torsion"]
@@ -186,8 +185,10 @@ def _check_columns(dataset: xr.Dataset) -> None:
 
 def _tables(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
     """Return the rows of every table that holds moduli at known frequency and temperature."""
+    stops = np.cumsum([entry["rows"] for entry in json.loads(dataset.attrs["tests"])])
     known = np.isfinite(dataset["frequency"].values) & np.isfinite(dataset["temperature"].values)
-    return [rows[known[rows]] for rows in tables_of(dataset)]
+    rows = np.arange(dataset.sizes["sample"])
+    return [part[known[part]] for part in np.split(rows, stops[:-1])]
 
 
 def trusted_tables(dataset: xr.Dataset) -> list[TableRun]:
@@ -249,20 +250,22 @@ def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float
     Frequencies that agree within rounding share a column; a frequency that one sweep holds twice
     has a second column.
     """
-    parts = [
-        pd.DataFrame({name: run.values(name) for name in ("frequency", "storage_modulus", "loss_modulus")}).assign(
-            good=good, run=number
-        )
-        for number, (run, good) in enumerate(zip(runs, trusted, strict=True))
-    ]
-    points = pd.concat(parts, ignore_index=True).sort_values("frequency", kind="stable")
-    points["level"] = (np.log(points["frequency"]).diff() > _SAME_FREQUENCY).cumsum()
-    points["again"] = points.groupby(["run", "level"]).cumcount()
-    moduli = ["storage_modulus", "loss_modulus"]
-    points.loc[~points["good"], moduli] = np.nan
-    table = points.pivot(index="run", columns=["level", "again"], values=moduli).sort_index(axis=1) * factor
-    storage, loss = (table[name].to_numpy() for name in moduli)
-    levels = points.groupby("level")["frequency"].median().to_numpy()[table[moduli[0]].columns.get_level_values(0)]
+    frequencies = [run.values("frequency") for run in runs]
+    merged = np.sort(np.concatenate(frequencies))
+    group = np.cumsum(np.diff(np.log(merged), prepend=np.log(merged[0])) > _SAME_FREQUENCY)
+    centres = np.array([np.median(merged[group == g]) for g in range(group[-1] + 1)])
+    bounds = np.sqrt(centres[1:] * centres[:-1])
+    keys = []
+    for frequency in frequencies:
+        column = pd.Series(np.searchsorted(bounds, frequency))
+        keys.append(list(zip(column, column.groupby(column).cumcount(), strict=True)))
+    union = sorted({key for one in keys for key in one})
+    place = {key: i for i, key in enumerate(union)}
+    storage, loss = np.full((2, len(runs), len(union)), np.nan)
+    for i, (run, good, one) in enumerate(zip(runs, trusted, keys, strict=True)):
+        at = np.array([place[key] for key in one])[good]
+        storage[i, at] = factor * run.values("storage_modulus")[good]
+        loss[i, at] = factor * run.values("loss_modulus")[good]
     total = sum(good.size for good in trusted)
     excluded = total - sum(int(good.sum()) for good in trusted)
     if excluded:
@@ -272,7 +275,7 @@ def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float
         )
     temperature = [run.values("temperature") for run in runs]
     spread, mean = [float(np.ptp(t)) for t in temperature], [float(t.mean()) for t in temperature]
-    dims = ("temperature", "frequency")
+    levels, dims = np.array([centres[key[0]] for key in union]), ("temperature", "frequency")
     return xr.Dataset(
         {
             "storage": variable(dims, storage, "Pa", "storage modulus, tension"),

@@ -7,28 +7,29 @@ vertical law.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import xarray as xr
 
 from labpipe.arrays import Flags
+from labpipe.materials._shift_law import ShiftLaw
 from labpipe.materials.spectrum import KramersKronig
 from labpipe.materials.superposition._joint_fit import Points
-from labpipe.materials.superposition._model_selection import Superposition, score
-from labpipe.materials.superposition._noise import VIOLATED
+from labpipe.materials.superposition._model_selection import Superposition, free_shifts_gain
 
 Level = Literal["pass", "doubtful", "fail"]
 
-# Noise of the fit over scatter of the sweeps from which no smaller error than a wrong superposition explains it.
-_FAR_BEYOND = 3.0
+# Noise of the fit over scatter of the sweeps from which superposition is violated (the scatter of the fewest
+# sweeps that are judged is known to a fifth), and from which no smaller error explains it.
+_VIOLATED, _FAR_BEYOND = 1.5, 3.0
 # Relative residuals that no rheometer's noise explains, and of which no part is such noise.
 _ROUGH, _HOPELESS = {"storage": 0.05, "loss": 0.10}, {"storage": 0.15, "loss": 0.30}
-# A law holds when free shifts would lower the misfit by less than this per parameter.
-_LAW_HOLDS = 4.0
 # Another start that ends this far away (decades) at nearly the same cost (in units of twice the
 # log-likelihood) is a second solution.
 _OTHER_SOLUTION, _NEARLY_SAME_COST = 0.15, 6.0
+# A law holds when free shifts lower the misfit by less than this per parameter (F statistic).
+_LAW_HOLDS = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +55,11 @@ def verdict_on(found: Superposition, kk: KramersKronig) -> Verdict:
     objections = list(_objections(found, kk))
     order: tuple[Level, ...] = ("pass", "doubtful", "fail")
     worst = max((order.index(level) for level, _ in objections), default=0)
-    return Verdict(order[worst], tuple(reason for _, reason in objections), found.violation > VIOLATED)
+    return Verdict(order[worst], tuple(reason for _, reason in objections), found.violation > _VIOLATED)
 
 
 def _objections(found: Superposition, kk: KramersKronig) -> Iterator[tuple[Level, str]]:
-    if found.violation > VIOLATED:
+    if found.violation > _VIOLATED:
         yield (
             "fail" if found.violation > _FAR_BEYOND else "doubtful",
             "time-temperature superposition does not hold to the noise of the sweeps (the fit misses by "
@@ -79,7 +80,9 @@ def _objections(found: Superposition, kk: KramersKronig) -> Iterator[tuple[Level
         yield ("fail" if kk.verdict == "fail" else "doubtful", f"Kramers-Kronig {kk.verdict}: {kk.reason}")
 
 
-def limits_of(points: Points, found: Superposition, overlap: xr.Dataset, verdict: Verdict) -> list[str]:
+def limits_of(
+    points: Points, found: Superposition, chosen: ShiftLaw, overlap: xr.Dataset, verdict: Verdict
+) -> list[str]:
     """Return all limits of the result, one sentence each."""
     notes: list[str] = []
     if points.count == 1:
@@ -105,9 +108,8 @@ def limits_of(points: Points, found: Superposition, overlap: xr.Dataset, verdict
             "and on a smooth spectrum across the gap"
         )
     law = found.model.horizontal
-    free = replace(found.model, horizontal="free")
-    if law in ("wlf", "arrhenius") and free.size > found.model.size:
-        gain = score(points, found, free) / (free.size - found.model.size)
+    if law in ("wlf", "arrhenius") and points.count > len(chosen.parameters) + 1:
+        gain = free_shifts_gain(points, found)
         if gain > _LAW_HOLDS:
             notes.append(
                 f"the {law} law does not hold over these temperatures: free shifts fit better "

@@ -54,10 +54,10 @@ def test_nearby_solution_equals_the_one_from_nothing(maxwell_truth):
     rows, target = design * weight[:, None], measured * weight
     guess = solve(*compress(rows, target), grid.penalty, 0.01)
     moved = np.roll(target, 1)
-    near = solve_nearby(rows, moved, grid.penalty, guess)
+    near = solve_nearby(rows, moved, rows.T @ rows, grid.penalty, guess)
     fresh = solve(*compress(rows, moved), grid.penalty, 0.01)
     if near is not None:
         np.testing.assert_allclose(near.coefficient, fresh.coefficient, atol=1e-6)
-    small = solve_nearby(rows, target * (1 + 1e-3 * np.sin(np.arange(160))), grid.penalty, guess)
+    small = solve_nearby(rows, target * (1 + 1e-3 * np.sin(np.arange(160))), rows.T @ rows, grid.penalty, guess)
     assert small is not None
     assert small.freedom == pytest.approx(guess.freedom, rel=0.2)
