@@ -5,6 +5,8 @@ Three estimators: ``"spline"`` (default, see :mod:`._smoothing_spline`), ``"thes
 alone).
 """
 
+from __future__ import annotations
+
 import json
 import warnings
 from typing import Any, Literal

@@ -39,7 +39,7 @@ class DecodedFrames(ArrayFrames):
         return super().__getitem__(index)
 
     def roi(self, rows: slice, columns: slice) -> "DecodedFrames":
-        part = DecodedFrames(self._images[:, rows, columns], self._time, self._exposure, self._levels)
+        part = DecodedFrames(self._images[:, rows, columns], self.time, self.exposure, self.levels)
         part.decoded = self.decoded
         return part
 

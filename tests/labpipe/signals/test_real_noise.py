@@ -92,8 +92,8 @@ def test_the_integration_converges():
     ("seeds", "least", "rms"),
     [
         (range(300, 308), 0.85, (0.7, 1.25)),
-        # as many standard deviations of a share below 95 % as 0.93 is for three times as many records
-        pytest.param(range(300, 328), 0.915, (0.85, 1.05), marks=pytest.mark.slow),
+        # as many standard deviations from 95 % and from 1 as below for three times as many records
+        pytest.param(range(300, 328), 0.915, (0.85, 1.09), marks=pytest.mark.slow),
         pytest.param(range(300, 384), 0.93, (0.85, 1.05), marks=pytest.mark.nightly),
     ],
 )
