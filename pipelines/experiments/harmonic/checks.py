@@ -35,7 +35,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: Harmonic, context
     if loads is not None:
         inputs[DELAY] = mach1_readings.filter_delay(loads)
     shared = {TOUCH: inputs.pop(TOUCH)} if TOUCH in inputs else {}
-    return Scene(checks, (), given.each([rows]), inputs, shared, basis)
+    known = judgements.measured_by(settings.substrate)
+    return Scene(checks, (), given.each([rows]), inputs, shared, basis, measured_by=known)
 
 
 def _tested(

@@ -55,7 +55,9 @@ def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, conte
         checks.append(_one_specimen(ratios))
     relative = next((relative_gain(test.loads) for test in reversed(tested) if test.loads is not None), 0.0)
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
-    return Scene(checks, (), given.each([rows]), inputs | inputs_of(given.get("tests")), basis=basis)
+    inputs |= inputs_of(given.get("tests"))
+    known = judgements.measured_by(settings.substrate)
+    return Scene(checks, (), given.each([rows]), inputs, basis=basis, measured_by=known)
 
 
 def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:

@@ -22,7 +22,7 @@ from labpipe.judging import (
 )
 from labpipe.report import quantity
 from labpipe.units import Quantity
-from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.comparison_rows import STIFFNESS, Row
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 from pipelines.experiments.shared.judgements._page import TIED, of_error
 from pipelines.experiments.shared.judgements._scene import Scene
@@ -256,7 +256,8 @@ def _slipped(scene: Scene, compared: Compared, ranked: Ranked, confirmed: Set[st
     # a relative number has no unit to be typed wrongly, and a temperature no factor; a count is another count
     counts = {name for name in names if name.startswith("number of ")}
     typed = {name for name in names if known[name].value > 0.0 and known[name].si not in _NO_SLIP} | counts
-    certain = {name for name in names if known[name].u or (scene.measured_by and name == _MODULUS)} | typed
+    solid = {_MODULUS, STIFFNESS} if scene.measured_by else set()
+    certain = {name for name in names if known[name].u or name in solid} | typed
     free = {e.name for _, alike in ranked if not certain.issuperset(o.name for o in alike) for e in alike}
     checks: list[Check] = []
     powers: dict[str, dict[str, float]] = {name: {} for name in names}
@@ -292,7 +293,10 @@ def _slipped(scene: Scene, compared: Compared, ranked: Ranked, confirmed: Set[st
     name, factor, of_modulus = slip.cause.setting, slip.factor, largest.get(_MODULUS, inf)
     if name in free and largest[name] * abs(log(factor)) < of_modulus * log(_NO_GRADE):
         return []
-    right, given = (quantity(value, known[name].si) for value in (known[name].value / factor, known[name].value))
+    right, given = (
+        f"{value:.0f}" if name in counts else quantity(value, known[name].si)
+        for value in (known[name].value / factor, known[name].value)
+    )
     why = ": its diameter was typed" if "radius" in name and factor == _DIAMETER else ""
     said = [f"{name} is probably {right}, not {given}{why}; {_share(slip.share)}"]
     return [*said, f"or {scene.another_material}"] if _MODULUS in names else said
