@@ -82,7 +82,7 @@ def test_a_wrong_count_is_named_by_the_right_one() -> None:
             "plateau force",
             "N",
             1,
-            slopes={name: -size for name in known},
+            slopes=dict.fromkeys(known, -size),
             measured=(3.0 * size, 3e-3 * size),
             model=(size, 1e-2 * size),
             difference=(2.0 * size, 1.1e-2 * size),
