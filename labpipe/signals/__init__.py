@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from labpipe.installation import lazily
 
 if TYPE_CHECKING:
-    from labpipe.signals._alignment import combine_repeats as combine_repeats, lag as lag
+    from labpipe.signals._alignment import combine_repeats as combine_repeats
     from labpipe.signals._as_fitted import as_fitted as as_fitted
     from labpipe.signals._bounces import PHASES as PHASES, bounces as bounces
     from labpipe.signals._derivative import velocity as velocity

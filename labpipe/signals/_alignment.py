@@ -1,97 +1,17 @@
-"""Records on a common time axis: the lag between two, and repeats with their band."""
+"""Repeats on a common time axis, with their band."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
-from labpipe.signals._noise import estimate_noise
-from labpipe.signals._oscillation import parameter_covariance
-from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
-from labpipe.signals._smoothing_spline import evaluate, smooth
+from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.variables import described, variable
 
-_STEPS, _SETTLED = 30, 1e-6  # of Gauss and Newton at most, four are usual; in sampling intervals
-_FEWEST = 12  # readings that determine a lag
 _ROUNDING = 1e-6  # of an interval
-
-
-class Lag(NamedTuple):
-    """``second(t + lag) = offset + gain first(t)``: lag [s] and gain, with standard uncertainties."""
-
-    lag: float
-    u_lag: float
-    gain: float
-    u_gain: float
-
-
-def lag(first: xr.DataArray, second: xr.DataArray, largest: float) -> Lag:
-    """Find how much later the second record is, to a fraction of a sample.
-
-    Parameters
-    ----------
-    first, second : DataArray (time,)
-        The same motion seen by two instruments, aligned at an event, at any rates; scales and zeros may
-        differ. NaN is left out of the first and bridged in the second.
-    largest : float [s]
-        Largest lag that may be left; where the records do not agree within it, it is the uncertainty.
-
-    Returns
-    -------
-    Lag
-
-    Raises
-    ------
-    InputError
-        Too few readings, no motion, or no overlap.
-
-    Notes
-    -----
-    Gauss and Newton's least squares of lag, gain and offset, with a cubic spline through the second record; the
-    uncertainty accounts for autocorrelated residuals. The noise of the second record weakens the gain by its share of
-    the variance (attenuation); put the quieter record second.
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 1.0, 0.01)
-    >>> a = xr.DataArray(np.sin(9 * time), {"time": time})
-    >>> b = xr.DataArray(2 * np.sin(9 * (time - 0.0123)), {"time": time})
-    >>> found = lag(a, b, 0.05)
-    >>> round(found.lag, 5), round(found.gain, 3)
-    (0.0123, 2.0)
-    """
-    (t, y), (t2, y2) = (
-        (checked_times(r["time"].values)[kept], r.values[kept])
-        for r in (first, second)
-        for kept in [np.isfinite(np.asarray(r.values, float))]
-    )
-    inside = (t >= t2[0] + largest) & (t <= t2[-1] - largest) if t2.size > 1 else np.zeros(t.size, bool)
-    t, y = t[inside], y[inside]
-    if t.size < _FEWEST or t2.size < _FEWEST:
-        raise InputError(f"the records overlap in {t.size} readings only; at least {_FEWEST} are needed for a lag")
-    refuse_infinite(y, "a record")
-    refuse_infinite(y2, "a record")
-    if is_constant(y) or is_constant(y2):
-        raise InputError("a record is constant where the two overlap, so it determines no lag")
-    spline = CubicSpline(t2, y2)
-    # The derivative of the interpolant is mostly noise and would feign certainty.
-    smoothed = smooth(t2, y2, estimate_noise(y2 - y2[0], t2).sigma)
-    interval, shift = float(np.median(np.diff(t))), 0.0
-    for _ in range(_STEPS):
-        moved, ((rate, _),) = spline(t + shift), evaluate(smoothed, t + shift, 1)
-        jacobian = np.column_stack([y, np.ones_like(t), -rate])
-        gain, offset, step = np.linalg.lstsq(jacobian, moved, rcond=None)[0].tolist()
-        shift = float(np.clip(shift + np.clip(step, -2 * interval, 2 * interval), -largest, largest))
-        if abs(step) < _SETTLED * interval:
-            break
-    covariance = parameter_covariance(jacobian, moved - gain * y - offset)
-    u_gain, _, u_shift = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-    return Lag(shift, max(u_shift, largest) if abs(shift) == largest else u_shift, gain, u_gain)
 
 
 def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Dataset:
