@@ -11,21 +11,6 @@ from labpipe.uncertainty import Input
 from pipelines.experiments.dma.model import still_falls
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
-_ABSENT = (
-    (
-        "inclination, pixel size, mass, radius, height",
-        "they are included in the rheometer's moduli; what the specimen's dimensions leave open is `scale`",
-    ),
-    ("zero, filter lag", "the instrument's clock; a phase delay is fitted where the data show one"),
-    ("repeatability", "one specimen; overlapping sweeps repeat each other: included in the noise"),
-)
-_SHIFT = (
-    ("sampling", "the fitted curve interpolates between the frequencies: included in the noise"),
-    ("Poisson's ratio", "a shift is a ratio of frequencies"),
-)
-_MODULUS = (("sampling", "the fitted curve interpolates between the frequencies: included in the noise"),)
-_TENSION = ("Poisson's ratio", "the modulus was measured in tension or bending")
-
 
 def quantities(sweeps: xr.Dataset, master_curve: xr.Dataset) -> Iterator[Quantity]:
     """Yield a shift, and the modulus at the slow end and after an infinite time.
@@ -59,7 +44,6 @@ def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:
             "noise": Input(0.0, float(u[far])),
             "temperature": Input(at, u_level, "degC"),
         },
-        (*_SHIFT, *_ABSENT),
         "log10 a_T, the largest",
     )
 
@@ -70,8 +54,6 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
         float(master[name][slow]) for name in ("reduced_frequency", "master_storage", "u_master_storage")
     )
     factor = float(sweeps.attrs["u_modulus_factor"]) / float(sweeps.attrs["modulus_factor"])
-    names = ("temperature", "the uncertainty of the shifts is included in the noise of the curve")
-    inert = (*_MODULUS, names, *_ABSENT, *(() if factor else (_TENSION,)))
     factors = {"noise": u_storage / storage, "scale": float(sweeps.attrs["u_scale"]), "Poisson's_ratio": factor}
     inputs = {name: Input(1.0, u) for name, u in factors.items() if u or name == "noise"}
     yield Quantity(
@@ -79,7 +61,6 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
         "Pa",
         lambda **factors: prod(factors.values()),
         {MEASURED: Input(storage, 0.0, "Pa"), **inputs},
-        inert,
         "storage modulus at the slow end",
     )
     left = still_falls(master["reduced_frequency"].values, master["master_loss"].values)
@@ -93,5 +74,4 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
                 **inputs,
                 "extrapolation": Input(0.0, left / sqrt(3.0), "Pa"),
             },
-            inert,
         )

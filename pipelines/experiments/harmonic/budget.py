@@ -8,22 +8,12 @@ import xarray as xr
 
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.budget_quantity import NOTHING_FALLS, TESTS, Quantity
+from pipelines.experiments.shared.budget_quantity import TESTS, Quantity
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
-
-_ON_CYCLES = (
-    ("zero", "tare and position of first touch are constant"),
-    ("sampling", "all readings of all cycles are fitted, and their rounding is included in the noise"),
-    (
-        "radius, Poisson's ratio, temperature",
-        "the rubber was measured at its temperature; they affect model and theory",
-    ),
-)
 
 
 def quantities(oscillations: xr.Dataset, loads: xr.Dataset) -> Iterator[Quantity]:
     """Yield storage stiffness and work per cycle at the first frequencies."""
-    once = (*NOTHING_FALLS, *_ON_CYCLES, ("repeatability", "all cycles are fitted together: included in the noise"))
     for i in range(min(TESTS, oscillations.sizes["oscillation"])):
         at = oscillations.isel(oscillation=i)
         frequency, amplitude, n = (float(at[name]) for name in ("frequency", "amplitude", "n_cycles"))
@@ -43,9 +33,9 @@ def quantities(oscillations: xr.Dataset, loads: xr.Dataset) -> Iterator[Quantity
         }
         scatter = Input(0.0, float(at["work_sd"]) / np.sqrt(n), "J", degrees_of_freedom=max(n - 1.0, 1.0))
         where = f"at {frequency:.3g} Hz"
-        yield Quantity(f"storage stiffness {where}", "N/m", _stiffness, inputs, once, "storage stiffness")
+        yield Quantity(f"storage stiffness {where}", "N/m", _stiffness, inputs, "storage stiffness")
         inputs = {**inputs, "repeatability": scatter}
-        yield Quantity(f"work per cycle {where}", "J", _work, inputs, (*NOTHING_FALLS, *_ON_CYCLES), "work per cycle")
+        yield Quantity(f"work per cycle {where}", "J", _work, inputs, "work per cycle")
 
 
 def _stiffness(

@@ -91,10 +91,7 @@ def blocks(
     few = any(isfinite(g.degrees_of_freedom) for g in found.inputs.values())
     more = ({"degrees of freedom": freedom} if few else {}) | dict(columns or {})
     exact = [shown_source(n) for n, g in found.inputs.items() if g.u == 0.0 and n != MEASURED]
-    said = [f"Without a stated or estimated uncertainty: {', '.join(exact)}."] if exact else []
-    inert = "; ".join(f"{names} ({why})" for names, why in found.inert)
-    said += [f"Without effect: {inert}."] if inert else []
-    others = (Paragraph(" ".join(said)),) if said else ()
+    others = [Paragraph(f"Without a stated or estimated uncertainty: {', '.join(exact)}.")] if exact else []
     return Paragraph(text), *budget_table(rows, found.name, found.unit, more), *others
 
 

@@ -22,9 +22,6 @@ IMPACTS = 3
 TESTS = 3
 """Depths or frequencies of an indentation that are shown."""
 
-NOTHING_FALLS = (("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),)
-"""Inputs that do not act on an indentation, and why."""
-
 MEASURED = "measured"
 """Name of the input that is the result as read; its uncertainty is in the others."""
 
@@ -33,15 +30,14 @@ MEASURED = "measured"
 class Quantity:
     """One reported quantity as a formula of uncertain inputs.
 
-    ``name``, ``unit``; ``model``: takes every input by its name; ``inputs``; ``inert``: inputs that do not act, several
-    in one text, and why; ``family``: common name of quantities of the same sense; the name where it is empty.
+    ``name``, ``unit``; ``model``: takes every input by its name; ``inputs``; ``family``: common name of quantities of
+    the same sense; the name where it is empty.
     """
 
     name: str
     unit: str
     model: Model
     inputs: dict[str, Input]
-    inert: tuple[tuple[str, str], ...] = ()
     family: str = ""
 
 
@@ -86,13 +82,10 @@ def of_simulation(name: str, model: xr.Dataset | None, variable: str, at: int = 
         yield model_quantity(name, value, unit, json.loads(model.attrs["budget"]))
 
 
-def model_quantity(
-    name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], asked: Sequence[str] = ()
-) -> Quantity:
+def model_quantity(name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], family: str = "") -> Quantity:
     """Return a result of a model, of which only the sensitivities are known.
 
-    Rows are those of :func:`labpipe.uncertainty.budget_rows`; inputs of the model that are ``asked`` for and have no
-    row are stated as exact.
+    Rows are those of :func:`labpipe.uncertainty.budget_rows`.
     """
     given = {str(r["source"]).replace(" ", "_"): r for r in rows}
 
@@ -101,6 +94,4 @@ def model_quantity(
 
     inputs = {MEASURED: Input(value, 0.0, unit)}
     inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in given.items()}
-    exact = [n for n in asked if n.replace(" ", "_") not in given]
-    inert = [(", ".join(exact), "stated without uncertainty, or not at all")] if exact else []
-    return Quantity(name, unit, model, inputs, tuple(inert))
+    return Quantity(name, unit, model, inputs, family)

@@ -20,7 +20,7 @@ from pipelines.rig.samples import session_head
 from pipelines.rig.session_text import under_record
 from pipelines.session import open_session, process, result
 from tests.labpipe.report.conftest import assert_fit_to_read
-from tests.pipelines.asked import quantities
+from tests.pipelines.budgets import quantities
 
 CAMERA = UnderCamera(samples=3, moments=2)
 

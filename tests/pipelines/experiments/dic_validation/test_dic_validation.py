@@ -20,7 +20,7 @@ from pipelines.rig.session_text import front_record, under_record
 from pipelines.rig.solids import specimen_of
 from pipelines.session import process, result
 from tests.labpipe.report.conftest import assert_fit_to_read
-from tests.pipelines.asked import quantities
+from tests.pipelines.budgets import quantities
 
 CAMERA = FrontCamera(rows=72, columns=48, frame_rate=4000, duration=0.075, release=0.006)
 HEIGHT = 1.5e-3

@@ -19,7 +19,7 @@ from pipelines.rig.plate_session import write_plate
 from pipelines.rig.samples import drop_section, laser_record, session_head, sweeps
 from pipelines.rig.session_text import from_dma, plate_laser_record
 from pipelines.session import open_session, process, result
-from tests.pipelines.asked import quantities
+from tests.pipelines.budgets import quantities
 from tests.pipelines.small import START
 
 NAMES = ("acrylic", "ptfe")

@@ -25,7 +25,7 @@ from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import cell_record, session_head
 from pipelines.session import open_session, process, result
-from tests.pipelines.asked import quantities
+from tests.pipelines.budgets import quantities
 from tests.pipelines.shown import texts_between
 
 START = datetime(2024, 5, 14, 9, 30)

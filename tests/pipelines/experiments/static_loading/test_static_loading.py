@@ -20,7 +20,7 @@ from pipelines.experiments.static_loading import comparison, load_steps, measure
 from pipelines.rig.session_text import laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 from pipelines.session import open_session, process, result
-from tests.pipelines.asked import quantities
+from tests.pipelines.budgets import quantities
 
 START = datetime(2024, 5, 14, 9, 30)
 RIG = StaticRig()

@@ -31,8 +31,7 @@ def quantities(comparison: xr.Dataset, *, settings: RingingBar) -> Iterator[Quan
         MEASURED: Input(float(comparison["measured"]), 0.0, "Hz"),
         "noise": Input(0.0, float(comparison["u_measured"]), "Hz"),
     }
-    inert = (("mass, height, temperature", "they do not enter a frequency that was measured"),)
-    yield Quantity("frequency of the bar", "Hz", lambda measured, noise: measured + noise, inputs, inert)
+    yield Quantity("frequency of the bar", "Hz", lambda measured, noise: measured + noise, inputs)
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
