@@ -56,8 +56,8 @@ def judgement(given: Given, basis: judgements.Basis, settings: Relaxation, conte
     relative = next((relative_gain(test.loads) for test in reversed(tested) if test.loads is not None), 0.0)
     inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
     inputs |= inputs_of(given.get("tests"))
-    known = judgements.measured_by(settings.substrate)
-    return Scene(checks, (), given.each([rows]), inputs, basis=basis, measured_by=known)
+    source = judgements.measured_by(settings.substrate)
+    return Scene(checks, (), given.each([rows]), inputs, basis=basis, measured_by=source)
 
 
 def _one_specimen(ratios: Sequence[tuple[str, float]]) -> Check:
