@@ -197,7 +197,6 @@ def load(
     ConfigError
         With every mistake and its line: one belongs to no single experiment, or all of them wait.
     """
-    source = Path(path)
     source = Path(path, FILE_NAME) if Path(path).is_dir() else Path(path)
     if text is None and not source.is_file():
         raise SourceError(source, "there is no such file", hint=f"make one with: labpipe init {source.parent}")

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
-from math import acos, cos, degrees, nan, sqrt
+from math import acos, cos, degrees, sqrt
 
 import numpy as np
 import xarray as xr
@@ -137,8 +137,7 @@ def _of_fall(
     if exclusions(settings, [fall.name]):
         cause = "the excluded readings hide an impact, so that those after it are counted wrong: exclude the recording"
         checks = judgements.because(checks, cause, "durations of the flights", file=fall.name)
-    if any(check.cause == fall_checks.BACKWARDS for check in checks):
-        checks = judgements.because(checks, fall_checks.BACKWARDS, HEIGHT, log_ratio=nan, file=fall.name, setting="")
+    checks = fall_checks.backwards(checks)
     blamed = {record_checks.SINGLE_ROWS: {c.name for c in checks}, record_checks.SMOOTHED: _SMEARED}
     for wrong in of_traces:
         if wrong.level and wrong.file == fall.name and wrong.name in blamed:

@@ -91,8 +91,7 @@ def judgement(given: Given, basis: judgements.Basis, settings: DicValidation, co
         if check.level in ("doubtful", "impossible") and check.name in _EXPLAINED:
             changes: dict[str, Any] = {"log_ratio": nan, "file": settings.film, "setting": ""}
             checks = judgements.because(checks, check.cause, *_EXPLAINED[check.name], **changes)
-        if check.cause == fall_checks.BACKWARDS:
-            checks = judgements.because(checks, check.cause, HEIGHT, log_ratio=nan, setting="")
+    checks = fall_checks.backwards(checks)
     another = f"the film may show another drop than {_laser(settings)}: another sphere, height or day"
     return Scene(checks, list(_causes(track, settings)), given.each([rows]), basis=basis, unstated=another)
 

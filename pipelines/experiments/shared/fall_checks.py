@@ -6,7 +6,7 @@ contact lasts as long as the stated sphere makes it. A factor in time or length 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite, log, pi
+from math import hypot, isfinite, log, nan, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy import special
 from labpipe.judging import DOUBTFUL, IMPOSSIBLE, Check, Level, bounded, compared, in_words, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
+from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.exact_values import usual_uncertainty
 
 G, HEIGHT, DURATION = "free-fall acceleration", "height of the fall", "duration of the first contact"
@@ -139,6 +140,14 @@ def restitution(fall: Fall) -> Check:
         f"until impact {worst} the body bounces, then something else moves it: it was touched or lifted, or another "
     )
     return replace(found, cause=f"{cause}drop follows in the record")
+
+
+def backwards(checks: Sequence[Check]) -> list[Check]:
+    """Return checks; a record that runs backwards in time is the cause of a wrong height."""
+    found = next((check for check in checks if check.cause == BACKWARDS), None)
+    if found is None:
+        return list(checks)
+    return judgements.because(checks, BACKWARDS, HEIGHT, log_ratio=nan, file=found.file, setting="")
 
 
 def rest_level(fall: Fall, sag: float) -> Check:

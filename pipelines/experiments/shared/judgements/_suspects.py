@@ -43,8 +43,8 @@ _MOST, _MUCH, _SOME = 0.8, 0.5, 0.2
 _NO_SLIP, _DIAMETER = ("1", "degC", "K"), 2.0  # units of inputs that have no usual factor, and a radius' one
 _SLIPS_OF = {"kg": "mass", "m": "size"}  # which factors are usual, by the unit of an input
 _BENT = 0.1  # relative, by which effects over such a factor leave a power law
-_MOST_COUNTED = 20
-"""Largest number of tips, or of anything else, that a count is tried as."""
+_COUNT, _MOST_COUNTED = "number of ", 20
+"""Begin of the name of an input that is counted, and the largest number that is tried for it."""
 _SUSPECTS = 2  # inputs that are named where the model differs
 _CLOSE = 6.0
 """Difference of chi square within which an input explains as much as the one that explains most."""
@@ -110,8 +110,7 @@ class _Error(NamedTuple):
     @property
     def is_part_of_count(self) -> bool:
         """Whether it is less than half of one of a number of things."""
-        is_count = self.given.si == "1" and not self.given.u and self.given.value > 1.0
-        return is_count and float(self.given.value).is_integer() and abs(self.size) < 0.5
+        return self.name.startswith(_COUNT) and abs(self.size) < 0.5
 
     @property
     def shown(self) -> str:
@@ -254,7 +253,7 @@ def _slipped(scene: Scene, compared: Compared, ranked: Ranked, confirmed: Set[st
     """
     known, names = scene.inputs, compared.names
     # a relative number has no unit to be typed wrongly, and a temperature no factor; a count is another count
-    counts = {name for name in names if name.startswith("number of ")}
+    counts = {name for name in names if name.startswith(_COUNT)}
     typed = {name for name in names if known[name].value > 0.0 and known[name].si not in _NO_SLIP} | counts
     solid = {_MODULUS, STIFFNESS} if scene.measured_by else set()
     certain = {name for name in names if known[name].u or name in solid} | typed
