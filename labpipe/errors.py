@@ -128,14 +128,6 @@ class StageError(LabpipeError):
 
     is_of_run = True
 
-    def __init__(self, experiment: str, stage: str, message: str) -> None:
-        self.experiment, self.stage, self.message = experiment, stage, message
-        super().__init__(f"{experiment}: {stage}: {message}")
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Rebuild from the fields."""
-        return StageError, (self.experiment, self.stage, self.message)
-
 
 class StoreError(LabpipeError):
     """A stored result is damaged or does not belong to its key."""

@@ -4,7 +4,7 @@
   configured fields, and the check of a TOML file against them
 - :mod:`~labpipe.workflow.exclusions`: recordings and readings that are left out, and notes
 - :mod:`~labpipe.workflow.session`: ``session.toml``
-- :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages and tasks
+- :mod:`~labpipe.workflow.graph`: stages and tasks
 - :mod:`~labpipe.workflow.plan`, :mod:`~labpipe.workflow.code`: the steps of a run, with the key and the reason of
   each, and the code in the keys
 - :mod:`~labpipe.workflow.store`, :mod:`~labpipe.workflow.results`: results by key, and their

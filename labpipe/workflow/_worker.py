@@ -6,7 +6,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -16,12 +16,12 @@ from labpipe.errors import NO_INPUT, InputError, LabpipeError, SourceError, Stag
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import code, provenance
-from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned, counts, summarise
+from labpipe.workflow.context import Context, Failed, Kept, Warned, counts, summarise
 from labpipe.workflow.exclusions import EXCLUDE, concerning
-from labpipe.workflow.plan import READY, Key, Plan, describe_file, make_plan, page_name
+from labpipe.workflow.graph import Stages, Task, TaskId, ancestors
+from labpipe.workflow.plan import READY, Key, Plan, code_changed, describe_file, page_name, plan
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Store, log
-from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out, stage_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -66,21 +66,14 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """The work of one process: the session, the experiment, and the tasks wanted of it.
-
-    ``failures`` are tasks that have failed already, elsewhere or in a process that died; ``run`` marks the events in
-    the log of the session, from which the run learns of them.
-    """
+    """Everything that the processes of one run of a session share; ``run`` marks their events in its log."""
 
     session: Session
     stages: Stages
     schemas: Mapping[str, Schema]
-    experiment: str
-    wanted: frozenset[TaskId]
     full: bool
     keep: bool | None
     program: Mapping[str, Any]
-    failures: Mapping[TaskId, Outcome]
     run: str = ""
 
 
@@ -88,19 +81,16 @@ class _StartAgain(Exception):  # noqa: N818 (not an error: the plan is made anew
     """An input changed, or a stored one was damaged, so that the plan no longer holds; once for every task."""
 
 
-def work(job: Job) -> list[Outcome]:
-    """Compute the missing results of an experiment, under its lock.
+def work(job: Job, experiment: str, wanted: frozenset[TaskId], failures: Mapping[TaskId, Outcome]) -> list[Outcome]:
+    """Compute the wanted results of an experiment that are missing, under its lock.
 
-    Another process that computes the same experiment is waited for, and its results are used. The beginning and the
-    end of every task are written into the log of the session as they happen, from which the run learns of them; they
-    are returned too, for a folder whose log another machine may see too late.
+    Another process that computes the same experiment is waited for, and its results are used. ``failures`` are tasks
+    that have failed already, elsewhere or in a process that died. The beginning and the end of every task are written
+    into the log of the session as they happen, from which the run learns of them; they are returned too, for a folder
+    whose log another machine may see too late.
 
-    Raises
-    ------
-    InputError
-        The session is not there, on a machine that does not share its folder.
-    StorageError
-        The log cannot be written.
+    Raises InputError: the session is not there, on a machine that does not share its folder; StorageError: the log
+    cannot be written.
     """
     if not job.session.files.is_dir():
         raise InputError(
@@ -116,21 +106,20 @@ def work(job: Job) -> list[Outcome]:
 
     try:
         store = Store(job.session.folder)
-        tasks = spell_out(job.session, job.stages)
-        with store.writing(), store.experiment(job.experiment):
+        with store.writing(), store.experiment(experiment):
             retried: set[TaskId] = set()
             is_finished = False
             while not is_finished:
-                made = make_plan(job.session, tasks, job.wanted, store, full=job.full, keep=job.keep)
+                made = plan(job.session, job.stages, wanted, full=job.full, keep=job.keep, store=store)
                 try:
-                    _Run(job, store, made, emit, frozenset(retried), dict(job.failures)).all()
+                    _Run(job, experiment, store, made, emit, retried, dict(failures)).all()
                     is_finished = True
                 except _StartAgain as again:
                     retried.add(again.args[0])
             store.index.save()
     except LabpipeError as error:  # outside a task, as when the lock or the list of last keys cannot be written
         kind = type(error).__name__
-        for task in sorted(job.wanted - ended.keys(), key=str):
+        for task in sorted(wanted - ended.keys(), key=str):
             emit("ended", Outcome(*task, FAILED, None, str(error), error.exit_code, kind, is_of_run=error.is_of_run))
     return list(ended.values())
 
@@ -140,25 +129,24 @@ class _Run:
     """One pass over the rows of one experiment; ``passed`` holds results that are handed on and not kept."""
 
     job: Job
+    experiment: str
     store: Store
     plan: Plan
     emit: Callable[[str, TaskId | Outcome], None]
-    retried: frozenset[TaskId]
+    retried: Set[TaskId]
     failures: dict[TaskId, Outcome]
     passed: dict[TaskId, Any] = field(default_factory=dict)
 
     def all(self) -> None:
         for row in self.plan.rows:
-            if row.experiment != self.job.experiment:
+            if row.experiment != self.experiment:
                 continue
             if row.state in READY:
                 last = self.plan.last(row.task)
                 self.store.note_latest(row.task, *last)
                 outcome = Outcome(*row.task, row.state, last.key)
-            elif row.task in self.job.failures:
-                outcome = self.job.failures[row.task]
             else:
-                outcome = self._outcome(self.plan.tasks[row.task])
+                outcome = self.failures.get(row.task) or self._outcome(self.plan.tasks[row.task])
             if outcome.state in (FAILED, SKIPPED):
                 self.failures[row.task] = outcome
             self.emit("ended", outcome)
@@ -167,14 +155,13 @@ class _Run:
         """Compute one task, unless an input is missing."""
         for name in task.before:  # another experiment may not have made it
             value = self.plan.keys[name].value
-            is_elsewhere = name.experiment != self.job.experiment and name not in self.failures
+            is_elsewhere = name.experiment != self.experiment and name not in self.failures
             if is_elsewhere and (value is None or self.store.state(value) != "stored"):
                 text = f"{name} gave no result"
                 self.failures[name] = Outcome(*name, FAILED, message=text, is_of_run=True, reason=NO_INPUT)
         failed = [name for name in task.before if name in self.failures]
         missing = [name for name in failed if name in task.required or self.failures[name].is_of_run]
-        is_called_anyway = task.stage.tolerant or (task.stage.output == "page" and task.stage.context)
-        if missing and not is_called_anyway:
+        if missing and not task.stage.context:
             is_of_run = any(self.failures[name].is_of_run for name in missing)
             text = f"{missing[0]} gave no result"
             return Outcome(*task.id, SKIPPED, message=text, is_of_run=is_of_run, reason=NO_INPUT)
@@ -190,7 +177,7 @@ class _Run:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
             # Unless it is one of ours, the mistake is the step's, not a record's.
             is_ours = isinstance(error, LabpipeError)
-            ours = error if is_ours else StageError(*task.id[:2], "")
+            ours = error if is_ours else StageError()
             failure = {name: getattr(ours, name) for name in ("exit_code", "is_of_run", "reason")} | {
                 "message": self._relative(str(error) if is_ours else f"unexpected {type(error).__name__}: {error}"),
                 "error": type(error).__name__,
@@ -206,7 +193,8 @@ class _Run:
 
     def _made(self, task: Task) -> str | None:
         """Return the key of a result, made or found now; None where it rests on failures and is not kept."""
-        key, stage, place = self.plan.keys[task.id], task.stage, task.id[:2]
+        key, stage = self.plan.keys[task.id], task.stage
+        name = f"{task.id.experiment}: {task.id.stage}"
         is_page = stage.output == "page"
         page = self.job.session.folder / page_name(task.id.experiment)
         if key.value is not None:
@@ -219,17 +207,17 @@ class _Run:
                 return key.value
         if key.problem:
             raise InputError(key.problem)
-        if key.value is None and not (is_page or stage.tolerant):
-            raise StageError(*place, "an input has no key; run again")
+        if key.value is None and not (is_page or stage.context):
+            raise StageError(f"{name}: an input has no key; run again")
         # half as much again as the last result of this task, or the results that it is made of; 1 MiB at least
         last, before = self.store.last(task.id), [self.plan.keys[name].value for name in task.before]
         sizes = [0 if one is None else self.store.size(one) for one in (last and last.key, *before)]
         files.require_space(self.store.root, 3 * max(sizes[0] or sum(sizes), 1 << 20) // 2)
         result, caught = self._call(task, key)
         if is_page and not isinstance(result, str):
-            raise StageError(*place, f"must return the text of a page, returned {type(result).__name__}")
+            raise StageError(f"{name}: must return the text of a page, returned {type(result).__name__}")
         is_on_failures = any(name in self.failures for name in ancestors(self.plan.tasks, task.id))
-        if (is_on_failures or key.value is None) and (is_page or stage.tolerant):
+        if (is_on_failures or key.value is None) and (is_page or stage.context):
             if is_page:  # made again in every run
                 files.write_text(page, result)
             else:
@@ -240,7 +228,7 @@ class _Run:
             import xarray as xr
 
             if not isinstance(result, xr.Dataset):
-                raise StageError(*place, f"must return a Dataset, returned {type(result).__name__}")
+                raise StageError(f"{name}: must return a Dataset, returned {type(result).__name__}")
             work = counts(result.attrs.get("work"))
             about = provenance.of_task(self.job.program, self.plan.tasks, self.plan.keys, task.id)
             attributes = {"provenance": files.canonical(about)} | ({"work": files.canonical(work)} if work else {})
@@ -320,7 +308,7 @@ class _Run:
         values = {name: keys[name].value for name in behind if name not in self.failures}
         found = {name: self.store.record(value) for name, value in values.items() if value is not None}
         records = {name: record for name, record in found.items() if record is not None}
-        of = {name: (stage_name(task, name), name.recording) for name in behind}
+        of = {name: (name.seen_from(task.id), name.recording) for name in behind}
         failed = ((name, self.failures[name]) for name in behind if name in self.failures)
         own = session.experiments[task.id.experiment]
         return Context(
@@ -332,9 +320,8 @@ class _Run:
                 Warned(*of[n], w.category, w.text, w.count) for n, record in records.items() for w in record.warnings
             ),
             failures=tuple(Failed(*of[n], one.message, one.is_of_run, one.reason) for n, one in failed),
-            inputs=tuple(RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
-            kept=tuple(Kept(*of[name], keys[name].kept) for name in behind if keys[name].kept),
+            kept=tuple(Kept(*of[name], code_changed(keys[name].kept)) for name in behind if keys[name].kept),
         )
 
 
@@ -344,5 +331,6 @@ def _import(task: Task) -> Callable[..., Any]:
     try:
         function: Callable[..., Any] = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, SyntaxError) as error:
-        raise StageError(*task.id[:2], f"{task.stage.function} cannot be imported: {error}") from error
+        text = f"{task.id.experiment}: {task.id.stage}: {task.stage.function} cannot be imported: {error}"
+        raise StageError(text) from error
     return function

@@ -72,10 +72,7 @@ def behind(*names: str, is_page: bool = False) -> Identity:
 def refuse_changed() -> None:
     """Refuse to go on where a source file was changed since this process may have loaded it.
 
-    Raises
-    ------
-    InstallationError
-        With the file.
+    Raises InstallationError: with the file.
     """
     for path, (before, _) in _seen.items():
         try:

@@ -19,7 +19,7 @@ import re
 import types
 import typing
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union
 
@@ -44,37 +44,22 @@ from labpipe.workflow.fields import (
     show,
     split,
     suggest,
+    tables_of,
 )
 
 S = TypeVar("S", bound=msgspec.Struct)
-NAME = "{name}"
-"""Stands in a text of the settings for the name of the experiment."""
 _GAP_LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: [^"]*)?"')
 _BAD = object()
 """Stands for a value whose mistake has been reported."""
 
 
-def read(path: Path, kind: type[S], root: Path | None = None, text: str | None = None) -> S:
+def read(path: Path, kind: type[S]) -> S:
     """Read a whole TOML file as one structure, such as a calibration record.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    kind : type
-        The structure it must fit.
-    root : Path, optional
-        Folder of the files it names; default its own.
-    text : str, optional
-        Content that the file would have; by default it is read.
-
-    Raises
-    ------
-    SourceError, ConfigError
-        With every mistake and its line.
+    Raises SourceError, and ConfigError with every mistake and its line.
     """
-    document = parse(path, text)
-    value = Checker(document, root or path.parent).structure(kind, document.tree, ())
+    document = parse(path)
+    value = Checker(document, path.parent).structure(kind, document.tree, ())
     document.finish()
     return typing.cast(S, value)
 
@@ -83,8 +68,7 @@ def read(path: Path, kind: type[S], root: Path | None = None, text: str | None =
 class Checker:
     """Converts values to the types of their fields and reports mistakes.
 
-    ``origin`` has the places of values that were taken from another table, such as defaults, and where they were
-    written; ``may_wait`` takes names of files that are not there yet. With a list ``gaps``, values that are still to
+    ``may_wait`` takes names of files that are not there yet. With a list ``gaps``, values that are still to
     come are listed there and are no mistakes; other mistakes are reported all the same. ``laboratory`` is the folder
     of the laboratory's file, from which the files that it names are found. ``names`` are the experiments that one of
     them, ``own``, may refer to.
@@ -92,7 +76,6 @@ class Checker:
 
     document: Document
     root: Path
-    origin: dict[Place, Place] = field(default_factory=dict)
     may_wait: bool = False
     gaps: list[str] | None = None
     laboratory: Path | None = None
@@ -101,16 +84,11 @@ class Checker:
 
     def report(self, place: Place, message: str) -> Any:
         """Report at the place in the file where a value was written; return the mark of no value."""
-        self.document.report(self.written(place), message)
+        self.document.report(place, message)
         return _BAD
 
-    def written(self, place: Place) -> Place:
-        """Return the place in the file of a value: its own, or that in the table it was taken from."""
-        ends = (n for n in range(len(place), 0, -1) if place[:n] in self.origin)
-        return next(((*self.origin[place[:n]], *place[n:]) for n in ends), place)
-
-    def structure(self, kind: type[msgspec.Struct], value: Any, place: Place, partial: bool = False) -> Any:
-        """Convert a table; with ``partial``, required fields may be missing."""
+    def structure(self, kind: type[msgspec.Struct], value: Any, place: Place) -> Any:
+        """Convert a table."""
         if not isinstance(value, dict):
             return self.report(place, f"expected a table, found {found(value)}")
         fields = {f.encode_name: f for f in fields_of(kind)}
@@ -119,59 +97,70 @@ class Checker:
         converted = {}
         for name, info in fields.items():
             if name in value:
-                converted[info.name] = self.value(info.type, value[name], (*place, name), partial)
-            elif info.required and not partial:
+                converted[info.name] = self.value(info.type, value[name], (*place, name))
+            elif info.required:
                 converted[info.name] = self.report((*place, name), f"missing; expected {describe(info.type)}")
-        if partial or any(item is _BAD for item in converted.values()):
+        if any(item is _BAD for item in converted.values()):
             return _BAD
         try:
             return kind(**converted)
         except (ValueError, TypeError) as error:  # raised by the structure's own __post_init__
             return self.report(place, str(error))
 
-    def value(self, kind: Any, value: Any, place: Place, partial: bool = False) -> Any:
+    def value(self, kind: Any, value: Any, place: Place) -> Any:
         """Convert one value to the type of its field."""
         if self.gaps is not None and is_gap(value):
-            self.gaps.append(self.document.at(self.written(place), f"to be filled in: {describe(kind)}"))
+            self.gaps.append(self.document.at(place, f"to be filled in: {describe(kind)}"))
             return _BAD
-        bare, marks = split(kind)
+        bare, _ = split(kind)
         if typing.get_origin(bare) in (Union, types.UnionType):
-            return self._union(bare, value, place, partial)
+            options = [option for option in typing.get_args(bare) if option is not type(None)]
+            if isinstance(value, dict) and len(options) > 1 and len(tables := tables_of(bare)) == 1:
+                options = list(tables)
+            if len(options) == 1:
+                return self.value(options[0], value, place)
+            for option in options:
+                trial = replace(self, document=Document(self.document.path, {}, {(): 1}), gaps=None)
+                converted = trial.value(option, value, place)
+                if not trial.document.problems:
+                    return converted
+            return self.report(place, f"expected {' or '.join(map(describe, options))}, found {found(value)}")
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
-            return self.structure(bare, value, place, partial)
+            return self.structure(bare, value, place)
         if typing.get_origin(bare) in (list, tuple, dict):
-            return self._collection(kind, value, place, partial)
+            return self._collection(kind, value, place)
+        return self._single(kind, value, place)
+
+    def _single(self, kind: Any, value: Any, place: Place) -> Any:
+        _, marks = split(kind)
         try:
             if mark(marks, FileMark) is not None:
                 return self._file(value, place)
             if mark(marks, ReferenceMark) is not None and isinstance(value, str):
-                return self._reference(value.removeprefix(REFERENCE))
-            converted = _quantity(dimension, value) if (dimension := mark(marks, Dimension)) else _plain(kind, value)
-            return _in_range(mark(marks, Range), converted)
+                name = value.removeprefix(REFERENCE)
+                if self.names is not None and name == self.own:
+                    raise InputError("an experiment cannot refer to itself")
+                if self.names is not None and name not in self.names:
+                    near = suggest(name, (other for other in self.names if other != self.own))
+                    raise InputError(f'there is no experiment "{name}"{near}')
+                return REFERENCE + name
+            dimension = mark(marks, Dimension)
+            converted = _plain(kind, value) if dimension is None else _quantity(dimension, value)
         except InputError as error:
             return self.report(place, str(error))
+        bounds, is_quantity = mark(marks, Range), isinstance(converted, Quantity)
+        if bounds is None or bounds.holds(converted.value if is_quantity else converted):
+            return converted
+        unit = f" {converted.si}" if is_quantity and converted.si != "1" and not bounds.is_sign else ""
+        return self.report(place, f"must be {bounds}{unit}, found {show(converted) if is_quantity else converted}")
 
-    def _union(self, kind: Any, value: Any, place: Place, partial: bool) -> Any:
-        options = [option for option in typing.get_args(kind) if option is not type(None)]
-        if len(options) == 1:
-            return self.value(options[0], value, place, partial)
-        tables = [option for option in options if isinstance(option, type) and issubclass(option, msgspec.Struct)]
-        if isinstance(value, dict) and len(tables) == 1:
-            return self.structure(tables[0], value, place, partial)
-        for option in options:
-            trial = replace(self, document=Document(self.document.path, {}, {(): 1}), gaps=None)
-            converted = trial.value(option, value, place, partial)
-            if not trial.document.problems:
-                return converted
-        return self.report(place, f"expected {' or '.join(map(describe, options))}, found {found(value)}")
-
-    def _collection(self, kind: Any, value: Any, place: Place, partial: bool) -> Any:
+    def _collection(self, kind: Any, value: Any, place: Place) -> Any:
         bare, marks = split(kind)
         arguments = typing.get_args(bare)
         if typing.get_origin(bare) is dict:
             if not isinstance(value, dict):
                 return self.report(place, f"expected a table, found {found(value)}")
-            pairs = {k: self.value(arguments[1], v, (*place, k), partial) for k, v in value.items()}
+            pairs = {k: self.value(arguments[1], v, (*place, k)) for k, v in value.items()}
             return _BAD if any(v is _BAD for v in pairs.values()) else pairs
         inner, inner_marks = split(arguments[0])
         is_of_files = mark(inner_marks, FileMark) is not None
@@ -187,7 +176,7 @@ class Checker:
         if is_fixed and len(value) != len(arguments):
             return self.report(place, f"expected {len(arguments)} items, found {len(value)}")
         of = arguments if is_fixed else (arguments[0],) * len(value)
-        items = [self.value(t, v, (*place, i), partial) for i, (t, v) in enumerate(zip(of, value, strict=True))]
+        items = [self.value(t, v, (*place, i)) for i, (t, v) in enumerate(zip(of, value, strict=True))]
         for i, name in enumerate(value if is_of_files else ()):
             if name in value[:i]:
                 items[i] = self.report((*place, i), f'"{name}" is listed twice; remove one')
@@ -207,20 +196,10 @@ class Checker:
 
         return sorted((path.relative_to(self.root).as_posix() for path in names), key=by_number) or [pattern]
 
-    def _reference(self, name: str) -> str:
-        if self.names is not None and name == self.own:
-            raise InputError("an experiment cannot refer to itself")
-        if self.names is not None and name not in self.names:
-            near = suggest(name, (other for other in self.names if other != self.own))
-            raise InputError(f'there is no experiment "{name}"{near}')
-        return REFERENCE + name
-
     def _file(self, value: Any, place: Place) -> Any:
         if not isinstance(value, str):
             raise InputError(f"expected the name of a file, found {found(value)}")
-        if NAME in value:  # in defaults: each experiment puts its own in
-            return _BAD
-        is_of_laboratory = not isinstance(place[-1], int) and self.written(place)[:1] == (LABORATORY,)
+        is_of_laboratory = not isinstance(place[-1], int) and self.document.written(place)[:1] == (LABORATORY,)
         place_on_disk = safe_join((is_of_laboratory and self.laboratory) or self.root, value)
         if is_of_laboratory and place_on_disk.exists():
             return relative(place_on_disk, self.root)
@@ -256,14 +235,6 @@ def _quantity(dimension: Dimension, value: Any) -> Quantity:
     if not (math.isfinite(parsed.value) and math.isfinite(parsed.u)):
         raise InputError(f'expected a finite number, found "{value}"')
     return parsed
-
-
-def _in_range(bounds: Range | None, value: Any) -> Any:
-    is_quantity = isinstance(value, Quantity)
-    if bounds is None or bounds.holds(value.value if is_quantity else value):
-        return value
-    unit = f" {value.si}" if is_quantity and value.si != "1" and not bounds.is_sign else ""
-    raise InputError(f"must be {bounds}{unit}, found {show(value) if is_quantity else value}")
 
 
 def _plain(kind: Any, value: Any) -> Any:

@@ -6,17 +6,16 @@ begins like one that ends in ``_total`` is a part of it: ``frames_read`` of ``fr
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from labpipe.errors import NO_INPUT, InputError
 
 _TOTAL = "_total"
 
 
-@dataclass(frozen=True, slots=True)
-class LedgerRow:
+class LedgerRow(NamedTuple):
     """One count of one stage, summed over its recordings.
 
     ``skipped`` is the part of the total that was not needed; None when no total is known.
@@ -32,7 +31,8 @@ class LedgerRow:
 def counts(work: Any) -> dict[str, float | int]:
     """Read the attribute ``work`` of a result, given as JSON text or as a dictionary.
 
-    Raises InputError where it is anything but names with numbers.
+    The clock's seconds, the one count that depends on the machine, are left out. Raises InputError where it is
+    anything but names with numbers.
 
     Examples
     --------
@@ -41,18 +41,13 @@ def counts(work: Any) -> dict[str, float | int]:
     """
     try:
         found = json.loads(work) if isinstance(work, str) else dict(work or {})
-        plain = {str(name): _number(value) for name, value in found.items()}
+        if any(isinstance(value, bool | str) or not math.isfinite(value) for value in found.values()):
+            raise ValueError("not a finite number")
     except (ValueError, TypeError, AttributeError):
         raise InputError(f'the attribute "work" must hold counts such as {{"frames_read": 10}}: {work!r}') from None
-    # the one count that depends on the machine is kept out of results, which must not
+    # numpy's integers become Python's
+    plain = {str(name): int(value) if float(value).is_integer() else float(value) for name, value in found.items()}
     return {name: value for name, value in plain.items() if name != "seconds"}
-
-
-def _number(value: Any) -> float | int:
-    """Return a count as a plain number; numpy's integers become Python's."""
-    if isinstance(value, bool | str) or not math.isfinite(value):
-        raise ValueError("not a finite number")
-    return int(value) if float(value).is_integer() else float(value)
 
 
 def summarise(work: Iterable[tuple[str, str, Mapping[str, float | int]]]) -> tuple[LedgerRow, ...]:
@@ -84,26 +79,13 @@ def summarise(work: Iterable[tuple[str, str, Mapping[str, float | int]]]) -> tup
     return tuple(rows)
 
 
-def code_changed(modules: Sequence[str]) -> str:
-    """Say which code has changed; of many modules only the first are named.
-
-    Examples
-    --------
-    >>> code_changed(["labpipe.units"])
-    'code changed: labpipe.units'
-    """
-    more = f" and {len(modules) - 3} more" if len(modules) > 3 else ""
-    return f"code changed: {', '.join(modules[:3])}{more}" if modules else ""
-
-
 def settings_in_words(changed: Mapping[str, tuple[str, str]]) -> str:
     """Write settings with two values each, ``sphere.mass 505 g → 506 g``."""
     return "; ".join(f"{name} {old} → {new}" for name, (old, new) in changed.items())
 
 
-@dataclass(frozen=True, slots=True)
-class Warned:
-    """A warning that a stage before the page raised."""
+class Warned(NamedTuple):
+    """A warning that a stage before the page raised, and how often."""
 
     stage: str
     recording: str | None
@@ -112,8 +94,7 @@ class Warned:
     count: int
 
 
-@dataclass(frozen=True, slots=True)
-class Failed:
+class Failed(NamedTuple):
     """A stage before the page that gave no result, and why.
 
     ``is_of_run`` says that the run was at fault, which says nothing about the recording;
@@ -132,27 +113,12 @@ class Failed:
         return self.reason == NO_INPUT
 
 
-@dataclass(frozen=True, slots=True)
-class Kept:
-    """A result of earlier code that was taken as it is, and the changed code since."""
+class Kept(NamedTuple):
+    """A result of earlier code that was taken as it is, and the change since in words."""
 
     stage: str
     recording: str | None
-    changed: tuple[str, ...]
-
-    @property
-    def reason(self) -> str:
-        """The change in words."""
-        return code_changed(self.changed)
-
-
-@dataclass(frozen=True, slots=True)
-class RawFile:
-    """A file of the session behind the page."""
-
-    name: str
-    size: int
-    sha256: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +126,8 @@ class Context:
     """Passed to stages that ask for it; everything in it is equal for equal inputs.
 
     ``ledger`` holds the counts of the stages of this experiment behind the page; ``provenance``
-    is that of the page, see :func:`labpipe.workflow.provenance.of_task`. ``base``, ``changed`` and ``overrides`` are
+    is that of the page, with the raw files behind it, see
+    :func:`labpipe.workflow.provenance.of_task`. ``base``, ``changed`` and ``overrides`` are
     those of its :class:`labpipe.workflow.session.Experiment`.
     """
 
@@ -173,7 +140,6 @@ class Context:
     ledger: tuple[LedgerRow, ...] = ()
     warnings: tuple[Warned, ...] = ()
     failures: tuple[Failed, ...] = ()
-    inputs: tuple[RawFile, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     kept: tuple[Kept, ...] = ()
     base: str = ""

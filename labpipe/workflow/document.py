@@ -33,15 +33,26 @@ Place = tuple[str | int, ...]
 
 @dataclass(slots=True)
 class Document:
-    """A TOML file as a tree, with the line of every value, and of the mistakes found so far."""
+    """A TOML file as a tree, with the line of every value, and of the mistakes found so far.
+
+    ``origin`` has the places of values that were taken from another table, such as defaults, and where they were
+    written.
+    """
 
     path: Path
     tree: dict[str, Any]
     lines: dict[Place, int]
     problems: dict[str, int] = field(default_factory=dict)
+    origin: dict[Place, Place] = field(default_factory=dict)
+
+    def written(self, place: Place) -> Place:
+        """Return where a value was written: at its own place, or in the table it was taken from."""
+        ends = (n for n in range(len(place), 0, -1) if place[:n] in self.origin)
+        return next(((*self.origin[place[:n]], *place[n:]) for n in ends), place)
 
     def line(self, place: Place) -> int:
-        """Line of a value, or of the nearest table around it."""
+        """Line of a value as it was written, or of the nearest table around it."""
+        place = self.written(place)
         while place not in self.lines:
             place = place[:-1]
         return self.lines[place]
@@ -52,6 +63,7 @@ class Document:
 
     def at(self, place: Place, message: str) -> str:
         """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
+        place = self.written(place)
         name, own = (LABORATORY, place[1:]) if place[:1] == (LABORATORY,) else (self.path.name, place)
         shown = f"{dotted(own)}: " if own else ""
         return f"{name}:{self.line(place)}: {shown}{message}"
@@ -69,21 +81,10 @@ def dotted(place: Place) -> str:
 
 
 def parse(path: Path, text: str | None = None) -> Document:
-    """Read a TOML file without judging its keys.
+    """Read a TOML file without judging its keys; ``text`` is the content that it would have, by default read.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    text : str, optional
-        Content that it would have; by default it is read.
-
-    Raises
-    ------
-    SourceError
-        There is no such file, or it cannot be read.
-    ConfigError
-        It is not TOML, too large, too deep, or holds a number that is not finite.
+    Raises SourceError: there is no such file, or it cannot be read; ConfigError: it is not TOML, too large, too deep,
+    or holds a number that is not finite.
     """
 
     def refuse(at: int | str, message: str) -> ConfigError:
@@ -161,11 +162,16 @@ def children(node: Any) -> Iterable[tuple[str | int, Any]]:
     return enumerate(node) if isinstance(node, list | tuple) else ()
 
 
+def placed(tree: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
+    """Yield a tree and all that is in it, tables, lists and values, each with its place."""
+    yield place, tree
+    for key, child in children(tree):
+        yield from placed(child, (*place, key))
+
+
 def nodes(tree: Any) -> Iterator[Any]:
-    """Yield a tree and all that is in it: tables, lists and values."""
-    yield tree
-    for _, child in children(tree):
-        yield from nodes(child)
+    """Yield a tree and all that is in it."""
+    return (node for _, node in placed(tree))
 
 
 # --- lines, which the standard parser does not say -----------------------------------------------

@@ -120,23 +120,15 @@ Engine = Callable[[], AbstractContextManager[Crew]]
 def choose(jobs: int, cluster: str | None = None) -> Engine:
     """Return the engine for the options of a command.
 
-    Parameters
-    ----------
-    jobs : int
-        Local processes; 0 computes in this process, for a debugger: an error is raised where the call is given.
-    cluster : str, optional
-        Address of a Dask scheduler, which replaces local processes.
-
-    Raises
-    ------
-    InputError
-        The number is negative.
+    ``jobs`` are local processes; 0 computes in this process, for a debugger: an error is raised where the call is
+    given. ``cluster`` is the address of a Dask scheduler, which replaces them. Raises InputError where the number is
+    negative.
     """
     if jobs < 0:
         raise InputError(f"jobs must be at least 0, found {jobs}")
     if cluster is not None:
         return partial(_cluster, cluster)
-    return partial(_processes, jobs) if jobs else _here
+    return partial(_processes, jobs) if jobs else lambda: contextlib.nullcontext(Crew(_here, lambda: 1))
 
 
 def processors() -> int:
@@ -170,16 +162,11 @@ def elsewhere(call: Call) -> Any:
     return answer
 
 
-@contextlib.contextmanager
-def _here() -> Iterator[Crew]:
-    """Open a crew that computes one call after the other in this process."""
-
-    def start(call: Call) -> "Future[Any]":
-        future: Future[Any] = Future()
-        future.set_result(call.run())
-        return future
-
-    yield Crew(start, lambda: 1)
+def _here(call: Call) -> "Future[Any]":
+    """Compute a call in this process."""
+    future: Future[Any] = Future()
+    future.set_result(call.run())
+    return future
 
 
 # --- local processes ---------------------------------------------------------------------------

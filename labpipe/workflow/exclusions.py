@@ -9,7 +9,7 @@ import msgspec
 
 from labpipe.errors import InputError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import FileMark, every_setting, fields_of, mark, options_of, suggest
+from labpipe.workflow.fields import every_setting, fields_of, is_file, suggest
 
 EXCLUDE = "exclude"
 """Field of an experiment's settings that holds its exclusions; stages that read files declare it as a parameter."""
@@ -91,7 +91,7 @@ def concerning(settings: S, files: Iterable[str]) -> S:
 def files_of(settings: Any) -> Iterator[tuple[str, str]]:
     """Yield place and name of every file that settings name."""
     for place, value, kind in every_setting(settings):
-        if isinstance(value, str) and any(mark(marks, FileMark) for _, marks in options_of(kind)):
+        if isinstance(value, str) and is_file(kind):
             yield place, value
 
 
@@ -100,10 +100,7 @@ def without_excluded(settings: S) -> S:
 
     A list of quantities with one for each file loses the same items; a table in a list that loses all its files goes.
 
-    Raises
-    ------
-    InputError
-        An exclusion names no recording of the experiment, or nothing is left; ``reason`` is its number.
+    Raises InputError: an exclusion names no recording of the experiment, or nothing is left; ``reason`` is its number.
     """
     recordings = {name for _, name in files_of(settings) if not name.endswith(".toml")}
     whole: set[str] = set()

@@ -123,6 +123,16 @@ def options_of(kind: Any) -> Iterator[tuple[Any, tuple[Any, ...]]]:
         yield bare, marks
 
 
+def tables_of(kind: Any) -> list[type[msgspec.Struct]]:
+    """Return the structures among the alternatives of a field: those of a table."""
+    return [bare for bare, _ in options_of(kind) if isinstance(bare, type) and issubclass(bare, msgspec.Struct)]
+
+
+def is_file(kind: Any) -> bool:
+    """Return whether the text of a field names a file."""
+    return any(isinstance(mark, FileMark) for _, marks in options_of(kind) for mark in marks)
+
+
 def every_setting(settings: Any, place: str = "", kind: Any = None) -> Iterator[tuple[str, Any, Any]]:
     """Yield settings and all that is in them: dotted name, value and declared type."""
     yield place, settings, kind

@@ -1,4 +1,4 @@
-"""Stages, and the check that those of one kind of experiment fit together.
+"""Stages of a kind of experiment, and the tasks of a session: one for each experiment, stage and recording.
 
 A stage is a pure function from Datasets and files to one Dataset (or one page). It is declared
 here by name; its code is imported only where it runs, so a plan needs none of it.
@@ -6,14 +6,15 @@ here by name; its code is imported only where it runs, so a plan needs none of i
 
 import graphlib
 import typing
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-from labpipe.errors import InputError
-from labpipe.workflow.fields import fields_of, options_of, split, suggest
+from labpipe.errors import ConfigError, InputError
+from labpipe.workflow.fields import REFERENCE, fields_of, split, suggest, tables_of
+from labpipe.workflow.session import FILE_NAME, Experiment, Session
 
 FILE = "file:"
 OTHER = "other:"
@@ -58,10 +59,8 @@ class Stage:
     context : bool
         Whether the function takes the keyword ``context``, a
         :class:`labpipe.workflow.context.Context`; the result then depends on the session's title,
-        operator and notes too, and a page is called even when something before it failed (an
-        input that is missing for that reason is None).
-    tolerant : bool
-        Whether it is called like that without being a page. A result that rests on failures is handed on to
+        operator and notes too, and it is called even when something before it failed (an
+        input that is missing for that reason is None). A Dataset that rests on failures is handed on to
         the page of the same run and not kept.
     shortcuts : bool
         Whether the function takes the keyword ``full`` (bool) and gives a different result by it.
@@ -81,9 +80,12 @@ class Stage:
     output: Literal["dataset", "page"] = "dataset"
     summary: str = ""
     context: bool = False
-    tolerant: bool = False
     shortcuts: bool = False
     imports: tuple[str, ...] = ()
+
+
+Stages = Mapping[str, Sequence[Stage]]
+"""The stages of every kind of experiment, by the name of the kind."""
 
 
 def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = None) -> tuple[Stage, ...]:
@@ -129,15 +131,230 @@ def _has_field(kind: Any, dotted: str) -> bool:
     bare, _ = split(kind)
     if typing.get_origin(bare) is list:
         return _has_field(typing.get_args(bare)[0], dotted)
-    tables = [one for one, _ in options_of(kind) if isinstance(one, type) and issubclass(one, msgspec.Struct)]
-    types = [info.type for table in tables for info in fields_of(table) if info.name == first]
+    types = [info.type for table in tables_of(kind) for info in fields_of(table) if info.name == first]
     return bool(types) and (not rest or _has_field(types[0], rest))
 
 
 def imports_of(stages: Iterable[Stage]) -> tuple[str, ...]:
     """Modules that local processes load once for all before they run stages."""
     stages = tuple(stages)
-    own = {stage.function.partition(":")[0] for stage in stages}
-    own |= {name for stage in stages for name in stage.imports}
+    own = {name for stage in stages for name in (stage.function.partition(":")[0], *stage.imports)}
     is_drawn = any(stage.output == "page" for stage in stages)
     return (*_IMPORTS, *sorted(own), *(_IMPORTS_TO_DRAW if is_drawn else ()))
+
+
+# --- tasks ---------------------------------------------------------------------------------------
+
+
+class TaskId(NamedTuple):
+    """Which experiment, stage and (for stages that run per recording) file."""
+
+    experiment: str
+    stage: str
+    recording: str | None = None
+
+    def __str__(self) -> str:
+        """``acrylic/velocity`` or ``acrylic/velocity [laser/r1.csv]``."""
+        suffix = f" [{self.recording}]" if self.recording is not None else ""
+        return f"{self.experiment}/{self.stage}{suffix}"
+
+    def seen_from(self, other: "TaskId") -> str:
+        """Name the stage as another task does: that of another experiment with its name."""
+        return self.stage if self.experiment == other.experiment else f"{self.experiment}/{self.stage}"
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """One input of a task: a value, or a list of them; ``may_lack`` is one that may give no result.
+
+    Each slot is the result of a task, a file by its name, or nothing.
+    """
+
+    name: str
+    slots: tuple[TaskId | str | None, ...] = ()
+    is_list: bool = False
+    may_lack: bool = False
+
+    @property
+    def tasks(self) -> tuple[TaskId, ...]:
+        """Tasks whose results it takes, each once."""
+        return tuple(dict.fromkeys(slot for slot in self.slots if isinstance(slot, TaskId)))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files that it is."""
+        return tuple(slot for slot in self.slots if isinstance(slot, str))
+
+    def arranged(self, value: Callable[[TaskId | str], Any]) -> Any:
+        """Arrange the values of its slots for a function: a list, one value, or None."""
+        values = [None if slot is None else value(slot) for slot in self.slots]
+        return values if self.is_list else next(iter(values), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One call of one stage."""
+
+    id: TaskId
+    stage: Stage
+    arguments: tuple[Argument, ...]
+
+    @property
+    def before(self) -> tuple[TaskId, ...]:
+        """Tasks whose results it takes."""
+        return tuple(task for argument in self.arguments for task in argument.tasks)
+
+    @property
+    def required(self) -> tuple[TaskId, ...]:
+        """Tasks without whose results it cannot be."""
+        return tuple(task for argument in self.arguments if not argument.may_lack for task in argument.tasks)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files it reads."""
+        return tuple(name for argument in self.arguments for name in argument.files)
+
+
+def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
+    """List the tasks of a session, each after its inputs.
+
+    Raises InputError: the stages of a kind do not fit together; ConfigError: experiments refer to each other in a
+    circle, or to a stage that is not there.
+    """
+    plans: dict[str, tuple[Stage, ...]] = {}
+    needs: dict[str, dict[str, str]] = {}
+    for experiment in session.experiments.values():
+        if experiment.kind not in stages:
+            raise InputError(f'no stages are known for the kind "{experiment.kind}"')
+        if experiment.kind not in plans:
+            plans[experiment.kind] = ordered(stages[experiment.kind], type(experiment.settings))
+        # a variant follows its base, which computes what both share
+        others = references(experiment, plans[experiment.kind])
+        needs[experiment.name] = others | ({experiment.base: "base"} if experiment.base else {})
+    try:
+        names = list(graphlib.TopologicalSorter(needs).static_order())
+    except graphlib.CycleError as error:
+        first, second = error.args[1][:2]
+        circle = f"experiments wait for each other in a circle: {' -> '.join(error.args[1])}"
+        raise _mistake(session.experiments[second], needs[second][first], circle) from None
+    tasks: dict[TaskId, Task] = {}
+    for name in names:
+        experiment = session.experiments[name]
+        for stage in plans[experiment.kind]:
+            for recording in recordings(experiment, stage):
+                task_id = TaskId(name, stage.name, recording)
+                inputs = arguments(session, plans, experiment, stage.inputs, stage, recording)
+                tasks[task_id] = Task(task_id, stage, inputs)
+    return tasks
+
+
+def _mistake(experiment: Experiment, place: str, message: str) -> ConfigError:
+    """Make the error for a field of an experiment, at its line."""
+    line = experiment.lines.get(place, 1)
+    return ConfigError([f"{FILE_NAME}:{line}: experiments.{experiment.name}.{place}: {message}"])
+
+
+def recordings(experiment: Experiment, stage: Stage) -> tuple[str | None, ...]:
+    """List the files that a stage runs over, or just None when it runs once."""
+    return (None,) if stage.over is None else _names(field_value(experiment.settings, stage.over))
+
+
+def references(experiment: Experiment, stages: Iterable[Stage]) -> dict[str, str]:
+    """Other experiments whose results the stages take, with the field that names each."""
+    inputs = [text.removeprefix(OTHER) for stage in stages for text in stage.inputs if text.startswith(OTHER)]
+    named = (one for text in inputs for one in _named(experiment, text.split("/")[0]))
+    return {other: place for place, other in named if other is not None}
+
+
+def field_value(settings: Any, dotted: str) -> Any:
+    """Follow a dotted field; None when an optional structure on the way is absent.
+
+    Through a list of structures it leads to all their values, joined: ``drops.laser``.
+    """
+    found = list(_ends(settings, dotted.split(".")))
+    if len(found) == 1 and "[" not in found[0][0]:
+        return found[0][1]
+    return [part for _, value in found for part in _names(value)]
+
+
+def _ends(node: Any, names: Sequence[str], place: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield place (``drops[1].material_from``) and value of a field, in every item of the lists on the way."""
+    if names and isinstance(node, list | tuple):
+        for number, item in enumerate(node):
+            yield from _ends(item, names, f"{place}[{number}]")
+    elif names:
+        yield from _ends(getattr(node, names[0], None), names[1:], f"{place}.{names[0]}".removeprefix("."))
+    else:
+        yield place, node
+
+
+def _named(experiment: Experiment, field: str) -> list[tuple[str, str | None]]:
+    """List the experiments that a field names, each with its place; None where a table or a name is absent."""
+    ends = _ends(experiment.settings, field.split("."))
+    return [(place, name.removeprefix(REFERENCE) if isinstance(name, str) else None) for place, name in ends]
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    if value is None:
+        return ()
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def arguments(
+    session: Session,
+    stages: Stages,
+    experiment: Experiment,
+    inputs: Iterable[str],
+    of: Stage | None = None,
+    recording: str | None = None,
+) -> tuple[Argument, ...]:
+    """Resolve inputs of a stage for one recording, or such of another function that runs once per experiment.
+
+    Raises ConfigError where the experiment refers to one that has no such stage.
+    """
+    may_lack = of.may_lack if of is not None else ()
+    made = []
+    for text in inputs:
+        slots: list[TaskId | str | None] = []
+        if text.startswith(FILE):
+            field = text.removeprefix(FILE)
+            is_own = of is not None and recording is not None and field == of.over
+            value = recording if is_own else field_value(experiment.settings, field)
+            slots, is_list = list(_names(value)), isinstance(value, list | tuple)
+        elif not text.startswith(OTHER):
+            taken = next(s for s in stages[experiment.kind] if s.name == text)
+            is_own = recording is not None and taken.per == "recording"
+            each = (recording,) if is_own else recordings(experiment, taken)
+            slots = [TaskId(experiment.name, text, one) for one in each]
+            is_list = taken.per == "recording" and not is_own
+        else:
+            field, name = text.removeprefix(OTHER).split("/")
+            named = _named(experiment, field)
+            is_list = is_through_list = not named or any("[" in place for place, _ in named)
+            for place, other in named:
+                if other is None:
+                    slots += [None] * is_through_list
+                    continue
+                source = session.experiments[other]
+                known = {s.name: s for s in stages[source.kind]}
+                is_each = name in known and known[name].per == "recording"
+                problem = "" if name in known else f'no stage "{name}"{suggest(name, known)}'
+                if is_each and is_through_list:
+                    problem = f'a stage "{name}" for each recording; a list of tables takes single results'
+                if problem:
+                    raise _mistake(experiment, place, f'"{source.name}" of kind "{source.kind}" has {problem}')
+                slots += [TaskId(other, name, r) for r in recordings(source, known[name])]
+                is_list |= is_each
+        made.append(Argument(text, tuple(slots), is_list, text in may_lack))
+    return tuple(made)
+
+
+def ancestors(tasks: Mapping[TaskId, Task], *task_ids: TaskId) -> list[TaskId]:
+    """List all tasks behind some, in the order of the session."""
+    found: set[TaskId] = set()
+    waiting = list(task_ids)
+    while waiting:
+        new = [b for b in tasks[waiting.pop()].before if b not in found]
+        found.update(new)
+        waiting += new
+    return [name for name in tasks if name in found]

@@ -17,13 +17,11 @@ from labpipe.errors import SourceError, UsageError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
 from labpipe.workflow.code import behind
-from labpipe.workflow.context import code_changed
 from labpipe.workflow.exclusions import EXCLUDE
 from labpipe.workflow.fields import show, suggest
-from labpipe.workflow.graph import Stage
+from labpipe.workflow.graph import Stage, Stages, Task, TaskId, ancestors, spell_out
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Last, Store, key_of, last_seconds
-from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out, stage_name
 
 CACHED, KEPT, WILL_RUN, WAITS = "cached", "kept", "will run", "waits"
 READY = (CACHED, KEPT)
@@ -130,24 +128,27 @@ class Plan(ShownAsTable):
 def plan(
     session: Session,
     stages: Stages,
-    targets: Iterable[str] | None = None,
+    targets: Iterable[str | TaskId] | None = None,
     only: Iterable[str] | None = None,
     *,
     full: bool = False,
     keep: bool | None = False,
+    store: Store | None = None,
 ) -> Plan:
     """Plan a run of a session, of which ``stages`` has those of every kind.
 
     Parameters
     ----------
-    targets : iterable of str, optional
-        Stages whose results are wanted, ``velocity`` or ``acrylic/velocity``; default all.
+    targets : iterable of str or TaskId, optional
+        Stages whose results are wanted, ``velocity`` or ``acrylic/velocity``, or tasks; default all.
     only : iterable of str, optional
         Experiments whose results are wanted; default all. Results of others that they need are made too.
     full : bool
         Plan for a run without shortcuts.
     keep : bool or None
         Take results of earlier code as they are; with None, those that an earlier run took.
+    store : Store, optional
+        That of the session, where it is open already.
 
     Raises
     ------
@@ -156,25 +157,9 @@ def plan(
     ConfigError, InputError
         The experiments, or the stages, do not fit together.
     """
-    store = Store(session.folder)
+    store = store or Store(session.folder)
     tasks = spell_out(session, stages)
     wanted = wanted_tasks(session, tasks, targets, only)
-    made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
-    if store.root.is_dir():
-        store.index.save()
-    return made
-
-
-def make_plan(
-    session: Session,
-    tasks: Mapping[TaskId, Task],
-    wanted: Set[TaskId],
-    store: Store,
-    *,
-    full: bool = False,
-    keep: bool | None = False,
-) -> Plan:
-    """Make the plan for some tasks out of all; see :func:`plan`."""
     behind_all = wanted | set(ancestors(tasks, *wanted))
     tasks = {name: task for name, task in tasks.items() if name in behind_all}
     plain = {e.name: msgspec.to_builtins(e.settings) for e in session.experiments.values()}
@@ -182,11 +167,11 @@ def make_plan(
     states: dict[TaskId, str] = {}
     latest = cache(store.latest)
     for name, task in tasks.items():
-        key = _key(session, task, plain[name.experiment], keys, store, full)
+        options: dict[str, Any] = {"full": full} if task.stage.shortcuts else {}
         behind = ancestors(tasks, name) if task.stage.context else []
         if earlier := {str(other): list(keys[other].kept) for other in behind if keys[other].kept}:
-            ingredients = {**key.ingredients, "kept": earlier}
-            key = Key(key.value and key_of(ingredients), ingredients, key.problem)
+            options["kept"] = earlier
+        key = _key(session, task, plain[name.experiment], keys, store, options)
         if keep is not False and task.stage.output == "dataset":
             key = _kept(store, latest(name.experiment).get(name[1:]), key, was_taken=keep is None)
         keys[name], states[name] = key, _state(session, store, task, key)
@@ -197,7 +182,7 @@ def make_plan(
         needed.add(name)
         if states[name] == "unpublished":
             continue
-        # What takes the context reports on everything behind it, so all of that must be there.
+        # a stage with the context reports on everything behind it, so all of that must be there
         inputs = ancestors(tasks, name) if tasks[name].stage.context else tasks[name].before
         waiting += [one for one in inputs if states[one] != "stored" and one not in needed]
     rows = []
@@ -212,29 +197,41 @@ def make_plan(
         elif states[name] == "stored":
             changed = keys[name].kept
             rows.append(Row(*name, KEPT if changed else CACHED, code_changed(changed), task.stage.summary))
+    if store.root.is_dir():
+        store.index.save()
     return Plan(session, tuple(rows), tasks, keys)
 
 
+def code_changed(modules: Sequence[str]) -> str:
+    """Say which code has changed; of many modules only the first are named.
+
+    Examples
+    --------
+    >>> code_changed(["labpipe.units"])
+    'code changed: labpipe.units'
+    """
+    more = f" and {len(modules) - 3} more" if len(modules) > 3 else ""
+    return f"code changed: {', '.join(modules[:3])}{more}" if modules else ""
+
+
 def wanted_tasks(
-    session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str] | None, only: Iterable[str] | None
+    session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str | TaskId] | None, only: Iterable[str] | None
 ) -> frozenset[TaskId]:
     """Pick the tasks that targets and experiments name; one name may stand alone. UsageError where one is unknown."""
-    experiments, asked = (
-        None if given is None else {given} if isinstance(given, str) else set(given) for given in (only, targets)
-    )
-    experiments = set(session.experiments) if experiments is None else experiments
+    experiments = set(session.experiments) if only is None else {only} if isinstance(only, str) else set(only)
     for name in sorted(experiments - set(session.experiments)):
         if name in session.waiting:
             message = f'"{name}" waits for these lines of its settings:\n  ' + "\n  ".join(session.waiting[name])
             raise UsageError(message)
         raise UsageError(f'there is no experiment "{name}"{suggest(name, session.experiments)}')
     chosen = frozenset(name for name in tasks if name.experiment in experiments)
-    if asked is None:
+    if targets is None:
         return chosen
-    names = {n.stage for n in tasks} | {f"{n.experiment}/{n.stage}" for n in tasks}
-    for name in sorted(asked - names):
-        raise UsageError(f'there is no stage "{name}"{suggest(name, names)}')
-    return frozenset(n for n in chosen if {n.stage, f"{n.experiment}/{n.stage}"} & asked)
+    asked: set[Any] = {targets} if isinstance(targets, str) else set(targets)
+    names = {name for task in tasks for name in (task.stage, f"{task.experiment}/{task.stage}")}
+    for wrong in sorted(asked - names - tasks.keys()):
+        raise UsageError(f'there is no stage "{wrong}"{suggest(str(wrong), names)}')
+    return frozenset(n for n in chosen if not asked.isdisjoint({n, n.stage, f"{n.experiment}/{n.stage}"}))
 
 
 def page_name(experiment: str) -> str:
@@ -242,7 +239,9 @@ def page_name(experiment: str) -> str:
     return f"reports/{experiment}.html"
 
 
-def _key(session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key], store: Store, full: bool) -> Key:
+def _key(
+    session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key], store: Store, options: Mapping[str, Any]
+) -> Key:
     """Return the key of a task from all that it depends on; files are read unless the index knows them."""
     stage, problem = task.stage, ""
     experiment = session.experiments[task.id.experiment]
@@ -258,6 +257,7 @@ def _key(session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key]
             problem = str(error).replace(f"{session.files}/", "")
         inputs.append(entry)
     ingredients: dict[str, Any] = {
+        **options,
         "kind": experiment.kind,
         "stage": stage.name,
         "function": stage.function,
@@ -270,8 +270,6 @@ def _key(session: Session, task: Task, settings: Any, keys: Mapping[TaskId, Key]
         of_variant = {name: getattr(experiment, name) for name in ("base", "changed", "overrides")}
         words |= {name: value for name, value in of_variant.items() if value}
         ingredients["session"] = {"experiment": experiment.name} | words
-    if stage.shortcuts:
-        ingredients["full"] = full
     is_known = not problem and all(keys[before].value is not None for before in task.required)
     return Key(key_of(ingredients) if is_known else None, ingredients, problem)
 
@@ -367,7 +365,7 @@ def _row_to_run(store: Store, last: Last | None, task: Task, key: Key, state: st
     else:
         record = store.record(last.key)
         reasons = changes(record.ingredients, key.ingredients, is_waiting=bool(waiting)) if record else []
-    reasons += sorted({f"upstream {stage_name(task, before)} will run" for before in waiting})
+    reasons += sorted({f"upstream {before.seen_from(task.id)} will run" for before in waiting})
     text = "; ".join(reasons[:_MOST_REASONS] or ["result is gone"])
     if len(reasons) > _MOST_REASONS:
         text += f"; and {len(reasons) - _MOST_REASONS} more"

@@ -3,16 +3,16 @@
 import platform
 import shutil
 import subprocess
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from labpipe.installation import __version__
 from labpipe.workflow.code import LIBRARIES, version
+from labpipe.workflow.graph import Task, TaskId, ancestors
 from labpipe.workflow.plan import Key
 from labpipe.workflow.store import key_of
-from labpipe.workflow.tasks import Task, TaskId, ancestors
 
 _GIT_SECONDS = 10
 """A repository on a share that does not answer must not stop a run."""
@@ -59,11 +59,13 @@ def of_task(
     """
     task, key = tasks[task_id], keys[task_id]
     behind = [*ancestors(tasks, task_id), task_id]
-    stages = {}
+    stages: dict[str, str] = {}
+    files: dict[str, dict[str, Any]] = {}
     for found in (keys[name].ingredients for name in behind):
         # that of another kind of experiment is named with its kind
         of_other = "" if found["kind"] == key.ingredients["kind"] else f"{found['kind']}/"
         stages[f"{of_other}{found['stage']}"] = key_of(found.get("code", {}))[:16]
+        files |= {file["name"]: file for argument in found["inputs"] for file in argument.get("files", ())}
     return {
         "program": dict(about_program),
         "stage": task.stage.name,
@@ -72,12 +74,5 @@ def of_task(
         "parameters": key.ingredients["parameters"],
         "full": key.ingredients.get("full", False),
         "stages": stages,
-        "inputs": raw_files(keys[name] for name in behind),
+        "inputs": [files[name] for name in sorted(files)],
     }
-
-
-def raw_files(keys: Iterable[Key]) -> list[dict[str, Any]]:
-    """Name, size and digest of every raw file, each once, in the order of the names."""
-    inputs = [argument for key in keys for argument in key.ingredients["inputs"]]
-    found = {entry["name"]: entry for argument in inputs for entry in argument.get("files", ())}
-    return [found[name] for name in sorted(found)]

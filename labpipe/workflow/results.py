@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.workflow.plan import READY, Plan, Row, plan as make_plan, wanted_tasks
+from labpipe.workflow.graph import Argument, Stages, TaskId
+from labpipe.workflow.plan import READY, Plan, Row, plan, wanted_tasks
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
-from labpipe.workflow.tasks import Argument, Stages, TaskId
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,14 +33,10 @@ class Results:
 
     def up_to_date(self, row: Row) -> "xr.Dataset | None":
         """Return the result of a row; None when there is none, or it is damaged, or a page."""
-        key = self.plan.keys[row.task].value
-        if row.state not in READY or key is None or self.plan.tasks[row.task].stage.output == "page":
-            return None
         try:
-            found = Store(self.plan.session.folder).read(key)
-        except LabpipeError:
-            return None  # the next run makes it again
-        return None if isinstance(found, str) else found
+            return self.result(*row.task)
+        except LabpipeError:  # the next run makes it again
+            return None
 
     def first(self, experiment: str, stage: str) -> "xr.Dataset | None":
         """Return the result of a stage of an experiment, for its first recording; None where it is not there."""
@@ -68,8 +64,8 @@ class Results:
         key = self.plan.keys[task].value
         if row.state not in READY or key is None:
             raise InputError(f"{task} has no up-to-date result ({row.reason}); run labpipe process first")
-        found = Store(self.plan.session.folder).read(key)
-        if isinstance(found, str):
+        store, is_page = Store(self.plan.session.folder), self.plan.tasks[task].stage.output == "page"
+        if is_page or isinstance(found := store.read(key), str):
             raise InputError(f"{task} is a page; open it in a browser")
         return found
 
@@ -86,5 +82,5 @@ def open_result(
     session: Session, stages: Stages, experiment: str, stage: str, recording: str | None = None
 ) -> "xr.Dataset":
     """Return an up-to-date stored result without running anything; errors are those of :meth:`Results.result`."""
-    made = make_plan(session, stages, [f"{experiment}/{stage}"], [experiment], keep=None)
+    made = plan(session, stages, [f"{experiment}/{stage}"], [experiment], keep=None)
     return Results(made).result(experiment, stage, recording)

@@ -2,15 +2,15 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from labpipe.errors import StorageError
-from labpipe.notebook import html_table, text_table
+from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow._worker import FAILED, Outcome
+from labpipe.workflow.graph import TaskId
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.session import Session
-from labpipe.workflow.tasks import TaskId
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,8 @@ class Event:
     session: Path
 
 
-@dataclass(frozen=True, slots=True)
-class RunResult:
+@dataclass(frozen=True, slots=True, repr=False)
+class RunResult(ShownAsTable):
     """How a run ended.
 
     ``reports`` are the pages by experiment, where there is one. ``plan`` is that of the run where it is one of the
@@ -41,7 +41,7 @@ class RunResult:
     session: Session
     outcomes: tuple[Outcome, ...]
     reports: Mapping[str, Path]
-    plan: Plan | None = field(default=None, repr=False)
+    plan: Plan | None = None
 
     @property
     def failures(self) -> tuple[Outcome, ...]:
@@ -70,12 +70,7 @@ class RunResult:
         count = Counter(o.state for o in self.outcomes)
         return ", ".join(f"{n} {s}" for s, n in sorted(count.items())) or "nothing to do"
 
-    def __repr__(self) -> str:
-        failed = [("failed", str(o.task), o.message) for o in self.failures]
-        reports = [("report", name, str(path)) for name, path in self.reports.items()]
-        return text_table(f"{self.session.title}: {self.summary}", failed + reports)
-
-    def _repr_html_(self) -> str:
-        names = ("experiment", "stage", "recording", "state", "message")
-        rows = [[getattr(o, name) or "" for name in names] for o in self.outcomes]
-        return html_table(f"{self.session.title}: {self.summary}", names, rows)
+    def _shown(self) -> Shown:
+        rows = [("failed", str(o.task), o.message) for o in self.failures]
+        rows += [("report", name, str(path)) for name, path in self.reports.items()]
+        return Shown(f"{self.session.title}: {self.summary}", ("outcome", "of", "message"), rows)

@@ -13,12 +13,11 @@ from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
 from labpipe.workflow._worker import DONE, FAILED, SKIPPED, Job, Outcome
 from labpipe.workflow.engines import Call, Crew, Died
-from labpipe.workflow.graph import imports_of
-from labpipe.workflow.plan import Plan, make_plan, page_name, wanted_tasks
+from labpipe.workflow.graph import Stages, TaskId, imports_of
+from labpipe.workflow.plan import Plan, page_name, plan
 from labpipe.workflow.run_result import Event, RunResult
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import LOG, Store, events_after, log
-from labpipe.workflow.tasks import Stages, TaskId, spell_out
 
 
 class Options(TypedDict, total=False):
@@ -44,14 +43,8 @@ class Options(TypedDict, total=False):
 def run(session: Session, stages: Stages, **options: Unpack[Options]) -> RunResult:
     """Compute the missing results of one session, by :class:`Options`; a failure of a stage is in the result.
 
-    Raises
-    ------
-    UsageError, ConfigError, InputError
-        The run cannot begin.
-    StorageError
-        Nothing can be written at all.
-    KeyboardInterrupt
-        After the workers have ended; everything finished until then is kept.
+    Raises UsageError, ConfigError, InputError: the run cannot begin; StorageError: nothing can be written at all;
+    KeyboardInterrupt: after the workers have ended; everything finished until then is kept.
     """
     ((_, ended),) = run_all([session], stages, **options)
     if isinstance(ended, LabpipeError):
@@ -98,25 +91,14 @@ def run_all(
         raise InputError("; ".join(unknown))
 
     def begin(session: Session) -> _SessionRun:
-        store = Store(session.folder)
+        store, chosen = Store(session.folder), (options.get("targets"), options.get("only"))
         store.clean()
-        tasks = spell_out(session, stages)
-        wanted = wanted_tasks(session, tasks, options.get("targets"), options.get("only"))
-        made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
+        made = plan(session, stages, *chosen, full=full, keep=keep, store=store)
         store.index.save()
-        template = Job(
-            session=replace(session, root=session.root.absolute()),
-            stages=stages,
-            schemas=schemas,
-            experiment="",
-            wanted=frozenset(),
-            full=full,
-            keep=keep,
-            program=provenance.program() if made.to_run else {},
-            failures={},
-            run=secrets.token_hex(8),
-        )
-        state = _SessionRun(made, store, template, options.get("progress"), is_whole=len(made.tasks) == len(tasks))
+        program = provenance.program() if made.to_run else {}
+        at = replace(session, root=session.root.absolute())
+        job = Job(at, stages, schemas, full, keep, program, secrets.token_hex(8))
+        state = _SessionRun(made, store, job, options.get("progress"), is_whole=chosen == (None, None))
         state.begin(jobs)
         return state
 
@@ -160,7 +142,7 @@ class _SessionRun:
 
     plan: Plan
     store: Store
-    template: Job
+    job: Job
     progress: Callable[[Event], None] | None
     is_whole: bool
     outcomes: dict[TaskId, Outcome] = field(default_factory=dict)
@@ -229,7 +211,7 @@ class _SessionRun:
         order = {row.task: position for position, row in enumerate(self.plan.rows)}
         outcomes = sorted(self.outcomes.values(), key=lambda o: order.get(o.task, len(order)))
         pages = {o.experiment: self.plan.session.folder / page_name(o.experiment) for o in outcomes}
-        holds_still = self.is_whole and not (self.plan.to_run or self.template.full)
+        holds_still = self.is_whole and not (self.plan.to_run or self.job.full)
         result = RunResult(
             self.plan.session,
             tuple(outcomes),
@@ -247,22 +229,20 @@ class _SessionRun:
         ready = [n for n, needs in self.waiting.items() if not needs & (self.waiting.keys() | self.running.keys())]
         for experiment in ready[: crew.room]:
             del self.waiting[experiment]
-            failed = {
-                o.task: o for o in self.outcomes.values() if o.state in (FAILED, SKIPPED) and o.experiment != experiment
-            }
-            job = replace(
-                self.template,
-                experiment=experiment,
-                wanted=frozenset(row.task for row in self.plan.rows if row.experiment == experiment),
-                failures=failed | {task: o for task, o in self.killed.items() if task.experiment == experiment},
-            )
+            failures = {task: o for task, o in self.killed.items() if task.experiment == experiment}
+            for one in self.outcomes.values():
+                if one.state in (FAILED, SKIPPED) and one.experiment != experiment:
+                    failures[one.task] = one
+            wanted = frozenset(row.task for row in self.plan.rows if row.experiment == experiment)
             imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
             self.running[experiment] = None
-            crew.give((self, experiment), Call(f"{Job.__module__}:work", (job,), imports))
+            crew.give(
+                (self, experiment), Call(f"{Job.__module__}:work", (self.job, experiment, wanted, failures), imports)
+            )
 
     def hear(self) -> None:
         """Take the events that workers have written into the log, and know the tasks that they are at."""
-        self.heard, found = events_after(self.plan.session, self.heard, self.template.run)
+        self.heard, found = events_after(self.plan.session, self.heard, self.job.run)
         for event in found:
             task = TaskId(event["experiment"], event["stage"], event["recording"])
             is_start = event["event"] == "started"

@@ -12,7 +12,7 @@ Versions of the file, newest first:
 
 import re
 import unicodedata
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,10 +23,10 @@ from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.units import Quantity
-from labpipe.workflow.config import NAME, Checker
-from labpipe.workflow.document import LABORATORY, Document, Place, children, dotted, nodes, parse
+from labpipe.workflow.config import Checker
+from labpipe.workflow.document import LABORATORY, Document, Place, dotted, nodes, parse, placed
 from labpipe.workflow.exclusions import EXCLUDE, without_excluded
-from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, found, options_of, show, suggest
+from labpipe.workflow.fields import REFERENCE, every_setting, fields_of, found, show, suggest, tables_of
 
 VERSION = 1
 """Version of the layout of ``session.toml`` that this program reads."""
@@ -211,38 +211,33 @@ def load(
     if head.files and not files.is_dir():
         document.report(("session", "files"), f"there is no folder {files}; correct the path, or mount the disk")
         document.finish()
-    defaults, tables, variants = (_tables(document.tree, key) for key in ("defaults", "experiments", "variants"))
-    laboratory = _laboratory(document, root, kinds)
-    if not tables and not document.problems:
+    tables = _Tables(document, kinds, *(_tables(document.tree, key) for key in ("defaults", "experiments", "variants")))
+    tables.read_laboratory(root)
+    if not tables.experiments and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
-    every: dict[Place, Any] = {("defaults", kind): table for kind, table in defaults.items()}
-    every |= {(LABORATORY, *place): table for place, table in laboratory.items() if place[0] == "defaults"}
-    at_laboratory = (root / layout.laboratory).parent.resolve() if laboratory else None
-    checker = Checker(document, files, may_wait=may_wait, gaps=[], laboratory=at_laboratory)
-    for place, table in every.items():
-        if (kind := str(place[-1])) not in kinds:
+    for place in [("defaults", kind) for kind in tables.defaults] + [(LABORATORY, *at) for at in tables.laboratory]:
+        if place[-2] == "defaults" and (kind := str(place[-1])) not in kinds:
             document.report(place, f"unknown kind{suggest(kind, kinds)}")
-        else:
-            checker.structure(kinds[kind], table, place, partial=True)
+    at_laboratory = (root / layout.laboratory).parent.resolve() if tables.laboratory else None
+    checker = Checker(document, files, may_wait=may_wait, gaps=[], laboratory=at_laboratory)
     places: dict[str, Place] = {}
-    for name in tables:  # each followed by its variants
+    for name in tables.experiments:  # each followed by its variants
         places[name] = ("experiments", name)
-        places |= {one: ("variants", one) for one, table in variants.items() if table.get("base") == name}
-    places |= {name: ("variants", name) for name in variants if name not in places}
-    _check_names(document, root, places, variants)
+        places |= {one: ("variants", one) for one, table in tables.variants.items() if table.get("base") == name}
+    places |= {name: ("variants", name) for name in tables.variants if name not in places}
+    _check_names(document, root, places, tables.variants)
     experiments: dict[str, Experiment] = {}
     waiting: dict[str, tuple[str, ...]] = {}
     own_problems: dict[str, int] = {}
     for name, place in places.items():
-        alone = replace(document, problems={})  # the mistakes of an experiment stop it, and no other
-        layers = _layers(alone, kinds, defaults, tables, variants, place)
+        alone = replace(document, problems={}, origin={})  # the mistakes of an experiment stop it, and no other
         own = replace(checker, document=alone, gaps=[], names=places, own=name, may_wait=may_wait or name in may_lack)
-        one = _experiment(own, kinds, layers, laboratory) if layers else None
-        if one is not None and place[0] == "variants":
-            base = experiments.get(of := variants[name]["base"])
-            one = replace(one, base=of, changed=_changed(base.settings, one.settings) if base else {})
+        one = replace(tables, document=alone).experiment(own, place)
+        if one is not None and one.base:
+            base = experiments.get(one.base)
+            one = replace(one, changed=_changed(base.settings, one.settings) if base else {})
             if base and not one.changed:
-                alone.report(place, f"differs in no setting from {of}; remove it, or change a setting")
+                alone.report(place, f"differs in no setting from {one.base}; remove it, or change a setting")
         problems = alone.problems | dict.fromkeys(own.gaps or (), document.line(place))
         if one is not None and not problems:
             experiments[name] = one
@@ -258,9 +253,9 @@ def load(
     if document.problems or not experiments:
         document.problems.update(own_problems)
     document.finish()
-    told = (head.title or files.name, head.operator, head.notes, head.synthetic)
+    said = (head.title or files.name, head.operator, head.notes, head.synthetic)
     waits_of = {name: waiting[name] for name in places if name in waiting}
-    return Session(root, *told, experiments, waits_of, head.licence, layout.creators, files if head.files else None)
+    return Session(root, *said, experiments, waits_of, head.licence, layout.creators, files if head.files else None)
 
 
 def _of_line(problem: str) -> tuple[bool, str, int]:
@@ -289,122 +284,118 @@ def _tables(tree: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
     return {n: table for n, table in value.items() if isinstance(table, dict)} if isinstance(value, dict) else {}
 
 
-def _laboratory(
-    document: Document, root: Path, kinds: Mapping[str, type[msgspec.Struct]]
-) -> dict[Place, dict[str, Any]]:
-    """Return the tables ``[SETTING.NAME]`` of the laboratory's file; nothing where the session names none.
+@dataclass(slots=True)
+class _Tables:
+    """The tables that experiments are made of: those of the session, and of the laboratory's file."""
 
-    Its lines join those of the session's document, at places that begin with the name of the file.
-    """
-    if not isinstance(named := document.tree.get("laboratory"), str):
-        return {}
-    path = root / named
-    if path.name != LABORATORY or path.parent.resolve() not in (root, *root.parents):
-        expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
-        document.report(("laboratory",), f"{expected}, found {found(named)}")
-        return {}
-    if not path.is_file():
-        document.report(("laboratory",), f"there is no file {found(named)}; correct the name, or delete this line")
-        return {}
-    other = parse(path)
-    _check_version(other)
-    document.lines |= {(LABORATORY, *place): line for place, line in other.lines.items()}
-    fields = (info for kind in kinds.values() for info in fields_of(kind))
-    known = {"defaults"} | {info.encode_name for info in fields if _table_type(info.type) is not None}
-    for key, table in other.tree.items():
-        if key not in known and key != "labpipe":
-            document.report((LABORATORY, key), f"unknown key{suggest(key, known)}")
-        elif key != "labpipe" and not isinstance(table, dict):
-            document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
-    return {(key, name): table for key in other.tree for name, table in _tables(other.tree, key).items()}
+    document: Document
+    kinds: Mapping[str, type[msgspec.Struct]]
+    defaults: Mapping[str, dict[str, Any]]
+    experiments: Mapping[str, dict[str, Any]]
+    variants: Mapping[str, dict[str, Any]]
+    laboratory: dict[Place, dict[str, Any]] = field(default_factory=dict)
 
+    def read_laboratory(self, root: Path) -> None:
+        """Read the laboratory's file, where the session names one.
 
-def _layers(
-    document: Document,
-    kinds: Mapping[str, type[msgspec.Struct]],
-    defaults: Mapping[str, dict[str, Any]],
-    tables: Mapping[str, dict[str, Any]],
-    variants: Mapping[str, dict[str, Any]],
-    place: Place,
-) -> dict[Place, dict[str, Any]]:
-    """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is a mistake.
+        Its lines join those of the session's document, at places that begin with the name of the file.
+        """
+        document = self.document
+        if not isinstance(named := document.tree.get("laboratory"), str):
+            return
+        path = root / named
+        if path.name != LABORATORY or path.parent.resolve() not in (root, *root.parents):
+            expected = f'expected {LABORATORY} in a folder above this one, such as "../{LABORATORY}"'
+            document.report(("laboratory",), f"{expected}, found {found(named)}")
+            return
+        if not path.is_file():
+            document.report(("laboratory",), f"there is no file {found(named)}; correct the name, or delete this line")
+            return
+        other = parse(path)
+        _check_version(other)
+        document.lines |= {(LABORATORY, *place): line for place, line in other.lines.items()}
+        fields = (info for kind in self.kinds.values() for info in fields_of(kind))
+        known = {"defaults"} | {info.encode_name for info in fields if tables_of(info.type)}
+        for key, table in other.tree.items():
+            if key not in known and key != "labpipe":
+                document.report((LABORATORY, key), f"unknown key{suggest(key, known)}")
+            elif key != "labpipe" and not isinstance(table, dict):
+                document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
+            self.laboratory |= {(key, name): inner for name, inner in _tables(other.tree, key).items()}
 
-    Without a base it is its own table over the defaults of its kind.
-    """
-    layers, name = dict[Place, dict[str, Any]](), str(place[1])
-    if place[0] == "variants":
-        variant = variants[name]
-        base = variant.get("base")
-        if not isinstance(base, str) or base not in tables:
-            problem = "missing" if base is None else f"there is no experiment {found(base)}"
-            document.report((*place, "base"), f"{problem}{suggest(str(base), tables) or '; name an experiment'}")
+    def layers(self, place: Place) -> dict[Place, dict[str, Any]]:
+        """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is wrong.
+
+        Without a base it is its own table over the defaults of its kind, and those over the laboratory's.
+        """
+        layers, name, document = dict[Place, dict[str, Any]](), str(place[1]), self.document
+        if place[0] == "variants":
+            variant = self.variants[name]
+            base = variant.get("base")
+            if not isinstance(base, str) or base not in self.experiments:
+                problem = "missing" if base is None else f"there is no experiment {found(base)}"
+                near = suggest(str(base), self.experiments) or "; name an experiment"
+                document.report((*place, "base"), f"{problem}{near}")
+                return {}
+            layers[place] = {key: value for key, value in variant.items() if key not in ("base", "kind")}
+            if "kind" in variant:
+                document.report((*place, "kind"), f"a variant is of the kind of its base, {base}; delete this line")
+            name = base
+        own = self.experiments[name]
+        kind = own.get("kind")
+        if not isinstance(kind, str) or kind not in self.kinds:
+            known = f"missing; known kinds: {', '.join(sorted(self.kinds))}"
+            text = known if kind is None else f"unknown kind {found(kind)}{suggest(str(kind), self.kinds)}"
+            document.report(("experiments", name, "kind"), text)
             return {}
-        layers[place] = {key: value for key, value in variant.items() if key not in ("base", "kind")}
-        if "kind" in variant:
-            document.report((*place, "kind"), f"a variant is of the kind of its base, {base}; delete this line")
-        name = base
-    layers["experiments", name] = tables[name]
-    kind = tables[name].get("kind")
-    if not isinstance(kind, str) or kind not in kinds:
-        known = ", ".join(sorted(kinds))
-        text = f"unknown kind {found(kind)}{suggest(str(kind), kinds)}"
-        document.report(("experiments", name, "kind"), text if kind is not None else f"missing; known kinds: {known}")
-        return {}
-    return {**layers, ("defaults", kind): defaults.get(kind, {})}
+        below = ("defaults", kind)
+        lowest = {(LABORATORY, *below): self.laboratory[below]} if below in self.laboratory else {}
+        return {**layers, ("experiments", name): own, below: self.defaults.get(kind, {}), **lowest}
 
-
-def _experiment(
-    checker: Checker,
-    kinds: Mapping[str, type[msgspec.Struct]],
-    layers: Mapping[Place, dict[str, Any]],
-    laboratory: Mapping[Place, dict[str, Any]],
-) -> Experiment | None:
-    """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps.
-
-    Below them are those of the laboratory's file: of its kind, and the parts that they name.
-    """
-    checker, document = replace(checker, origin={}), checker.document
-    place, *_, below = layers
-    kind = kinds[str(below[1])]
-    lowest = {(LABORATORY, *below): laboratory[below]} if below in laboratory else {}
-    merged: dict[str, Any] = {}
-    overrides: dict[str, tuple[str, str]] = {}
-    for at, table in (*layers.items(), *lowest.items()):
-        own, parts = dict(table), dict[str, tuple[Any, Place]]()
-        for info in fields_of(kind) if laboratory else ():
-            key, value = info.encode_name, own.get(info.encode_name)
-            name = value.get("from") if isinstance(value, dict) else value
-            inner = _table_type(info.type)
-            if not isinstance(name, str) or inner is None:
-                continue
-            if (key, name) not in laboratory:
-                known = [of for setting, of in laboratory if setting == key]
-                near = (
-                    suggest(name, map(str, known)) or f"; name a table [{key}.NAME] of {LABORATORY}, or write a table"
-                )
-                document.report((*at, key), f'there is no {key} "{name}"{near}')
-                return None
-            own[key] = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
-            parts[key] = inner, (key, name)
-        merged = _overlaid(checker, merged, own, kind, place, at, overrides)
-        for key, (inner, part) in parts.items():
-            if isinstance(upper := merged.get(key), dict):
-                low = (LABORATORY, *part)
-                merged[key] = _overlaid(checker, upper, laboratory[part], inner, (*place, key), low, overrides)
-    # a value of the laboratory's file belongs to the line that refers to it
-    written = {at: checker.written(at) for at in _places(merged, place)}
-    lines = {dotted(at[2:]): document.line(at if to[0] == LABORATORY else to) for at, to in written.items()}
-    if not any(info.encode_name == "kind" for info in fields_of(kind)):
-        merged.pop("kind", None)
-    base = next(str(low[1]) for low in layers if low[0] == "experiments")
-    settings = checker.structure(kind, _named(merged, base), place)
-    if not isinstance(settings, msgspec.Struct):
-        return None
-    try:
-        settings = without_excluded(settings)
-    except InputError as error:
-        checker.report((*place, EXCLUDE, int(error.reason)), str(error))
-    return Experiment(checker.own, str(below[1]), settings, lines, overrides=overrides)
+    def experiment(self, checker: Checker, place: Place) -> Experiment | None:
+        """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps."""
+        document, layers = self.document, self.layers(place)
+        if not layers:
+            return None
+        base, kind_name = (next(str(at[1]) for at in layers if at[0] == key) for key in ("experiments", "defaults"))
+        kind = self.kinds[kind_name]
+        merged: dict[str, Any] = {}
+        overrides: dict[str, tuple[str, str]] = {}
+        for at, table in layers.items():
+            own, parts = dict(table), dict[str, tuple[Any, Place]]()
+            for info in fields_of(kind) if self.laboratory else ():
+                key, value = info.encode_name, own.get(info.encode_name)
+                name = value.get("from") if isinstance(value, dict) else value
+                if not isinstance(name, str) or not (tables := tables_of(info.type)):
+                    continue
+                if (key, name) not in self.laboratory:
+                    near = suggest(name, (str(of) for setting, of in self.laboratory if setting == key))
+                    near = near or f"; name a table [{key}.NAME] of {LABORATORY}, or write a table"
+                    document.report((*at, key), f'there is no {key} "{name}"{near}')
+                    return None
+                own[key] = {k: v for k, v in value.items() if k != "from"} if isinstance(value, dict) else {}
+                parts[key] = tables[0], (key, name)
+            merged = _overlaid(document, merged, own, kind, place, at, overrides)
+            for key, (inner, part) in parts.items():  # a part lies below the table that names it
+                if isinstance(upper := merged.get(key), dict):
+                    low, below = (LABORATORY, *part), self.laboratory[part]
+                    merged[key] = _overlaid(document, upper, below, inner, (*place, key), low, overrides)
+        # a value of the laboratory's file belongs to the line that refers to it
+        lines = {}
+        for at, _ in placed(merged, place):
+            to = document.written(at)
+            lines[dotted(at[2:])] = replace(document, origin={}).line(at if to[0] == LABORATORY else to)
+        if not any(info.encode_name == "kind" for info in fields_of(kind)):
+            merged.pop("kind", None)
+        settings = checker.structure(kind, _named(merged, base), place)
+        if not isinstance(settings, msgspec.Struct):
+            return None
+        try:
+            settings = without_excluded(settings)
+        except InputError as error:
+            checker.report((*place, EXCLUDE, int(error.reason)), str(error))
+        of = base if place[0] == "variants" else ""
+        return Experiment(checker.own, kind_name, settings, lines, of, overrides=overrides)
 
 
 def _changed(base: msgspec.Struct, own: msgspec.Struct) -> dict[str, tuple[str, str]]:
@@ -446,7 +437,7 @@ def _check_names(document: Document, root: Path, places: Mapping[str, Place], va
 
 
 def _overlaid(
-    checker: Checker,
+    document: Document,
     own: Mapping[str, Any],
     below: Mapping[str, Any],
     kind: Any,
@@ -464,33 +455,20 @@ def _overlaid(
     for key, value in below.items():
         at, written = (*place, key), (*low, key)
         if key in own and isinstance(own[key], dict) and isinstance(value, dict):
-            inner = _table_type(types.get(key))
-            made[key] = _overlaid(checker, own[key], value, inner, at, written, overrides)
-        elif key in own and low[0] == LABORATORY != checker.written(at)[0]:
+            inner = next(iter(tables_of(types.get(key))), None)
+            made[key] = _overlaid(document, own[key], value, inner, at, written, overrides)
+        elif key in own and low[0] == LABORATORY != document.written(at)[0]:
             if own[key] != value and not isinstance(own[key], list):
                 overrides.setdefault(dotted(at[2:]), (str(value), str(own[key])))
         elif key not in own and key not in hidden:
-            made[key], checker.origin[at] = value, written
+            made[key], document.origin[at] = value, written
     return made
-
-
-def _places(node: Any, place: Place) -> Iterator[Place]:
-    """Yield the place of a tree and of all that is in it."""
-    yield place
-    for key, child in children(node):
-        yield from _places(child, (*place, key))
 
 
 def _named(node: Any, name: str) -> Any:
     """Put the name of an experiment into the texts of its settings that leave a place for it."""
     if isinstance(node, str):
-        return node.replace(NAME, name)
+        return node.replace("{name}", name)
     if isinstance(node, dict):
         return {key: _named(child, name) for key, child in node.items()}
     return [_named(child, name) for child in node] if isinstance(node, list) else node
-
-
-def _table_type(declared: Any) -> type[msgspec.Struct] | None:
-    """Return the structure of a field that is a table."""
-    options = [bare for bare, _ in options_of(declared)]
-    return next((one for one in options if isinstance(one, type) and issubclass(one, msgspec.Struct)), None)

@@ -27,8 +27,8 @@ import msgspec
 from labpipe import files
 from labpipe.errors import SourceError, StoreError
 from labpipe.files import HashIndex
+from labpipe.workflow.graph import TaskId
 from labpipe.workflow.session import Session
-from labpipe.workflow.tasks import TaskId
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -17,8 +17,8 @@ import msgspec
 from labpipe.errors import InputError, LabpipeError
 from labpipe.files import files_below
 from labpipe.workflow.document import Document
+from labpipe.workflow.graph import Stages, ancestors, spell_out
 from labpipe.workflow.session import FILE_NAME, Experiment, Session, load
-from labpipe.workflow.tasks import Stages, ancestors, spell_out
 
 if TYPE_CHECKING:
     from labpipe.workflow.run_result import RunResult

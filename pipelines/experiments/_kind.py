@@ -242,7 +242,7 @@ def judged(
     follow the other inputs.
     """
     inputs += tuple(f"{OTHER}{field}/{JUDGEMENT}" for field in rests_on)
-    return stage(f"{room}.checks:{JUDGEMENT}", inputs, ("*",), context=True, tolerant=True, summary=asked)
+    return stage(f"{room}.checks:{JUDGEMENT}", inputs, ("*",), context=True, summary=asked)
 
 
 def reported(room: str, inputs: tuple[str, ...]) -> Stage:

@@ -12,9 +12,8 @@ from typing import Any
 from labpipe.errors import LabpipeError
 from labpipe.workflow.document import parse
 from labpipe.workflow.exclusions import concerning, files_of
-from labpipe.workflow.graph import FILE
+from labpipe.workflow.graph import FILE, field_value
 from labpipe.workflow.session import Experiment
-from labpipe.workflow.tasks import field_value
 from pipelines.experiments import KINDS, function
 
 _PNG_END = b"IEND\xaeB`\x82"

@@ -11,10 +11,9 @@ from labpipe.errors import LabpipeError
 from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.context import settings_in_words
 from labpipe.workflow.fields import REFERENCE
-from labpipe.workflow.graph import OTHER
+from labpipe.workflow.graph import OTHER, field_value
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
-from labpipe.workflow.tasks import field_value
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.session._results import derive

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.workflow.code import Identity, behind
-from labpipe.workflow.plan import KEPT, READY, Plan, make_plan, page_name
+from labpipe.workflow.graph import Stages
+from labpipe.workflow.plan import KEPT, READY, Plan, page_name, plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import AMENDED, Store
-from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
 from pipelines.experiments import Picture
 from pipelines.session._session_checks import unused_files
@@ -51,8 +51,7 @@ def write_overview(session: Session, stages: Stages, plan: Plan | None = None) -
     """
     store = Store(session.folder)
     if plan is None:
-        tasks = spell_out(session, stages)
-        plan = make_plan(session, tasks, frozenset(tasks), store, keep=None)
+        plan = make_plan(session, stages, keep=None, store=store)
     results = Results(plan)
     verdicts = stored_verdicts(results)
     amend_pages(results, verdicts)

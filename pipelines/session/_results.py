@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.workflow import session as sessions
+from labpipe.workflow.graph import arguments
 from labpipe.workflow.plan import READY, page_name, plan as make_plan
 from labpipe.workflow.results import Results, open_result
 from labpipe.workflow.session import Experiment, Session
-from labpipe.workflow.tasks import arguments
 from pipelines.experiments import KINDS, Derived, function
 from pipelines.session._stated import fill
 

@@ -21,11 +21,11 @@ from labpipe.notebook import Shown, ShownAsTable
 from labpipe.workflow.code import behind
 from labpipe.workflow.context import Context, Failed, Warned
 from labpipe.workflow.document import parse
+from labpipe.workflow.graph import arguments
 from labpipe.workflow.plan import READY, Row
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.store import Store, key_of
-from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._gaps import library_names
 from pipelines.session._results import STAGES, opened, reopen_session

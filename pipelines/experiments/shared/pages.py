@@ -333,7 +333,7 @@ def provenance(context: Context) -> Section:
     found = dict(context.provenance)
     files = Table(
         (Column("file"), Column("bytes", digits=12), Column("SHA-256")),
-        [(f.name, f.size, f.sha256) for f in context.inputs],
+        [(f["name"], f["size"], f["sha256"]) for f in found.get("inputs", ())],
         caption="Raw files used for this page; none was changed.",
     )
     text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)

@@ -6,9 +6,8 @@ import toy_laboratory as toy
 
 from labpipe.errors import InputError
 from labpipe.workflow.fields import File
-from labpipe.workflow.graph import Stage, ordered
+from labpipe.workflow.graph import Stage, field_value, ordered
 from labpipe.workflow.plan import parameters
-from labpipe.workflow.tasks import field_value
 
 
 def stage(name: str, *inputs: str, **rest: object) -> Stage:

@@ -11,14 +11,13 @@ import msgspec
 import pytest
 
 from labpipe.workflow.fields import File
-from labpipe.workflow.graph import Stage
-from labpipe.workflow.plan import Plan, make_plan, plan
+from labpipe.workflow.graph import Stage, TaskId
+from labpipe.workflow.plan import Plan, plan
 from labpipe.workflow.results import open_result
 from labpipe.workflow.run_result import RunResult
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import Session, load
-from labpipe.workflow.store import LOG, Store, last_seconds
-from labpipe.workflow.tasks import TaskId, spell_out
+from labpipe.workflow.store import LOG, last_seconds
 from tests.labpipe.workflow.sources import forget
 
 MODULE = """
@@ -43,7 +42,7 @@ def double(found, *, settings):
 
 
 def page(found, doubled, *, settings, context):
-    kept = [f"{{k.stage}}: {{', '.join(k.changed)}}" for k in context.kept]
+    kept = [f"{{k.stage}}: {{k.reason}}" for k in context.kept]
     return f"<!doctype html>{{float(found.z)}} {{float(doubled.z)}} kept {{kept}}"
 """
 
@@ -135,7 +134,7 @@ def test_a_kept_result_is_marked_on_every_page_and_keeps_its_key(laboratory: Lab
     assert found["read"] == found["double"] == ("kept", why)
     assert found["report"] == ("will run", f"{why}; kept results of earlier code changed")
     assert laboratory.run(keep=True) == {"read": "kept", "double": "kept", "report": "done"}
-    assert laboratory.page.endswith(f"3.0 6.0 kept ['read: {laboratory.name}', 'double: {laboratory.name}']")
+    assert laboratory.page.endswith(f"3.0 6.0 kept ['read: {why}', 'double: {why}']")
     assert laboratory.run(keep=True) == {"read": "kept", "double": "kept", "report": "cached"}
     now = made(laboratory, keep=True)
     assert now.keys[TaskId("a", "read")].value == before
@@ -144,9 +143,7 @@ def test_a_kept_result_is_marked_on_every_page_and_keeps_its_key(laboratory: Lab
 
 
 def made(laboratory: Laboratory, keep: bool | None) -> Plan:
-    tasks = spell_out(laboratory.session, laboratory.stages)
-    store = Store(laboratory.session.folder)
-    return make_plan(laboratory.session, tasks, frozenset(tasks), store, keep=keep)
+    return plan(laboratory.session, laboratory.stages, keep=keep)
 
 
 def test_what_was_kept_is_read_by_others_until_the_code_changes_again(laboratory: Laboratory) -> None:

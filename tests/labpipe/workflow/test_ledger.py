@@ -32,11 +32,6 @@ def test_recordings_of_a_stage_are_summed() -> None:
     assert rows == (LedgerRow("a", "s", "steps", 3, None), LedgerRow("b", "s", "steps", 4, None))
 
 
-@pytest.mark.parametrize("work", [None, "", {}, "{}"])
-def test_no_work_is_no_count(work: object) -> None:
-    assert counts(work or "{}") == {}
-
-
 @pytest.mark.parametrize("work", ["x", "[1]", '{"a": "b"}', {"a": float("nan")}, {"a": True}, 3])
 def test_what_is_not_a_count_is_refused(work: object) -> None:
     with pytest.raises(InputError, match="must hold counts"):

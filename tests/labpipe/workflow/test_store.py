@@ -10,10 +10,10 @@ import xarray as xr
 from labpipe import files
 from labpipe.errors import StoreError
 from labpipe.files import HashIndex
+from labpipe.workflow.graph import TaskId
 from labpipe.workflow.plan import plan
 from labpipe.workflow.runner import run
 from labpipe.workflow.store import LOG, Caught, Store, events_after, key_of, log
-from labpipe.workflow.tasks import TaskId
 
 INGREDIENTS = {"stage": "read", "version": 1, "parameters": {"gain": 1.5, "name": "é"}}
 KEY = key_of(INGREDIENTS)

@@ -76,9 +76,6 @@ def _trouble(settings: Any, stage: str, path: Path | None = None) -> None:
     if how == "warn":
         warnings.warn("the record is short", UserWarning, stacklevel=2)
         return
-    if how == "print":
-        print("to standard output")  # noqa: T201
-        return
     if how == "number":
         raise ZeroDivisionError("by zero")
     if how == "units":
@@ -127,7 +124,6 @@ def page(datasets: list[Any], result: Any, *, settings: Drop, context: Any) -> s
         repr(context.ledger),
         repr(context.warnings),
         repr(context.failures),
-        repr(context.inputs),
         repr(context.provenance),
     ]
     return "\n".join(["<!doctype html>", *parts, ""])
