@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import xarray as xr
 
-from calibration.record import CameraRecord, CameraValues, Record, require
+from calibration.record import CameraRecord, Record, require
 from labpipe.errors import InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
@@ -21,24 +21,9 @@ __all__ = ["image_scale", "motion", "pixel_size"]
 
 
 def pixel_size(reference_length: Quantity, pixel_length: Quantity) -> Quantity:
-    """Length of one pixel from a length and the pixels that it spans (thesis D.1).
+    """Length of one pixel [m/px], from a length [m] and the pixels [px] that it spans (thesis D.1).
 
-    Parameters
-    ----------
-    reference_length : Quantity [m]
-        Real length.
-    pixel_length : Quantity [px]
-        Length in the image.
-
-    Returns
-    -------
-    Quantity [m/px]
-        With its standard uncertainty.
-
-    Raises
-    ------
-    InputError
-        A length is not positive, or not finite.
+    Raises InputError where one of them is not positive, or not finite.
 
     Examples
     --------
@@ -57,45 +42,13 @@ def pixel_size(reference_length: Quantity, pixel_length: Quantity) -> Quantity:
 def image_scale(
     record: Record, view: str, *, measured: str | date | None = None, recorded: str = ""
 ) -> tuple[Quantity, dict[str, Any]]:
-    """Return the scale of a view from its record.
+    """Return the length of one pixel [m/px] of a view, and the checks that were made with the budget of the scale.
 
-    Parameters
-    ----------
-    record : Record
-        Of the kind ``camera``.
-    view : str
-        The view of the film; a record of another one is refused.
-    measured
-        See :func:`calibration.record.require`.
-    recorded : str
-        Day that the film itself says, as ISO text; "" where it says none.
-
-    Returns
-    -------
-    Quantity [m/px]
-        Length of one pixel.
-    dict
-        The checks that were made, and the budget of the scale.
-
-    Raises
-    ------
-    CalibrationError
-        The record is of another kind, view or time.
+    ``recorded`` is the day that the film itself says, as ISO text; "" where it says none. The other arguments, and the
+    errors, are those of :func:`calibration.record.require`.
     """
-    film = {"start": recorded}
-    checked = require(record, "camera", film, measured=measured, view=view)
+    checked = require(record, "camera", {"start": recorded}, measured=measured, view=view)
     values = cast("CameraRecord", record).values
-    size, sources = _size(values)
-    total = combined_uncertainty(sources)
-    checked |= {
-        "view": record.view,
-        "budget": budget_rows(sources),
-        "tilt": None if values.tilt is None else values.tilt.value,
-    }
-    return Quantity(size.value, total, "m/px"), checked
-
-
-def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
     if values.scale is not None:
         size, sources = values.scale, [Source.of("scale", values.scale, 1.0)]
     else:
@@ -107,7 +60,9 @@ def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
         ]
     if values.out_of_plane is not None:
         sources.append(Source("out of plane", 0.0, values.out_of_plane.u, "1", size.value, "systematic"))
-    return size, sources
+    tilt = None if values.tilt is None else values.tilt.value
+    checked |= {"view": record.view, "budget": budget_rows(sources), "tilt": tilt}
+    return Quantity(size.value, combined_uncertainty(sources), "m/px"), checked
 
 
 def motion(track: xr.Dataset, record: Record, *, view: str, measured: str | date | None = None) -> xr.Dataset:

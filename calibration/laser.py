@@ -189,7 +189,7 @@ def _as_read(zero: _quiet.Zero, unit_of_reading: str, values: LaserValues) -> _q
 
 
 def inclination_from_drop(travel: Quantity, height: Quantity) -> Quantity:
-    """Find the inclination from a drop of known height.
+    """Find the inclination [rad] from a drop of known height, ``arccos(travel / height)``.
 
     Parameters
     ----------
@@ -197,11 +197,6 @@ def inclination_from_drop(travel: Quantity, height: Quantity) -> Quantity:
         Reading from release to first contact, along the line of sight, gain corrected.
     height : Quantity [m]
         The height, from a micrometer.
-
-    Returns
-    -------
-    Quantity [rad]
-        ``arccos(travel / height)`` and its standard uncertainty.
 
     Raises
     ------

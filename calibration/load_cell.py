@@ -17,7 +17,7 @@ import xarray as xr
 
 from calibration import _quiet
 from calibration.record import LoadCellRecord, LoadCellValues, Record, require
-from labpipe.arrays import Complexes, Floats
+from labpipe.arrays import Complexes
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
@@ -72,6 +72,10 @@ def force(
     name = "force_z"
     if name not in readings:
         raise InputError(f'the readings have no "{name}"')
+    if isinstance(zero, str) and zero != "start":
+        raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
+    if isinstance(zero, Quantity) and zero.si != "N":
+        raise InputError(f"the zero is in {zero.si}, expected a force in N")
     if compression_sign not in (None, 1, -1):
         raise InputError(f"compression_sign must be 1 or -1, found {compression_sign}")
     sign = int(readings.attrs.get("compression_sign", 0)) if compression_sign is None else compression_sign
@@ -94,7 +98,10 @@ def force(
         is_valid &= np.abs(np.nan_to_num(raw)) <= values.capacity.value
     used = np.where(is_valid, raw, np.nan)
     step = _quiet.resolution_of(used, None)
-    at_rest = _tare(readings, used, zero, step)
+    time, first = readings["time"].values, slice(None)
+    if "block" in readings.coords and "sample" in readings.dims and time.size:
+        first = slice(0, int(np.sum(readings["block"].values == readings["block"].values[0])))
+    at_rest = _quiet.of_zero(time, used, 0.0 if zero is None else zero, resolution=step, first=first)
     pressed = sign * gain.value * (used - at_rest.level) + 0.0  # no negative zeros
     spread = np.where(is_valid, gain.value * at_rest.noise, np.nan)
     sources = at_rest.sources("tare", "rounding to the cell's step", step, "N", sign * gain.value)
@@ -138,18 +145,6 @@ def _blocks(attrs: Mapping[str, Any]) -> list[dict[str, Any]]:
     return list(json.loads(attrs.get("blocks", "[]")))
 
 
-def _tare(readings: xr.Dataset, used: Floats, zero: _quiet.Zero | None, step: float) -> _quiet.Quiet:
-    if isinstance(zero, str) and zero != "start":
-        raise InputError(f'zero must be "start", a window, a force or None, found "{zero}"')
-    if isinstance(zero, Quantity) and zero.si != "N":
-        raise InputError(f"the zero is in {zero.si}, expected a force in N")
-    time = readings["time"].values
-    first = slice(None)
-    if "block" in readings.coords and "sample" in readings.dims and time.size:
-        first = slice(0, int(np.sum(readings["block"].values == readings["block"].values[0])))
-    return _quiet.of_zero(time, used, 0.0 if zero is None else zero, resolution=step, first=first)
-
-
 class FilterLag(NamedTuple):
     """Effect of a low-pass on a sinusoid.
 
@@ -180,9 +175,7 @@ _NOTE = (
 )
 
 
-def filter_lag(
-    frequency: float, order: int = 3, cutoff: float = 20.0, measured_delay: Quantity | None = None
-) -> FilterLag:
+def filter_lag(frequency: float, order: int = 3, cutoff: float = 20.0) -> FilterLag:
     """Return amplitude and lag of the load cell's low-pass at one frequency.
 
     Parameters
@@ -193,8 +186,6 @@ def filter_lag(
         As declared.
     cutoff : float [Hz]
         Where the amplitude is 1/√2, as declared.
-    measured_delay : Quantity [s], optional
-        Found with an elastic reference; replaces the assumed phase.
 
     Raises
     ------
@@ -215,14 +206,10 @@ def filter_lag(
     if frequency <= 0 or order < 1 or cutoff <= 0:
         raise InputError(f"expected positive numbers, found {frequency} Hz, order {order}, {cutoff} Hz")
     factors = [poles / (poles - 1j * frequency / cutoff) for poles in _poles(order)]
-    turn = 2 * math.pi * frequency
     gain, u_gain = _range([float(np.prod(np.abs(each))) for each in factors])
     # summed over poles the lag has no jumps
     phase, u_phase = _range([float(-np.sum(np.angle(each))) for each in factors])
-    if measured_delay is None:
-        return FilterLag(gain, u_gain, phase, u_phase, phase / turn, _NOTE)
-    phase, u_phase = turn * measured_delay.value, turn * measured_delay.u
-    return FilterLag(gain, u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record")
+    return FilterLag(gain, u_gain, phase, u_phase, phase / (2 * math.pi * frequency), _NOTE)
 
 
 @cache
@@ -242,12 +229,6 @@ def _range(every: list[float]) -> tuple[float, float]:
 
 
 def declared_filter(attrs: Mapping[str, Any]) -> dict[str, float] | None:
-    """Return ``order`` and ``cutoff`` [Hz] that the header declares; None without a filter, or when blocks differ.
-
-    Parameters
-    ----------
-    attrs : mapping
-        Of the readings.
-    """
+    """Return ``order`` and ``cutoff`` [Hz] that readings declare; None without a filter, or when blocks differ."""
     declared = [block.get("filter") for block in _blocks(attrs)]
     return declared[0] if declared and all(each == declared[0] for each in declared) else None

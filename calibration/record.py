@@ -221,17 +221,7 @@ KINDS: dict[str, type[Record]] = {"camera": CameraRecord, "laser": LaserRecord, 
 
 
 def load_record(path: str | os.PathLike[str]) -> Record:
-    """Read a calibration record.
-
-    Parameters
-    ----------
-    path : path-like
-        The TOML file.
-
-    Returns
-    -------
-    Record
-        Of the class of its kind, with ``values``.
+    """Read a calibration record, of the class of its kind, from its TOML file.
 
     Raises
     ------
@@ -263,10 +253,8 @@ def require(
 
     Parameters
     ----------
-    record : Record
-        The calibration.
-    kind : str
-        The kind that is needed.
+    record, kind : Record, str
+        The calibration, and the kind that is needed.
     attrs : mapping
         Attributes of the readings: ``start``, ``model``, ``serial``, ``sensor`` where known.
     measured : date or ISO text, optional

@@ -39,27 +39,18 @@ class Ruler(NamedTuple):
     residual: float
 
 
-def graduations(image: NDArray[np.generic], *, axis: str = "x", dark: bool = True) -> Ruler:
+def graduations(image: NDArray[np.generic]) -> Ruler:
     """Measure the pitch of a ruler's graduations to a fraction of a pixel.
 
     Parameters
     ----------
     image : array (row, column)
-        Holds the graduations and little else; cut it to the ruler first.
-    axis : {"x", "y"}
-        Along which the ruler runs; its lines stand across.
-    dark : bool
-        Whether lines are darker than the ground.
-
-    Returns
-    -------
-    Ruler
-        Pitch and tilt with uncertainty from the scatter of the lines.
+        Holds the dark graduations of a ruler along the rows and little else; cut it to the ruler, and turn it, first.
 
     Raises
     ------
     InputError
-        Fewer than four equally spaced lines stand out of the noise.
+        Fewer than four equally spaced lines rise out of the noise.
 
     Notes
     -----
@@ -69,7 +60,7 @@ def graduations(image: NDArray[np.generic], *, axis: str = "x", dark: bool = Tru
     grey = np.asarray(image, float)
     if grey.ndim != 2:
         raise InputError(f"expected one image (row, column), found {grey.ndim} dimensions")
-    grey = (grey if axis == "x" else grey.T) * (-1.0 if dark else 1.0)
+    grey = -grey
     centres = _lines(grey.mean(axis=0))
     half = np.median(np.diff(centres)) / 2
     bands = np.array_split(np.arange(grey.shape[0]), _BANDS)
@@ -96,7 +87,7 @@ def _lines(profile: Floats) -> Floats:
     if len(peaks) < _FEWEST_LINES:
         raise InputError(
             f"graduations that stand out: {len(peaks)}; at least {_FEWEST_LINES} are needed. Cut "
-            "the image to the ruler, check the axis, or measure by hand"
+            "the image to the ruler, turn it so that the ruler runs along the rows, or measure by hand"
         )
     spacing = np.diff(peaks)
     typical = np.median(spacing)

@@ -24,85 +24,44 @@ from typing import TYPE_CHECKING
 from labpipe.installation import BUILD as BUILD, __version__ as __version__, lazily
 
 if TYPE_CHECKING:
-    from instruments import read
-    from labpipe.contact import drop, indent
-    from labpipe.imaging import contact_radius, track
-    from labpipe.materials import MasterCurve, Prony, master_curve, solid as material
-    from labpipe.signals import velocity
-    from pipelines.app import open
-    from pipelines.figures import figures
-    from pipelines.identify import identify
-    from pipelines.rig import demo, sample
+    from instruments import read as read
+    from labpipe.contact import drop as drop, indent as indent
+    from labpipe.imaging import contact_radius as contact_radius, track as track
+    from labpipe.materials import MasterCurve as MasterCurve, Prony as Prony, master_curve as master_curve, solid
+    from labpipe.signals import velocity as velocity
+    from pipelines.app import open as open
+    from pipelines.figures import figures as figures
+    from pipelines.identify import identify as identify
+    from pipelines.rig import demo as demo, sample as sample
     from pipelines.session import (
-        bundle,
-        catalogue,
-        cite,
-        compare,
-        doctor,
-        export,
-        init,
-        inspect,
-        note,
-        open_lab_session as open_session,
-        plan,
-        process,
-        publish,
-        report,
-        result,
-        results,
-        sensitivity,
-        trend,
-        verdict,
-        verify,
-        watch,
+        bundle as bundle,
+        catalogue as catalogue,
+        cite as cite,
+        compare as compare,
+        doctor as doctor,
+        export as export,
+        init as init,
+        inspect as inspect,
+        note as note,
+        open_lab_session,
+        plan as plan,
+        process as process,
+        publish as publish,
+        report as report,
+        result as result,
+        results as results,
+        sensitivity as sensitivity,
+        trend as trend,
+        verdict as verdict,
+        verify as verify,
+        watch as watch,
     )
-    from pipelines.sweeps import sweep
+    from pipelines.sweeps import sweep as sweep
+
+    material = solid
+    open_session = open_lab_session
 else:
     __getattr__ = lazily(__name__, above=("pipelines", "instruments", "calibration"))
-
-__all__ = [
-    "MasterCurve",
-    "Prony",
-    "bundle",
-    "catalogue",
-    "cite",
-    "compare",
-    "contact_radius",
-    "demo",
-    "doctor",
-    "drop",
-    "export",
-    "figures",
-    "identify",
-    "indent",
-    "init",
-    "inspect",
-    "master_curve",
-    "material",
-    "note",
-    "open",
-    "open_session",
-    "plan",
-    "process",
-    "publish",
-    "read",
-    "report",
-    "result",
-    "results",
-    "sample",
-    "sensitivity",
-    "sweep",
-    "track",
-    "trend",
-    "velocity",
-    "verdict",
-    "verify",
-    "watch",
-]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
 
 
 class _Door(ModuleType):

@@ -22,7 +22,7 @@ import time
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, SourceError, StorageError
 
@@ -38,11 +38,8 @@ _BLOCK = 1 << 20
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     """Write a file, and missing folders, so that it exists complete or not at all.
 
-    Raises
-    ------
-    StorageError
-        There is no space, or no permission; the message holds the bytes needed. An older file of
-        that name is left as it was.
+    Raises StorageError: there is no space, or no permission; the message holds the bytes needed. An older file of that
+    name is left as it was.
     """
     write_chunks(path, len(data), [data])
 
@@ -75,33 +72,18 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> "xr.Da
     The bytes depend on the Dataset alone. Attributes that netCDF cannot hold (None, bool, dict,
     lists of anything but numbers) become JSON text. Variables are numbers, booleans or text; times are numbers in s.
 
-    Returns
-    -------
-    Dataset
-        Read back, as :func:`read_dataset` returns it.
-
-    Raises
-    ------
-    InputError
-        The Dataset holds something that netCDF cannot give back unchanged.
-    StorageError
-        There is no space, or no permission; the message holds the bytes needed.
+    Returns the Dataset read back, as :func:`read_dataset` does. Raises InputError: it holds something that netCDF
+    cannot give back unchanged; StorageError: there is no space, or no permission; the message holds the bytes needed.
     """
     from labpipe import netcdf
 
     prepared = netcdf.prepare(dataset)
     found: list[xr.Dataset] = []
 
-    def fill(part: Path) -> None:
-        netcdf.write(part, prepared)
-        trailer = netcdf.trailer(part)
-        with part.open("ab") as stream:
-            stream.write(trailer)
-
     def verify(part: Path) -> None:
         found.append(netcdf.verify(part, prepared))
 
-    _replace(Path(path), netcdf.size(prepared), fill, verify)
+    _replace(Path(path), netcdf.size(prepared), lambda part: netcdf.write(part, prepared), verify)
     return found[0]
 
 
@@ -110,12 +92,8 @@ def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":
 
     The sizes that the file declares are compared with its real size before anything is allocated.
 
-    Raises
-    ------
-    SourceError
-        There is no such file.
-    StoreError
-        The file is damaged: truncated, a checksum that does not fit, sizes that cannot be true.
+    Raises SourceError: there is no such file; StoreError: the file is damaged: truncated, a checksum that does not fit,
+    sizes that cannot be true.
     """
     from labpipe import netcdf
 
@@ -151,10 +129,7 @@ def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
     Yields a function that appends text. It is with the operating system when the call returns, and on the disk at
     least every second in which something is appended. The file is locked as by :func:`lock`.
 
-    Raises
-    ------
-    StorageError
-        There is no space, or no permission, or a file of that name exists.
+    Raises StorageError: there is no space, or no permission, or a file of that name exists.
     """
     target = Path(path)
     try:
@@ -191,10 +166,7 @@ def digest(path: str | os.PathLike[str]) -> str:
     A folder's is that of the names and digests of all files in it, so a film that is stored as a
     folder of images has one too.
 
-    Raises
-    ------
-    SourceError
-        The file cannot be read.
+    Raises SourceError: the file cannot be read.
     """
     source = Path(path)
     if source.is_dir():
@@ -397,23 +369,15 @@ def _sealed(body: bytes) -> bytes:
 # --- digests, kept as long as a file is the same ------------------------------------------------
 
 
-class Stamp(NamedTuple):
-    """Evidence that a file is still the same, without reading it: size, times [ns] and inode.
-
-    No program can set the inode's change time back; so new content under an old modification time is noticed.
-    """
-
-    size: int
-    modified: int
-    changed: int
-    inode: int
-
-
-_Known = dict[str, tuple[Stamp, str]]
+_Known = dict[str, tuple[list[int], str]]
 
 
 class HashIndex:
-    """Digests of files, remembered in an index as long as their stamps stay the same; a damaged index is empty."""
+    """Digests of files, remembered in an index as long as their stamps stay the same; a damaged index is empty.
+
+    A stamp is size, times [ns] and inode. No program can set the inode's change time back; so new content under an old
+    modification time is noticed.
+    """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
@@ -430,7 +394,7 @@ class HashIndex:
             status = source.stat()
         except OSError as error:
             raise SourceError(source, f"cannot be read: {error.strerror}") from error
-        stamp = Stamp(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
+        stamp = [status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
         known = self._fresh.get(name)
         if known is None:
             self._known = self._load() if self._known is None else self._known
@@ -439,7 +403,7 @@ class HashIndex:
             return known[1]
         found = digest(source)
         # within two seconds a file may change again without another stamp
-        if time.time_ns() - max(stamp.modified, stamp.changed) > 2_000_000_000:
+        if time.time_ns() - max(status.st_mtime_ns, status.st_ctime_ns) > 2_000_000_000:
             self._fresh[name] = stamp, found
         return found
 
@@ -456,7 +420,7 @@ class HashIndex:
     def _load(self) -> _Known:
         try:
             found = unseal(self._path.read_bytes())
-            return {name: (Stamp(*stamp), digest) for name, (*stamp, digest) in found.items()}
+            return {name: (stamp, digest) for name, (*stamp, digest) in found.items()}
         except (OSError, AttributeError, TypeError, ValueError):  # absent, damaged, or another record of ours
             return {}
 
@@ -473,12 +437,9 @@ def safe_join(root: str | os.PathLike[str], name: str) -> Path:
 
     The path returned is resolved; it need not exist.
 
-    Raises
-    ------
-    InputError
-        The name is empty, absolute, contains ``..``, a backslash, a control or direction
-        character, a name that Windows reserves, or a component beyond 255 bytes; or a symbolic
-        link on the way leads out of the folder or in a circle.
+    Raises InputError: the name is empty, absolute, contains ``..``, a backslash, a control or direction character, a
+    name that Windows reserves, or a component beyond 255 bytes; or a symbolic link on the way leads out of the folder
+    or in a circle.
 
     Examples
     --------

@@ -15,11 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One variable: its dimensions, its SI unit, and whether it may be absent."""
+    """One variable: its dimensions and its SI unit."""
 
     dims: tuple[str, ...]
     units: str
-    optional: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,17 +32,13 @@ class Schema:
 def check(dataset: "xr.Dataset", schema: Schema) -> "xr.Dataset":
     """Return the Dataset unchanged when it fits, or say everything that does not.
 
-    Raises
-    ------
-    InputError
-        A variable is missing, has other dimensions, or another unit; or a variable carries no
-        ``units`` or ``long_name``; or an uncertainty ``u_x`` comes without its ``x``.
+    Raises InputError: A variable is missing, has other dimensions, or another unit; or a variable carries no ``units``
+    or ``long_name``; or an uncertainty ``u_x`` comes without its ``x``.
     """
     problems = []
     for name, expected in schema.variables.items():
         if name not in dataset.variables:
-            if not expected.optional:
-                problems.append(f'variable "{name}" is missing')
+            problems.append(f'variable "{name}" is missing')
             continue
         found = dataset[name]
         if tuple(map(str, found.dims)) != expected.dims:

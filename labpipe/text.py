@@ -71,10 +71,7 @@ def separators(cells: Iterable[str]) -> Separators:
     shows both; but ``1,234`` alone may be either, and a file that shows nothing else is refused. Cells that are no
     numbers are ignored.
 
-    Raises
-    ------
-    InputError
-        The evidence is ambiguous or contradicts itself.
+    Raises InputError: the evidence is ambiguous or contradicts itself.
 
     Examples
     --------
@@ -203,10 +200,7 @@ class TextFile:
     def lines(self) -> Iterator[str]:
         """Stream the lines without their ends; CRLF, LF and CR are all line ends.
 
-        Raises
-        ------
-        SourceError
-            The file has changed since it was surveyed.
+        Raises SourceError: the file has changed since it was surveyed.
         """
         count, size = 0, -1
         try:
@@ -232,11 +226,8 @@ def survey(
 
     Codecs that the format declares are tried in this order, where there is no byte order mark and it is not UTF-8.
 
-    Raises
-    ------
-    SourceError
-        The file is missing, empty, too large, holds a control character or a line beyond the
-        limit, or none of the codecs decodes it.
+    Raises SourceError: the file is missing, empty, too large, holds a control character or a line beyond the limit, or
+    none of the codecs decodes it.
     """
     limits = limits or Limits()
     path = Path(path)
@@ -362,34 +353,16 @@ def parse_rows(
     # loadtxt skips empty lines and takes "nan" and "inf": neither may pass unseen.
     if rows.shape == (len(lines), n_columns) and bool(np.isfinite(rows).all()):
         return rows
-    slow = [
-        parse_row(line, n_columns, delimiter, path=path, line_number=number, signs=signs)
-        for number, line in enumerate(lines, first_line)
-    ]
-    return np.array(slow, dtype=np.float64).reshape(len(lines), n_columns)
-
-
-def parse_row(
-    line: str,
-    n_columns: int,
-    delimiter: str,
-    *,
-    path: str | os.PathLike[str],
-    line_number: int,
-    signs: Separators = DOT,
-) -> list[float]:
-    """Parse one row and name the line and the column of its mistake, as :func:`parse_rows`."""
-    cells = line.split(delimiter)
-    check_width(line, cells, n_columns, delimiter, path=path, line_number=line_number)
-    values = []
-    column = 1
-    for cell in cells:
-        number = plain_number(cell, signs)
-        if number is None:
-            raise not_a_number(cell, path=path, line_number=line_number, column=column)
-        values.append(number)
-        column += len(cell) + 1
-    return values
+    rows = np.empty((len(lines), n_columns))
+    for row, line in enumerate(lines):
+        cells, at = line.split(delimiter), first_line + row
+        check_width(line, cells, n_columns, delimiter, path=path, line_number=at)
+        for place, cell in enumerate(cells):
+            if (number := plain_number(cell, signs)) is None:
+                column = len(delimiter.join(cells[:place])) + 1 + (place > 0)
+                raise not_a_number(cell, path=path, line_number=at, column=column)
+            rows[row, place] = number
+    return rows
 
 
 def check_width(

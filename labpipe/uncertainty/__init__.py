@@ -4,7 +4,7 @@ Sources with known sensitivities make a budget directly (:class:`Source`,
 :func:`combined_uncertainty`, :func:`excess_uncertainty`, :func:`scatter_beyond`, :func:`budget_rows`). A formula of
 uncertain inputs is propagated linearly (:func:`linear_budget`), by Monte Carlo as a check of the
 linear propagation (:func:`monte_carlo`, :func:`intervals_agree`), and by Sobol indices, which show
-what limits it (:func:`sobol`, :func:`inputs_to_halve`). The parameters of a fit are correlated:
+its largest contributions (:func:`sobol`, :func:`inputs_to_halve`). The parameters of a fit are correlated:
 their covariance is propagated through derivatives (:func:`propagated_variance`,
 :func:`propagated_u`, :func:`propagated_covariance`).
 

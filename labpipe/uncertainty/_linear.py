@@ -75,7 +75,7 @@ def linear_budget(model: Model, inputs: Mapping[str, Input]) -> Budget:
     model : callable
         Takes every input by its name and returns a number.
     inputs : mapping of str to Input
-        Independent of each other: what two of them share is an input of its own.
+        Independent of each other: a part that two of them share is an input of its own.
 
     Returns
     -------
@@ -131,11 +131,11 @@ def propagated_variance(slopes: "Floats", covariance: "Covariance") -> "Floats":
     Returns
     -------
     array (...)
-        What rounding made of nothing is nothing, not a little below it.
+        Not below zero, where rounding would make it so.
 
     Examples
     --------
-    What two readings share cancels in their difference:
+    The part that two readings share cancels in their difference:
 
     >>> import numpy as np
     >>> float(propagated_variance(np.array([1.0, -1.0]), np.array([[5.0, 4.0], [4.0, 5.0]])))

@@ -1,7 +1,7 @@
 """Monte Carlo propagation of uncertainty, as a check of the linear one.
 
 Where the ends of the two coverage intervals agree within the last digit that is stated, the linear
-budget stands.
+budget holds.
 
 References
 ----------
@@ -22,7 +22,7 @@ _DIGITS = 2  # with which an uncertainty is stated
 
 @dataclass(frozen=True, slots=True)
 class MonteCarlo:
-    """What draws of the inputs make of the result: its mean, spread, and central interval."""
+    """Mean, spread and central interval of the result over draws of the inputs."""
 
     value: float
     u: float
@@ -55,7 +55,7 @@ def monte_carlo(model: Model, inputs: Mapping[str, Input], *, draws: int = _DRAW
 
 
 def intervals_agree(budget: Budget, drawn: MonteCarlo) -> bool:
-    """Tell whether the linear interval stands: both ends within half the last stated digit.
+    """Return whether the linear interval holds: both ends within half the last stated digit.
 
     The draws' own scatter is allowed for: an end of theirs is known to 4 % of u only, and to less
     where repeats are few.
@@ -69,7 +69,7 @@ def intervals_agree(budget: Budget, drawn: MonteCarlo) -> bool:
 
 
 def interval_difference(budget: Budget, drawn: MonteCarlo) -> float:
-    """Return by how much the ends of the linear and of the drawn interval differ at most."""
+    """Return the largest difference of the ends of the linear and of the drawn interval."""
     half = budget.expanded(_LEVEL)
     return max(abs(budget.value - half - drawn.low), abs(budget.value + half - drawn.high))
 

@@ -1,6 +1,6 @@
 """Sobol indices: share of each input in the variance, without assuming linearity.
 
-They say of single inputs how much of the variance would be left if one were known exactly.
+Of one input: the part of the variance that would go if it were known exactly.
 
 References
 ----------

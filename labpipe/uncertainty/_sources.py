@@ -21,7 +21,7 @@ class Source(NamedTuple):
     Attributes
     ----------
     source : str
-        What it is.
+        Its name.
     value, u : float
         The input and its standard uncertainty, in ``unit``.
     unit : str
@@ -30,7 +30,7 @@ class Source(NamedTuple):
         Change of the result per change of the input.
     kind : str
         ``random`` (differs from sample to sample) or ``systematic`` (the same for all); empty
-        where it is not told.
+        where it is not known.
     """
 
     source: str
@@ -52,7 +52,7 @@ class Source(NamedTuple):
 
 
 class Row(TypedDict):
-    """A line with what it contributes and its share of the variance: plain JSON types."""
+    """A line with its contribution and its share of the variance: plain JSON types."""
 
     source: str
     value: float
@@ -77,7 +77,7 @@ def combined_uncertainty(sources: Sequence[Source]) -> float:
 
 
 def excess_uncertainty(total: float, *parts: float) -> float:
-    """Return what a standard uncertainty holds beyond some of its parts, at least 0.
+    """Return the part of a standard uncertainty beyond some of its parts, at least 0.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def excess_uncertainty(total: float, *parts: float) -> float:
 
 
 def scatter_beyond(scatter: ArrayLike, stated: ArrayLike, n: ArrayLike) -> Floats:
-    """Return what repeats scatter beyond what each of them states, where that is more than chance.
+    """Return the scatter of repeats beyond the uncertainty that each of them states, where that is more than chance.
 
     The larger of both would be too much: of two repeats with nothing but the stated error, the mean of
     the larger variance is 1.5 times the stated one. Scatter counts from its 95 % limit on.
@@ -111,7 +111,7 @@ def scatter_beyond(scatter: ArrayLike, stated: ArrayLike, n: ArrayLike) -> Float
 
 
 def budget_rows(sources: Sequence[Source]) -> list[Row]:
-    """Make the rows of a budget, largest first, with the share of each in the variance."""
+    """Return the rows of a budget, largest first, with the share of each in the variance."""
     total = combined_uncertainty(sources) ** 2
     rows: list[Any] = [
         each._asdict() | {"contribution": each.contribution, "share": each.contribution**2 / total if total else 0.0}

@@ -123,7 +123,7 @@ def python() -> dict[str, str]:
         lines = [face, "=" * len(face), "", f".. currentmodule:: {face}", "", summary, ""]
         source = inspect.getsource(module)
         given = {*re.findall(r"\b(\w+) as \1\b", source), *re.findall(r"^(?:def|class) ([A-Za-z]\w*)", source, re.M)}
-        for name in sorted(given | set(vars(module).get("__all__", ()))):
+        for name in sorted(given | set(getattr(module, "__all__", ()))):
             found = getattr(module, name)
             if callable(found) and found not in known:
                 known.add(found)

@@ -59,18 +59,12 @@ def test_compression_is_positive_for_either_cell(cell, sign):
     np.testing.assert_array_equal(result.force_raw.values, mach1.assemble([block]).force_z.values)
 
 
-def test_nothing_is_tared_unless_asked():
-    block, _ = press()
-    readings = mach1.assemble([block])
-    result = load_cell.force(readings)
-    np.testing.assert_array_equal(result.force.values, -readings.force_z.values)
-    assert result.attrs["tared"] == 0
-    assert float(result.tare) == 0.0
-
-
 def test_tare_by_window_number_or_quantity():
     block, _ = press()
     readings = split_blocks(mach1.assemble([block]))[0]
+    result = load_cell.force(readings)  # nothing is tared unless asked
+    np.testing.assert_array_equal(result.force.values, -readings.force_z.values)
+    assert (result.attrs["tared"], float(result.tare)) == (0, 0.0)
     for zero in ("start", (0.0, 1.5)):
         result = load_cell.force(readings, zero=zero)
         assert float(result.tare) == pytest.approx(-0.25, abs=5 * float(result.u_tare))
@@ -90,13 +84,13 @@ def test_tare_of_a_file_comes_from_its_first_block():
     result = load_cell.force(mach1.assemble([first, second]), zero="start")
     assert float(result.tare) == pytest.approx(-0.25, abs=0.002)
     assert float(result.force[400]) == pytest.approx(0.65, abs=0.01)
-
-
-def test_random_uncertainty_is_noise_or_rounding():
-    block, _ = press()
-    result = load_cell.force(mach1.assemble([block]), zero="start")
     assert float(result.u_force[0]) == pytest.approx(0.002, rel=0.15)
     assert result.attrs["resolution"] == pytest.approx(0.00085, rel=0.01)
+    # without a record the gain is said to be unknown
+    assert float(result.gain) == 1.0
+    assert math.isnan(float(result.u_gain))
+    assert "no record" in json.loads(result.attrs["calibration"])
+    assert "gain" not in {row["source"] for row in json.loads(result.attrs["budget"])}
 
 
 def test_record_scales_and_enters_the_budget():
@@ -110,15 +104,6 @@ def test_record_scales_and_enters_the_budget():
     assert rows["gain"]["contribution"] == pytest.approx(0.001 * largest / 1.002, rel=1e-6)
     assert rows["linearity"]["contribution"] == pytest.approx(0.001)
     assert sum(row["share"] for row in rows.values()) == pytest.approx(1.0)
-
-
-def test_without_a_record_the_gain_is_said_to_be_unknown():
-    block, _ = press()
-    result = load_cell.force(mach1.assemble([block]), zero="start")
-    assert float(result.gain) == 1.0
-    assert math.isnan(float(result.u_gain))
-    assert "no record" in json.loads(result.attrs["calibration"])
-    assert "gain" not in {row["source"] for row in json.loads(result.attrs["budget"])}
 
 
 def test_readings_beyond_the_capacity_are_not_valid():
@@ -141,7 +126,7 @@ def test_unknown_sign_is_asked_for():
         load_cell.force(readings, compression_sign=2)
 
 
-@pytest.mark.parametrize("frequency", [0.1, 1.0, 2.0, 10.0, 20.0, 50.0])
+@pytest.mark.parametrize("frequency", [0.1, 2.0, 50.0])
 def test_lag_is_that_of_the_butterworth_polynomial(frequency):
     s = 1j * frequency / 20.0
     response = 1 / ((s + 1) * (s**2 + s + 1))
@@ -150,6 +135,11 @@ def test_lag_is_that_of_the_butterworth_polynomial(frequency):
     phase = -np.angle(1 / (s + 1)) - np.angle(1 / (s**2 + s + 1))
     assert lag.phase == pytest.approx(phase, rel=1e-10)
     assert lag.delay == pytest.approx(phase / (2 * math.pi * frequency), rel=1e-10)
+    # the unknown type of the filter is in the uncertainty
+    bessel = signal.besselap(3, norm="mag")[1]
+    other = float(-np.sum(np.angle(bessel / (bessel - 1j * frequency / 20.0))))
+    assert abs(other - lag.phase) < 2 * lag.u_phase
+    assert "elastic reference" in lag.note
 
 
 @pytest.mark.parametrize("frequency", [0.5, 2.0])
@@ -164,14 +154,6 @@ def test_lag_agrees_with_a_filtered_signal(frequency):
     lag = load_cell.filter_lag(frequency)
     assert math.hypot(in_phase, quadrature) == pytest.approx(lag.gain, rel=1e-5)
     assert -math.atan2(quadrature, in_phase) == pytest.approx(lag.phase, rel=1e-4)
-
-
-def test_unknown_type_of_filter_is_in_the_uncertainty():
-    lag = load_cell.filter_lag(2.0)
-    bessel = signal.besselap(3, norm="mag")[1]
-    other = float(-np.sum(np.angle(bessel / (bessel - 1j * 0.1))))
-    assert abs(other - lag.phase) < 2 * lag.u_phase
-    assert "elastic reference" in lag.note
 
 
 def test_declared_filter_is_that_of_the_header():

@@ -60,19 +60,13 @@ DAMAGE = {
     "unknown unit": ("0.05 deg", "0.05 turns", "expected an angle"),
     "no unit": ('"12.00 ± 0.05 deg"', "12.0", "without a unit"),
     "not a number": ("12.00 ±", "twelve ±", "expected an angle"),
-    "no uncertainty": ("12.00 ± 0.05 deg", "12.00 deg", "has no uncertainty"),
     "negative inclination": ("12.00 ± 0.05", "-12.00 ± 0.05", "must be >= 0"),
-    "flat inclination": ("12.00 ± 0.05", "89.00 ± 0.05", "< 1.4"),
     "scale of another order": ("1.0010 ± 0.0002", "1000 ± 1", "must be > 0.5"),
     "range not positive": ('"8 mm"', '"-8 mm"', "must be > 0"),
-    "period reversed": ("2025-04-30", "2023-04-30", "is before valid_from"),
     "empty id": ('"laser-2024-05"', '""', "id: "),
     "number as text": ('"A. Person"', "7", "who: "),
-    "date as number": ("valid_until = 2025-04-30", "valid_until = 2025", "valid_until: "),
     "version as text": ("version = 1", 'version = "1"', "version: "),
     "version zero": ("version = 1", "version = 0", "version: "),
-    "kind unknown": ('"laser"', '"lazer"', 'found "lazer"'),
-    "kind missing": ('kind = "laser"\n', "", "found nothing"),
     "kind a list": ('"laser"', '["laser"]', "expected one of"),
     "values of another kind": ('"laser"', '"load_cell"', "inclination: unknown key"),
 }
@@ -102,9 +96,6 @@ def test_all_mistakes_are_listed_with_their_lines(tmp_path):
 def test_file_that_is_no_toml_is_refused(tmp_path, text):
     with pytest.raises((SourceError, ConfigError)):
         load(tmp_path, text)
-
-
-def test_newer_version_is_refused(tmp_path):
     with pytest.raises(CalibrationError, match="has version 2"):
         load(tmp_path, LASER.replace("version = 1", "version = 2"))
 
@@ -117,44 +108,26 @@ def test_fitting_record_says_what_was_checked(tmp_path):
     assert checked["id"] == "laser-2024-05"
     assert "agrees" in checked["sensor_check"]
     assert checked["validity_check"] == "valid on 2024-05-14"
-
-
-def test_wrong_kind_is_refused(tmp_path):
     with pytest.raises(CalibrationError, match="calibrates a laser, expected a record of a load cell"):
         require(load(tmp_path, LASER), "load_cell", VALID)
 
 
-@pytest.mark.parametrize("attrs", [{"serial": "7654321"}, {"model": "CL-3000"}, {"sensor": "IL-100 no. 9"}])
-def test_other_sensor_is_refused(tmp_path, attrs):
-    with pytest.raises(CalibrationError, match="take the record of that sensor"):
-        require(load(tmp_path, LASER), "laser", {"start": "2024-05-14"} | attrs)
-
-
-@pytest.mark.parametrize(
-    "attrs",
-    [
-        {"serial": "1234567"},
-        {"serial": "SN 1234567".removeprefix("SN ")},
-        {"model": "lk g5001"},
-        {"model": "LK-G5001V"},
-        {"sensor": "head 1234567"},
-        {},
-    ],
-)
-def test_same_sensor_is_accepted(tmp_path, attrs):
-    require(load(tmp_path, LASER), "laser", {"start": "2024-05-14"} | attrs)
-
-
-@pytest.mark.parametrize("day", ["2024-05-01", "2025-04-30", date(2024, 8, 1), datetime(2024, 8, 1)])
-def test_days_of_the_period_are_accepted(tmp_path, day):
-    require(load(tmp_path, LASER), "laser", {}, measured=day)
-
-
-@pytest.mark.parametrize(("day", "word"), [("2025-05-01", "expired on"), ("2024-04-30", "was not yet valid on")])
-def test_day_outside_the_period_is_refused(tmp_path, day, word):
+def test_the_sensor_of_the_readings_is_compared_as_far_as_it_is_known(tmp_path):
     record = load(tmp_path, LASER)
-    with pytest.raises(CalibrationError, match=f"{word} {day}"):
+    for same in ({"serial": "1234567"}, {"model": "lk g5001"}, {"model": "LK-G5001V"}, {"sensor": "head 1234567"}, {}):
+        require(record, "laser", {"start": "2024-05-14"} | same)
+    for other in ({"serial": "7654321"}, {"model": "CL-3000"}, {"sensor": "IL-100 no. 9"}):
+        with pytest.raises(CalibrationError, match="take the record of that sensor"):
+            require(record, "laser", {"start": "2024-05-14"} | other)
+
+
+def test_both_ends_of_the_period_belong_to_it(tmp_path):
+    record = load(tmp_path, LASER)
+    for day in ("2024-05-01", "2025-04-30", date(2024, 8, 1), datetime(2024, 8, 1)):
         require(record, "laser", {}, measured=day)
+    for day, word in (("2025-05-01", "expired on"), ("2024-04-30", "was not yet valid on")):
+        with pytest.raises(CalibrationError, match=f"{word} {day}"):
+            require(record, "laser", {}, measured=day)
 
 
 @pytest.mark.parametrize("day", ["2000-01-01", "2099-05-14"])

@@ -6,16 +6,8 @@ import pytest
 from calibration._time_base import corrected, filter_delay, time_base
 from labpipe.errors import InputError
 from labpipe.units import Quantity
-from tests.rounding import rounding
 
 ATTRS = {"sampling_interval": 500e-6, "sampling_cycle": 50e-6, "averaging": 64}
-
-
-@pytest.mark.parametrize("averaging", [1, 2, 5, 64])
-def test_delay_is_the_centroid_of_the_averaged_samples(averaging):
-    newest = 0.0
-    centroid = np.mean(newest - 50e-6 * np.arange(averaging))
-    assert filter_delay(averaging, 50e-6) == pytest.approx(-centroid, rel=rounding(averaging), abs=0.0)
 
 
 def test_average_of_a_ramp_read_at_corrected_times_is_the_ramp():

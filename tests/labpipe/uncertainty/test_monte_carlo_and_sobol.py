@@ -52,9 +52,6 @@ def test_what_to_measure_better_halves_the_uncertainty() -> None:
     assert names == ("a", "b")
     left = 0.95 / factor**2 + 0.05
     assert sqrt(left) == pytest.approx(0.5)
-
-
-def test_many_equal_inputs_are_all_named() -> None:
     names, factor = inputs_to_halve({str(i): 0.25 for i in range(4)})
     assert len(names) == 4
     assert not isinf(factor)
