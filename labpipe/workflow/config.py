@@ -148,11 +148,13 @@ class Checker:
             converted = _plain(kind, value) if dimension is None else _quantity(dimension, value)
         except InputError as error:
             return self.report(place, str(error))
-        bounds, is_quantity = mark(marks, Range), isinstance(converted, Quantity)
-        if bounds is None or bounds.holds(converted.value if is_quantity else converted):
+        number, si = (converted.value, converted.si) if isinstance(converted, Quantity) else (converted, "1")
+        bounds = mark(marks, Range)
+        if bounds is None or bounds.holds(number):
             return converted
-        unit = f" {converted.si}" if is_quantity and converted.si != "1" and not bounds.is_sign else ""
-        return self.report(place, f"must be {bounds}{unit}, found {show(converted) if is_quantity else converted}")
+        unit = "" if si == "1" or bounds.is_sign else f" {si}"
+        shown = show(converted) if isinstance(converted, Quantity) else converted
+        return self.report(place, f"must be {bounds}{unit}, found {shown}")
 
     def _collection(self, kind: Any, value: Any, place: Place) -> Any:
         bare, marks = split(kind)

@@ -84,7 +84,8 @@ def settings_in_words(changed: Mapping[str, tuple[str, str]]) -> str:
     return "; ".join(f"{name} {old} → {new}" for name, (old, new) in changed.items())
 
 
-class Warned(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Warned:
     """A warning that a stage before the page raised, and how often."""
 
     stage: str

@@ -4,7 +4,7 @@ import contextlib
 import secrets
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, TypedDict, Unpack
+from typing import TypedDict, Unpack
 
 import msgspec
 
@@ -15,7 +15,7 @@ from labpipe.workflow._worker import DONE, FAILED, SKIPPED, Job, Outcome
 from labpipe.workflow.engines import Call, Crew, Died
 from labpipe.workflow.graph import Stages, TaskId, imports_of
 from labpipe.workflow.plan import Plan, page_name, plan
-from labpipe.workflow.run_result import Event, RunResult
+from labpipe.workflow.results import Event, RunResult
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import LOG, Store, events_after, log
 
@@ -136,8 +136,7 @@ class _SessionRun:
     """The run of one session while it goes on.
 
     ``waiting`` holds experiments to run with those that must end before them, ``running`` those
-    given to a process with the task that it is at, ``killed`` tasks that have killed their workers, ``heard`` the
-    bytes of the log that have been read.
+    given to a process with the task that it is at, ``heard`` the bytes of the log that have been read.
     """
 
     plan: Plan
@@ -148,7 +147,6 @@ class _SessionRun:
     outcomes: dict[TaskId, Outcome] = field(default_factory=dict)
     waiting: dict[str, set[str]] = field(default_factory=dict)
     running: dict[str, TaskId | None] = field(default_factory=dict)
-    killed: dict[TaskId, Outcome] = field(default_factory=dict)
     heard: int = 0
     held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
@@ -229,10 +227,7 @@ class _SessionRun:
         ready = [n for n, needs in self.waiting.items() if not needs & (self.waiting.keys() | self.running.keys())]
         for experiment in ready[: crew.room]:
             del self.waiting[experiment]
-            failures = {task: o for task, o in self.killed.items() if task.experiment == experiment}
-            for one in self.outcomes.values():
-                if one.state in (FAILED, SKIPPED) and one.experiment != experiment:
-                    failures[one.task] = one
+            failures = {task: one for task, one in self.outcomes.items() if one.state in (FAILED, SKIPPED)}
             wanted = frozenset(row.task for row in self.plan.rows if row.experiment == experiment)
             imports = imports_of(self.plan.tasks[row.task].stage for row in self.plan.to_run)
             self.running[experiment] = None
@@ -266,13 +261,11 @@ class _SessionRun:
                 self.note(outcome)
             return
         log(self.plan.session, "worker died", experiment=experiment, task=blamed, message=str(answer))
-        failure: dict[str, Any] = {"message": str(answer), "exit_code": 1, "is_of_run": True}
-        if blamed is not None and blamed not in self.killed:
-            self.killed[blamed] = Outcome(*blamed, FAILED, **failure)
+        left = [r.task for r in self.plan.to_run if r.experiment == experiment and r.task not in self.outcomes]
+        if blamed is not None and blamed not in self.outcomes:
             self.waiting[experiment] = set()
-            return
-        for row in self.plan.to_run:
-            if row.experiment == experiment and row.task not in self.outcomes:
-                outcome = Outcome(*row.task, FAILED, **failure)
-                log(self.plan.session, "ended", **asdict(outcome))
-                self.note(outcome)
+            left = [blamed]
+        for task in left:
+            outcome = Outcome(*task, FAILED, message=str(answer), exit_code=1, is_of_run=True)
+            log(self.plan.session, "ended", **asdict(outcome))
+            self.note(outcome)

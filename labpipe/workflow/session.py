@@ -211,7 +211,8 @@ def load(
     if head.files and not files.is_dir():
         document.report(("session", "files"), f"there is no folder {files}; correct the path, or mount the disk")
         document.finish()
-    tables = _Tables(document, kinds, *(_tables(document.tree, key) for key in ("defaults", "experiments", "variants")))
+    defaults, own_tables, variants = (_tables(document.tree, key) for key in ("defaults", "experiments", "variants"))
+    tables = _Tables(document, kinds, defaults, own_tables, variants)
     tables.read_laboratory(root)
     if not tables.experiments and not document.problems:
         document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
@@ -348,9 +349,11 @@ class _Tables:
             text = known if kind is None else f"unknown kind {found(kind)}{suggest(str(kind), self.kinds)}"
             document.report(("experiments", name, "kind"), text)
             return {}
-        below = ("defaults", kind)
-        lowest = {(LABORATORY, *below): self.laboratory[below]} if below in self.laboratory else {}
-        return {**layers, ("experiments", name): own, below: self.defaults.get(kind, {}), **lowest}
+        below: Place = ("defaults", kind)
+        layers |= {("experiments", name): own, below: self.defaults.get(kind, {})}
+        if below in self.laboratory:
+            layers[LABORATORY, *below] = self.laboratory[below]
+        return layers
 
     def experiment(self, checker: Checker, place: Place) -> Experiment | None:
         """Lay the tables of an experiment over each other and convert the result; report mistakes and gaps."""

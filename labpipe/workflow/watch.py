@@ -21,7 +21,7 @@ from labpipe.workflow.graph import Stages, ancestors, spell_out
 from labpipe.workflow.session import FILE_NAME, Experiment, Session, load
 
 if TYPE_CHECKING:
-    from labpipe.workflow.run_result import RunResult
+    from labpipe.workflow.results import RunResult
 
 WAITING, ARRIVING, REFUSED, BROKEN = "waiting", "arriving", "refused", "broken"
 PROCESSED, FAILED = "processed", "failed"

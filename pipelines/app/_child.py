@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe.errors import LabpipeError
 
 if TYPE_CHECKING:
-    from labpipe.workflow.run_result import Event
+    from labpipe.workflow.results import Event
 
 _SECONDS = 2.0
 """Between two looks at the folder while it is watched."""

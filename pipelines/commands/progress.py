@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn
 
-    from labpipe.workflow.run_result import Event
+    from labpipe.workflow.results import Event
 
 
 def is_shown() -> bool:

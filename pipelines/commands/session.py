@@ -29,7 +29,7 @@ from pipelines.session import PAGE
 
 if TYPE_CHECKING:
     from labpipe.workflow.plan import Row
-    from labpipe.workflow.run_result import RunResult
+    from labpipe.workflow.results import RunResult
     from labpipe.workflow.session import Session
     from pipelines.session import Gap, Verdicts
 

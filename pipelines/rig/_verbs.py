@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from labpipe.workflow.run_result import Event, RunResult
+from labpipe.workflow.results import Event, RunResult
 from labpipe.workflow.session import Session
 from pipelines.rig._ahead import holds_demo, record_elsewhere
 from pipelines.session import open_session, process

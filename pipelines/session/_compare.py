@@ -24,7 +24,7 @@ from pipelines.session._results import STAGES, derive, needed, opened, reopen_se
 from pipelines.session._verdicts import stored_verdicts
 
 if TYPE_CHECKING:
-    from labpipe.workflow.run_result import Event
+    from labpipe.workflow.results import Event
 
 
 def compare(

@@ -20,7 +20,7 @@ from pipelines.session._stated import fill
 
 if TYPE_CHECKING:
     from labpipe.report import Report
-    from labpipe.workflow.run_result import Event, RunResult
+    from labpipe.workflow.results import Event, RunResult
     from labpipe.workflow.runner import Options
     from pipelines.session._verdicts import Verdicts
 

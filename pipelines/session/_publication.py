@@ -38,7 +38,7 @@ from pipelines.session._results import opened, reopen_session
 from pipelines.session._session_checks import named_files
 
 if TYPE_CHECKING:
-    from labpipe.workflow.run_result import Event
+    from labpipe.workflow.results import Event
 
 DATA, RESULTS, SUMS = "data", "results", "SHA256SUMS"
 """Folders of the session and of its results in a package, and the file of its checksums."""

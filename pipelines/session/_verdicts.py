@@ -40,7 +40,7 @@ from pipelines.session._session_checks import (
 
 if TYPE_CHECKING:
     from labpipe.judging import Finding, Judgement
-    from labpipe.workflow.run_result import RunResult
+    from labpipe.workflow.results import RunResult
 
 WAITING = "waiting"
 """State of an experiment whose settings are incomplete."""

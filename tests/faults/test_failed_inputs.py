@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.workflow.run_result import RunResult
+from labpipe.workflow.results import RunResult
 from pipelines.rig.samples import laser_record
 from pipelines.session import SETTINGS, process
 

@@ -13,8 +13,7 @@ import pytest
 from labpipe.workflow.fields import File
 from labpipe.workflow.graph import Stage, TaskId
 from labpipe.workflow.plan import Plan, plan
-from labpipe.workflow.results import open_result
-from labpipe.workflow.run_result import RunResult
+from labpipe.workflow.results import RunResult, open_result
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import Session, load
 from labpipe.workflow.store import LOG, last_seconds

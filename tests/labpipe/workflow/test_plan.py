@@ -12,7 +12,7 @@ from labpipe.errors import ConfigError, UsageError
 from labpipe.workflow.fields import ExperimentName
 from labpipe.workflow.graph import Stage, Task, TaskId, spell_out
 from labpipe.workflow.plan import Plan, plan
-from labpipe.workflow.run_result import RunResult
+from labpipe.workflow.results import RunResult
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import Session, load
 from labpipe.workflow.store import Store

@@ -21,8 +21,7 @@ from labpipe.errors import InputError, StorageError, UsageError
 from labpipe.schema import Schema
 from labpipe.workflow import provenance
 from labpipe.workflow._worker import Job, work
-from labpipe.workflow.results import open_result
-from labpipe.workflow.run_result import Event, RunResult
+from labpipe.workflow.results import Event, RunResult, open_result
 from labpipe.workflow.runner import run, run_all
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import events
