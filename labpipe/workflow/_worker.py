@@ -153,12 +153,6 @@ class _Run:
 
     def _outcome(self, task: Task) -> Outcome:
         """Compute one task, unless an input is missing."""
-        for name in task.before:  # another experiment may not have made it
-            value = self.plan.keys[name].value
-            is_elsewhere = name.experiment != self.experiment and name not in self.failures
-            if is_elsewhere and (value is None or self.store.state(value) != "stored"):
-                text = f"{name} gave no result"
-                self.failures[name] = Outcome(*name, FAILED, message=text, is_of_run=True, reason=NO_INPUT)
         failed = [name for name in task.before if name in self.failures]
         missing = [name for name in failed if name in task.required or self.failures[name].is_of_run]
         if missing and not task.stage.context:
