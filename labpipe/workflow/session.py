@@ -211,7 +211,9 @@ def load(
     if head.files and not files.is_dir():
         document.report(("session", "files"), f"there is no folder {files}; correct the path, or mount the disk")
         document.finish()
-    defaults, own_tables, variants = (_tables(document.tree, key) for key in ("defaults", "experiments", "variants"))
+    defaults, own_tables, variants = (
+        _named_tables(document.tree, key) for key in ("defaults", "experiments", "variants")
+    )
     tables = _Tables(document, kinds, defaults, own_tables, variants)
     tables.read_laboratory(root)
     if not tables.experiments and not document.problems:
@@ -279,7 +281,7 @@ def _check_version(document: Document) -> None:
     raise ConfigError([document.at(("labpipe",), message)])
 
 
-def _tables(tree: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
+def _named_tables(tree: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
     """Return the tables ``[key.NAME]``; anything else has been reported."""
     value = tree.get(key)
     return {n: table for n, table in value.items() if isinstance(table, dict)} if isinstance(value, dict) else {}
@@ -322,7 +324,7 @@ class _Tables:
                 document.report((LABORATORY, key), f"unknown key{suggest(key, known)}")
             elif key != "labpipe" and not isinstance(table, dict):
                 document.report((LABORATORY, key), f"expected tables [{key}.NAME], found {found(table)}")
-            self.laboratory |= {(key, name): inner for name, inner in _tables(other.tree, key).items()}
+            self.laboratory |= {(key, name): inner for name, inner in _named_tables(other.tree, key).items()}
 
     def layers(self, place: Place) -> dict[Place, dict[str, Any]]:
         """Return the tables that an experiment is made of, the uppermost first; none where its base or kind is wrong.
