@@ -60,24 +60,18 @@ def intervals_agree(budget: Budget, drawn: MonteCarlo) -> bool:
     The draws' own scatter is allowed for: an end of theirs is known to 4 % of u only, and to less
     where repeats are few.
     """
+    from scipy.stats import norm, t
+
     if budget.u == 0.0:
         return drawn.u == 0.0
     digit = 10.0 ** (floor(log10(budget.u)) - _DIGITS + 1)
-    scatter = _end_scatter(budget.degrees_of_freedom, drawn.draws)
-    tolerance = max(0.5 * digit, 3.0 * scatter * budget.u)
-    return interval_difference(budget, drawn) <= tolerance
+    law = t(budget.degrees_of_freedom) if isfinite(budget.degrees_of_freedom) else norm()
+    tail = 0.5 - 0.5 * _LEVEL
+    scatter = float(sqrt(tail * (1.0 - tail) / drawn.draws) / law.pdf(law.ppf(tail)))  # of a drawn end, in units of u
+    return interval_difference(budget, drawn) <= max(0.5 * digit, 3.0 * scatter * budget.u)
 
 
 def interval_difference(budget: Budget, drawn: MonteCarlo) -> float:
     """Return the largest difference of the ends of the linear and of the drawn interval."""
     half = budget.expanded(_LEVEL)
     return max(abs(budget.value - half - drawn.low), abs(budget.value + half - drawn.high))
-
-
-def _end_scatter(freedom: float, draws: int) -> float:
-    """Return the standard deviation of the end of a drawn interval, in units of u."""
-    from scipy.stats import norm, t
-
-    law = t(freedom) if isfinite(freedom) else norm()
-    tail = 0.5 - 0.5 * _LEVEL
-    return float(sqrt(tail * (1.0 - tail) / draws) / law.pdf(law.ppf(tail)))
