@@ -115,18 +115,16 @@ def parse(path: Path, text: str | None = None) -> Document:
         # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
         raise refuse(1, f"cannot be read as TOML: {error}") from None
     document = Document(path, tree, {(): 1})
-    infinite: list[tuple[Place, float]] = []
-    waiting: list[tuple[Place, Any]] = [((), tree)]
-    while waiting:  # without recursion, so that no depth can exhaust the stack
-        place, node = waiting.pop()
+    numbers: list[tuple[Place, float]] = []
+    for place, node in placed(tree):
         if len(place) > DEEPEST:
             raise refuse(1, f"nested deeper than {DEEPEST} levels; flatten it")
-        if isinstance(node, float) and not math.isfinite(node):
-            infinite.append((place, node))
-        waiting += [((*place, key), child) for key, child in children(node)]
+        if isinstance(node, float):
+            numbers.append((place, node))
     document.lines = line_index(text)
-    for place, number in infinite:
-        document.report(place, f"expected a finite number, found {number}")
+    for place, number in numbers:
+        if not math.isfinite(number):
+            document.report(place, f"expected a finite number, found {number}")
     return document
 
 
@@ -155,17 +153,11 @@ _SYNTAX = {
 """Messages of tomllib, and the same for a person."""
 
 
-def children(node: Any) -> Iterable[tuple[str | int, Any]]:
-    """Return the values of a table with their keys, or of a list with their positions."""
-    if isinstance(node, dict):
-        return node.items()
-    return enumerate(node) if isinstance(node, list | tuple) else ()
-
-
 def placed(tree: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
     """Yield a tree and all that is in it, tables, lists and values, each with its place."""
     yield place, tree
-    for key, child in children(tree):
+    pairs: Iterable[tuple[str | int, Any]] = tree.items() if isinstance(tree, dict) else ()
+    for key, child in enumerate(tree) if isinstance(tree, list | tuple) else pairs:
         yield from placed(child, (*place, key))
 
 
