@@ -41,7 +41,7 @@ class Outcome:
     ``key`` finds the result in the store (None where there is none). ``message`` says why there
     is none; ``exit_code`` and ``error`` (the class) name the error, ``details`` its place;
     ``is_of_run`` that the run was at fault, so that nothing follows for the recording.
-    ``reason`` is the error's. ``seconds`` passed on the clock, ``processor_seconds`` on all cores of this process.
+    ``reason`` is the error's. ``seconds`` passed on the clock.
     """
 
     experiment: str
@@ -54,7 +54,6 @@ class Outcome:
     error: str = ""
     details: str = ""
     seconds: float = 0.0
-    processor_seconds: float = 0.0
     is_of_run: bool = False
     reason: str = ""
 
@@ -160,7 +159,7 @@ class _Run:
             text = f"{missing[0]} gave no result"
             return Outcome(*task.id, SKIPPED, message=text, is_of_run=is_of_run, reason=NO_INPUT)
         self.emit("started", task.id)
-        begun, begun_processor = time.perf_counter(), time.process_time()
+        begun = time.perf_counter()
         key: str | None = None
         failure: dict[str, Any] = {}
         try:
@@ -177,9 +176,8 @@ class _Run:
                 "error": type(error).__name__,
                 "details": "".join(traceback.format_exception(error)),
             }
-        seconds, processor = time.perf_counter() - begun, time.process_time() - begun_processor
         state = FAILED if failure else DONE
-        return Outcome(*task.id, state, key, seconds=seconds, processor_seconds=processor, **failure)
+        return Outcome(*task.id, state, key, seconds=time.perf_counter() - begun, **failure)
 
     def _relative(self, text: str) -> str:
         """Write paths relative to the session, so that a moved folder gives the same text."""
