@@ -128,7 +128,7 @@ def prefilter(
     bottom, right = PADDING + rows, PADDING + columns
     poles = np.array(POLES[order])
     gain = np.prod((1.0 - poles) * (1.0 - 1.0 / poles))
-    work = np.asarray(image, np.float32) if overwrite_image else np.array(image, np.float32)
+    work = np.asarray(image, np.float32) if overwrite_image else np.array(image, np.float32, order="C")
     work *= np.float32(gain**2)
     _filter_columns(work, poles)
     across = out.reshape(-1)[: rows * columns].reshape(columns, rows)
