@@ -24,7 +24,7 @@ _FIRST_SHRINK = 0.5
 _MOST_RELAXATION = 4.0
 # Change of the position along a row of pixels (px), against the pixels' numbers, that counts as none.
 _LEVEL = 1e-4
-# Share of its uncertainty that may be left of a displacement: it adds 0.1 % of the variance.
+# Share of its uncertainty that may be left of a displacement: it adds less than 1 % of the variance.
 _NEGLIGIBLE = 0.03
 # Sums over a subset may be reordered and fused; NaN must still compare as NaN.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
@@ -515,9 +515,10 @@ def _converge(
         # Written so that NaN is beyond.
         if not math.hypot(p[0] - start_x, p[3] - start_y) < capture:
             return iteration + 1, NOT_CONVERGED, 0.0
-        # Steps shrink by about a constant factor, so the next one can be foreseen.
+        # Steps shrink by about a constant factor, so the sum of the next ones can be foreseen.
         noise2 = quality[1] / level[2] * (inverse[0, 0] + inverse[3, 3])
-        if size2 * min(shrink, 1.0) ** 2 < max(tolerance * tolerance, _NEGLIGIBLE * _NEGLIGIBLE * noise2):
+        left = math.sqrt(size2) * shrink / (1.0 - shrink) if shrink < 1.0 else math.inf
+        if left < max(tolerance, _NEGLIGIBLE * math.sqrt(noise2)):
             return iteration + 1, SOLVED, fall
     return max_iterations, NOT_CONVERGED, 0.0
 
