@@ -22,6 +22,10 @@ RIGID, AFFINE, AUTO = 0, 1, 2
 _FIRST_SHRINK = 0.5
 # Longest stretch of a step: noise then holds three quarters of the squared slopes.
 _MOST_RELAXATION = 4.0
+# Change of the position along a row of pixels (px), against the pixels' numbers, that counts as none.
+_LEVEL = 1e-4
+# Share of its uncertainty that may be left of a displacement: it adds less than 1 % of the variance.
+_NEGLIGIBLE = 0.03
 # Sums over a subset may be reordered and fused; NaN must still compare as NaN.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
@@ -131,6 +135,26 @@ def _quintic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32,
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
+def _product(
+    lines: tuple[Floats32, Floats32, Floats32, Floats32, Floats32, Floats32],
+    k: np.uint64,
+    a: tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32],
+    b: tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32],
+) -> np.float32:
+    """Sum of 36 coefficients from place ``k`` of six lines, weighted along (a) and across (b) the lines."""
+    c0, c1, c2, c3, c4, c5 = lines
+    i1, i2, i3, i4, i5 = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4), np.uint64(5)
+    a0, a1, a2, a3, a4, a5 = a
+    r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2] + a3 * c0[k + i3] + a4 * c0[k + i4] + a5 * c0[k + i5]
+    r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2] + a3 * c1[k + i3] + a4 * c1[k + i4] + a5 * c1[k + i5]
+    r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2] + a3 * c2[k + i3] + a4 * c2[k + i4] + a5 * c2[k + i5]
+    r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2] + a3 * c3[k + i3] + a4 * c3[k + i4] + a5 * c3[k + i5]
+    r4 = a0 * c4[k] + a1 * c4[k + i1] + a2 * c4[k + i2] + a3 * c4[k + i3] + a4 * c4[k + i4] + a5 * c4[k + i5]
+    r5 = a0 * c5[k] + a1 * c5[k + i1] + a2 * c5[k + i2] + a3 * c5[k + i3] + a4 * c5[k + i4] + a5 * c5[k + i5]
+    return b[0] * r0 + b[1] * r1 + b[2] * r2 + b[3] * r3 + b[4] * r4 + b[5] * r5
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
 def _sample_quintic(
     coefficients: Floats32,
     row: int,
@@ -149,25 +173,15 @@ def _sample_quintic(
     c3 = coefficients[row + 3, column:]
     c4 = coefficients[row + 4, column:]
     c5 = coefficients[row + 5, column:]
-    i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
-    i4, i5 = np.uint64(4), np.uint64(5)
-    for k in range(lanes):
-        step = np.float32(np.int32(k))
-        a0, a1, a2, a3, a4, a5 = _quintic_weights(fx + dx * step)
-        b0, b1, b2, b3, b4, b5 = _quintic_weights(fy + dy * step)
-        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2]
-        r0 += a3 * c0[k + i3] + a4 * c0[k + i4] + a5 * c0[k + i5]
-        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2]
-        r1 += a3 * c1[k + i3] + a4 * c1[k + i4] + a5 * c1[k + i5]
-        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2]
-        r2 += a3 * c2[k + i3] + a4 * c2[k + i4] + a5 * c2[k + i5]
-        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2]
-        r3 += a3 * c3[k + i3] + a4 * c3[k + i4] + a5 * c3[k + i5]
-        r4 = a0 * c4[k] + a1 * c4[k + i1] + a2 * c4[k + i2]
-        r4 += a3 * c4[k + i3] + a4 * c4[k + i4] + a5 * c4[k + i5]
-        r5 = a0 * c5[k] + a1 * c5[k + i1] + a2 * c5[k + i2]
-        r5 += a3 * c5[k + i3] + a4 * c5[k + i4] + a5 * c5[k + i5]
-        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
+    lines = (c0, c1, c2, c3, c4, c5)
+    if abs(dx) * np.float32(lanes) < np.float32(_LEVEL):
+        a = _quintic_weights(fx + np.float32(0.5) * dx * np.float32(lanes))
+        for k in range(lanes):
+            out[k] = _product(lines, k, a, _quintic_weights(fy + dy * np.float32(np.int32(k))))
+    else:
+        for k in range(lanes):
+            step = np.float32(np.int32(k))
+            out[k] = _product(lines, k, _quintic_weights(fx + dx * step), _quintic_weights(fy + dy * step))
 
 
 @njit(cache=True, nogil=True)
@@ -311,50 +325,54 @@ def _add_scores(
     line: np.uint64,
     packed: Floats32,
     place: np.uint64,
-    light: tuple[np.float32, np.float32, np.float32],
-    row: Floats32,
+    light: tuple[np.float32, np.float32, np.float32, np.float32],
+    moved: tuple[np.float32, np.float32, np.float32, np.float32],
     sums: Floats32,
 ) -> None:
-    """Add a row of pixels to the columns of ``sums``: influence on dx, dy and rotation times residual, its square.
+    """Turn a row of values into residuals, and add it to the sums (7, column): times gx, gx i, gy, gy i, f, 1, itself.
 
-    ``light``: half width, gain, mean level. ``row`` (4, 6): factors of (gx, gx j, gy, gy j, f, 1) in the last step
-    and in the influence functions, constant along the row. ``sums[4]`` receives the residual after the last step.
+    ``light``: row and half width, gain, mean level. ``moved``: factors of gx, gx j, gy, gy j in the last step, which is
+    not evaluated again. Several short loops, since a compiler that must prove too many rows distinct forms no vectors.
     """
-    half, gain, average = light
+    i, half, gain, average = light
+    a, b, c, d = moved
     lanes = np.uint64(sums.shape[1])
-    a, b, c, d = row[0, 0], row[0, 1], row[0, 2], row[0, 3]
     for k in range(lanes):
         at = place + k
         j = np.float32(np.int32(k)) - half
-        moved = packed[1, at] * (a + b * j) + packed[2, at] * (c + d * j)
-        r = (gain * (values[line, k] - average) - packed[0, at] - moved) * packed[3, at]
-        sums[4, k] = r
-        sums[3, k] += r * r
-    for n in range(1, 4):
-        a, b, c, d, e, f = row[n, 0], row[n, 1], row[n, 2], row[n, 3], row[n, 4], row[n, 5]
+        step = packed[1, at] * (a + b * j) + packed[2, at] * (c + d * j)
+        r = (gain * (values[line, k] - average) - packed[0, at] - step) * packed[3, at]
+        values[line, k] = r
+        sums[6, k] += r * r
+    for n in (0, 1):
         for k in range(lanes):
-            at = place + k
+            x = values[line, k] * packed[n + 1, place + k]
+            sums[2 * n, k] += x
+            sums[2 * n + 1, k] += x * i
+    for k in range(lanes):
+        sums[4, k] += values[line, k] * packed[0, place + k]
+        sums[5, k] += values[line, k]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def _influences(sums: Floats32, half: np.float32, rows: Floats32, scores: Floats32) -> None:
+    """Weight the sums of every column to the influences (3, column) of its residual on dx, dy and rotation."""
+    for m in range(3):
+        a, b, c, d, e, f, g, h = rows[m]
+        for k in range(np.uint64(sums.shape[1])):
             j = np.float32(np.int32(k)) - half
-            influence = packed[1, at] * (a + b * j) + packed[2, at] * (c + d * j) + packed[0, at] * e + f
-            sums[n - 1, k] += sums[4, k] * influence
+            x = (a + b * j) * sums[0, k] + c * sums[1, k] + (d + e * j) * sums[2, k] + f * sums[3, k]
+            scores[m, k] = x + g * sums[4, k] + h * sums[5, k]
 
 
 @njit(cache=True, nogil=True)
 def _add_strips(
-    values: Floats32,
-    layout: Integers,
-    packed: Floats32,
-    rows: Floats,
-    row: Floats32,
-    inverse: Floats,
-    average: float,
-    gain: float,
-    covariance: Floats,
+    values: Floats32, layout: Integers, packed: Floats32, rows: Floats32, inverse: Floats, covariance: Floats
 ) -> None:
     """Widen the covariance across long edges, along which the residual is alike from end to end.
 
-    Influence times residual is summed over strips along the edges, one pixel wide; where the motion is at least three
-    times as well determined across as along.
+    Influence times residual (``values``) is summed over strips along the edges, one pixel wide; where the motion is at
+    least three times as well determined across as along.
     """
     half, place, pitch = layout[2], layout[3], layout[4]
     xx, yy, xy = inverse[0, 0], inverse[3, 3], inverse[0, 3]
@@ -363,8 +381,7 @@ def _add_strips(
         return
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
     across_x, across_y = math.cos(angle), math.sin(angle)
-    factors = across_x * rows[1] + across_y * rows[2]
-    by_grey, constant = across_x * row[1, 4] + across_y * row[2, 4], across_x * row[1, 5] + across_y * row[2, 5]
+    factors = across_x * rows[0] + across_y * rows[1]
     strips = np.zeros(4 * half + 4)
     for line in range(2 * half + 1):
         i = line - half
@@ -372,12 +389,9 @@ def _add_strips(
         for k in range(2 * half + 1):
             j = k - half
             gx, gy, f = packed[1, at + k], packed[2, at + k], packed[0, at + k]
-            moved = gx * (rows[0, 0] + rows[0, 1] * j + rows[0, 2] * i)
-            moved += gy * (rows[0, 3] + rows[0, 4] * j + rows[0, 5] * i)
-            r = (gain * (values[line, k] - average) - f - moved) * packed[3, at + k]
             influence = gx * (factors[0] + factors[1] * j + factors[2] * i)
-            influence += gy * (factors[3] + factors[4] * j + factors[5] * i) + by_grey * f + constant
-            strips[int(across_x * j + across_y * i + 2 * half + 1.5)] += influence * r
+            influence += gy * (factors[3] + factors[4] * j + factors[5] * i) + factors[6] * f + factors[7]
+            strips[int(across_x * j + across_y * i + 2 * half + 1.5)] += influence * values[line, k]
     squares = strips * strips
     fourth = np.sum(squares * squares)
     # few strips hold an edge: quantiles of Student's t for their number grow so with it
@@ -412,39 +426,33 @@ def _sandwich(
     half, place, pitch = layout[2], layout[3], layout[4]
     width = 2 * half + 1
     count = min(8, max(3, width // 4))
-    rows = np.zeros((4, 6))
+    # factors of gx, gx j, gx i, gy, gy j, gy i, f, 1 in the influence on dx, dy and rotation
+    rows = np.zeros((3, 8), np.float32)
     for a in range(6):
-        rows[0, a] = step[a]
-        rows[1, a] = inverse[0, a]
-        rows[2, a] = inverse[3, a]
-        rows[3, a] = 0.5 * (inverse[4, a] - inverse[2, a])
-    row, sums = np.zeros((4, 6), np.float32), np.zeros((5, pitch), np.float32)
-    for m in range(1, 4):
-        for a in range(6):
-            row[m, 4] -= rows[m, a] * moments[1, a] / level[1]
-            row[m, 5] -= rows[m, a] * moments[0, a] / level[2]
-    covariance[:] = 0.0
-    for line in range(width):
-        i = line - half
-        for m in range(4):
-            row[m, 0], row[m, 1] = rows[m, 0] + rows[m, 2] * i, rows[m, 1]
-            row[m, 2], row[m, 3] = rows[m, 3] + rows[m, 5] * i, rows[m, 4]
-        at = np.uint64(place + line * pitch)
-        light = np.float32(half), np.float32(gain), np.float32(average)
-        _add_scores(values, np.uint64(line), packed, at, light, row, sums)
-        if (line + 1) * count // width > line * count // width:
-            for c in range(count):
-                b = line * count // width * count + c
-                x = y = turn = square = np.float32(0)
-                for k in range(-(-c * width // count), -(-(c + 1) * width // count)):
-                    x, y, turn, square = x + sums[0, k], y + sums[1, k], turn + sums[2, k], square + sums[3, k]
-                squares[b] = square
-                covariance[0] += x * x
-                covariance[1] += y * y
-                covariance[2] += x * y
-                covariance[3] += turn * turn
-            sums[:4] = 0.0
-    _add_strips(values, layout, packed, rows, row, inverse, average, gain, covariance)
+        rows[0, a], rows[1, a], rows[2, a] = inverse[0, a], inverse[3, a], 0.5 * (inverse[4, a] - inverse[2, a])
+        for m in range(3):
+            rows[m, 6] -= rows[m, a] * moments[1, a] / level[1]
+            rows[m, 7] -= rows[m, a] * moments[0, a] / level[2]
+    sums, scores = np.zeros((7, pitch), np.float32), np.zeros((3, pitch), np.float32)
+    edges = np.array([-(-c * width // count) for c in range(count + 1)])
+    xx = yy = xy = turned = 0.0
+    for b in range(count):
+        sums[:] = 0.0
+        for line in range(edges[b], edges[b + 1]):
+            i = float(line - half)
+            light = np.float32(i), np.float32(half), np.float32(gain), np.float32(average)
+            in_x, in_y = np.float32(step[0] + step[2] * i), np.float32(step[3] + step[5] * i)
+            moved = in_x, np.float32(step[1]), in_y, np.float32(step[4])
+            _add_scores(values, np.uint64(line), packed, np.uint64(place + line * pitch), light, moved, sums)
+        _influences(sums, np.float32(half), rows, scores)
+        for c in range(count):
+            x = y = turn = square = np.float32(0)
+            for k in range(edges[c], edges[c + 1]):
+                x, y, turn, square = x + scores[0, k], y + scores[1, k], turn + scores[2, k], square + sums[6, k]
+            squares[b * count + c] = square
+            xx, yy, xy, turned = xx + x * x, yy + y * y, xy + x * y, turned + turn * turn
+    covariance[0], covariance[1], covariance[2], covariance[3] = xx, yy, xy, turned
+    _add_strips(values, layout, packed, rows, inverse, covariance)
     squares = squares[: count * count]
     pattern = level[1] / (count * count)
     if not np.max(squares) > pattern:
@@ -507,8 +515,10 @@ def _converge(
         # Written so that NaN is beyond.
         if not math.hypot(p[0] - start_x, p[3] - start_y) < capture:
             return iteration + 1, NOT_CONVERGED, 0.0
-        # Steps shrink by about a constant factor, so the next one can be foreseen.
-        if math.sqrt(size2) * min(shrink, 1.0) < tolerance:
+        # Steps shrink by about a constant factor, so the sum of the next ones can be foreseen.
+        noise2 = quality[1] / level[2] * (inverse[0, 0] + inverse[3, 3])
+        left = math.sqrt(size2) * shrink / (1.0 - shrink) if shrink < 1.0 else math.inf
+        if left < max(tolerance, _NEGLIGIBLE * math.sqrt(noise2)):
             return iteration + 1, SOLVED, fall
     return max_iterations, NOT_CONVERGED, 0.0
 

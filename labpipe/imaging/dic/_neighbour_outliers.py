@@ -60,23 +60,20 @@ class Neighbourhood:
         self._near = nearest(places, places, count + 1)[:, 1:] if count > 0 else np.zeros((len(places), 0), np.int64)
         self._offset = places[:, None] - places[self._near]
 
-    def votes(self, motion: Floats, trusted: Flags) -> tuple[Floats, Floats]:
-        """Displacements (point, neighbour, 2) [px] that neighbours carry to each point, and their median (point, 2).
-
-        Neighbours that are not trusted have NaN; so has the median of a point without any.
-        """
+    def votes(self, motion: Floats, trusted: Flags) -> Floats:
+        """Displacements (point, neighbour, 2) [px] that neighbours carry to each point; NaN of those not trusted."""
         votes = carried(motion[self._near], self._offset)
         votes[~trusted[self._near]] = np.nan
-        return votes, _median(votes)
+        return votes
 
     def unsupported(self, motion: Floats, trusted: Flags) -> Flags:
         """Points that not one trusted neighbour supports, though there are neighbours to do so."""
         if not self._near.shape[1]:
             return np.zeros(len(motion), bool)
-        return ~self._supported(self.votes(motion, trusted)[0], motion)
+        return ~self._supported(self.votes(motion, trusted), motion)
 
     def outliers(self, motion: Floats, trusted: Flags) -> tuple[Flags, Floats]:
-        """Trusted points that fail the normalised median test, and the median (point, 2) [px] of their neighbours.
+        """Trusted points that fail the normalised median test, and the median (failed, 2) [px] of their neighbours.
 
         A point that some neighbour supports does not fail: it may lie on another body than most of them.
 
@@ -87,18 +84,21 @@ class Neighbourhood:
         trusted : bool array (point,)
             Points that were found; three neighbours of these are needed for a test.
         """
-        votes, median = self.votes(motion, trusted)
-        if votes.shape[1] < 3:
-            return np.zeros(len(motion), bool), median
-        enough = np.isfinite(votes[..., 0]).sum(axis=1) >= 3
-        residual = np.abs(motion[:, [0, 3]] - median) / (_ALLOWED + _median(np.abs(votes - median[:, None])))
-        fails = trusted & enough & (residual > _THRESHOLD).any(axis=1)
-        if fails.any():
-            fails &= ~self._supported(votes, motion)
-        return fails, median
+        votes = self.votes(motion, trusted)
+        # one that differs by less than the threshold from all its neighbours differs so from their median
+        apart = np.abs(votes - motion[:, None, [0, 3]]).max(axis=(1, 2), initial=0.0, where=np.isfinite(votes))
+        fails = trusted & (apart > _THRESHOLD * _ALLOWED) & (np.isfinite(votes[..., 0]).sum(axis=1) >= 3)
+        chosen = np.flatnonzero(fails)
+        if not len(chosen):
+            return fails, np.zeros((0, 2))
+        votes = votes[chosen]
+        median = _median(votes)
+        residual = np.abs(motion[chosen][:, [0, 3]] - median) / (_ALLOWED + _median(np.abs(votes - median[:, None])))
+        fails[chosen] = (residual > _THRESHOLD).any(axis=1) & ~self._supported(votes, motion[chosen], chosen)
+        return fails, median[fails[chosen]]
 
-    def _supported(self, votes: Floats, motion: Floats) -> Flags:
+    def _supported(self, votes: Floats, motion: Floats, chosen: Integers | slice = slice(None)) -> Flags:
         """Points with a neighbour whose motion leads where they were found."""
         apart = np.hypot(*np.moveaxis(votes - motion[:, None, [0, 3]], -1, 0))
-        allowed = _THRESHOLD * _ALLOWED + _STRAIN * np.hypot(*np.moveaxis(self._offset, -1, 0))
+        allowed = _THRESHOLD * _ALLOWED + _STRAIN * np.hypot(*np.moveaxis(self._offset[chosen], -1, 0))
         return np.asarray((apart <= allowed).any(axis=1))

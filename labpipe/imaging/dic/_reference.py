@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,8 +69,6 @@ class Reference:
         See :func:`.covariance`.
     repetition : array (usable,) [1]
         See :func:`.best_repetition`.
-    pyramid : Pyramid
-        For seeds.
     """
 
     images: tuple[Floats32, Floats32, Floats32]
@@ -82,7 +81,14 @@ class Reference:
     smoothing: Floats
     edges: Floats
     repetition: Floats
-    pyramid: Pyramid
+
+    @cached_property
+    def pyramid(self) -> Pyramid:
+        """The reference, to be found in whole frames; pixels that do not count have the mean of those that do."""
+        grey, inside = self.images[0], self.inside
+        if inside is not None:
+            grey = np.where(inside, grey, grey[inside].mean() if inside.any() else 0.0)
+        return make_pyramid(np.asarray(grey, np.float32))
 
     def partly_hidden(self, chosen: Integers, visible: Sequence[Flags]) -> Subsets:
         """Cut chosen subsets anew from the pixels (row, column) of each that are visible."""
@@ -182,7 +188,6 @@ def make_reference(
     if found.any():
         usable = usable[found == Status.OK]
         subsets = cut_subsets(*images, centres[usable], half[usable], shape[usable], inside)
-    whole = grey if inside is None else np.where(inside, grey, grey[inside].mean() if inside.any() else 0.0)
     # The noise of the motion is that of the slopes blurred once more.
     squares = images[1] ** 2 + images[2] ** 2
     blurred = smooth(images[1], blur) ** 2 + smooth(images[2], blur) ** 2
@@ -198,7 +203,6 @@ def make_reference(
         smoothing,
         slopes_of_edges(subsets),
         best_repetition(grey, coefficients, order, subsets),
-        make_pyramid(np.asarray(whole, np.float32)),
     )
 
 

@@ -95,7 +95,7 @@ class Recovery:
         chosen = np.flatnonzero(fails)
         attempt.trusted[chosen] = False
         start = attempt.motion[chosen].copy()
-        start[:, [0, 3]] = median[chosen]
+        start[:, [0, 3]] = median
         self._try(chosen, start)
         again, _ = tracker.neighbourhood.outliers(attempt.motion, attempt.trusted)
         attempt.trusted &= ~again

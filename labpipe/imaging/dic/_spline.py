@@ -34,7 +34,6 @@ PADDING = 8
 LANES = 8
 #: Pixels after which a pole's influence is below the resolution of float32 (0.43^20 = 5e-8).
 HORIZON = 20
-_STRIP = 64  # columns filtered together: 64 x 1280 float32 fit into a second-level cache
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
@@ -68,42 +67,9 @@ def _filter_columns(block: Floats32, poles: Floats) -> None:
                 here[c] = z * (after[c] - here[c])
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
-def _prefilter_into(image: Floats32, poles: Floats, padded: Floats32) -> None:
-    """Fill the middle of ``padded`` with the coefficients of ``image``."""
-    rows, columns = image.shape
-    gain = np.float32(1.0)
-    for pole in poles:
-        gain *= np.float32((1.0 - pole) * (1.0 - 1.0 / pole))
-    # Zeros: columns of the strip beyond the image are filtered with the others.
-    down = np.zeros((rows, _STRIP), np.float32)
-    inner = padded[PADDING : PADDING + rows, PADDING : PADDING + columns]
-    for start in range(0, columns, _STRIP):
-        width = min(_STRIP, columns - start)
-        for r in range(rows):
-            source, target = image[r, start : start + width], down[r]
-            for c in range(np.uint64(width)):
-                target[c] = gain * source[c]
-        _filter_columns(down, poles)
-        for r in range(rows):
-            row, result = inner[r, start : start + width], down[r]
-            for c in range(np.uint64(width)):
-                row[c] = result[c]
-    across = np.zeros((columns, _STRIP), np.float32)
-    for start in range(0, rows, _STRIP):
-        height = min(_STRIP, rows - start)
-        for r in range(height):
-            line = inner[start + r]
-            for c in range(columns):
-                across[c, r] = gain * line[c]
-        _filter_columns(across, poles)
-        for r in range(height):
-            line = inner[start + r]
-            for c in range(columns):
-                line[c] = across[c, r]
-
-
-def prefilter(image: NDArray[np.generic], order: int, out: Floats32 | None = None) -> Floats32:
+def prefilter(
+    image: NDArray[np.generic], order: int, out: Floats32 | None = None, overwrite_image: bool = False
+) -> Floats32:
     """Compute the B-spline coefficients of an image, with a mirrored border around them.
 
     Parameters
@@ -114,6 +80,8 @@ def prefilter(image: NDArray[np.generic], order: int, out: Floats32 | None = Non
         Cubic or quintic.
     out : array (row + 17, column + 24), optional
         Array of an earlier call on the same shape, to be filled again.
+    overwrite_image : bool
+        ``image`` is contiguous float32 and may be destroyed: fresh memory costs as much as the filter.
 
     Returns
     -------
@@ -155,8 +123,20 @@ def prefilter(image: NDArray[np.generic], order: int, out: Floats32 | None = Non
     shape = (rows + 2 * PADDING + 1, columns + 2 * PADDING + LANES)
     if out is None or out.shape != shape:
         out = np.zeros(shape, np.float32)
-    _prefilter_into(np.ascontiguousarray(image, np.float32), np.array(POLES[order]), out)
+    import cv2
+
     bottom, right = PADDING + rows, PADDING + columns
+    poles = np.array(POLES[order])
+    gain = np.prod((1.0 - poles) * (1.0 - 1.0 / poles))
+    work = np.asarray(image, np.float32) if overwrite_image else np.array(image, np.float32, order="C")
+    work *= np.float32(gain**2)
+    _filter_columns(work, poles)
+    across = out.reshape(-1)[: rows * columns].reshape(columns, rows)
+    cv2.transpose(work, across)
+    _filter_columns(across, poles)
+    cv2.transpose(across, work)
+    out[PADDING:bottom, PADDING:right] = work
+    out[-1] = out[:, -LANES:] = 0.0
     out[PADDING:bottom, :PADDING] = out[PADDING:bottom, 2 * PADDING : PADDING : -1]
     out[PADDING:bottom, right : right + PADDING] = out[PADDING:bottom, right - 2 : right - 2 - PADDING : -1]
     out[:PADDING] = out[2 * PADDING : PADDING : -1]

@@ -154,7 +154,6 @@ def _cut(
     normal: Floats,
 ) -> None:
     """Pack the subsets, of which ``packed[3]`` says what counts, and sum what the normal equations need."""
-    descent = np.zeros(6)
     for n in range(len(layout)):
         x, y, h, place, pitch = layout[n]
         width = 2 * h + 1
@@ -165,21 +164,19 @@ def _cut(
                 total += w * image[y + i - h, x + k - h]
                 pixels += w
         level[n, 0], level[n, 2] = total / max(pixels, 1.0), pixels
+        # the six steepest-descent images, the grey levels about their mean, and the weights
+        stack = np.empty((8, width, width))
         for i in range(width):
             for k in range(width):
                 at = place + i * pitch + k
                 w = packed[3, at]
-                f = w * (image[y + i - h, x + k - h] - level[n, 0])
-                gx, gy = w * gradient_x[y + i - h, x + k - h], w * gradient_y[y + i - h, x + k - h]
-                packed[0, at], packed[1, at], packed[2, at] = f, gx, gy
-                level[n, 1] += f * f
-                descent[0], descent[1], descent[2] = gx, gx * (k - h), gx * (i - h)
-                descent[3], descent[4], descent[5] = gy, gy * (k - h), gy * (i - h)
-                for a in range(6):
-                    moments[n, 0, a] += descent[a]
-                    moments[n, 1, a] += f * descent[a]
-                    for b in range(a + 1):
-                        normal[n, a, b] += descent[a] * descent[b]
-        for a in range(6):
-            for b in range(a):
-                normal[n, b, a] = normal[n, a, b]
+                packed[0, at] = w * (image[y + i - h, x + k - h] - level[n, 0])
+                packed[1, at] = gx = w * gradient_x[y + i - h, x + k - h]
+                packed[2, at] = gy = w * gradient_y[y + i - h, x + k - h]
+                stack[0, i, k], stack[1, i, k], stack[2, i, k] = gx, gx * (k - h), gx * (i - h)
+                stack[3, i, k], stack[4, i, k], stack[5, i, k] = gy, gy * (k - h), gy * (i - h)
+                stack[6, i, k], stack[7, i, k] = packed[0, at], w
+        flat = stack.reshape(8, width * width)
+        products = np.dot(flat, flat.T)
+        normal[n], level[n, 1] = products[:6, :6], products[6, 6]
+        moments[n, 0], moments[n, 1] = products[7, :6], products[6, :6]

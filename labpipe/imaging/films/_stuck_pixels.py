@@ -96,23 +96,27 @@ def without_stuck_pixels(
         if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "iuf":
             return film, StuckPixels(0, number + 1)
         grey = np.ascontiguousarray(image if image.dtype in (np.uint8, np.uint16) else image.astype(np.float32))
-        middle = cv2.medianBlur(grey, 3).astype(np.float32).reshape(-1)
-        rest = grey.astype(np.float32).reshape(-1) - middle
+        median = cv2.medianBlur(grey, 3)
         if number == 0:
+            difference = cv2.subtract(grey, median, dtype=cv2.CV_32F)
             # where the frame is quietest the mean of its absolute value is 0.88 of the noise of a pixel
-            quiet = cv2.blur(np.abs(rest).reshape(grey.shape), (12, 12))
+            quiet = cv2.blur(np.abs(difference), (12, 12))
             noise = max(float(np.percentile(quiet[::3, ::3], 3.0)) / 0.88, 0.5 if image.dtype.kind in "iu" else 0.0)
-            least = max(_STANDS_OUT * noise, float(np.percentile(np.abs(rest[::7]), 97.0)))
-            stuck = np.flatnonzero(np.abs(rest) > least)
-            first, around, heights = rest[stuck], middle[stuck], np.abs(rest[stuck])
+            difference = np.abs(difference.reshape(-1))
+            least = max(_STANDS_OUT * noise, float(np.percentile(difference[::7], 97.0)))
+            stuck = np.flatnonzero(difference > least)
+        middle = median.reshape(-1)[stuck].astype(np.float32)
+        rest = grey.reshape(-1)[stuck].astype(np.float32) - middle
+        if number == 0:
+            first, around, heights = rest, middle, np.abs(rest)
             changes = np.zeros(len(stuck), bool)
         if not len(stuck):
             break
         # the level stays, or sign and height do where the pixel adds to the light
-        level = np.abs(rest[stuck] + middle[stuck] - first - around)
-        stands = (rest[stuck] * first > 0.0) & (np.abs(rest[stuck]) > _STANDS_OUT * noise)
+        level = np.abs(rest + middle - first - around)
+        stands = (rest * first > 0.0) & (np.abs(rest) > _STANDS_OUT * noise)
         keeps = (level < _CHANGES * noise) | (stands & (level < _SAME * np.abs(first)))
-        changes |= np.abs(middle[stuck] - around) > _CHANGES * noise
+        changes |= np.abs(middle - around) > _CHANGES * noise
         stuck, first, around, changes = stuck[keeps], first[keeps], around[keeps], changes[keeps]
     stuck, height = stuck[changes], np.abs(first[changes])
     # Of a fine scene some pixels keep their level by chance: of those that stand out as far, most must be stuck.

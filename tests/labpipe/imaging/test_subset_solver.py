@@ -33,7 +33,7 @@ def match(subsets: Subsets, image: np.ndarray, order: int, start: np.ndarray) ->
 @pytest.mark.parametrize("order", [3, 5])
 @pytest.mark.parametrize("is_rigid", [True, False])
 @pytest.mark.parametrize("kind", ["fine", "medium"])
-def test_compiled_solver_agrees_with_scipy_to_a_ten_thousandth(order: int, is_rigid: bool, kind: str) -> None:
+def test_compiled_solver_agrees_with_scipy_to_a_tenth_of_the_noise(order: int, is_rigid: bool, kind: str) -> None:
     speckle = make_speckle(kind, SIZE)
     motion = Motion(0.3, -0.4, 0.02, (70, 60))
     reference, image = render(speckle, SIZE), render(speckle, SIZE, motion, noise=2.0)
@@ -44,7 +44,7 @@ def test_compiled_solver_agrees_with_scipy_to_a_ten_thousandth(order: int, is_ri
     for n, point in enumerate(points.astype(int)):
         centre = (int(point[0]), int(point[1]))
         expected, zncc = solve_oracle(reference, image, centre, 12, is_rigid, order, start[n])
-        assert np.abs(found.motion[n] - expected).max() < 1e-4
+        assert np.abs(found.motion[n] - expected).max() < 0.1 * np.sqrt(found.covariance[n, :2].min())
         assert found.zncc[n] == pytest.approx(zncc, abs=1e-5)
 
 
