@@ -78,14 +78,7 @@ class Solution:
 
 
 def maxwell_shapes(ln_omega: Floats, ln_time: Floats) -> tuple[Floats, Floats]:
-    """Return storage x²/(1+x²) and loss x/(1+x²) of every term at every frequency, x = ωτ.
-
-    Examples
-    --------
-    >>> storage, loss = maxwell_shapes(np.array([0.0]), np.array([0.0]))
-    >>> float(storage[0, 0]), float(loss[0, 0])
-    (0.5, 0.5)
-    """
+    """Return storage x²/(1+x²) and loss x/(1+x²) of every term at every frequency, x = ωτ."""
     exponent = ln_omega[:, None] + ln_time[None, :]
     small = np.exp(-np.abs(exponent))
     share = 1.0 / (1.0 + small * small)
@@ -100,15 +93,7 @@ def moduli_of_terms(ln_omega: Floats, ln_time: Floats) -> Floats:
 
 
 def make_grid(ln_omega: Floats, storage: Floats, loss: Floats, terms_per_decade: float = TERMS_PER_DECADE) -> Grid:
-    """Lay terms over the covered frequencies and scale them by the local loss modulus.
-
-    Parameters
-    ----------
-    ln_omega : array (point,)
-        Natural logarithm of the (reduced) angular frequencies in rad/s, in any order.
-    storage, loss : array (point,) [Pa]
-        Moduli there, positive.
-    """
+    """Lay terms over the covered frequencies, in any order, and scale them by the local loss modulus."""
     step = _LN10 / terms_per_decade
     low = -float(np.max(ln_omega)) - _MARGIN_DECADES * _LN10
     high = -float(np.min(ln_omega)) + _MARGIN_DECADES * _LN10
@@ -134,15 +119,7 @@ def second_differences(terms: int, columns: int, terms_per_decade: float) -> Flo
 
 
 def compress(rows: Floats, target: Floats) -> tuple[Floats, Floats, float]:
-    """Reduce a tall system to a triangular one with the same least-squares solutions.
-
-    Returns
-    -------
-    triangle : array (column, column)
-    projected : array (column,)
-    remainder : float
-        Sum of squares that no coefficients can reduce.
-    """
+    """Reduce a tall system to a triangular one with the same solutions, and the sum of squares that none reduces."""
     columns = rows.shape[1]
     factor = np.asarray(np.linalg.qr(np.column_stack([rows, target]), mode="r"))
     remainder = float(np.sum(factor[columns:, columns] ** 2))
@@ -209,12 +186,8 @@ def solve_by_cross_validation(
 ) -> Solution:
     """Choose the strength of the penalty by generalised cross-validation.
 
-    Parameters
-    ----------
-    rows : int
-        Number of data before the compression.
-    near : float, optional
-        A strength to walk downhill from; without it all decades are looked at first.
+    ``rows``: number of data before the compression; ``near``: a strength to walk downhill from, without which all
+    decades are looked at first.
     """
 
     def scored(strength: float) -> tuple[float, Solution]:

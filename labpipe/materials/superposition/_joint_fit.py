@@ -239,12 +239,8 @@ def total_cost(fit: Fit, model: OuterModel) -> float:
 def predictive_cost(fit: Fit, model: OuterModel) -> float:
     """Return the cost by which two minima compare: misfit, its price in effective terms, expectation.
 
-    The misfit to be expected of new data (Mallows' C_p), the same judge that cross-validation
-    asks for the smoothing: a spectrum that falls apart into one piece per sweep fits better by
-    the terms it gains, and predicts worse.
-
-    References
-    ----------
-    Mallows, Technometrics 15 (1973) 661, doi:10.1080/00401706.1973.10489103.
+    The misfit to be expected of new data (C_p of Mallows, Technometrics 15 (1973) 661,
+    doi:10.1080/00401706.1973.10489103): a spectrum that falls apart into one piece per sweep fits better by the terms
+    it gains, and predicts worse.
     """
     return fit.solution.misfit + 2.0 * fit.solution.freedom + model.pull_cost(fit.state)

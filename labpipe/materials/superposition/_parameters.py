@@ -237,14 +237,6 @@ def is_physical(ln_bT: Floats, temperature: Floats, T0: float, stiffness: float 
 
     ``stiffness`` is the least storage modulus (Pa) of its sweeps. A factor beyond is no vertical shift: it makes
     up for sweeps that do not superpose.
-
-    Examples
-    --------
-    >>> celsius = np.array([-40.0, 20.0, 80.0])
-    >>> is_physical(np.log([1.8, 1.0, 1.3]), celsius, 20.0)
-    False
-    >>> is_physical(np.log([0.95, 1.0, 1.2]), celsius, 20.0, stiffness=2e9)
-    False
     """
     step = temperature - T0
     rise = 0.0 if stiffness > GLASS else np.log((temperature + ZERO_CELSIUS) / (T0 + ZERO_CELSIUS))

@@ -93,13 +93,7 @@ class SweepData:
 
 
 def read_sweeps(sweeps: xr.Dataset) -> SweepData:
-    """Check a Dataset of sweeps and flatten it into points.
-
-    Parameters
-    ----------
-    sweeps : Dataset
-        Variables ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency``
-        [Hz]; NaN where a sweep has no point. Any order, repeated temperatures allowed.
+    """Check a Dataset of sweeps and flatten it into points; :func:`.master_curve` says what it holds.
 
     Raises
     ------

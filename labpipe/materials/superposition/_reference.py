@@ -95,17 +95,12 @@ def reference_at(points: Points, found: Superposition, T_ref: float) -> Referenc
 
 
 def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> Floats:
-    """Return the contribution of a sweep's own error (its temperature, its specimen) to every shift, in decades.
+    """Return the standard uncertainty (isotherm,) of every shift by a sweep's own error, its temperature or specimen.
 
-    Known where a temperature was measured more than once: the shifts of repeats differ by more
-    than their uncertainty says, and nobody can exclude such differences elsewhere. It is taken as
-    an error of temperature, the larger in decades the steeper the shifts are. Few repeats leave its
-    size open: before the data it is that of furnaces, and the mean square under both counts.
-
-    Returns
-    -------
-    array (isotherm,)
-        Standard uncertainties, zero where no temperature was repeated.
+    Known where a temperature was measured more than once: the shifts of repeats differ by more than their uncertainty
+    says, and nobody can exclude such differences elsewhere. It is taken as an error of temperature, the larger in
+    decades the steeper the shifts are. Few repeats leave its size open: before the data it is that of furnaces, and the
+    mean square under both counts. Zero without repeats.
     """
     order = np.argsort(temperature, kind="stable")
     repeated = np.flatnonzero(np.diff(temperature[order]) < LEAST_SPACING)
