@@ -107,12 +107,11 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
         row, column = (int(i[0]) for i in np.nonzero(mask))
         return f"first at {temperature[row]:g} °C, {frequency[column]:.4g} Hz"
 
-    bad = np.isinf(storage) | (storage <= 0)
-    if bad.any():
-        raise InputError(
-            f"storage modulus zero, negative or infinite at {bad.sum()} points, {where(bad)}; "
-            "expected positive values: mark failed readings as NaN"
+    if (bad := np.isinf(storage) | (storage <= 0)).any():
+        text = (
+            f"storage modulus zero, negative or infinite at {bad.sum()} points, {where(bad)}; expected positive values"
         )
+        raise InputError(f"{text}: mark failed readings as NaN")
     for name, values in (("storage", storage), ("loss", loss)):
         far = (np.abs(values) > _MOST) | ((values != 0) & (np.abs(values) < 1.0 / _MOST))
         if far.any():

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._hum import Stretch
-from labpipe.signals._noise_spectrum import Colour, coloured_covariance, corner_in_flight, excess_of_rate
+from labpipe.signals._noise_spectrum import Colour, coloured_covariance, excess_of_rate
 from labpipe.signals._smoothing_spline import evaluate, smooth
 from tests.rounding import rounding
 
@@ -47,20 +46,3 @@ def test_the_normal_matrix_is_that_of_the_noise():
     # A slope is insensitive to what is slower than the record, the mean of a square is not.
     assert drawn[:, 0].var() == pytest.approx(expected[0], rel=0.25)
     assert drawn[:, 1].var() > 1.5 * np.sum(design[:, 2] ** 2)
-
-
-def test_flights_tell_the_corner_that_a_spline_hides():
-    sizes, found = (400, 700, 600, 500), {0.0: [], 250.0: []}
-    time = np.arange(sum(sizes)) * _INTERVAL
-    ends = np.cumsum(sizes).tolist()
-    flights = [Stretch(slice(b - n, b), 2) for n, b in zip(sizes, ends, strict=True)]
-    for corner, each in found.items():
-        for i in range(20):
-            noise = flicker(np.random.default_rng(i), 4 * time.size, 1.0, corner)[: time.size]
-            fallen = -4.9 * time**2 * 1e6
-            each.append(corner_in_flight(time, fallen + noise, 1.0, flights))
-    assert np.count_nonzero(found[0.0]) <= 4
-    assert np.median(found[250.0]) == pytest.approx(250.0, rel=0.2)
-    # half as large again at most, where 2200 readings tell it
-    assert np.std(np.log(found[250.0])) < np.log(1.5)
-    assert corner_in_flight(time, time, 1.0, []) == 0.0
