@@ -20,11 +20,7 @@ if TYPE_CHECKING:
         wlf as wlf,
     )
     from labpipe.materials._specimen import form_factor as form_factor
-    from labpipe.materials._step_tests import (
-        prony_of_creep as prony_of_creep,
-        prony_of_relaxation as prony_of_relaxation,
-        with_responses as with_responses,
-    )
+    from labpipe.materials._step_tests import with_responses as with_responses
     from labpipe.materials.library import (
         Material as Material,
         Solid as Solid,

@@ -28,12 +28,13 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.optimize import nnls
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials._shift_law import ShiftLaw
 from labpipe.materials.prony import Prony, Retardation, relaxation_from_creep
-from labpipe.materials.spectrum import fewest_terms
+from labpipe.materials.spectrum import moduli_of_terms
 from labpipe.units import ZERO_CELSIUS
 
 Bulk = Literal["constant", "relaxing", "incompressible"]
@@ -45,6 +46,7 @@ _SMALLEST = 1e-12  # long-time over instantaneous modulus that is left of 1 - su
 _OF_TOLERANCE = 1e-3  # of the storage modulus at the end of the window, which the long-time modulus may be wrong by
 _WIDTH = 74  # of a line of remarks; LS-DYNA reads 80 characters
 _MOST_TERMS = 17  # LS-DYNA reads 18, of which one is the long-time modulus
+_POINTS_PER_DECADE, _NNLS_STEPS_PER_COLUMN = 10, 50  # of the reduction to few terms
 _NEARLY = 1000.0  # bulk over shear modulus where a code has no incompressible material
 
 
@@ -198,12 +200,42 @@ def make_deck(
     )  # fmt: skip
 
 
+def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: float = 0.01) -> tuple[Prony, float]:
+    """Return a series with the fewest equally spaced terms that keeps both moduli, and its error.
+
+    Times are spaced evenly in their logarithm over the window [Hz] and their weights solve a non-negative least-squares
+    problem of relative errors; the number of terms rises until the larger root-mean-square error of storage and loss is
+    below the tolerance. The given material and zero where no shorter series serves.
+    """
+    if not (0 < lowest < highest < np.inf and tolerance > 0):
+        raise InputError(
+            f"window {lowest:g} to {highest:g} Hz, tolerance {tolerance:g}: expected a positive "
+            "window, lowest first, and a positive tolerance"
+        )
+    count = max(int(np.log10(highest / lowest) * _POINTS_PER_DECADE), 2)
+    omega = 2.0 * np.pi * np.geomspace(lowest, highest, count)
+    exact = material.complex_modulus(omega)
+    if not np.all(exact.imag > 0):
+        return material, 0.0
+    for terms in range(1, material.E.size):
+        middle = np.array([1.0 / np.sqrt(omega[0] * omega[-1])])
+        rho = np.geomspace(1.0 / omega[-1], 1.0 / omega[0], terms) if terms > 1 else middle
+        rows = moduli_of_terms(np.log(omega), np.log(rho)) / np.concatenate([exact.real, exact.imag])[:, None]
+        scale = 1.0 / np.linalg.norm(rows, axis=0)
+        weight = scale * nnls(rows * scale, np.ones(len(rows)), maxiter=_NNLS_STEPS_PER_COLUMN * rows.shape[1])[0]
+        error = max(float(np.sqrt(np.mean(part**2))) for part in np.split(rows @ weight - 1.0, 2))
+        if error <= tolerance:
+            kept = weight[:-1] > 0
+            return Prony(weight[-1], weight[:-1][kept], rho[kept], material.nu), error
+    return material, 0.0
+
+
 def _law_of(
     law: ShiftLaw | None, T_ref: float, T: Floats, log10_aT: Floats, b_T: Floats
 ) -> tuple[tuple[float, float] | None, list[str]]:
     """Return C1 and C2 where a law holds, and the remarks on the shifts."""
     span = f" Measured from {np.nanmin(T):.6g} to {np.nanmax(T):.6g} degC." if T.size else ""
-    C1, C2 = (np.nan, np.nan) if law is None or np.unique(T).size == 1 else law.as_wlf
+    C1, C2 = (np.nan, np.nan) if law is None or np.unique(T).size == 1 else (law.C1, law.C2)
     notes = []
     if law is not None and law.holds and np.isfinite([C1, C2]).all() and C2 > 0:
         name = "the WLF law" if law.name == "wlf" else f"Arrhenius' law, {law.activation_energy:.6g} J/mol, "

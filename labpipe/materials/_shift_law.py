@@ -5,7 +5,8 @@ Both laws give log10 a_T relative to a reference temperature, so that they are z
 - WLF: −C₁ (T − T_ref)/(C₂ + T − T_ref), kept here as −m ΔT/(1 + q ΔT) with the slope
   m = C₁/C₂ and the curvature q = 1/C₂, which stays regular where C₁ and C₂ run to infinity
   together;
-- Arrhenius: E_a/(R ln 10) (1/T − 1/T_ref), T in kelvin.
+- Arrhenius: E_a/(R ln 10) (1/T − 1/T_ref), T in kelvin: the WLF law with C₂ = T_ref and
+  C₁ = E_a/(R ln 10 T_ref).
 
 References
 ----------
@@ -58,16 +59,10 @@ class ShiftLaw:
     @classmethod
     def of(cls, stored: Mapping[str, Any]) -> "ShiftLaw":
         """Read a law from a stored result, which keeps no covariance and None for a chi-square that it lacks."""
-        parameters = tuple(stored["parameters"])
-        chi_square = stored.get("chi_square")
-        return cls(
-            stored["name"],
-            stored["T_ref"],
-            parameters,
-            np.zeros((len(parameters), len(parameters))),
-            float("nan") if chi_square is None else chi_square,
-            stored.get("freedom", 0),
-        )
+        parameters, chi_square = tuple(stored["parameters"]), stored.get("chi_square")
+        chi_square = float("nan") if chi_square is None else chi_square
+        unknown = np.zeros((len(parameters), len(parameters)))
+        return cls(stored["name"], stored["T_ref"], parameters, unknown, chi_square, stored.get("freedom", 0))
 
     @property
     def holds(self) -> bool:
@@ -113,55 +108,34 @@ class ShiftLaw:
             )
         return value
 
-    def u_log10_aT(self, temperature: ArrayLike) -> Floats:
-        """Return the standard uncertainty of log10 a_T from the parameters' covariance."""
-        slope = law_slopes(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
-        return propagated_u(slope, self.covariance)
-
     @property
     def C1(self) -> float:
-        """WLF constant C₁ (1); NaN for another law."""
-        if self.name != "wlf":
-            return float("nan")
-        m, q = self.parameters
+        """WLF constant C₁ (1), of Arrhenius' law too; infinite for a straight line."""
+        m, q = _slope_and_curvature(self.name, self.parameters, self.T_ref)
         return m / q if q != 0 else float("inf")
 
     @property
     def C2(self) -> float:
-        """WLF constant C₂ in K; NaN for another law."""
-        if self.name != "wlf":
-            return float("nan")
-        q = self.parameters[1]
+        """WLF constant C₂ in K; of Arrhenius' law the reference temperature in kelvin."""
+        q = _slope_and_curvature(self.name, self.parameters, self.T_ref)[1]
         return 1.0 / q if q != 0 else float("inf")
 
     @property
-    def as_wlf(self) -> tuple[float, float]:
-        """WLF constants C₁ (1) and C₂ (K); Arrhenius' law is the WLF law with C₂ = T_ref in kelvin."""
-        if self.name == "wlf":
-            return self.C1, self.C2
-        absolute = self.T_ref + ZERO_CELSIUS
-        return self.parameters[0] / (_GAS_LN10 * absolute), absolute
-
-    @property
     def u_C1(self) -> float:
-        """Standard uncertainty of C₁."""
-        m, q = self.parameters if self.name == "wlf" else (np.nan, np.nan)
-        slope = np.array([1.0 / q, -m / q**2])
-        return float(propagated_u(slope, self.covariance)) if self.name == "wlf" else np.nan
+        """Standard uncertainty of C₁ of a WLF law."""
+        m, q = self.parameters
+        return float(propagated_u(np.array([1.0 / q, -m / q**2]), self.covariance))
 
     @property
     def u_C2(self) -> float:
-        """Standard uncertainty of C₂ in K."""
-        if self.name != "wlf":
-            return float("nan")
+        """Standard uncertainty of C₂ of a WLF law in K."""
         return float(np.sqrt(self.covariance[1, 1])) * self.C2**2
 
     @property
     def activation_energy(self) -> float:
         """Activation energy in J/mol: of the Arrhenius law, or of the WLF law at T_ref."""
-        if self.name == "arrhenius":
-            return self.parameters[0]
-        return self.parameters[0] * _GAS_LN10 * (self.T_ref + ZERO_CELSIUS) ** 2
+        m, _ = _slope_and_curvature(self.name, self.parameters, self.T_ref)
+        return m * _GAS_LN10 * (self.T_ref + ZERO_CELSIUS) ** 2
 
 
 def wlf(C1: float, C2: float, T_ref: float) -> ShiftLaw:
@@ -180,26 +154,33 @@ def arrhenius(activation_energy: float, T_ref: float) -> ShiftLaw:
     return ShiftLaw("arrhenius", T_ref, (activation_energy,), np.zeros((1, 1)))
 
 
+def _slope_and_curvature(
+    name: LawName, parameters: tuple[float, ...] | Floats, T_ref: float
+) -> tuple[float, float] | Floats:
+    """Return m and q of a law."""
+    if name == "wlf":
+        return parameters[0], parameters[1]
+    kelvin = T_ref + ZERO_CELSIUS
+    return parameters[0] / (_GAS_LN10 * kelvin**2), 1.0 / kelvin
+
+
 def law_values(
     name: LawName, parameters: tuple[float, ...] | Floats, temperature: Floats, T_ref: float
 ) -> Floats | None:
     """Return log10 a_T, or None where the WLF law has passed its pole."""
+    m, q = _slope_and_curvature(name, parameters, T_ref)
     difference = temperature - T_ref
-    if name == "wlf":
-        m, q = parameters
-        stretch = 1.0 + q * difference
-        return None if np.any(stretch <= 0) else np.asarray(-m * difference / stretch)
-    return np.asarray(parameters[0] * _inverse_temperature(temperature, T_ref))
+    stretch = 1.0 + q * difference
+    return None if np.any(stretch <= 0) else np.asarray(-m * difference / stretch)
 
 
 def law_slopes(name: LawName, parameters: tuple[float, ...] | Floats, temperature: Floats, T_ref: float) -> Floats:
     """Return the derivatives of log10 a_T, last axis over the parameters."""
-    difference = temperature - T_ref
-    if name == "wlf":
-        m, q = parameters
-        stretch = 1.0 + q * difference
-        return np.stack([-difference / stretch, m * (difference / stretch) ** 2], axis=-1)
-    return _inverse_temperature(temperature, T_ref)[..., None]
+    m, q = _slope_and_curvature(name, parameters, T_ref)
+    share = (temperature - T_ref) / (1.0 + q * (temperature - T_ref))
+    if name == "arrhenius":
+        return np.asarray(-share[..., None] / (_GAS_LN10 * (T_ref + ZERO_CELSIUS) ** 2))
+    return np.stack([-share, m * share**2], axis=-1)
 
 
 def shift_at(law: ShiftLaw, temperature: Floats, log10_aT: Floats, where: float) -> float:
@@ -240,12 +221,6 @@ def shift_at(law: ShiftLaw, temperature: Floats, log10_aT: Floats, where: float)
     return float(law.log10_aT(where)) + float(np.interp(where, at, knots))
 
 
-def _inverse_temperature(temperature: Floats, T_ref: float) -> Floats:
-    """(1/T − 1/T_ref)/(R ln 10) in mol/J."""
-    kelvin, reference = temperature + ZERO_CELSIUS, T_ref + ZERO_CELSIUS
-    return np.asarray((1.0 / kelvin - 1.0 / reference) / _GAS_LN10)
-
-
 def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Floats, T_ref: float) -> ShiftLaw:
     """Fit a law to free shifts by generalised least squares.
 
@@ -264,24 +239,14 @@ def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Fl
     def slopes(parameters: Floats) -> Floats:
         return np.asarray(-whitened @ law_slopes(name, parameters, temperature, T_ref))
 
-    first = _first_parameters(name, temperature, log10_aT, T_ref)
+    # A start inside the domain: a + a q ΔT + m ΔT = 0 is linear in (q, m), else a straight line.
+    difference = temperature - T_ref
+    q, m = np.linalg.lstsq(np.column_stack([difference * log10_aT, difference]), -log10_aT, rcond=None)[0]
+    if name == "arrhenius" or np.any(1.0 + q * difference <= 0.05):
+        q, m = 0.0, -float(difference @ log10_aT / (difference @ difference))
+    first = np.array([m, q]) if name == "wlf" else np.array([m * _GAS_LN10 * (T_ref + ZERO_CELSIUS) ** 2])
     exact = 1e-14
     found = optimize.least_squares(residuals, first, slopes, x_scale="jac", ftol=exact, xtol=exact, gtol=exact)
     spread = np.asarray(np.linalg.pinv(found.jac.T @ found.jac, hermitian=True))
     freedom = max(int(known.sum()) - found.x.size, 0)
     return ShiftLaw(name, T_ref, tuple(float(p) for p in found.x), spread, 2.0 * float(found.cost), freedom)
-
-
-def _first_parameters(name: LawName, temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:
-    """Start inside the domain: a straight line for Arrhenius, a gentle curve for WLF."""
-    if name == "arrhenius":
-        column = _inverse_temperature(temperature, T_ref)
-        return np.array([column @ log10_aT / (column @ column)])
-    difference = temperature - T_ref
-    # a + a q ΔT + m ΔT = 0 is linear in (q, m): a first estimate that needs no start.
-    design = np.column_stack([difference * log10_aT, difference])
-    q, m = np.linalg.lstsq(design, -log10_aT, rcond=None)[0]
-    if np.any(1.0 + q * difference <= 0.05):
-        q = 0.0
-        m = -float(difference @ log10_aT / (difference @ difference))
-    return np.array([m, q])

@@ -32,53 +32,10 @@ _ONE_TEMPERATURE = 1.5  # K between neighbouring readings of one test
 _SWEEP = ("frequency", "storage_modulus", "loss_modulus", "temperature")
 
 
-def prony_of_relaxation(time: ArrayLike, modulus: ArrayLike, nu: float = 0.5) -> Prony:
-    """Fit a relaxation modulus (reading,) [Pa] over the time [s] since the step, in any order; ``nu`` is handed on.
-
-    Raises
-    ------
-    InputError
-        There are too few readings, or times or moduli are not positive.
-
-    Examples
-    --------
-    >>> t = np.geomspace(0.1, 100, 60)
-    >>> found = prony_of_relaxation(t, 1e6 + 1e6 * np.exp(-t / 3.0))
-    >>> bool(np.allclose(found.relaxation(t), 1e6 + 1e6 * np.exp(-t / 3.0), rtol=0.02))
-    True
-    """
-    t, E = _checked(time, modulus, "modulus")
-    rho = _times(t)
-    columns = np.column_stack([np.exp(-t[:, None] / rho), np.ones(t.size)])
-    weight = _fitted(columns, E, rho.size)
-    return Prony(weight[-1], weight[:-1], rho, nu)
-
-
-def prony_of_creep(time: ArrayLike, compliance: ArrayLike, nu: float = 0.5) -> Prony:
-    """Fit a creep compliance (reading,) [1/Pa] over time, as :func:`prony_of_relaxation` does a modulus."""
-    t, J = _checked(time, compliance, "compliance")
-    tau = _times(t)
-    columns = np.column_stack([-np.expm1(-t[:, None] / tau), np.ones(t.size), t / t.max()])
-    weight = _fitted(columns, J, tau.size)
-    C, instant, flow = weight[: tau.size], weight[tau.size], weight[tau.size + 1] / t.max()
-    if instant <= 0:  # what yields before the first reading is instantaneous for these readings
-        first = int(np.flatnonzero(C > 0)[0])
-        instant, C[first] = C[first], 0.0
-    kept = C > 0
-    family = relaxation_from_creep(Retardation(float(instant), C[kept], tau[kept], float(flow)))
-    return Prony(family.relaxed, family.weight, family.time, nu, family.viscosity)
-
-
 def frequencies_of(time: ArrayLike) -> Floats:
     """Return the frequencies [Hz] at which readings over time [s] determine the moduli.
 
     They lie on a grid that all temperatures share, half a decade inside the measured times.
-
-    Examples
-    --------
-    >>> found = frequencies_of([0.01, 100.0])
-    >>> float(found[0].round(4)), float(found[-1].round(2))
-    (0.0063, 3.98)
     """
     t = np.asarray(time, dtype=float)
     low = -np.log10(2.0 * np.pi * t.max()) + _WITHIN
@@ -87,7 +44,11 @@ def frequencies_of(time: ArrayLike) -> Floats:
     return np.asarray(10.0 ** (np.arange(first, last + 1) / _PER_DECADE))
 
 
-def _checked(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Floats, Floats]:
+def _fitted(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Prony, float, float]:
+    """Fit terms that are not negative and smooth, by relative residuals.
+
+    Returned are the effective number of terms and the relative uncertainty of the fitted curve as well.
+    """
     t, y = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
     good = np.isfinite(t) & np.isfinite(y) & (t > 0)
     t, y = t[good], y[good]
@@ -97,36 +58,34 @@ def _checked(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Floats, Flo
             f"{f', from {t.min():.3g} to {t.max():.3g} s' if t.size else ''}; a spectrum needs {_LEAST} over a decade"
         )
     if (y <= 0).any():
-        message = f"the {name} is zero or negative at {int((y <= 0).sum())} of {y.size} times; expected positive values"
-        raise InputError(message)
-    order = np.argsort(t, kind="stable")
-    return t[order], y[order]
-
-
-def _times(t: Floats) -> Floats:
-    """Lay terms over the measured times and beyond, where the tails of faster and slower ones come from."""
-    low, high = np.log10(t[0]) - _MARGIN, np.log10(t[-1]) + _MARGIN
-    return np.logspace(low, high, int(np.ceil((high - low) * TERMS_PER_DECADE)) + 1)
-
-
-def _fitted(columns: Floats, measured: Floats, terms: int) -> Floats:
-    """Return weights that are not negative, smooth over the terms, by relative residuals."""
-    scale = np.full(columns.shape[1], float(np.median(measured)))
-    rows = columns * scale / measured[:, None]
-    penalty = second_differences(terms, scale.size, TERMS_PER_DECADE)
-    system = compress(rows, np.ones(measured.size))
-    found = solve_by_cross_validation(*system, penalty, measured.size)
-    return found.coefficient * scale
-
-
-_RESPONSES = {"relaxation_modulus": prony_of_relaxation, "creep_compliance": prony_of_creep}
+        message = f"the {name.split('_')[1]} is zero or negative at {int((y <= 0).sum())} of {y.size} times; expected"
+        raise InputError(f"{message} positive values")
+    # Terms over the measured times and beyond, where the tails of faster and slower ones come from.
+    low, high = np.log10(t.min()) - _MARGIN, np.log10(t.max()) + _MARGIN
+    terms = np.logspace(low, high, int(np.ceil((high - low) * TERMS_PER_DECADE)) + 1)
+    decay, constant = np.exp(-t[:, None] / terms), np.ones((t.size, 1))
+    parts = [decay, constant] if name == "relaxation_modulus" else [1.0 - decay, constant, t[:, None] / t.max()]
+    rows, scale = np.hstack(parts), float(np.median(y))
+    penalty = second_differences(terms.size, rows.shape[1], TERMS_PER_DECADE)
+    system = compress(rows * (scale / y)[:, None], np.ones(y.size))
+    solution = solve_by_cross_validation(*system, penalty, y.size)
+    scatter = solution.misfit / max(y.size - solution.freedom, 1.0)
+    u = float(np.sqrt(scatter * solution.freedom / y.size))
+    weight, (instant, *flow) = np.split(scale * solution.coefficient, [terms.size])
+    if name == "relaxation_modulus":
+        return Prony(instant, weight, terms), solution.freedom, u
+    if instant <= 0:  # what yields before the first reading is instantaneous for these readings
+        first = int(np.flatnonzero(weight > 0)[0])
+        instant, weight[first] = weight[first], 0.0
+    kept = weight > 0
+    family = relaxation_from_creep(Retardation(float(instant), weight[kept], terms[kept], float(flow[0] / t.max())))
+    return Prony(family.relaxed, family.weight, family.time, viscosity=family.viscosity), solution.freedom, u
 
 
 def with_responses(readings: xr.Dataset) -> xr.Dataset:
     """Return readings whose relaxation and creep tests are sweeps, beside the sweeps that they hold.
 
-    Each test is fitted by one spectrum, whose moduli are given at frequencies inside the times that
-    were measured (:func:`labpipe.materials.prony_of_relaxation`).
+    Each test is fitted by one spectrum, whose moduli are given at frequencies inside the times that were measured.
 
     Parameters
     ----------
@@ -145,18 +104,21 @@ def with_responses(readings: xr.Dataset) -> xr.Dataset:
     InputError
         No test can be fitted; the message names the first reason.
     """
-    names = [name for name in _RESPONSES if name in readings]
+    names = [name for name in ("relaxation_modulus", "creep_compliance") if name in readings]
     clock = next((name for name in ("interval_time", "time") if name in readings), None)
     if not names or clock is None:
         return readings
     tables: list[dict[str, Floats]] = []
     problems: list[str] = []
+    known: list[tuple[float, float]] = []
     for rows in _runs(readings, clock):
         for name in names:
             if np.isfinite(readings[name].values[rows]).sum() < 2:
                 continue
             try:
-                tables.append(_sweep(readings, clock, name, rows))
+                table, freedom, u = _sweep(readings, clock, name, rows)
+                tables.append(table)
+                known.append((2 * table["frequency"].size / freedom, u))
             except InputError as error:
                 problems.append(str(error))
     has_sweeps = all(name in readings and bool(np.isfinite(readings[name]).any()) for name in _SWEEP[:3])
@@ -182,7 +144,9 @@ def with_responses(readings: xr.Dataset) -> xr.Dataset:
     interval = variable("sample", frame.index.get_level_values(0).to_numpy(), "1", "number of the table")
     kept = {key: value for key, value in readings.attrs.items() if key in ("source", "instrument", "layout", "work")}
     entries = json.dumps([{"rows": len(table["frequency"]), "interval": k} for k, table in enumerate(tables, 1)])
-    return xr.Dataset(variables, {"interval": interval}, {**kept, "tests": entries, "time_domain": 1})
+    moduli_per_parameter, u_moduli = np.median(known, axis=0).tolist()
+    kept |= {"tests": entries, "moduli_per_parameter": max(moduli_per_parameter, 1.0), "u_moduli": u_moduli}
+    return xr.Dataset(variables, {"interval": interval}, kept)
 
 
 def tables_of(readings: xr.Dataset) -> list[NDArray[np.intp]]:
@@ -207,14 +171,16 @@ def _runs(readings: xr.Dataset, clock: str) -> list[NDArray[np.intp]]:
     return found
 
 
-def _sweep(readings: xr.Dataset, clock: str, name: str, rows: NDArray[np.intp]) -> dict[str, Floats]:
-    """Return the moduli of one test."""
+def _sweep(
+    readings: xr.Dataset, clock: str, name: str, rows: NDArray[np.intp]
+) -> tuple[dict[str, Floats], float, float]:
+    """Return the moduli of one test, the effective number of terms that they come from, and their relative u."""
     time = np.asarray(readings[clock].values[rows], dtype=float)
     before = readings[clock].values[: rows[0]]
     # A clock that runs on from table to table does not start at this step.
     if clock == "time" and before.size and np.isfinite(before[-1]) and time[0] >= before[-1] > 0:
         time = time - before[-1]
-    fitted = _RESPONSES[name](time, readings[name].values[rows])
+    fitted, freedom, u = _fitted(time, readings[name].values[rows], name)
     frequency = frequencies_of(time[time > 0])
     if not frequency.size:
         message = f"the readings span {np.log10(time.max() / time[time > 0].min()):.2g} decades, too few for a sweep"
@@ -223,4 +189,4 @@ def _sweep(readings: xr.Dataset, clock: str, name: str, rows: NDArray[np.intp]) 
     found = {"frequency": frequency, "storage_modulus": modulus.real, "loss_modulus": modulus.imag}
     if "temperature" in readings:
         found["temperature"] = np.full(frequency.size, float(np.nanmean(readings["temperature"].values[rows])))
-    return found
+    return found, freedom, u

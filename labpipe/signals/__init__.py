@@ -29,7 +29,6 @@ if TYPE_CHECKING:
         CommonFit as CommonFit,
         Oscillation as Oscillation,
         common_fit as common_fit,
-        damped_oscillation as damped_oscillation,
         fit_sinusoid as fit_sinusoid,
     )
     from labpipe.signals._outliers import LONGEST_RUN as LONGEST_RUN, Outliers as Outliers, outliers as outliers

@@ -59,23 +59,6 @@ def as_fitted(
     InputError
         The noise is not positive.
 
-    Examples
-    --------
-    >>> from labpipe.contact import drop
-    >>> from labpipe.materials import Prony
-    >>> acrylic = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
-    >>> made = drop(acrylic, 9.525e-3, 0.505, 1.5e-3, 0.05, times=np.arange(0.0, 0.05, 5e-5))
-    >>> seen = as_fitted(
-    ...     made.displacement,
-    ...     made.impact_time.values,
-    ...     made.contact_duration.values,
-    ...     1,
-    ...     noise=1e-6,
-    ...     gravity=9.81,
-    ...     u_gravity=0.01,
-    ... )
-    >>> abs(float(seen.penetration[0] / made.penetration[0]) - 1) < 0.05
-    True
     """
     if not noise > 0.0:
         raise InputError(f"noise = {noise} m: expected the positive standard deviation of the record's noise")

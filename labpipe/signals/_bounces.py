@@ -19,7 +19,7 @@ from labpipe.signals._floor import Beneath, Floor
 from labpipe.signals._hum import Hum, Stretch, hum_of
 from labpipe.signals._impact_fit import OUTPUTS, ImpactFit, fit_impact
 from labpipe.signals._noise import estimate_noise
-from labpipe.signals._noise_spectrum import Colour, corner_in_flight, estimate_corner, velocity_factor
+from labpipe.signals._noise_spectrum import Colour, corner_in_flight, excess_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import is_constant
 from labpipe.signals._reversals import (
@@ -39,7 +39,7 @@ from labpipe.uncertainty import propagated_covariance, propagated_u
 from labpipe.variables import variable, with_u
 
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
-"""Meanings of the integers that :func:`phases` returns."""
+"""Phases of a drop, in their order."""
 
 LONGEST_ARC = 12e-3
 """Flight [s] used on either side of an impact; longer adds less than the pulse costs."""
@@ -149,12 +149,8 @@ def bounces(
     speeds of a record equally; it is not in the ``u_`` here, and it cancels exactly in
     ``restitution`` and in all times.
 
-    The uncertainties cover the unknown shape of the contact pulse (see
-    :mod:`._impact_fit`). Measured at 20 kHz and 1 µm on the first three bounces of random fractional solids
-    from rubbers to plastics, e = 0.2 to 0.99, on floors of 20 kg to 2 t (113 bounces, none of them those the shape
-    was learnt from): 95 % intervals hold 97 % of touch times, 96 % of lift-off times and 97 % of the restitutions
-    with ``"polymer"``, and all with ``"any"``; of standard linear solids (78 bounces) all with ``"any"``, for which
-    ``"polymer"`` states 1.9 times too little.
+    The uncertainties cover the unknown shape of the contact pulse (see :mod:`._impact_fit`). For standard linear
+    solids ``"polymer"`` states 1.9 times too little.
 
     A bounce whose flight is too short to show its fall is not counted: at 1 µm and 20 kHz flights
     of about 1.5 ms (3 µm high) are the shortest.
@@ -187,16 +183,16 @@ def _measured(
     time: Floats, values: Floats, sigma: float, known: Hum | None, contact: str, floor: Floor | None
 ) -> xr.Dataset:
     """Find and measure the bounces of readings that are all valid."""
-    motion = _followed(time, values, sigma, known)
+    motion = _followed(time, values, sigma)
     raw = values if known is None else values + known.at(time)
     free = _without_swing(time, values, sigma, motion)
     hum = hum_of(time, raw, sigma, free, known)
     if hum is not known:
         values = raw if hum is None else raw - hum.at(time)
-        motion = _followed(time, values, sigma, hum)
+        motion = _followed(time, values, sigma)
         free = _without_swing(time, values, sigma, motion)
     direction, turns = motion.direction, motion.turns
-    colour = Colour(corner_in_flight(time, values, sigma, free, motion.colour.corner), hum)
+    colour = Colour(corner_in_flight(time, values, sigma, free), hum)
     height = direction * values
     fall, u_fall = common_fall(time, height, sigma, turns, colour)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
@@ -242,11 +238,10 @@ class _Motion(NamedTuple):
     direction: int
     speed: Floats
     u_speed: Floats
-    colour: Colour
     turns: list[Turn]
 
 
-def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _Motion:
+def _followed(time: Floats, values: Floats, sigma: float) -> _Motion:
     """Follow a record and find its turns."""
     fit = smooth(time, values, sigma)
     # +1 when upwards is positive: contact forces are far larger than gravity, and push up
@@ -254,17 +249,15 @@ def _followed(time: Floats, values: Floats, sigma: float, hum: Hum | None) -> _M
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     # the ends of a spline bend by themselves where a record breaks off in a contact
     direction = 1 if float(np.sum(excess[_ENDS:-_ENDS] ** 3)) >= 0.0 else -1
-    share = (u_level / fit.sigma) ** 2
-    corner = estimate_corner((values - level) / sigma, share, fit.time_scale)
-    u_speed = u_speed * velocity_factor(share, fit.time_scale, corner)
+    u_speed = np.hypot(u_speed, excess_of_rate(values, sigma, (level, u_level), (speed, u_speed)))
     speed *= direction
-    return _Motion(fit, direction, speed, u_speed, Colour(corner, hum), find_turns(time, speed, u_speed))
+    return _Motion(fit, direction, speed, u_speed, find_turns(time, speed, u_speed))
 
 
 def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) -> list[Stretch]:
     """Return where no specimen swings: the rest before the release, and all flights."""
-    height, colour = motion.direction * values, motion.colour
-    fall, _ = common_fall(time, height, sigma, motion.turns, colour)
+    height = motion.direction * values
+    fall, _ = common_fall(time, height, sigma, motion.turns)
     first = motion.turns[0]
     # A hum makes the turn begin while the body still rests: the speed of the impact determines the release.
     lasts = -float(motion.speed[first.descent]) / fall
@@ -273,7 +266,7 @@ def _without_swing(time: Floats, values: Floats, sigma: float, motion: _Motion) 
     begun = first_fall(time, first)
     stretches = [Stretch(slice(0, held), 1), Stretch(slice(released, max(begun.stop, released)), 2)]
     for part in flights_after(time, motion.turns):
-        if not _is_flight(*curvature(time[part], height[part], sigma, colour), fall):
+        if not _is_flight(*curvature(time[part], height[part], sigma), fall):
             break
         stretches.append(Stretch(part, 2))
     return stretches

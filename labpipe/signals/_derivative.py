@@ -20,7 +20,7 @@ from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.signals._hum import Hum
 from labpipe.signals._noise import Noise, deviation, estimate_noise
-from labpipe.signals._noise_spectrum import Colour, estimate_corner, velocity_factor
+from labpipe.signals._noise_spectrum import excess_of_rate
 from labpipe.signals._outliers import outliers
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing_spline import evaluate, smooth
@@ -59,8 +59,8 @@ def velocity(
         average of ``window`` samples that shortens symmetrically towards the ends (3.14).
         ``"difference"``: without the moving average.
     events : Dataset, optional
-        Spline only: of :func:`labpipe.signals.bounces`. The hum found there is taken out, the colour of the
-        noise is that of the flights, and touches and lift-offs are breaks.
+        Spline only: of :func:`labpipe.signals.bounces`. The hum found there is taken out, and touches and lift-offs
+        are breaks.
     breaks : array (k,), optional [s]
         Spline only: times of touch and lift-off, where knots may break: the third derivative may
         jump. A few per cent better than letting the spline find the contacts.
@@ -76,8 +76,8 @@ def velocity(
     DataArray (time,) [m/s]
         Named ``velocity``, with the non-index coordinate ``u_velocity`` (time,) [m/s], the
         standard uncertainty. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over
-        which the noise is correlated), ``noise_corner`` (Hz, of the spline), ``quantisation`` (m); ``n_spikes``
-        (outliers given no weight); ``work`` (JSON counts).
+        which the noise is correlated), ``quantisation`` (m); ``n_spikes`` (outliers given no weight); ``work`` (JSON
+        counts).
         NaN where the displacement is NaN.
 
     Raises
@@ -96,14 +96,11 @@ def velocity(
     Notes
     -----
     For the spline ``u_velocity`` is the posterior standard deviation and includes the expected
-    smoothing error. It cannot include motion that stays below the noise over its whole life, such
+    smoothing error, and noise that is not white, such as flicker and hum, as far as the record has stretches of
+    rest or flight that show it. It cannot include motion that stays below the noise over its whole life, such
     as the last, sub-noise cycles of a decaying vibration, nor the smoothing of a
     computed curve by the spline itself: up to 3e-4 of the largest velocity where there is no noise. For the two
     difference schemes it is the propagated noise alone: their blunting of an impact is not in it.
-
-    Measured on bouncing records of 0.5 s, 1 µm noise, 0.1 µm steps, noise not given, rms over the
-    record: spline 0.26-0.47 mm/s at 50 kHz and 0.42-0.62 at 20 kHz; differences 35 and 14;
-    thesis scheme 10 and 4. Cost is linear: 25 000 samples take 0.005-0.007 s.
 
     Examples
     --------
@@ -114,12 +111,12 @@ def velocity(
     """
     record = _displacement_of(displacement)
     time, values = checked_record(record)
-    colour = None
+    hum = None
     if events is not None and method == "spline":
+        hum = Hum.of_text(events.attrs.get("hum"))
         taken = Hum.of_text(displacement.attrs.get("hum")) if isinstance(displacement, xr.Dataset) else None
-        colour = Colour(float(events.attrs["noise_corner"]), Hum.of_text(events.attrs.get("hum")))
-        for sign, hum in ((1.0, taken), (-1.0, colour.hum)):
-            values = values if hum is None else values + sign * hum.at(time)
+        for sign, line in ((1.0, taken), (-1.0, hum)):
+            values = values if line is None else values + sign * line.at(time)
         edges = np.concatenate([events["touch_time"].values, events["liftoff_time"].values])
         breaks = np.sort(edges[np.isfinite(edges)]) if breaks is None else breaks
     is_read = np.isfinite(values)
@@ -142,7 +139,7 @@ def velocity(
         used = "difference"
     if used == "spline":
         cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
-        v, u, attributes = _spline(t, y, known, noise is None, cuts, colour)
+        v, u, attributes = _spline(t, y, known, noise is None, cuts, hum)
     elif used in ("thesis", "difference"):
         if used == "thesis" and not 1 <= window <= len(t):
             raise InputError(f"window must be from 1 to the {len(t)} readings; found {window}")
@@ -202,7 +199,7 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
 
 
 def _spline(
-    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]], colour: Colour | None
+    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]], hum: Hum | None
 ) -> tuple[Floats, Floats, dict[str, Any]]:
     """Velocity, uncertainty and attributes of the smoothing spline."""
     counts = {"samples": len(t)}
@@ -228,14 +225,11 @@ def _spline(
             fit = smooth(t[kept], y[kept], known.sigma, *cuts)
             n_updates += fit.n_updates
             (level, u_level), (v, u) = evaluate(fit, t, 0, 1)
-    residual, share = (y - level)[kept], (u_level / fit.sigma) ** 2
-    if colour is None:
-        colour = Colour(estimate_corner(residual / known.sigma, share[kept], fit.time_scale))
-    u *= velocity_factor(share, fit.time_scale, colour.corner)
-    if colour.hum is not None:
-        u = np.hypot(u, colour.hum.remaining_rate(t))
+    u[kept] = np.hypot(u[kept], excess_of_rate(y[kept], known.sigma, (level[kept], u_level[kept]), (v[kept], u[kept])))
+    if hum is not None:
+        u = np.hypot(u, hum.remaining_rate(t))
     counts |= {"coefficients": len(fit.coefficients), "band_solves": n_updates}
-    return v, u, _attributes(known, n_spikes, counts) | {"noise_corner": colour.corner}
+    return v, u, _attributes(known, n_spikes, counts)
 
 
 def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Floats, Floats]:

@@ -68,14 +68,7 @@ class Beneath(NamedTuple):
         return self._replace(time=self.time - origin)
 
     def struck(self, touch: float, length: float, pulse: Floats) -> tuple[Met, "Beneath"]:
-        """Follow the plate through a contact.
-
-        Parameters
-        ----------
-        touch, length : float [s]
-        pulse : array (node,) [m/s2]
-            Acceleration of the body by the contact, evenly from touch to lift-off.
-        """
+        """Follow the plate through a contact [s]; ``pulse`` (node,) [m/s2] is the acceleration of the body over it."""
         floor, whole = self.floor, 2.0 * np.pi * self.floor.frequency
         waited = max(touch - self.time, 0.0)
         u_phase = float(np.hypot(self.u_phase, 2.0 * np.pi * floor.u_frequency * waited))

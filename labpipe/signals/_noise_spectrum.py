@@ -1,10 +1,10 @@
 """Spectrum of a sensor's noise: how much stronger it is at low frequencies than between neighbouring samples.
 
-Neighbouring samples determine the white part of the noise. Drift and flicker change little from sample to
-sample, but they pass every fit over many samples. They show in the residuals of a fit: of a smoothing spline at all
-frequencies above those that it follows, of a parabola through a flight at nearly all. The power is described by one
-number more, ``1 + corner / f`` times that of the white part: a flicker noise is exactly so, and other noise counts as
-the flicker that is as strong.
+Neighbouring samples determine the white part of the noise. Drift, flicker and hum change little from sample to
+sample, but they pass every fit over many samples. They show where a body flies or rests: in the residuals of a
+parabola, whose power is described by one number more, ``1 + corner / f`` times that of the white part (a flicker noise
+is exactly so, and other noise counts as the flicker that is as strong), and in the rate of a spline, which has to be
+a straight line there.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,11 @@ from scipy import fft
 from labpipe.arrays import Floats
 from labpipe.signals._hum import Hum, Stretch
 
-_SIZES = (1024, 256)  # samples of the stretches of a spline's residuals, the longest first
+_SIZES = (512, 256)  # samples of the stretches in which a parabola is tried, the longest first
+_FOLLOWS = 2.0  # mean square of the residuals, in units of the white noise, below which a stretch follows it
 _LOW_SHARE = 8  # share of the lowest frequencies that are compared
 _CORNERS = np.concatenate([[0.0], np.geomspace(1e-4, 0.5, 100)])  # in units of the sampling rate
 _CERTAIN = 2.0  # gain in log likelihood below which the noise is called white
-
-# Of a spline that penalises the fourth derivative, response 1 / (1 + (f / cutoff)^8): the integral of
-# f over that of f^2 times the cutoff, and the integral of the response over the cutoff.
-_PASSED = float(np.sin(3 * np.pi / 8) / np.sin(np.pi / 4))
-_WIDTH = float(np.pi / 8 / np.sin(np.pi / 8))
 
 
 class Colour(NamedTuple):
@@ -42,66 +38,54 @@ class Colour(NamedTuple):
 WHITE = Colour()
 
 
-def estimate_corner(residual: Floats, share: Floats, interval: float) -> float:
-    """Find the frequency below which the noise is more than twice as strong as its white part.
+def excess_of_rate(values: Floats, sigma: float, level: tuple[Floats, Floats], rate: tuple[Floats, Floats]) -> Floats:
+    """Return the standard uncertainty (n,) of a spline's rate by noise that is not white.
 
-    ``residual`` (n,) is that of a smoothing spline through samples in their order, ``interval`` [s] apart, over the
-    standard deviation of the white part, and ``share`` (n,) the variance of the spline over that of a sample. The
-    frequency [Hz] is 0 for white noise, and where the spline follows everything that is slow.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> estimate_corner(rng.standard_normal(4000), np.full(4000, 1e-3), 1e-4)
-    0.0
+    ``values`` (n,) have a white noise of ``sigma``; ``level`` and ``rate`` are those of the spline, each with its
+    standard uncertainty by that noise. In stretches that follow a parabola to within the noise the rate is a
+    straight line but for noise: the median over them of its variance about a line, beyond that by white noise, counts
+    everywhere, and in proportion where the spline passes higher frequencies, as it does for a flicker noise. It is zero
+    where no stretch follows a parabola.
     """
-    cost, used = np.zeros(len(_CORNERS)), np.zeros(residual.size, bool)
+    share, taken = (level[1] / sigma) ** 2, np.zeros(values.size)
+    beyond, passed = [np.zeros(0)], [np.zeros(0)]
     for size in _SIZES:
-        part, term = slice(residual.size // size * size), np.arange(size // _LOW_SHARE)
-        blocks, taken = residual[part].reshape(-1, size), used[part].reshape(-1, size)
-        # from 1.5 cutoffs on the spline takes less than a tenth of the power; larger residuals are motion
-        lowest = np.maximum(1.5 / _WIDTH * size * np.max(share[part].reshape(-1, size), axis=1, initial=0.0), 5.0)
-        fits = (np.mean(blocks**2, axis=1) < 9.0) & (lowest < term[-1]) & ~taken[:, 0]
-        if fits.any():
-            taken[fits] = True
-            kept = term > lowest[fits, None]
-            power = fft.dct(blocks[fits], norm="ortho", axis=1)[:, term] ** 2
-            cost += _cost(np.sum(power, axis=0, where=kept)[6:], kept.sum(axis=0)[6:], term[6:] / (2.0 * size))
-    return _likeliest(cost, interval)
+        part = slice(values.size // size * size)
+        y, v, u, of_noise, known = (each[part].reshape(-1, size) for each in (values, rate[0], rate[1], share, taken))
+        basis = np.linalg.qr(np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, size), 2))[0]
+        left = y - y[:, :1]
+        left = left - left @ basis @ basis.T
+        fits = (np.mean(left**2, axis=1) < _FOLLOWS * sigma**2) & (known[:, 0] == 0.0)
+        known[fits] = 1.0
+        parameters = np.maximum(np.sum(of_noise[fits], axis=1), 1.0)  # of the spline, of which a line takes two
+        about = v[fits] - v[fits] @ basis[:, :2] @ basis[:, :2].T
+        free = np.maximum(parameters - 2.0, 1.0) / parameters
+        beyond.append(np.mean(about**2, axis=1) / free - np.mean(u[fits] ** 2, axis=1))
+        passed.append(parameters / size)
+    variances = np.concatenate(beyond)
+    if not variances.size or (usual := float(np.median(variances))) <= 0.0:
+        return np.zeros(values.size)
+    return np.sqrt(usual) * np.maximum(share / float(np.median(np.concatenate(passed))), 1.0)
 
 
-def corner_in_flight(
-    time: Floats, values: Floats, sigma: float, stretches: Sequence[Stretch], otherwise: float
-) -> float:
-    """Find the same frequency where a body flies, of all noise that is faster than a flight lasts.
+def corner_in_flight(time: Floats, values: Floats, sigma: float, stretches: Sequence[Stretch]) -> float:
+    """Find the frequency [Hz] below which the noise is more than twice as strong as its white part.
 
     ``sigma`` is the standard deviation of the white part of ``values`` (n,); ``stretches`` that follow a parabola are
-    used. ``otherwise`` [Hz] is returned where no flight has enough readings.
+    used, and all noise that is faster than they last. 0 is white noise, and where no stretch has enough readings.
     """
-    cost, count = np.zeros(len(_CORNERS)), 0
+    cost = np.zeros(len(_CORNERS))
     for part, degree in stretches:
         n = part.stop - part.start
         term = np.arange(degree + 1, n // _LOW_SHARE)
         if degree >= 2 and len(term) >= 4:
             basis = np.linalg.qr(np.polynomial.polynomial.polyvander(np.linspace(-1.0, 1.0, n), degree))[0]
             left = (values[part] - basis @ (basis.T @ values[part])) / sigma
-            cost += _cost(fft.dct(left, norm="ortho")[term] ** 2, np.ones(len(term)), term / (2.0 * n))
-            count += 1
-    return _likeliest(cost, float(np.median(np.diff(time)))) if count else otherwise
-
-
-def _cost(power: Floats, count: Floats, frequency: Floats) -> Floats:
-    """Return minus the log likelihood (corner,) of summed powers of a cosine transform, by frequency per sample.
-
-    The terms are independent (within 3 % of the variance of a flicker noise).
-    """
-    expected = 1.0 + _CORNERS[:, None] / frequency
-    return np.asarray(0.5 * (np.log(expected) @ count + (1.0 / expected) @ power))
-
-
-def _likeliest(cost: Floats, interval: float) -> float:
+            # The terms of a cosine transform are independent (within 3 % of the variance of a flicker noise).
+            power, expected = fft.dct(left, norm="ortho")[term] ** 2, 1.0 + _CORNERS[:, None] * (2.0 * n / term)
+            cost += 0.5 * np.sum(np.log(expected) + power / expected, axis=1)
     best = int(np.argmin(cost))
-    return float(_CORNERS[best] / interval) if cost[0] - cost[best] > _CERTAIN else 0.0
+    return float(_CORNERS[best] / np.median(np.diff(time))) if cost[0] - cost[best] > _CERTAIN else 0.0
 
 
 def coloured_covariance(design: Floats, inverse: NDArray[Any], time: Floats, colour: Colour, sigma: float) -> Floats:
@@ -133,15 +117,3 @@ def coloured_power(count: int, interval: float, corner: float) -> float:
     """Return the mean power of the residuals of a fit to ``count`` samples, over that of the white part."""
     frequency = np.fft.rfftfreq(count, interval)[2:]
     return 1.0 + corner * float(np.mean(1.0 / frequency)) if len(frequency) else 1.0
-
-
-def velocity_factor(share: Floats, interval: float, corner: float) -> Any:
-    """Return by how much colour enlarges the uncertainty of a spline's velocity.
-
-    ``share`` (n,): variance of the spline over that of a sample, if the noise were white: parameters per sample;
-    ``interval`` [s]: between samples; ``corner`` [Hz]. Returns the factors (n,).
-    """
-    if corner == 0.0:
-        return np.ones_like(share)
-    cutoff = np.maximum(share, 1e-12) / (2.0 * _WIDTH * interval)
-    return np.sqrt(1.0 + _PASSED * corner / cutoff)

@@ -33,20 +33,9 @@ def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
     """Covariance of least-squares parameters under stationary, correlated residuals.
 
     ``jacobian`` (n, p) is the derivative of the model by its parameters, at (nearly) even times, ``residual`` (n,)
-    that of the fit.
-
-    Notes
-    -----
-    Sandwich ``(J'J)^-1 J'CJ (J'J)^-1`` with C the circulant covariance of the smoothed residual
-    spectrum. The fit has taken power out of the bins that it listens to; the spectrum is enlarged
-    by as much. For white residuals this is the usual ``s^2 (J'J)^-1``.
-
-    Examples
-    --------
-    >>> noise = np.random.default_rng(0).standard_normal(4000)
-    >>> cov = parameter_covariance(np.ones((4000, 1)), noise - noise.mean())
-    >>> bool(abs(cov[0, 0] ** 0.5 * 4000**0.5 - 1) < 0.3)
-    True
+    that of the fit. The sandwich ``(J'J)^-1 J'CJ (J'J)^-1`` with C the circulant covariance of the smoothed residual
+    spectrum. The fit has taken power out of the bins that it listens to; the spectrum is enlarged by as much. For white
+    residuals this is the usual ``s^2 (J'J)^-1``.
     """
     n = len(jacobian)
     scale = np.linalg.norm(jacobian, axis=0)
@@ -134,8 +123,10 @@ def fit_sinusoid(
     harmonics: int = 3,
     trend_order: int = 1,
     resolution: float = 0.0,
+    is_damped: bool = False,
+    reference_time: float | None = None,
 ) -> Oscillation:
-    """Fit a sinusoid of unknown frequency with harmonics and a slow trend.
+    """Fit a sinusoid of unknown frequency, steady with harmonics or decaying, and a slow trend.
 
     Parameters
     ----------
@@ -146,12 +137,17 @@ def fit_sinusoid(
     frequency_guess : float, optional [Hz]
         Good to about 1/T; default the strongest line of the spectrum.
     harmonics : int
-        Number of waves, the fundamental included; those above the Nyquist frequency are left out.
+        Number of waves of a steady one, the fundamental included; those above the Nyquist frequency are left out.
     trend_order : int
         Degree of the polynomial trend (0 offset, 1 drift, ...).
     resolution : float
-        Step to which the readings are rounded, in their unit; 0 where it is not known. It enters
+        Step to which the readings of a steady one are rounded, in their unit; 0 where it is not known. It enters
         the uncertainties alone.
+    is_damped : bool
+        Whether the vibration decays, free from the first reading on.
+    reference_time : float, optional [s]
+        Where amplitude and phase are stated, with the uncertainty that they have there; default the middle of a steady
+        one, the first reading of a decaying one.
 
     Returns
     -------
@@ -160,7 +156,7 @@ def fit_sinusoid(
     Raises
     ------
     InputError
-        Too few readings, less than one cycle, or a signal that does not vary.
+        Too few readings, less than one cycle (1.5 of a decaying one), or a signal that does not vary.
 
     Notes
     -----
@@ -178,7 +174,9 @@ def fit_sinusoid(
     (0.4972, 2.0, 5.0)
     """
     t, y = readings_of(time, signal)
-    reference = 0.5 * (t[0] + t[-1])
+    if is_damped:
+        return _damped(t, y, frequency_guess, float(t[0]) if reference_time is None else float(reference_time))
+    reference = 0.5 * (t[0] + t[-1]) if reference_time is None else float(reference_time)
     s, span = t - reference, float(t[-1] - t[0])
     nyquist = 0.5 / float(np.median(np.diff(t)))
     guess = strongest_line(s, y) if frequency_guess is None else float(frequency_guess)
@@ -207,43 +205,9 @@ def fit_sinusoid(
     return model.described(float(found.x), 0.0, reference, 1, resolution)
 
 
-def damped_oscillation(
-    time: ArrayLike, signal: ArrayLike, frequency_guess: float | None = None, reference_time: float | None = None
-) -> Oscillation:
-    """Fit one decaying vibration about a slowly drifting rest position.
-
-    Parameters
-    ----------
-    time : array (n,) [s]
-        From the moment from which the vibration is free.
-    signal : array (n,)
-        NaN is left out.
-    frequency_guess : float, optional [Hz]
-        Default the strongest line of the spectrum.
-    reference_time : float, optional [s]
-        Where amplitude and phase are stated, with the uncertainty that they have there; default
-        the first reading.
-
-    Returns
-    -------
-    Oscillation
-
-    Raises
-    ------
-    InputError
-        Too few readings or cycles, or no vibration.
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 0.1, 5e-5)
-    >>> ring = 1e-5 * np.exp(-0.02 * 2 * np.pi * 300 * time) * np.cos(2 * np.pi * 299.94 * time)
-    >>> fit = damped_oscillation(time, ring)
-    >>> round(fit.frequency, 2), round(fit.damping_ratio, 4)
-    (299.94, 0.02)
-    """
-    t, y = readings_of(time, signal)
-    start, span = float(t[0]) if reference_time is None else float(reference_time), float(t[-1] - t[0])
-    s = t - start
+def _damped(t: Floats, y: Floats, frequency_guess: float | None, start: float) -> Oscillation:
+    """Fit one decaying vibration about a slowly drifting rest position."""
+    s, span = t - start, float(t[-1] - t[0])
     # A vibration that dies out early is all at the beginning, where a taper would hide it.
     guess = strongest_line(s, y, taper=False) if frequency_guess is None else float(frequency_guess)
     if guess * span < _FEWEST_CYCLES or len(t) < _FEWEST_READINGS:

@@ -15,11 +15,6 @@ def checked_times(time: ArrayLike, what: str = "time") -> Floats:
 
     ``what`` names the record in the message; times that are not one-dimensional, not finite, repeated or running
     backwards raise InputError.
-
-    Examples
-    --------
-    >>> checked_times([0, 1, 3])
-    array([0., 1., 3.])
     """
     t = np.array(time, float)
     if t.ndim != 1:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.errors import IN_MOTION, InputError
 from labpipe.signals._noise import difference_sigma
-from labpipe.signals._oscillation import Oscillation, damped_oscillation, readings_of, strongest_line
+from labpipe.signals._oscillation import Oscillation, fit_sinusoid, readings_of, strongest_line
 from labpipe.signals._readings import LEAST
 
 _ONSET_READINGS, _BLOCK_READINGS = 8, 16  # in the blocks by which an onset is found, and a stretch grows
@@ -112,14 +112,14 @@ def ringing(
         )
     onset = float(t[int(found[0]) * _ONSET_READINGS])
     stretch = slice(*_grown(t, y, sigma, _seed(t, y, onset, longest_impact, shortest_pause)))
-    free = damped_oscillation(t[stretch], y[stretch])
+    free = fit_sinusoid(t[stretch], y[stretch], is_damped=True)
     # Nearest to the middle of the impact, the fit leaves rest in its direction.
     at = free.reference_time + (np.pi - free.phase) / (2 * np.pi * free.frequency)
     blow = float(at + np.round((onset + 0.25 * longest_impact - at) * free.frequency) / free.frequency)
     # The uncertainties hold the changes by other ends of the stretch.
     half = _BLOCK_READINGS // 2
     ends = (stretch, slice(stretch.start + half, stretch.stop), slice(stretch.start, stretch.stop - _BLOCK_READINGS))
-    fit, *others = (damped_oscillation(t[s], y[s], free.frequency, blow) for s in ends)
+    fit, *others = (fit_sinusoid(t[s], y[s], free.frequency, is_damped=True, reference_time=blow) for s in ends)
     if fit.amplitude < 3.0 * sigma:
         raise InputError(
             f"the ringing ({fit.amplitude:.2g} m) is not larger than the noise ({sigma:.2g} m): "
@@ -163,13 +163,13 @@ def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[i
     The impact fades out like the force of a contact, below the noise before it ends.
     """
     low, high = seed
-    fit, fitted, half = damped_oscillation(t[low:high], y[low:high]), high - low, _BLOCK_READINGS // 2
+    fit, fitted, half = fit_sinusoid(t[low:high], y[low:high], is_damped=True), high - low, _BLOCK_READINGS // 2
 
     def is_predicted(block: slice) -> bool:
         """Fit again only when the stretch has grown by half; a mean square may exceed the noise by 4 deviations."""
         nonlocal fit, fitted
         if high - low > 1.5 * fitted:
-            fit, fitted = damped_oscillation(t[low:high], y[low:high]), high - low
+            fit, fitted = fit_sinusoid(t[low:high], y[low:high], is_damped=True), high - low
         left = y[block] - fit.at(t[block])
         return float(np.mean(left**2)) < (1.0 + 4.0 * np.sqrt(2.0 / left.size)) * max(sigma, fit.residual_rms) ** 2
 

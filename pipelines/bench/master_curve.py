@@ -40,7 +40,7 @@ def _compared(name: str, truth: "Truth", quick: bool) -> Suite:
     settings: dict[str, dict[str, Any]] = {
         _DEFAULT: {},
         "free shifts, laws asked for": {"vertical": "linear", "delay": True},
-        "free shifts, no laws tried": {"vertical": "none", "delay": False, "levels": False},
+        "free shifts, no laws tried": {"vertical": "none", "delay": False},
         **({"WLF inside the fit": {"law": "wlf"}} if truth is MAXWELL else {}),
     }
     methods: dict[str, tuple[str, Callable[[Measured], Any]]] = {

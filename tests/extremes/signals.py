@@ -113,11 +113,11 @@ def record_that_is_none(random: Random) -> Outcome:
         "difference": lambda: _velocity(record, method="difference"),
         "bounces": lambda: signals.bounces(record),
         "fit_sinusoid": lambda: signals.fit_sinusoid(time, values, 1.4),
-        "damped_oscillation": lambda: signals.damped_oscillation(time, values),
+        "damped oscillation": lambda: signals.fit_sinusoid(time, values, is_damped=True),
         "repeats": lambda: signals.combine_repeats([whole, record], [0.0, 0.0]),
     }
     name = str(random.choice(list(calls)))
-    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation"):
+    if fault == "unit" and name in ("fit_sinusoid", "damped oscillation"):
         return Outcome(0.0, "")  # any quantity will do
     if fault in ("nothing", "one") and name == "repeats":
         return Outcome(0.0, "")  # what was not read stays NaN
@@ -179,7 +179,7 @@ def decay(random: Random) -> Outcome:
     values = amplitude * np.exp(-rate * s) * np.sin(2 * np.pi * frequency * s + 1.0)
     values += amplitude * float(random.choice([0.0, 5.0, -1e3]))
     values += share * amplitude * random.standard_normal(time.size)
-    found = signals.damped_oscillation(laid_out(random, time), with_gaps(random, values))
+    found = signals.fit_sinusoid(laid_out(random, time), with_gaps(random, values), is_damped=True)
     return worst(
         (
             abs(found.frequency / frequency - 1.0) / (8.0 * found.u_frequency / frequency + 1e-6),

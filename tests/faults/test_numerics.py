@@ -86,7 +86,7 @@ STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "common fit": (indented, signals.common_fit),
     "window": (wave, signals.active_window),
     "loops": (indented, lambda t, x, f: signals.hysteresis_loops(t, x, f, 1.0)),
-    "vibration": (ring, signals.damped_oscillation),
+    "vibration": (ring, lambda time, signal: signals.fit_sinusoid(time, signal, is_damped=True)),
     "ringing": (ring, lambda t, y: signals.ringing(t, y, longest_impact=4e-3, shortest_pause=0.05)),
     "first touch": (approach, first_touch),
 }

@@ -84,11 +84,6 @@ def merged(weight: Floats, time: Floats) -> tuple[Floats, Floats]:
 
     Times that agree to :data:`_SAME_TIME` are equal: no modulus tells them apart, while the digits
     in which they differ would be all that the converted weights rest on.
-
-    Examples
-    --------
-    >>> merged(np.array([1.0, 0.0, 2.0, 3.0]), np.array([5.0, 7.0, 1.0, 5.0]))
-    (array([2., 4.]), array([1., 5.]))
     """
     kept = np.flatnonzero(weight > 0)
     order = kept[np.argsort(time[kept], kind="stable")]

@@ -219,24 +219,16 @@ class Prony:
         Thesis equation (1.42). Instruments report f in Hz: ω = 2πf.
         """
         frequency = _positive("omega", omega, "rad/s")
-        storage = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _storage_shape)
-        loss = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _loss_shape)
+        with np.errstate(divide="ignore", over="ignore"):
+            x = frequency[..., None] * self.rho
+            share = 1.0 / (1.0 + np.minimum(x, 1.0 / x) ** 2)
+            storage, loss = np.where(x > 1.0, share, x * x * share) @ self.E, (1.0 / (x + 1.0 / x)) @ self.E
         factor = self.factor(mode)
-        dashpot = self.viscosity * frequency if self.viscosity > 0 else 0.0
-        return _complex(factor * (self.E_relaxed + storage), factor * (loss + dashpot))
-
-    def complex_compliance(self, omega: ArrayLike, mode: Mode = "tension") -> Complexes:
-        """Return J*(ω) = J′ − iJ″ in 1/Pa, from the retardation terms; E*(ω) J*(ω) = 1."""
-        frequency = _positive("omega", omega, "rad/s")
-        family = self._creep
-        rate = 1.0 / family.time
-        loss = _sum_over_terms(family.weight, rate, frequency, _loss_shape)
-        with np.errstate(divide="ignore"):
-            # 1/(1 + x²) is x²/(1 + x²) of 1/x.
-            soft = _sum_over_terms(family.weight, family.time, 1.0 / frequency, _storage_shape)
-            flow = family.fluidity / frequency if family.fluidity > 0 else 0.0
-        factor = self.factor(mode)
-        return _complex((family.unrelaxed + soft) / factor, -(loss + flow) / factor)
+        # Joined by parts: complex arithmetic would turn an infinite part into NaN.
+        value = np.empty(frequency.shape, dtype=complex)
+        value.real = factor * (self.E_relaxed + storage)
+        value.imag = factor * (loss + (self.viscosity * frequency if self.viscosity > 0 else 0.0))
+        return value[()]
 
     def loss_factor(self, omega: ArrayLike) -> Floats:
         """Return tan δ = E″/E′ at the angular frequencies ω (rad/s)."""
@@ -319,27 +311,6 @@ def _sum_over_terms(weight: Floats, scale: Floats, argument: Floats, shape: Call
     # A ratio beyond the range of the numbers has reached the limit of every shape.
     with np.errstate(over="ignore"):
         return np.asarray(shape(argument[..., None] / scale) @ weight)
-
-
-def _complex(real: Floats, imaginary: Floats) -> Complexes:
-    """Join two real parts; complex arithmetic would turn an infinite part into NaN."""
-    value = np.empty(np.shape(real), dtype=complex)
-    value.real, value.imag = real, imaginary
-    return value[()]
-
-
-def _loss_shape(x: Floats) -> Floats:
-    """x/(1 + x²), without overflow."""
-    with np.errstate(divide="ignore"):
-        return np.asarray(1.0 / (x + 1.0 / x))
-
-
-def _storage_shape(x: Floats) -> Floats:
-    """x²/(1 + x²), without overflow, one at infinity."""
-    with np.errstate(divide="ignore"):
-        smaller = np.minimum(x, 1.0 / x)
-    share = 1.0 / (1.0 + smaller * smaller)
-    return np.where(x > 1.0, share, x * x * share)
 
 
 def _frozen(values: Floats) -> Floats:

@@ -1,10 +1,7 @@
-"""Relaxation spectra from complex moduli: fit, consistency of storage and loss, and reduction."""
+"""Relaxation spectra from complex moduli: fit, and consistency of storage and loss."""
 
 from labpipe.materials.spectrum._kramers_kronig import KramersKronig as KramersKronig, kramers_kronig as kramers_kronig
-from labpipe.materials.spectrum._reduction import fewest_terms as fewest_terms
 from labpipe.materials.spectrum._spectrum import (
-    MARGIN_DECADES as MARGIN_DECADES,
-    MOST_TERMS_PER_DECADE as MOST_TERMS_PER_DECADE,
     TERMS_PER_DECADE as TERMS_PER_DECADE,
     Grid as Grid,
     Solution as Solution,

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.spectrum._spectrum import Grid, compress, make_grid, moduli_of_terms, solve_by_cross_validation
-from labpipe.variables import variable
 
 Verdict = Literal["pass", "warn", "fail"]
 
@@ -52,10 +50,6 @@ class KramersKronig:
     error_of_loss, error_of_storage : float
         Root mean square relative error of the modulus predicted from the other one, in the
         middle of the window.
-    misfit : dict
-        Relative misfits: ``storage_alone``, ``loss_alone``, ``storage_common``, ``loss_common``.
-    curves : Dataset
-        Over ``frequency`` [Hz]: ``storage``, ``loss``, ``storage_from_loss``, ``loss_from_storage`` [Pa].
     """
 
     verdict: Verdict
@@ -63,8 +57,6 @@ class KramersKronig:
     reason: str
     error_of_loss: float
     error_of_storage: float
-    misfit: dict[str, float]
-    curves: xr.Dataset
 
 
 def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) -> KramersKronig:
@@ -127,25 +119,7 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
         verdict = "pass"
     if f.size < _LEAST_POINTS:
         verdict, reason = "warn", f"only {f.size} points: too few for a verdict; {reason}"
-    curves = {
-        "storage": (first, "storage modulus"),
-        "loss": (second, "loss modulus"),
-        "storage_from_loss": (storage_from_loss, "storage modulus predicted from the loss"),
-        "loss_from_storage": (alone[1], "loss modulus predicted from the storage"),
-    }
-    misfits = (alone[2][0], lossy[2][1], *common)
-    return KramersKronig(
-        verdict=verdict,
-        ratio=ratio,
-        reason=reason,
-        error_of_loss=errors[0],
-        error_of_storage=errors[1],
-        misfit=dict(zip(("storage_alone", "loss_alone", "storage_common", "loss_common"), misfits, strict=True)),
-        curves=xr.Dataset(
-            {name: variable("frequency", values, "Pa", text) for name, (values, text) in curves.items()},
-            coords={"frequency": variable("frequency", f, "Hz", "frequency")},
-        ),
-    )
+    return KramersKronig(verdict, ratio, reason, *errors)
 
 
 def _fit(

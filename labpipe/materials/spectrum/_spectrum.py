@@ -27,13 +27,12 @@ from scipy.optimize import nnls
 from labpipe.arrays import Floats
 
 #: Terms per decade. One is too coarse (3-4 % on the loss of a broad material), two serve for use,
-#: three leave no error on any broad material; each further one costs a factor 8 in condition. A
-#: material of few single times, between which a grid can fall, needs more: up to the second.
-TERMS_PER_DECADE, MOST_TERMS_PER_DECADE = 3, 6
+#: three leave no error on any broad material; each further one costs a factor 8 in condition.
+TERMS_PER_DECADE = 3
 #: Terms reach this many decades beyond the covered frequencies at either end. A loss that goes on as
 #: flat as it ends, as that of a glass, has the share (2/π) 10^-d from times more than d decades
 #: beyond: 13 % for 0.7 decades, by which the spectrum was wrong near its ends; 2 % for 1.5.
-MARGIN_DECADES = 1.5
+_MARGIN_DECADES = 1.5
 # The smoothing strengths that cross-validation looks at first (residuals in units of the noise):
 # from hardly any to a straight line; then it walks by half decades.
 _STRENGTHS = tuple(float(s) for s in np.logspace(-4.0, 5.0, 10))
@@ -60,7 +59,6 @@ class Grid:
     ln_time: Floats
     scale: Floats
     penalty: Floats
-    terms_per_decade: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,14 +78,7 @@ class Solution:
 
 
 def maxwell_shapes(ln_omega: Floats, ln_time: Floats) -> tuple[Floats, Floats]:
-    """Return storage x²/(1+x²) and loss x/(1+x²) of every term at every frequency, x = ωτ.
-
-    Examples
-    --------
-    >>> storage, loss = maxwell_shapes(np.array([0.0]), np.array([0.0]))
-    >>> float(storage[0, 0]), float(loss[0, 0])
-    (0.5, 0.5)
-    """
+    """Return storage x²/(1+x²) and loss x/(1+x²) of every term at every frequency, x = ωτ."""
     exponent = ln_omega[:, None] + ln_time[None, :]
     small = np.exp(-np.abs(exponent))
     share = 1.0 / (1.0 + small * small)
@@ -101,26 +92,11 @@ def moduli_of_terms(ln_omega: Floats, ln_time: Floats) -> Floats:
     return np.vstack([np.hstack([storage, constant]), np.hstack([loss, 0.0 * constant])])
 
 
-def make_grid(
-    ln_omega: Floats,
-    storage: Floats,
-    loss: Floats,
-    *,
-    terms_per_decade: float = TERMS_PER_DECADE,
-    margin: float = MARGIN_DECADES,
-) -> Grid:
-    """Lay terms over the covered frequencies and scale them by the local loss modulus.
-
-    Parameters
-    ----------
-    ln_omega : array (point,)
-        Natural logarithm of the (reduced) angular frequencies in rad/s, in any order.
-    storage, loss : array (point,) [Pa]
-        Moduli there, positive.
-    """
+def make_grid(ln_omega: Floats, storage: Floats, loss: Floats, terms_per_decade: float = TERMS_PER_DECADE) -> Grid:
+    """Lay terms over the covered frequencies, in any order, and scale them by the local loss modulus."""
     step = _LN10 / terms_per_decade
-    low = -float(np.max(ln_omega)) - margin * _LN10
-    high = -float(np.min(ln_omega)) + margin * _LN10
+    low = -float(np.max(ln_omega)) - _MARGIN_DECADES * _LN10
+    high = -float(np.min(ln_omega)) + _MARGIN_DECADES * _LN10
     count = int(np.ceil((high - low) / step)) + 1
     middle = 0.5 * (low + high)
     ln_time = np.asarray(middle + step * (np.arange(count) - 0.5 * (count - 1)))
@@ -129,7 +105,7 @@ def make_grid(
     weight = np.exp(-(square - square.min(axis=1, keepdims=True)))
     scale = np.exp((weight @ np.log(loss)) / weight.sum(axis=1))
     scale, penalty = np.append(scale, np.min(storage)), second_differences(count, count + 1, terms_per_decade)
-    return Grid(ln_time=ln_time, scale=scale, penalty=penalty, terms_per_decade=terms_per_decade)
+    return Grid(ln_time, scale, penalty)
 
 
 def second_differences(terms: int, columns: int, terms_per_decade: float) -> Floats:
@@ -143,15 +119,7 @@ def second_differences(terms: int, columns: int, terms_per_decade: float) -> Flo
 
 
 def compress(rows: Floats, target: Floats) -> tuple[Floats, Floats, float]:
-    """Reduce a tall system to a triangular one with the same least-squares solutions.
-
-    Returns
-    -------
-    triangle : array (column, column)
-    projected : array (column,)
-    remainder : float
-        Sum of squares that no coefficients can reduce.
-    """
+    """Reduce a tall system to a triangular one with the same solutions, and the sum of squares that none reduces."""
     columns = rows.shape[1]
     factor = np.asarray(np.linalg.qr(np.column_stack([rows, target]), mode="r"))
     remainder = float(np.sum(factor[columns:, columns] ** 2))
@@ -218,12 +186,8 @@ def solve_by_cross_validation(
 ) -> Solution:
     """Choose the strength of the penalty by generalised cross-validation.
 
-    Parameters
-    ----------
-    rows : int
-        Number of data before the compression.
-    near : float, optional
-        A strength to walk downhill from; without it all decades are looked at first.
+    ``rows``: number of data before the compression; ``near``: a strength to walk downhill from, without which all
+    decades are looked at first.
     """
 
     def scored(strength: float) -> tuple[float, Solution]:

@@ -10,13 +10,13 @@ partly cancel.
 import numpy as np
 import xarray as xr
 
-from labpipe.arrays import Complexes, Floats
+from labpipe.arrays import Floats
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum import moduli_of_terms, solve_normal
 from labpipe.materials.superposition._joint_fit import Fit, Points, sensitivity
 from labpipe.materials.superposition._model_selection import Superposition
 from labpipe.materials.superposition._points import SweepData
-from labpipe.materials.superposition._reference import Reference
+from labpipe.materials.superposition._reference import Reference, shared_decades
 from labpipe.variables import described, variable
 
 #: A step between neighbours known worse than this (decades) is called barely determined.
@@ -31,25 +31,21 @@ _KEPT, _MOST_MODES = 0.999999, 60
 def predictions(
     sweeps: xr.Dataset, data: SweepData, found: Superposition, reference: Reference, log10_aT: Floats
 ) -> xr.Dataset:
-    """Return measured, reduced and fitted moduli over (temperature, frequency).
+    """Return reduced moduli and residuals over (temperature, frequency).
 
     ``storage_reduced`` and ``loss_reduced`` are the measurement as it would have been at the
-    reference temperature, the delay of the instrument taken out; ``storage_fitted`` and
-    ``loss_fitted`` are the model in the frame of the measurement, delay included.
+    reference temperature, the delay of the instrument taken out.
     """
     points = data.points
     half = points.omega.size
-    undone = without_delay(points, found.fit) * np.exp(reference.ln_bT)
-    measured = np.concatenate([points.storage, points.loss])
-    fitted = found.fit.predicted
-    residual = fitted / measured - 1.0
+    undone = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * found.fit.state.delay)
+    undone *= np.exp(reference.ln_bT - found.fit.state.ln_bT[points.isotherm])
+    residual = found.fit.predicted / np.concatenate([points.storage, points.loss]) - 1.0
     at_reference = points.omega / (2.0 * np.pi) * 10.0 ** log10_aT[points.isotherm]
     columns = {
         "reduced_frequency": (at_reference, "Hz", "frequency at the reference temperature"),
         "storage_reduced": (undone.real, "Pa", "storage modulus at the reference temperature"),
         "loss_reduced": (undone.imag, "Pa", "loss modulus at the reference temperature"),
-        "storage_fitted": (fitted[:half], "Pa", "fitted storage modulus"),
-        "loss_fitted": (fitted[half:], "Pa", "fitted loss modulus"),
         "storage_residual": (residual[:half], "1", "fitted over measured storage modulus less one"),
         "loss_residual": (residual[half:], "1", "fitted over measured loss modulus less one"),
     }
@@ -61,22 +57,13 @@ def predictions(
     return xr.Dataset(variables, coords={name: sweeps[name] for name in ("temperature", "frequency")})
 
 
-def without_delay(points: Points, fit: Fit) -> Complexes:
-    """Return the complex moduli of points without delay and vertical factor."""
-    undone = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * fit.state.delay)
-    return np.asarray(undone / np.exp(fit.state.ln_bT[points.isotherm]))
-
-
 def overlap_of_neighbours(data: SweepData, log10_aT: Floats, covariance: Floats) -> xr.Dataset:
     """Return step, uncertainty and overlap of every pair of neighbouring temperatures."""
     order = np.argsort(data.temperature, kind="stable")
     cold, warm = order[:-1], order[1:]
-    place = np.log10(data.points.omega) + log10_aT[data.points.isotherm]
-    low = np.array([place[data.points.isotherm == k].min() for k in range(data.points.count)])
-    high = np.array([place[data.points.isotherm == k].max() for k in range(data.points.count)])
     squared = covariance[cold, cold] + covariance[warm, warm] - 2.0 * covariance[cold, warm]
     u_step = np.sqrt(np.maximum(squared, 0.0))
-    shared = np.minimum(high[cold], high[warm]) - np.maximum(low[cold], low[warm])
+    shared = shared_decades(data.points, log10_aT, order)
     columns = {
         "colder": (data.temperature[cold], "degC", "colder temperature of the pair"),
         "warmer": (data.temperature[warm], "degC", "warmer temperature of the pair"),

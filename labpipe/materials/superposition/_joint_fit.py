@@ -20,14 +20,13 @@ Kaufman, BIT 15 (1975) 49, doi:10.1007/BF01932995.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.materials.spectrum import (
-    MARGIN_DECADES,
+    TERMS_PER_DECADE,
     Grid,
     Solution,
     compress,
@@ -99,11 +98,11 @@ def reduced(points: Points, state: State) -> Floats:
     return np.log(points.omega) + _LN10 * state.log10_aT[points.isotherm]
 
 
-def grid_for(points: Points, state: State, terms_per_decade: float, margin: float = MARGIN_DECADES) -> Grid:
+def grid_for(points: Points, state: State, terms_per_decade: float = TERMS_PER_DECADE) -> Grid:
     """Lay the terms for the present shifts."""
     vertical = np.exp(-state.ln_bT[points.isotherm])
     storage, loss = points.storage * vertical, points.loss * vertical
-    return make_grid(reduced(points, state), storage, loss, terms_per_decade=terms_per_decade, margin=margin)
+    return make_grid(reduced(points, state), storage, loss, terms_per_decade)
 
 
 def evaluate(
@@ -194,26 +193,12 @@ def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Floats:
 
 
 def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
-    """Return normal matrix and gradient of the outer parameters, expectation included.
-
-    The spectrum follows. A point knows the parameters only through shift and level of its own
-    isotherm and the delay, so sums over each isotherm hold all that :func:`sensitivity` would.
-    """
-    by = np.column_stack([fit.by_shift, fit.by_vertical, fit.by_delay])
-    both = np.column_stack([by, fit.residual, fit.rows])
-    isotherm = np.concatenate([points.isotherm, points.isotherm])
-    order = np.argsort(isotherm, kind="stable")
-    ends = np.searchsorted(isotherm[order], np.arange(points.count + 1))
-    both = both[order]
-    sums = np.stack([both[a:b, :3].T @ both[a:b] for a, b in pairwise(ends.tolist())])
-    shift, vertical, delay = model.directions(fit.state)
-    along = np.stack([_LN10 * shift, vertical, np.broadcast_to(delay, shift.shape)], axis=1)
-    along, flat = along.reshape(-1, model.size), sums.reshape(-1, sums.shape[2])
-    own = (sums[:, :, :3] @ along.reshape(points.count, 3, -1)).reshape(along.shape)
-    coupling = flat[:, 4:].T @ along
-    normal = along.T @ own - coupling.T @ solve_normal(fit.normal, coupling)
+    """Return normal matrix and gradient of the outer parameters, the spectrum following, expectation included."""
+    change = sensitivity(points, fit, model)
+    coupling = fit.rows.T @ change
+    normal = change.T @ change - coupling.T @ solve_normal(fit.normal, coupling)
     more_normal, more_gradient = model.pull(fit.state)
-    return normal + more_normal, along.T @ flat[:, 3] + more_gradient
+    return normal + more_normal, change.T @ fit.residual + more_gradient
 
 
 def minimise(
@@ -224,14 +209,23 @@ def minimise(
     tolerance: float = _COST_TOLERANCE,
     iterations: int = _MAX_ITERATIONS,
 ) -> Fit:
-    """Move the outer parameters to the least cost, on the grid and smoothing of a first fit."""
-    damping = _FIRST_DAMPING
+    """Move the outer parameters to the least cost, on the grid and smoothing of a first fit (Levenberg-Marquardt)."""
+    damping, least = _FIRST_DAMPING, total_cost(fit, model)
     for _ in range(iterations if model.size else 0):
-        problem = outer_problem(points, fit, model)
-        trial, damping = _damped_step(points, weight, fit, model, problem, damping)
-        if trial is None:
+        normal, gradient = outer_problem(points, fit, model)
+        diagonal = np.diag(normal).copy()
+        diagonal[diagonal <= 0] = 1.0
+        gain = 0.0
+        while gain <= 0.0 and damping < _MAX_DAMPING:
+            step = solve_normal(normal + damping * np.diag(diagonal), gradient)
+            state = model.state(fit.state.parameters + step)
+            if state is not None and np.max(np.abs(state.log10_aT - fit.state.log10_aT)) <= _MAX_STEP_DECADES:
+                trial = evaluate(points, weight, fit.grid, state, fit.solution.strength, guess=fit.solution)
+                gain = least - total_cost(trial, model)
+            damping *= _DAMPING_UP if gain <= 0.0 else 1.0
+        if gain <= 0.0:
             break
-        gain, fit = total_cost(fit, model) - total_cost(trial, model), trial
+        fit, least, damping = trial, least - gain, max(damping * _DAMPING_DOWN, _LEAST_DAMPING)
         if gain <= tolerance * fit.cost:
             break
     return fit
@@ -245,32 +239,8 @@ def total_cost(fit: Fit, model: OuterModel) -> float:
 def predictive_cost(fit: Fit, model: OuterModel) -> float:
     """Return the cost by which two minima compare: misfit, its price in effective terms, expectation.
 
-    The misfit to be expected of new data (Mallows' C_p), the same judge that cross-validation
-    asks for the smoothing: a spectrum that falls apart into one piece per sweep fits better by
-    the terms it gains, and predicts worse.
-
-    References
-    ----------
-    Mallows, Technometrics 15 (1973) 661, doi:10.1080/00401706.1973.10489103.
+    The misfit to be expected of new data (C_p of Mallows, Technometrics 15 (1973) 661,
+    doi:10.1080/00401706.1973.10489103): a spectrum that falls apart into one piece per sweep fits better by the terms
+    it gains, and predicts worse.
     """
     return fit.solution.misfit + 2.0 * fit.solution.freedom + model.pull_cost(fit.state)
-
-
-def _damped_step(
-    points: Points, weight: Floats, fit: Fit, model: OuterModel, problem: tuple[Floats, Floats], damping: float
-) -> tuple[Fit | None, float]:
-    """Raise the damping until a step lowers the cost; None when no step does."""
-    normal, gradient = problem
-    diagonal = np.diag(normal).copy()
-    diagonal[diagonal <= 0] = 1.0
-    least = total_cost(fit, model)
-    while damping < _MAX_DAMPING:
-        step = solve_normal(normal + damping * np.diag(diagonal), gradient)
-        state = model.state(fit.state.parameters + step)
-        if state is not None and np.max(np.abs(state.log10_aT - fit.state.log10_aT)) <= _MAX_STEP_DECADES:
-            strength = fit.solution.strength
-            trial = evaluate(points, weight, fit.grid, state, strength, guess=fit.solution)
-            if total_cost(trial, model) < least:
-                return trial, max(damping * _DAMPING_DOWN, _LEAST_DAMPING)
-        damping *= _DAMPING_UP
-    return None, damping

@@ -17,7 +17,6 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from labpipe.arrays import Floats
@@ -34,14 +33,12 @@ from labpipe.materials.superposition._parameters import (
     OuterModel,
     Vertical,
 )
-from labpipe.materials.superposition._points import SweepData, read_sweeps
+from labpipe.materials.superposition._points import read_sweeps
 from labpipe.materials.superposition._result import MasterCurve, assembled
 from labpipe.materials.superposition._sweeps import Mode, gather_sweeps, loading_asked_for
 from labpipe.units import Measure, si
 
 _READINGS = {"storage_modulus", "relaxation_modulus", "creep_compliance"}
-# Levels about a vertical law are looked for from this many isotherms on.
-_LEVELS_NEED = 5
 # Measured means differ from set temperatures by this much (K) at most.
 _SAME_TEMPERATURE = 1.0
 
@@ -53,11 +50,6 @@ def master_curve(
     *,
     vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto",
     delay: bool | Literal["auto"] = "auto",
-    levels: bool | Literal["auto"] = "auto",
-    robust: bool = True,
-    noise_ratio: float | None = None,
-    shifts: ArrayLike | None = None,
-    refine: bool = True,
     nu: float | None = None,
     mode: Mode | None = None,
 ) -> MasterCurve:
@@ -70,7 +62,7 @@ def master_curve(
         where a sweep has no point. Any order; repeated temperatures keep a shift each. Or the
         readings of a rheometer's export, one or several, whose isothermal sweeps are gathered first
         (:func:`labpipe.materials.gather_sweeps`); relaxation and creep tests at several temperatures become
-        sweeps (:func:`labpipe.materials.with_responses`).
+        sweeps (:func:`labpipe.materials.with_responses`), whose moduli count as the terms that they come from.
     T_ref : float or text with a unit, optional [degC]
         Reference temperature within the measured range (a law may reach beyond); default the
         middle isotherm. It need not be one of the temperatures.
@@ -81,19 +73,6 @@ def master_curve(
         (in T − T_ref); "auto" takes what Schwarz's criterion asks for.
     delay : bool or "auto"
         Lag of the instrument's phase by a constant time.
-    levels : bool or "auto"
-        A small level of its own of every sweep about the vertical law, as after
-        clamping or tempering the sample anew; kept apart in ``level``, not part of b_T.
-    robust : bool
-        Leave out readings that lie far off their own sweep (more than a third), and weaken
-        residuals beyond three standard deviations.
-    noise_ratio : float, optional
-        Relative noise of the loss over that of the storage modulus; default estimated from the
-        residuals. 10 makes the storage modulus dominate, for glasses whose loss is not trusted.
-    shifts : array (temperature,), optional
-        Hand-set log10 a_T, in the order of the sweeps, relative to any temperature.
-    refine : bool
-        Use hand-set shifts as the start of the fit (True) or as they are (False).
     nu : float
         Poisson's ratio of the material, handed on to ``prony``. Of readings it has to be given; of
         ``storage`` and ``loss`` it is 0.5 unless given.
@@ -118,10 +97,10 @@ def master_curve(
 
     Notes
     -----
-    Residuals are relative to the noise of either modulus. Free shifts carry a weak expectation
-    of how polymers shift (:func:`.expected_shifts`), which matters
-    only where the data say nothing. Uncertainties come from the projected normal matrix and
-    take the model (superposition, one spectrum) for granted.
+    Readings that lie far off their own sweep (more than a third) are left out. Residuals are relative to the noise of
+    either modulus. Free shifts carry a weak expectation of how polymers shift (:func:`.expected_shifts`), which
+    matters only where the data say nothing. Uncertainties come from the projected normal matrix, widened by the lack of
+    fit and by the choices of smoothing and vertical law.
 
     References
     ----------
@@ -133,21 +112,16 @@ def master_curve(
     >>> curve.at(39.0).relaxation(1e-3)  # doctest: +SKIP
     """
     sweeps, nu = _in_tension(sweeps, mode, nu)
-    data = read_sweeps(sweeps, robust)
+    data = read_sweeps(sweeps)
     points, temperature = data.points, data.temperature
     for name, value, allowed in (
         ("law", law, (None, "wlf", "arrhenius")),
         ("vertical", vertical, ("auto", *VERTICAL_SIZE)),
         ("delay", delay, (True, False, "auto")),
-        ("levels", levels, (True, False, "auto")),
     ):
         if value not in allowed:
             raise InputError(f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}")
-    if noise_ratio is not None and not (np.isfinite(noise_ratio) and noise_ratio > 0):
-        raise InputError(f"noise_ratio = {noise_ratio}: expected a positive number (loss over storage)")
-    given = None if shifts is None else _given_shifts(shifts, sweeps, data)
-    is_fixed = points.count == 1 or (given is not None and not refine)
-    horizontal: Horizontal = "fixed" if is_fixed else law or "free"
+    horizontal: Horizontal = "fixed" if points.count == 1 else law or "free"
     reference = int(np.argsort(temperature, kind="stable")[temperature.size // 2])
     where = float(temperature[reference]) if T_ref is None else si(T_ref, "degC", "T_ref")
     _check_reference(temperature, where, horizontal)
@@ -155,7 +129,7 @@ def master_curve(
     model = OuterModel(
         temperature=temperature,
         reference=reference,
-        given=np.zeros(points.count) if given is None else given - given[reference],
+        given=np.zeros(points.count),
         delay_unit=1.0 / float(np.max(points.omega)),
         horizontal=horizontal,
         slope_spread=SLOPE_SPREAD if vertical == "auto" and is_glass else 0.0,
@@ -163,15 +137,12 @@ def master_curve(
     options = Options(
         verticals=_verticals(vertical, points, is_glass),
         delay=None if delay == "auto" else delay,
-        # Levels need enough isotherms to separate their spread from a law.
-        levels=False if points.count < _LEVELS_NEED else None if levels == "auto" else levels,
-        robust=robust,
-        noise_ratio=noise_ratio,
+        moduli_per_parameter=float(sweeps.attrs.get("moduli_per_parameter", 1.0)),
+        least_noise=float(sweeps.attrs.get("u_moduli", 0.0)),
     )
-    starts = (("given", model.given),) if given is not None or is_fixed else None
     # Thousands of small systems: more threads of linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        return assembled(sweeps, data, superpose(points, model, options, starts), where, nu)
+        return assembled(sweeps, data, superpose(points, model, options), where, nu)
 
 
 def _in_tension(
@@ -206,17 +177,6 @@ def _verticals(vertical: str, points: Points, is_glass: bool) -> tuple[Vertical,
         laws = tuple(law for law in VERTICAL_SIZE if not (law == "rho_T" and is_glass))
         return laws if points.count > 3 else ("none",)
     return (vertical,)  # type: ignore[return-value]
-
-
-def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Floats:
-    values = np.asarray(shifts, dtype=float)
-    count = sweeps.sizes["temperature"]
-    if values.shape != (count,) or not np.isfinite(values[data.kept]).all():
-        raise InputError(
-            f"shifts has shape {values.shape}; expected one finite log10 a_T for each of the "
-            f"{count} temperatures, in their order"
-        )
-    return values[data.kept]
 
 
 def _check_reference(temperature: Floats, T_ref: float, horizontal: Horizontal) -> None:

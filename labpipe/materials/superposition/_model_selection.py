@@ -1,8 +1,8 @@
 """The whole fit of a master curve: starts, noise levels, smoothing, and the laws that the data need.
 
 The joint fit of :mod:`._joint_fit` is run from two or three starts, then repeated with the noise levels and
-the smoothing that its residuals ask for. A vertical factor, a delay of the instrument's phase and levels of
-the sweeps are added one at a time, as long as Schwarz's criterion is strongly in favour of them.
+the smoothing that its residuals ask for. A vertical factor and a delay of the instrument's phase are added one at a
+time, as long as Schwarz's criterion is strongly in favour of them.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import numpy as np
 
 from labpipe.arrays import Floats
 from labpipe.materials._shift_law import fit_law
-from labpipe.materials.spectrum import MOST_TERMS_PER_DECADE, TERMS_PER_DECADE, Grid
+from labpipe.materials.spectrum import TERMS_PER_DECADE
 from labpipe.materials.superposition._joint_fit import (
     Fit,
     Points,
@@ -25,10 +25,10 @@ from labpipe.materials.superposition._joint_fit import (
     total_cost,
 )
 from labpipe.materials.superposition._noise import (
+    ASSUMED_NOISE,
     Noise,
     Scatter,
     design_effect,
-    first_noise,
     next_noise,
     scatter_of_sweeps,
 )
@@ -45,31 +45,22 @@ from labpipe.materials.superposition._parameters import (
 from labpipe.uncertainty import propagated_variance
 from labpipe.units import ZERO_CELSIUS
 
-# Vertical law, delay and levels are added one at a time, and may each be revised once.
-_MAX_EXTENSIONS = 5
+# Vertical law and delay are added one at a time, and may each be revised once.
+_MAX_EXTENSIONS = 4
 # Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
 # Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
 _STRONG_EVIDENCE = 6.0
+# Starts that differ by less (decades) end in the same minimum.
+_SAME_BASIN = 0.3
 # Smoothing for comparing starts, in units of the noise, and one that biases no shift.
 _STIFF, _UNBIASED = 100.0, 1.0
 # Starts and candidates are compared before they have settled to the last digit: tolerance and iterations.
 _STARTING, _SCREENING = (1e-4, 12), (1e-3, 8)
 # A law through the best start is a third start; it needs more isotherms than it has constants.
 _LAW_NEEDS, _LAW_ROUGHNESS = 3, 0.1
-# Starts that differ by less (decades) end in the same minimum.
-_SAME_BASIN = 0.3
-# Mean squared residual, in units of the noise, of a start that cannot be called a fit.
-_FAR_FROM_NOISE = 4.0
-# Passes of noise, outliers and smoothing around the joint fit, and the change of noise at which they have settled.
+# Passes of noise and smoothing around the joint fit, and the change of noise at which they have settled.
 _MAX_PASSES, _NOISE_SETTLED = 6, 0.02
-# Residuals beyond this many standard deviations count with their root only (Huber); normal
-# noise exceeds it once in 370 points, so clean data lose nothing.
-_HUBER = 3.0
-# First and extreme standard deviations of the levels (relative): clamping a sample anew moves its
-# modulus by some percent.
-_FIRST_LEVELS, _LEAST_LEVELS, _MOST_LEVELS = 0.02, 0.002, 0.1
-# Strengths of the smoothing that may be the right one, in units of the chosen one.
-_STRENGTHS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+_ROUGHER = 0.01  # of the smoothing, by which its effect on the shifts is seen
 # Odds of a slope before the data; even odds would make the limits of materials without one too wide.
 _ODDS = 1.0 / 3.0
 # Delay (s) of the phase of an instrument, in order of size: public exports show 20 to 120 microseconds.
@@ -78,13 +69,16 @@ _DELAY = 5e-5
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Choices of the user; of several ``verticals``, and of ``delay`` and ``levels`` None, the criterion chooses."""
+    """Choices of the user; of several ``verticals``, and of ``delay`` None, the criterion chooses.
+
+    ``moduli_per_parameter``, ``least_noise``: of tests over time, whose moduli come from few terms, have errors in
+    common, and are known as well as the curve over time.
+    """
 
     verticals: tuple[Vertical, ...] = ("none",)
     delay: bool | None = False
-    levels: bool | None = False
-    robust: bool = True
-    noise_ratio: float | None = None
+    moduli_per_parameter: float = 1.0
+    least_noise: float = 0.0
     scatter: Scatter | None = None
 
 
@@ -92,78 +86,73 @@ class Options:
 class Superposition:
     """A settled joint fit with the covariance of its outer parameters.
 
-    ``covariance`` (parameter, parameter): Of the outer parameters, the spectrum having followed. ``standardised`` (2
-    point,): Residuals in units of the noise, storage first, outliers not weakened. ``starts``: Name of every start,
-    its final cost in units of the noise, and the largest difference of its shifts from the best ones (decades).
-    ``violation``: Noise of the fit over scatter of the sweeps, of the worse modulus; one where sweeps are too short.
-    ``lack_of_fit``: Factor on variances by the lack of fit. ``refused``: Vertical laws that fit only with factors of
-    no material.
+    ``covariance`` (parameter, parameter): Of the outer parameters, the spectrum having followed. ``starts``: Name of
+    every start, its final cost in units of the noise, and the largest difference of its shifts from the best ones
+    (decades). ``violation``: Noise of the fit over scatter of the sweeps, of the worse modulus; one where sweeps are
+    too short. ``lack_of_fit``: Factor on variances by the lack of fit. ``refused``: Vertical laws that fit only with
+    factors of no material.
     """
 
     model: OuterModel
     fit: Fit
     noise: Noise
     covariance: Floats
-    standardised: Floats
     starts: tuple[tuple[str, float, float], ...] = ()
     violation: float = 1.0
     lack_of_fit: float = 1.0
     refused: tuple[Vertical, ...] = ()
 
 
-def superpose(
-    points: Points, model: OuterModel, options: Options, starts: Sequence[tuple[str, Floats]] | None = None
-) -> Superposition:
-    """Fit shifts, spectrum and the laws that the data need.
-
-    ``model`` holds the horizontal law and the slope of a glass; ``starts`` are named first estimates of log10 a_T, by
-    default the pairwise scan and the overlap.
-    """
+def superpose(points: Points, model: OuterModel, options: Options) -> Superposition:
+    """Fit shifts, spectrum and the laws that the data need; ``model`` holds the horizontal law and a glass's slope."""
     scatter = scatter_of_sweeps(points)
-    noise = first_noise(scatter, options.noise_ratio)
+    noise = scatter or Noise(ASSUMED_NOISE, ASSUMED_NOISE)
     options = replace(options, scatter=scatter)
-    spread = _FIRST_LEVELS if options.levels is True else 0.0
-    base = replace(model, vertical=options.verticals[0], has_delay=options.delay is True, level_spread=spread)
-    first, ends = _best_start(points, base, noise, starts)
-    current = _settled_finely(points, *first, noise, options)
+    base = replace(model, vertical=options.verticals[0], has_delay=options.delay is True)
+    first, ends = _best_start(points, base, noise)
+    current = _settled(points, *first, noise, options)
     refused: tuple[Vertical, ...] = ()
     for _ in range(_MAX_EXTENSIONS):
         extended = _extended(points, current, options)
         if extended is None:
             break
         law = extended[0].vertical
-        further = _settled_finely(points, *extended, current.noise, options)
+        further = _settled(points, *extended, current.noise, options)
         if is_physical(further.fit.state.ln_bT, base.temperature, base.T0, float(points.storage.min())):
             current = further
         elif law == current.model.vertical:
-            options = replace(options, levels=False)
+            break
         else:
             # It made up for sweeps that do not superpose: better a misfit that shows.
             options = replace(options, verticals=tuple(v for v in options.verticals if v != law))
             refused = (*refused, law)
-    found = current
-    noise, widened = found.noise, design_effect(found.noise, scatter, points)
+    noise = current.noise
+    widened = design_effect(noise, scatter, points) * options.moduli_per_parameter
     violation = 1.0 if scatter is None else max(noise.storage / scatter.storage, noise.loss / scatter.loss)
-    covariance = widened * found.covariance
     found = replace(
-        found, covariance=covariance, starts=ends, violation=violation, lack_of_fit=widened, refused=refused
+        current,
+        covariance=widened * current.covariance,
+        starts=ends,
+        violation=violation,
+        lack_of_fit=widened,
+        refused=refused,
     )
     # A law that the user has chosen holds as it is; one without numbers was chosen for want of evidence.
     return _with_possible_laws(points, _with_model_uncertainty(points, found, options), options)
 
 
 def _best_start(
-    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None
+    points: Points, model: OuterModel, noise: Noise
 ) -> tuple[tuple[OuterModel, Fit], tuple[tuple[str, float, float], ...]]:
     """Run the joint fit from every start; return the best one, and the ends of all."""
-    weight, is_searched = _weights(points, noise), starts is None
-    if starts is None:
-        arguments = points, model.temperature, model.start().ln_bT
-        found = (("overlap", overlapped_shifts(*arguments)), ("scan", scanned_shifts(*arguments)))
-        apart = found[0][1] - found[1][1]
-        starts = found[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < _SAME_BASIN else 2]
+    weight, arguments = _weights(points, noise), (points, model.temperature, model.start().ln_bT)
+    starts = [("given", model.given)]
+    if points.count > 1:
+        starts = [("overlap", overlapped_shifts(*arguments)), ("scan", scanned_shifts(*arguments))]
+        apart = starts[0][1] - starts[1][1]
+        starts = starts[: 1 if float(np.max(np.abs(apart - apart[model.reference]))) < _SAME_BASIN else 2]
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
-    if is_searched and model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
+    if model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
         # A sweep without loss in common with its neighbours fits anywhere: start from the law of all others too.
         runs.append(_run(points, weight, model, "law", _on_a_law(points, *min(runs, key=lambda run: run[1])[2:])))
     runs.sort(key=lambda run: run[1])
@@ -175,17 +164,12 @@ def _best_start(
 def _run(
     points: Points, weight: Floats, model: OuterModel, name: str, shifts: Floats
 ) -> tuple[str, float, Fit, OuterModel]:
-    """Run the joint fit from one start, the spectrum stiff unless the data forbid it."""
+    """Run the joint fit from one start, the spectrum stiff."""
     expectation = expected_shifts(model.temperature, shifts)
     started = replace(model, given=shifts - shifts[model.reference], expectation=expectation)
     state = started.start()
-    grid = grid_for(points, state, TERMS_PER_DECADE)
+    grid = grid_for(points, state)
     fit = minimise(points, weight, evaluate(points, weight, grid, state, _STIFF), started, *_STARTING)
-    if fit.solution.misfit > _FAR_FROM_NOISE * weight.size:
-        # Few single times are no smooth spectrum: smoothing would have moved the shifts instead.
-        # A fit that stays far from the noise even so has another cause, which laws may explain later.
-        loose = minimise(points, weight, evaluate(points, weight, grid, state, None), started, *_STARTING)
-        fit = loose if loose.solution.misfit <= _FAR_FROM_NOISE * weight.size else fit
     return name, predictive_cost(fit, started), fit, started
 
 
@@ -200,60 +184,28 @@ def _on_a_law(points: Points, fit: Fit, model: OuterModel) -> Floats:
     return law.log10_aT(model.temperature)
 
 
-def _settled_finely(points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options) -> Superposition:
-    """Settle a fit, on a finer grid of times as long as that predicts much better.
-
-    A single relaxation time between two of the grid leaves a misfit that delays and levels would
-    be called for; so this comes before them. After a law has come, the grid starts coarse again.
-    """
-    current = _settled(points, model, fit, noise, options, TERMS_PER_DECADE)
-    while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE:
-        fit, model = current.fit, current.model
-        weight = _robust_weights(points, current, options)
-        density, strength = fit.grid.terms_per_decade, fit.solution.strength
-        present, finer = (
-            evaluate(points, weight, grid_for(points, fit.state, count), fit.state, None, strength)
-            for count in (density, 2 * density)
-        )
-        gain = predictive_cost(present, model) - predictive_cost(finer, model)
-        if gain < _STRONG_EVIDENCE * design_effect(current.noise, options.scatter, points):
-            break
-        current = _settled(points, model, finer, current.noise, options, 2 * density)
-    return current
-
-
-def _settled(
-    points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options, density: float
-) -> Superposition:
+def _settled(points: Points, model: OuterModel, fit: Fit, noise: Noise, options: Options) -> Superposition:
     """Repeat fit, noise and smoothing until the noise levels do not change any more."""
-    expected = fit.predicted
     near: float | None = None
-    measured = np.concatenate([points.storage, points.loss])
-    standardised = (measured - expected) * _weights(points, noise, expected)
     half = points.omega.size
     for _ in range(_MAX_PASSES):
-        plain = _weights(points, noise, expected)
-        weight = plain * _root_of_influence(standardised, options)
+        weight = _weights(points, noise, fit.predicted)
         model = replace(model, expectation=expected_shifts(model.temperature, fit.state.log10_aT))
-        grid = grid_for(points, fit.state, density)
+        grid = grid_for(points, fit.state)
         fit = minimise(points, weight, evaluate(points, weight, grid, fit.state, None, near), model)
-        near, expected = fit.solution.strength, fit.predicted
-        residual = (measured - expected) * plain
-        if options.robust:
-            residual = np.clip(residual, -_HUBER, _HUBER)
+        near = fit.solution.strength
         covariance, leverage = _covariance(points, fit, model)
-        model = _with_level_spread(model, fit, covariance)
         # Each modulus has as many free residuals as points, less its share of the fitted freedom (leverage),
         # so that a noise ratio comes out right even when one modulus dominates.
-        squares = [
-            (float(np.sum(residual[p] ** 2)), float(np.sum(leverage[p]))) for p in (slice(half), slice(half, None))
-        ]
-        factors = [float(np.sqrt(square / max(half - used, 1.0))) for square, used in squares]
-        last, noise = noise, next_noise(noise, (factors[0], factors[1]), options.scatter, options.noise_ratio)
-        standardised = (measured - expected) * _weights(points, noise, expected)
+        storage, loss = (
+            float(np.sqrt(np.sum(fit.residual[part] ** 2) / max(half - float(np.sum(leverage[part])), 1.0)))
+            for part in (slice(half), slice(half, None))
+        )
+        last, noise = noise, next_noise(noise, (storage, loss), options.scatter)
+        noise = Noise(max(noise.storage, options.least_noise), max(noise.loss, options.least_noise))
         if max(abs(np.log(noise.storage / last.storage)), abs(np.log(noise.loss / last.loss))) < _NOISE_SETTLED:
             break
-    return Superposition(model, fit, noise, covariance, standardised)
+    return Superposition(model, fit, noise, covariance)
 
 
 def _covariance(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
@@ -268,17 +220,6 @@ def _covariance(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Fl
     return covariance, leverage + propagated_variance(rest, covariance)
 
 
-def _with_level_spread(model: OuterModel, fit: Fit, covariance: Floats) -> OuterModel:
-    """Estimate the spread of the levels from the levels, as noise from residuals."""
-    if model.level_spread <= 0:
-        return model
-    levels = model.levels(fit.state.parameters)
-    variance = np.diag(covariance)[model.level_slice]
-    determined = max(float(np.sum(1.0 - variance / model.level_spread**2)), 1.0)
-    spread = float(np.sqrt(np.sum(levels**2) / determined))
-    return replace(model, level_spread=float(np.clip(spread, _LEAST_LEVELS, _MOST_LEVELS)))
-
-
 def _weights(points: Points, noise: Noise, expected: Floats | None = None) -> Floats:
     """One over the standard deviation of every modulus; relative to the model once there is one.
 
@@ -289,25 +230,10 @@ def _weights(points: Points, noise: Noise, expected: Floats | None = None) -> Fl
     return np.asarray(1.0 / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
 
 
-def _robust_weights(points: Points, current: Superposition, options: Options) -> Floats:
-    """Weights of a settled fit: of its noise, and such that few outliers do not decide."""
-    plain = _weights(points, current.noise, current.fit.predicted)
-    return np.asarray(plain * _root_of_influence(current.standardised, options))
-
-
-def _root_of_influence(standardised: Floats, options: Options) -> Floats:
-    """One within the limit, beyond it such that the squared residual counts linearly."""
-    if not options.robust:
-        return np.ones(standardised.size)
-    return np.asarray(np.sqrt(_HUBER / np.maximum(np.abs(standardised), _HUBER)))
-
-
 def _extended(points: Points, current: Superposition, options: Options) -> tuple[OuterModel, Fit] | None:
     """Return the single change of laws that the criterion favours most, None if there is none."""
     moves = _moves(current.model, options)
-    if not _may_gain(points, current, moves):
-        return None
-    weight = _robust_weights(points, current, options)
+    weight = _weights(points, current.noise, current.fit.predicted) / np.sqrt(options.moduli_per_parameter)
     # The present model is fitted anew as well: only costs of equal weights can be compared.
     present = _screened(points, weight, current, current.model, current.fit.state)
     best, least = None, _criterion(points, present, current.model)
@@ -336,37 +262,14 @@ def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
     if options.delay is None:
         others = [*moves, model] if model.has_delay else [model]
         moves += [replace(move, has_delay=not model.has_delay) for move in others]
-    if options.levels is None:
-        moves.append(replace(model, level_spread=0.0 if model.level_spread else _FIRST_LEVELS))
     return moves
-
-
-def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -> bool:
-    """Ask the gradient first if any further parameter could be worth its price.
-
-    One look at the residuals instead of a fit per candidate; data that need nothing pay nothing.
-    """
-    price = float(np.log(2 * points.omega.size))
-    for model in moves:
-        extra = model.law_size - current.model.law_size
-        if extra <= 0 and not model.level_spread > current.model.level_spread:
-            # Nothing to ask: a law that was needed before another came may be idle now.
-            if current.model.has_delay or current.model.level_spread:
-                return True
-            continue
-        probe = replace(current.fit, state=model.start(current.fit.state))
-        normal, gradient = outer_problem(points, probe, model)
-        gain = float(gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient)
-        if gain > price * max(extra, 1) + _STRONG_EVIDENCE:
-            return True
-    return False
 
 
 def _screened(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
     """Fit another model from a state, well enough to compare it: first with a stiff spectrum, then as at present."""
     state, strength = model.start(first), current.fit.solution.strength
     for smoothing in (max(strength, _STIFF), strength):
-        grid = grid_for(points, state, current.fit.grid.terms_per_decade)
+        grid = grid_for(points, state)
         fit = minimise(points, weight, evaluate(points, weight, grid, state, smoothing), model, *_SCREENING)
         state = fit.state
     return fit
@@ -375,20 +278,15 @@ def _screened(points: Points, weight: Floats, current: Superposition, model: Out
 def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
     """Schwarz's criterion; every law beyond horizontal shifts has to have strong evidence.
 
-    The law b ∝ T has no number, but choosing it is half a parameter.
-    Levels are random, not chosen: their price is the evidence lost by having to determine them
-    (how much narrower the data make them than their spread), and one parameter, the spread.
+    The law b ∝ T has no number, but choosing it is half a parameter. A slope is random, not chosen: its price is the
+    evidence lost by having to determine it (how much narrower the data make it than its spread).
     """
     price = float(np.log(2 * points.omega.size))
     count = model.law_size + (0.5 if model.vertical == "rho_T" else 0.0)
-    laws = (model.vertical != "none") + model.has_delay + (model.level_spread > 0)
+    laws = (model.vertical != "none") + model.has_delay
     score = total_cost(fit, model) + count * price + laws * _STRONG_EVIDENCE
-    if model.level_spread > 0 or model.has_slope:
-        covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
-    if model.level_spread > 0:
-        at = model.level_slice
-        score += price - float(np.linalg.slogdet(covariance[at, at] / model.level_spread**2)[1])
     if model.has_slope:
+        covariance = np.linalg.pinv(outer_problem(points, fit, model)[0], hermitian=True)
         score -= float(np.log(covariance[model.horizontal_size, model.horizontal_size]))
     return score
 
@@ -433,7 +331,7 @@ def _widened(
     """
     state, loose = found.fit.state, found.fit
     if loose.solution.strength > _UNBIASED:
-        loose = evaluate(points, _robust_weights(points, found, options), loose.grid, state, _UNBIASED)
+        loose = evaluate(points, _weights(points, found.noise, found.fit.predicted), loose.grid, state, _UNBIASED)
     extended = replace(state, parameters=np.insert(state.parameters, at, 0.0))
     normal, gradient = outer_problem(points, replace(loose, state=extended), model)
     if model.has_delay and not found.model.has_delay:
@@ -455,43 +353,34 @@ def _widened(
 
 
 def _with_model_uncertainty(points: Points, found: Superposition, options: Options) -> Superposition:
-    """Widen a covariance by the changes of the shifts with smoothing and grid of the spectrum and the vertical law.
+    """Widen a covariance by the changes of the shifts with the smoothness of the spectrum and the vertical law.
 
-    Shifts depend on choices that are known from the data only. The covariance is the mean over strengths of the
-    smoothing, the change of the parameters with them included, each weighed with exp(-C_p / 2). The change by a grid
-    of half the spacing is the error of discretisation, as of any quadrature. Other vertical laws, where several were
-    possible, add the squares of the changes of free shifts, weighed with Schwarz's criterion.
+    Shifts depend on choices that are known from the data only. The change by a grid of half the spacing and a hundredth
+    of the smoothing is the error of both, as of any quadrature. Other vertical laws, where several were possible, add
+    the squares of the changes of free shifts, weighed with Schwarz's criterion.
 
     References
     ----------
     Burnham & Anderson, Model Selection and Multimodel Inference, Springer, 2002, ch. 4.
     """
-    model, fit = found.model, found.fit
+    model, state, covariance = found.model, found.fit.state, found.covariance.copy()
     if not model.size:
         return found
-    weight = _robust_weights(points, found, options) / np.sqrt(found.lack_of_fit)
-    chosen = fit.solution.strength / found.lack_of_fit
-
-    def refitted(factor: float, grid: Grid) -> Fit:
-        return minimise(points, weight, evaluate(points, weight, grid, fit.state, chosen * factor), model, *_SCREENING)
-
-    fits = {factor: refitted(factor, fit.grid) for factor in _STRENGTHS}
-    price = np.array([predictive_cost(other, model) for other in fits.values()])
-    share = np.exp(-0.5 * (price - min(price)))
-    covariance = np.zeros((model.size, model.size))
-    for weight_of, other in zip((share / share.sum()).tolist(), fits.values(), strict=True):
-        change = other.state.parameters - fit.state.parameters
-        spread = np.linalg.pinv(outer_problem(points, other, model)[0], hermitian=True)
-        covariance += weight_of * (spread + np.outer(change, change))
-    halved = refitted(1.0, grid_for(points, fit.state, 2.0 * fit.grid.terms_per_decade))
-    change = halved.state.parameters - fits[1.0].state.parameters
+    weight = _weights(points, found.noise, found.fit.predicted) / np.sqrt(found.lack_of_fit)
+    strength = found.fit.solution.strength / found.lack_of_fit
+    finer = grid_for(points, state, 2 * TERMS_PER_DECADE)
+    smooth, rough = (
+        minimise(points, weight, evaluate(points, weight, grid, state, smoothing), model, *_SCREENING)
+        for grid, smoothing in ((found.fit.grid, strength), (finer, _ROUGHER * strength))
+    )
+    change = rough.state.parameters - smooth.state.parameters
     covariance += np.outer(change, change)
     if model.horizontal == "free":
         head, total, changes = slice(model.horizontal_size), 1.0, np.zeros((model.horizontal_size,) * 2)
-        present = evaluate(points, weight, fit.grid, fit.state, chosen)
+        present = evaluate(points, weight, found.fit.grid, state, strength)
         for law in [one for one in _moves(model, options) if one.vertical != model.vertical]:
-            other = _screened(points, weight, replace(found, fit=present), law, fit.state)
-            change = other.state.parameters[head] - fit.state.parameters[head]
+            other = _screened(points, weight, replace(found, fit=present), law, state)
+            change = other.state.parameters[head] - state.parameters[head]
             gain = _criterion(points, present, model) - _criterion(points, other, law)
             odds = float(np.exp(np.clip(0.5 * gain, -50.0, 50.0)))
             total, changes = total + odds, changes + odds * np.outer(change, change)

@@ -17,7 +17,7 @@ from labpipe.materials.superposition._joint_fit import Points
 
 # Relative noise is never taken below this: cleaner data are limited by the grid of times.
 _LEAST_NOISE = 1e-6
-_ASSUMED_NOISE = 0.02
+ASSUMED_NOISE = 0.02
 # A sweep needs this many points before a cubic leaves anything to judge, and all sweeps together
 # this many free residuals before their scatter is trusted (18 % on a level).
 _LEAST_POINTS, _LEAST_FREEDOM = 6, 16
@@ -75,25 +75,12 @@ def scatter_of_sweeps(points: Points) -> Scatter | None:
     return Scatter(max(levels[0], _LEAST_NOISE), max(levels[1], _LEAST_NOISE), freedom)
 
 
-def first_noise(scatter: Noise | None, ratio: float | None) -> Noise:
-    """Return the levels before there are residuals."""
-    noise = scatter or Noise(_ASSUMED_NOISE, _ASSUMED_NOISE)
-    if ratio is None:
-        return noise
-    level = float(np.sqrt(0.5 * (noise.storage**2 + (noise.loss / ratio) ** 2)))
-    return Noise(level, ratio * level)
-
-
-def next_noise(noise: Noise, factors: tuple[float, float], scatter: Scatter | None, ratio: float | None) -> Noise:
+def next_noise(noise: Noise, factors: tuple[float, float], scatter: Scatter | None) -> Noise:
     """Return the levels that the residuals ask for.
 
     ``noise``: levels of the last fit; ``factors``: root mean square of its residuals in those units, free residuals
-    counted; ``scatter``: scatter of the sweeps; without it the residuals decide alone; ``ratio``: loss over storage
-    where the user fixed it.
+    counted; ``scatter``: scatter of the sweeps; without it the residuals decide alone.
     """
-    if ratio is not None:
-        common = float(np.hypot(*factors) / np.sqrt(2.0))
-        return noise.scaled(common, common)
     found = noise.scaled(*factors)
     if scatter is None or scatter.holds(found):
         return found

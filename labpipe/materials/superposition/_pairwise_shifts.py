@@ -14,10 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import minimize_scalar, nnls
 
 from labpipe.arrays import Floats
-from labpipe.materials.spectrum import maxwell_shapes, moduli_of_terms
+from labpipe.materials.spectrum import moduli_of_terms
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._parameters import (
     CHANGE,
@@ -35,10 +35,9 @@ _STEPS = np.arange(-1.0, 6.01, 0.5)
 # Further steps than so many are tried only where the near ones show no dip far below their ends:
 # two sweeps that are torn apart fit as well as any, and say nothing.
 _NEAR, _CLEAR = 10, 0.3
-_MOST_DIPS, _DESCENTS, _MOST_MOVE, _FINEST = 2, 4, 0.3, 0.01
+_MOST_DIPS, _FINEST = 2, 0.02
 _TERMS_PER_DECADE, _MARGIN_DECADES = 2, 0.7
-# Slope d ln E'/d ln ω below which the storage modulus of a pair is too flat to be matched.
-_FLAT_SLOPE = 2e-3
+_FLAT_SLOPE = 2e-3  # d ln E'/d ln ω, below which the storage modulus of a pair is too flat to be matched
 
 
 def scanned_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats:
@@ -59,14 +58,12 @@ def overlapped_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Flo
     order = np.argsort(temperature, kind="stable")
     steps = []
     for cold, warm in pairwise(order.tolist()):
-        (x1, E1, _), (x2, E2, _) = _pair(points, ln_bT, cold, warm)
-        y1, y2 = np.log(E1), np.log(E2)
-        slopes = [np.polyfit(x, y, 1)[0] if x.size > 1 else 0.0 for x, y in ((x1, y1), (x2, y2))]
+        sweeps = _pair(points, ln_bT, cold, warm)
+        slopes = [np.polyfit(x, np.log(E), 1)[0] if x.size > 1 else 0.0 for x, E, _ in sweeps]
         slope = max(float(np.mean(slopes)), _FLAT_SLOPE)
-        jump = float(np.mean(y1) - np.mean(y2)) - slope * float(np.mean(x1) - np.mean(x2))
-        # Within the steps of polymers.
+        (x1, y1), (x2, y2) = ((float(np.mean(x)), float(np.mean(np.log(E)))) for x, E, _ in sweeps)
         mean, spread = _expected(float(temperature[warm] - temperature[cold]))
-        steps.append(float(np.clip(jump / slope / _LN10, mean - 3 * spread, mean + 3 * spread)))
+        steps.append(float(np.clip(((y1 - y2) / slope - x1 + x2) / _LN10, mean - 3 * spread, mean + 3 * spread)))
     return _summed(order, steps)
 
 
@@ -75,11 +72,9 @@ _Sweep = tuple[Floats, Floats, Floats]
 
 
 def _pair(points: Points, ln_bT: Floats, cold: int, warm: int) -> tuple[_Sweep, _Sweep]:
-    found = []
-    for k in (cold, warm):
-        mask, factor = points.isotherm == k, np.exp(-ln_bT[k])
-        found.append((np.log(points.omega[mask]), points.storage[mask] * factor, points.loss[mask] * factor))
-    return found[0], found[1]
+    masks, factor = (points.isotherm == cold, points.isotherm == warm), np.exp(-ln_bT[points.isotherm])
+    first, second = ((np.log(points.omega[m]), (points.storage * factor)[m], (points.loss * factor)[m]) for m in masks)
+    return first, second
 
 
 def _summed(order: NDArray[np.intp], steps: Sequence[float]) -> Floats:
@@ -103,40 +98,23 @@ def _scanned(cold: _Sweep, warm: _Sweep, difference: float) -> tuple[Floats, Flo
     high = max(cold[0].max(), warm[0].max() - _STEPS[0] * _LN10) + _MARGIN_DECADES * _LN10
     ln_time = np.arange(-high, -low, _LN10 / _TERMS_PER_DECADE)
     scale = float(np.sqrt(cold[1].mean() * warm[1].mean()))
-    fixed = _rows(cold, ln_time, 0) * scale
+    fixed, tries = _rows(cold, ln_time) * scale, list[tuple[float, float, int]]()
 
-    def at(step: float) -> tuple[float, float, int, float]:
-        """Return step, misfit and number of terms of one trial, and the step of Gauss and Newton from there."""
-        moved = (warm[0] - step * _LN10, *warm[1:])
-        design = np.vstack([fixed, _rows(moved, ln_time, 0) * scale])
+    def misfit(step: float) -> float:
+        design = np.vstack([fixed, _rows((warm[0] - step * _LN10, *warm[1:]), ln_time) * scale])
         weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=40 * design.shape[1])
-        active, change = design[:, weight > 0], np.zeros(design.shape[0])
-        change[fixed.shape[0] :] = -_LN10 * scale * (_rows(moved, ln_time, 1) @ weight)
-        # the terms follow (Kaufman)
-        followed = change - active @ np.linalg.lstsq(active, change, rcond=None)[0]
-        size = float(followed @ followed)
-        move = float(followed @ (1.0 - design @ weight)) / size if size > 0 else 0.0
-        return step, float(rest) ** 2, active.shape[1], move
+        tries.append((step, float(rest) ** 2, int(np.count_nonzero(weight))))
+        return tries[-1][1]
 
-    tries = [at(float(step)) for step in _STEPS[:_NEAR]]
-    costs = np.array([one[1] for one in tries])
+    costs = np.array([misfit(step) for step in _STEPS[:_NEAR].tolist()])
     # the best trial step must lie inside them, far below both ends
     if not np.min(costs[1:-1]) < _CLEAR * min(costs[0], costs[-1]):
-        tries += [at(float(step)) for step in _STEPS[_NEAR:]]
-        costs = np.array([one[1] for one in tries])
+        costs = np.append(costs, [misfit(step) for step in _STEPS[_NEAR:].tolist()])
     # where trial steps are better than both neighbours, the best few are followed into their dips
     inner = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
     for k in inner[np.argsort(costs[inner], kind="stable")[:_MOST_DIPS]]:
-        best = tries[k]
-        for _ in range(_DESCENTS):
-            move = float(np.clip(best[3], -_MOST_MOVE, _MOST_MOVE))
-            if abs(move) < _FINEST:
-                break
-            tries.append(at(best[0] + move))
-            if tries[-1][1] >= best[1]:
-                break
-            best = tries[-1]
-    steps, costs, terms, _ = np.array(tries).T
+        minimize_scalar(misfit, bounds=_STEPS[[k - 1, k + 1]], method="bounded", options={"xatol": _FINEST})
+    steps, costs, terms = np.array(tries).T
     rows = 2.0 * (cold[0].size + warm[0].size)
     noise = max(float(np.min(costs / np.maximum(rows - terms, 1.0))), float(np.finfo(float).tiny))
     mean, spread = _expected(difference)
@@ -165,11 +143,7 @@ def _best_chain(scans: Sequence[tuple[Floats, Floats]], spacing: Floats) -> list
     return [float(steps[i]) for (steps, _), i in zip(scans, reversed(chosen), strict=True)]
 
 
-def _rows(sweep: _Sweep, ln_time: Floats, order: int) -> Floats:
-    """Design rows of one isotherm divided by its measured moduli, or (order 1) their slopes over ln ω."""
+def _rows(sweep: _Sweep, ln_time: Floats) -> Floats:
+    """Return the design of one isotherm, divided by its measured moduli."""
     ln_omega, storage, loss = sweep
-    rows = moduli_of_terms(ln_omega, ln_time)
-    if order:
-        up, down = maxwell_shapes(ln_omega, ln_time)
-        rows[:, :-1], rows[:, -1] = np.vstack([2.0 * down**2, down * (1.0 - 2.0 * up)]), 0.0
-    return rows / np.concatenate([storage, loss])[:, None]
+    return moduli_of_terms(ln_omega, ln_time) / np.concatenate([storage, loss])[:, None]

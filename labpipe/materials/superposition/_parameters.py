@@ -45,7 +45,7 @@ LEAST_SPACING = 1.0
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Parameters (horizontal, vertical, levels, delay), and what they make.
+    """Parameters (horizontal, vertical, delay), and what they make.
 
     ``log10_aT``, ``ln_bT`` (isotherm,); ``delay`` [s].
     """
@@ -87,9 +87,8 @@ class OuterModel:
 
     ``temperature`` (isotherm,) [degC]; ``reference``: the isotherm where all laws are zero; ``given`` (isotherm,):
     the shifts of a fixed model, the start of the others; ``delay_unit`` [s]: one radian at the highest frequency;
-    ``level_spread``: standard deviation (relative) of a level of its own per isotherm about the vertical law, as a
-    sample that is clamped or tempered anew shows; 0 allows none; ``slope_spread`` [1/K]: standard deviation of a
-    slope of ln b about a vertical law that has no numbers; 0 allows none; ``expectation``: weak pull on free shifts.
+    ``slope_spread`` [1/K]: standard deviation of a slope of ln b about a vertical law that has no numbers; 0 allows
+    none; ``expectation``: weak pull on free shifts.
     """
 
     temperature: Floats
@@ -99,7 +98,6 @@ class OuterModel:
     horizontal: Horizontal = "free"
     vertical: Vertical = "none"
     has_delay: bool = False
-    level_spread: float = 0.0
     slope_spread: float = 0.0
     expectation: tuple[Floats, Floats] | None = None
 
@@ -124,20 +122,9 @@ class OuterModel:
         return self.horizontal_size + VERTICAL_SIZE[self.vertical] + int(self.has_delay)
 
     @cached_property
-    def level_slice(self) -> slice:
-        """Place of the levels among the parameters."""
-        first = self.horizontal_size + VERTICAL_SIZE[self.vertical] + int(self.has_slope)
-        return slice(first, first + (self.temperature.size if self.level_spread > 0 else 0))
-
-    @cached_property
     def size(self) -> int:
         """Number of outer parameters."""
-        return self.level_slice.stop + int(self.has_delay)
-
-    def levels(self, parameters: Floats) -> Floats:
-        """Return ln of the level of every isotherm about the vertical law; zero without."""
-        found = parameters[self.level_slice]
-        return found if found.size else np.zeros(self.temperature.size)
+        return self.law_size + int(self.has_slope)
 
     def law_of_b(self, parameters: Floats, at: Floats) -> tuple[Floats, Floats] | None:
         """Return ln b of the vertical law at temperatures, with its derivatives (temperature, parameter).
@@ -181,10 +168,6 @@ class OuterModel:
         if self.has_slope:
             slope = float((ln_bT - value) @ warmer / max(float(warmer @ warmer), 1.0)) / self.slope_spread
             found[n] = np.clip(slope, -2.0, 2.0)
-            value = value + found[n] * self.slope_spread * warmer
-        if self.level_spread > 0:
-            # The remainder, shrunk into the spread that levels may have.
-            found[self.level_slice] = np.clip(ln_bT - value, -2.0 * self.level_spread, 2.0 * self.level_spread)
         if self.has_delay and state is not None:
             found[-1] = state.delay / self.delay_unit
         started = self.state(found)
@@ -204,7 +187,7 @@ class OuterModel:
         if shifts is None or law is None:
             return None
         delay = float(parameters[-1]) * self.delay_unit if self.has_delay else 0.0
-        return State(parameters, shifts, law[0] + self.levels(parameters), delay)
+        return State(parameters, shifts, law[0], delay)
 
     def directions(self, state: State) -> tuple[Floats, Floats, Floats]:
         """Return the changes of log10 a (isotherm, p), ln b (isotherm, p) and delay (p,)."""
@@ -216,18 +199,15 @@ class OuterModel:
             shift[:, :n] = law_slopes(self.horizontal, state.parameters[:n], self.temperature, self.T0)
         law = self.law_of_b(state.parameters, self.temperature)
         vertical = np.zeros((count, self.size)) if law is None else law[1]
-        if self.level_spread > 0:
-            vertical[:, self.level_slice] = np.eye(count)
         if self.has_delay:
             delay[-1] = self.delay_unit
         return shift, vertical, delay
 
     @cached_property
     def _expected(self) -> tuple[Floats, Floats]:
-        """Rows and targets (row,) of the expectations of shifts, slope and levels, with unit variance."""
+        """Rows and targets (row,) of the expectations of shifts and slope, with unit variance."""
         n, place = self.horizontal_size, np.eye(self.size)
-        levels = place[self.level_slice]
-        rows, targets = [levels / (self.level_spread or 1.0)], [np.zeros(len(levels))]
+        rows, targets = [np.empty((0, self.size))], [np.empty(0)]
         if self.has_slope:
             rows.append(place[[n]])
             targets.append(np.array([_DENSITY_SLOPE / self.slope_spread if self.vertical == "rho_T" else 0.0]))
@@ -257,14 +237,6 @@ def is_physical(ln_bT: Floats, temperature: Floats, T0: float, stiffness: float 
 
     ``stiffness`` is the least storage modulus (Pa) of its sweeps. A factor beyond is no vertical shift: it makes
     up for sweeps that do not superpose.
-
-    Examples
-    --------
-    >>> celsius = np.array([-40.0, 20.0, 80.0])
-    >>> is_physical(np.log([1.8, 1.0, 1.3]), celsius, 20.0)
-    False
-    >>> is_physical(np.log([0.95, 1.0, 1.2]), celsius, 20.0, stiffness=2e9)
-    False
     """
     step = temperature - T0
     rise = 0.0 if stiffness > GLASS else np.log((temperature + ZERO_CELSIUS) / (T0 + ZERO_CELSIUS))

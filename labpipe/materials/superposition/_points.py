@@ -1,8 +1,7 @@
 """Checks of isothermal frequency sweeps before shifting.
 
 Everything that would spoil a master curve is refused or named here, with the temperature and the
-frequency where it was found. Single readings far off their own sweep are left out: weakened by the
-fit they would still have had their say before, in first shifts, noise levels and the choice of laws.
+frequency where it was found. Single readings far off their own sweep are left out.
 """
 
 import warnings
@@ -14,19 +13,15 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
-from labpipe.materials.spectrum import compress, make_grid, moduli_of_terms, solve
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.units import ZERO_CELSIUS
 
-# A reading is suspected when it is off the parabola through its neighbours by half of this (of ln E), and
-# by this many times the median of others; it is left out when one spectrum through the rest of its sweep
-# is as far from it as well.
+# A reading is left out when it is off the parabola through its neighbours by this (of ln E), and by this many times the
+# median of others.
 _FAR, _SCATTERS = 0.3, 8.0
 # Readings from which a sweep can show which of them is wrong, the share of it that may be left out, and
 # neighbours on either side.
 _LEAST_OF_SWEEP, _MOST_SHARE, _SIDE = 5, 0.25, 3
-# Smoothing of the spectrum of one sweep whose readings are taken to be known to this.
-_NOISE, _STRENGTH = 0.05, 1e-3
 
 
 def outliers(points: Points) -> Flags:
@@ -34,33 +29,16 @@ def outliers(points: Points) -> Flags:
     found = np.zeros(points.omega.size, dtype=bool)
     rows = [np.flatnonzero(points.isotherm == k) for k in range(points.count)]
     rows = [row[np.argsort(points.omega[row], kind="stable")] for row in rows if row.size >= _LEAST_OF_SWEEP]
-    if not rows:
-        return found
-    columns = (points.storage, points.loss)
-    off = [[_off_neighbours(points.omega[row], values[row]) for row in rows] for values in columns]
-    limits = [max(_FAR / 2.0, _SCATTERS * float(np.median(np.abs(np.concatenate(part))))) for part in off]
-    for k, row in enumerate(rows):
-        kept = np.ones((2, row.size), dtype=bool)
-        for which, values in enumerate(columns):
-            left = off[which][k]
-            while np.sum(~kept[which]) < _MOST_SHARE * row.size:
+    for values in (points.storage, points.loss) if rows else ():
+        off = [_off_neighbours(points.omega[row], values[row]) for row in rows]
+        limit = max(_FAR, _SCATTERS * float(np.median(np.abs(np.concatenate(off)))))
+        for row, distance in zip(rows, off, strict=True):
+            kept, left = row, distance
+            while np.max(np.abs(left)) > limit and row.size - kept.size < _MOST_SHARE * row.size:
                 worst = int(np.argmax(np.abs(left)))
-                if abs(left[worst]) <= limits[which]:
-                    break
-                kept[which, np.flatnonzero(kept[which])[worst]] = False
-                left = _off_neighbours(points.omega[row][kept[which]], values[row][kept[which]])
-        if kept.all():
-            continue
-        # One spectrum through the rest of the sweep, both moduli, has to be far from the suspects too.
-        x, both = np.log(points.omega[row]), kept.all(axis=0)
-        measured = np.concatenate([points.storage[row], points.loss[row]])
-        grid = make_grid(x[both], points.storage[row][both], points.loss[row][both])
-        design = moduli_of_terms(x, grid.ln_time) * grid.scale
-        used = kept.ravel()
-        weight = 1.0 / (_NOISE * measured[used])
-        solution = solve(*compress(design[used] * weight[:, None], measured[used] * weight), grid.penalty, _STRENGTH)
-        far = np.abs(np.log(measured / np.maximum(design @ solution.coefficient, np.finfo(float).tiny)))
-        found[row[np.any(~kept & (far.reshape(2, -1) > _FAR), axis=0)]] = True
+                found[kept[worst]] = True
+                kept = np.delete(kept, worst)
+                left = _off_neighbours(points.omega[kept], values[kept])
     return found
 
 
@@ -114,16 +92,8 @@ class SweepData:
     warnings: tuple[str, ...]
 
 
-def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
-    """Check a Dataset of sweeps and flatten it into points.
-
-    Parameters
-    ----------
-    sweeps : Dataset
-        Variables ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency``
-        [Hz]; NaN where a sweep has no point. Any order, repeated temperatures allowed.
-    is_robust : bool
-        Leave out readings far off their own sweep.
+def read_sweeps(sweeps: xr.Dataset) -> SweepData:
+    """Check a Dataset of sweeps and flatten it into points; :func:`.master_curve` says what it holds.
 
     Raises
     ------
@@ -137,12 +107,11 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
         row, column = (int(i[0]) for i in np.nonzero(mask))
         return f"first at {temperature[row]:g} °C, {frequency[column]:.4g} Hz"
 
-    bad = np.isinf(storage) | (storage <= 0)
-    if bad.any():
-        raise InputError(
-            f"storage modulus zero, negative or infinite at {bad.sum()} points, {where(bad)}; "
-            "expected positive values: mark failed readings as NaN"
+    if (bad := np.isinf(storage) | (storage <= 0)).any():
+        text = (
+            f"storage modulus zero, negative or infinite at {bad.sum()} points, {where(bad)}; expected positive values"
         )
+        raise InputError(f"{text}: mark failed readings as NaN")
     for name, values in (("storage", storage), ("loss", loss)):
         far = (np.abs(values) > _MOST) | ((values != 0) & (np.abs(values) < 1.0 / _MOST))
         if far.any():
@@ -169,7 +138,7 @@ def read_sweeps(sweeps: xr.Dataset, is_robust: bool = True) -> SweepData:
     if present.sum() < _LEAST_POINTS:
         raise InputError(f"only {present.sum()} points with both moduli; a spectrum needs {_LEAST_POINTS} at least")
     far = np.zeros_like(present)
-    far[present] = outliers(_flat(present, storage, loss, frequency)) if is_robust else False
+    far[present] = outliers(_flat(present, storage, loss, frequency))
     if far.any():
         present &= ~far
         notes.append(f"{far.sum()} readings lie far off the other readings of their sweep, {where(far)}; left out")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
+from labpipe.materials._step_tests import tables_of
 from labpipe.variables import variable
 
 Mode = Literal["tension", "bending", "shear", "torsion"]
@@ -44,13 +45,7 @@ class TableRun:
 
 
 def modulus_factor(mode: Mode, nu: float) -> float:
-    """Return tension modulus over measured modulus.
-
-    Examples
-    --------
-    >>> modulus_factor("shear", 0.5)
-    3.0
-    """
+    """Return tension modulus over measured modulus."""
     return 2.0 * (1.0 + nu) if mode in ("shear", "torsion") else 1.0
 
 
@@ -117,13 +112,7 @@ def loading_asked_for(readings: Sequence[xr.Dataset], mode: Mode | None, nu: flo
 
 
 def gather_sweeps(
-    datasets: xr.Dataset | Sequence[xr.Dataset],
-    mode: Mode,
-    nu: float,
-    *,
-    tolerance: float = 1.5,
-    fewest: int = 3,
-    skip_first: bool = False,
+    datasets: xr.Dataset | Sequence[xr.Dataset], mode: Mode, nu: float, *, tolerance: float = 1.5, fewest: int = 3
 ) -> xr.Dataset:
     """Gather the isothermal frequency sweeps of rheometer readings, in tension.
 
@@ -141,8 +130,6 @@ def gather_sweeps(
         Largest distance of a point's temperature from the mean of its sweep.
     fewest : int
         Frequencies that make a sweep.
-    skip_first : bool
-        Leave the first point of every sweep out.
 
     Returns
     -------
@@ -169,8 +156,11 @@ def gather_sweeps(
             "this experiment needs frequency sweeps at several temperatures"
         )
     runs.sort(key=lambda r: float(r.values("temperature").mean()))
-    trusted = [_trusted(run, skip_first) for run in runs]
-    return _tabulated(runs, trusted, modulus_factor(mode, nu), mode, nu)
+    made = _tabulated(runs, modulus_factor(mode, nu), mode, nu)
+    over_time = [part.attrs for part in parts if "u_moduli" in part.attrs]
+    return made.assign_attrs(
+        {n: max(a[n] for a in over_time) for n in ("moduli_per_parameter", "u_moduli") if over_time}
+    )
 
 
 def _check_columns(dataset: xr.Dataset) -> None:
@@ -185,10 +175,8 @@ def _check_columns(dataset: xr.Dataset) -> None:
 
 def _tables(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
     """Return the rows of every table that holds moduli at known frequency and temperature."""
-    stops = np.cumsum([entry["rows"] for entry in json.loads(dataset.attrs["tests"])])
     known = np.isfinite(dataset["frequency"].values) & np.isfinite(dataset["temperature"].values)
-    rows = np.arange(dataset.sizes["sample"])
-    return [part[known[part]] for part in np.split(rows, stops[:-1])]
+    return [rows[known[rows]] for rows in tables_of(dataset)]
 
 
 def trusted_tables(dataset: xr.Dataset) -> list[TableRun]:
@@ -200,8 +188,7 @@ def trusted_tables(dataset: xr.Dataset) -> list[TableRun]:
         A column is missing.
     """
     _check_columns(dataset)
-    tables = (TableRun(dataset, rows) for rows in _tables(dataset))
-    return [TableRun(dataset, table.rows[_trusted(table, False)]) for table in tables]
+    return [TableRun(dataset, rows[_trusted(TableRun(dataset, rows))]) for rows in _tables(dataset)]
 
 
 def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[TableRun]:
@@ -209,26 +196,19 @@ def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[
     temperature = dataset["temperature"].values
     found = []
     for rows in _tables(dataset):
-        for run in _split_by_temperature(rows, temperature, tolerance):
-            usable = run[dataset["frequency"].values[run] > 0]
-            frequency = dataset["frequency"].values[usable]
-            if usable.size and np.unique(np.round(np.log10(frequency), 3)).size >= fewest:
-                found.append(TableRun(dataset, usable))
-    return found
+        starts, total = [0], 0.0
+        for at, value in enumerate(temperature[rows].tolist()):
+            # A run ends where the temperature leaves the mean of the points before.
+            if at > starts[-1] and abs(value - total / (at - starts[-1])) > tolerance:
+                starts.append(at)
+                total = 0.0
+            total += value
+        runs = (run[dataset["frequency"].values[run] > 0] for run in np.split(rows, starts[1:]))
+        found += [TableRun(dataset, run) for run in runs]
+    return [run for run in found if np.unique(np.round(np.log10(run.values("frequency")), 3)).size >= fewest]
 
 
-def _split_by_temperature(rows: NDArray[np.intp], temperature: Floats, tolerance: float) -> list[NDArray[np.intp]]:
-    """Cut a table where the temperature leaves the mean of the points before."""
-    starts, total = [0], 0.0
-    for at, value in enumerate(temperature[rows].tolist()):
-        if at > starts[-1] and abs(value - total / (at - starts[-1])) > tolerance:
-            starts.append(at)
-            total = 0.0
-        total += value
-    return np.split(rows, starts[1:]) if rows.size else []
-
-
-def _trusted(run: TableRun, skip_first: bool) -> Flags:
+def _trusted(run: TableRun) -> Flags:
     """Return the points that count: valid, not clipped, torque large enough."""
     columns, names = run.dataset.variables, ("is_valid", "is_clipped", "status", "storage_modulus", "loss_modulus")
     part = {name: columns[name].values[run.rows] for name in names if name in columns}
@@ -239,47 +219,35 @@ def _trusted(run: TableRun, skip_first: bool) -> Flags:
         tokens = [str(text).replace(" ", "").split(",") for text in part["status"]]
         good &= np.array([not any(t in _UNTRUSTED for t in row) for row in tokens], dtype=bool)
     good &= np.isfinite(part["storage_modulus"]) & np.isfinite(part["loss_modulus"])
-    if skip_first and good.size:
-        good[0] = False
     return good
 
 
-def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float, mode: str, nu: float) -> xr.Dataset:
+def _tabulated(runs: Sequence[TableRun], factor: float, mode: str, nu: float) -> xr.Dataset:
     """Put ragged sweeps on the union of their frequencies.
 
-    Frequencies that agree within rounding share a column; a frequency that one sweep holds twice
-    has a second column.
+    Frequencies that agree within rounding share a column; a frequency that one sweep holds twice has a second column.
     """
-    frequencies = [run.values("frequency") for run in runs]
-    merged = np.sort(np.concatenate(frequencies))
-    group = np.cumsum(np.diff(np.log(merged), prepend=np.log(merged[0])) > _SAME_FREQUENCY)
-    centres = np.array([np.median(merged[group == g]) for g in range(group[-1] + 1)])
-    bounds = np.sqrt(centres[1:] * centres[:-1])
-    keys = []
-    for frequency in frequencies:
-        column = pd.Series(np.searchsorted(bounds, frequency))
-        keys.append(list(zip(column, column.groupby(column).cumcount(), strict=True)))
-    union = sorted({key for one in keys for key in one})
-    place = {key: i for i, key in enumerate(union)}
-    storage, loss = np.full((2, len(runs), len(union)), np.nan)
-    for i, (run, good, one) in enumerate(zip(runs, trusted, keys, strict=True)):
-        at = np.array([place[key] for key in one])[good]
-        storage[i, at] = factor * run.values("storage_modulus")[good]
-        loss[i, at] = factor * run.values("loss_modulus")[good]
-    total = sum(good.size for good in trusted)
-    excluded = total - sum(int(good.sum()) for good in trusted)
+    names = ("frequency", "temperature", "storage_modulus", "loss_modulus")
+    table = pd.concat(
+        pd.DataFrame({name: run.values(name) for name in names} | {"sweep": k, "good": _trusted(run)})
+        for k, run in enumerate(runs)
+    ).sort_values("frequency", kind="stable", ignore_index=True)
+    group = (np.log(table["frequency"]).diff() > _SAME_FREQUENCY).cumsum()
+    table["column"] = table.groupby([group, table.groupby(["sweep", group]).cumcount()]).ngroup()
+    table["frequency"] = table.groupby(group)["frequency"].transform("median")
+    moduli = (factor * table[["storage_modulus", "loss_modulus"]]).where(table["good"])
+    grid = table[["sweep", "column"]].join(moduli).pivot(index="sweep", columns="column")
+    excluded = int((~table["good"]).sum())
     if excluded:
-        warnings.warn(
-            f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or excluded by skip_first",
-            stacklevel=3,
-        )
-    temperature = [run.values("temperature") for run in runs]
-    spread, mean = [float(np.ptp(t)) for t in temperature], [float(t.mean()) for t in temperature]
-    levels, dims = np.array([centres[key[0]] for key in union]), ("temperature", "frequency")
+        text = f"{excluded} of {len(table)} points are left out: invalid, clipped, or torque too small"
+        warnings.warn(text, stacklevel=3)
+    temperature, dims = table.groupby("sweep")["temperature"], ("temperature", "frequency")
+    mean, spread = temperature.mean().to_numpy(), (temperature.max() - temperature.min()).to_numpy()
+    levels = table.groupby("column")["frequency"].first().to_numpy()
     return xr.Dataset(
         {
-            "storage": variable(dims, storage, "Pa", "storage modulus, tension"),
-            "loss": variable(dims, loss, "Pa", "loss modulus, tension"),
+            "storage": variable(dims, grid["storage_modulus"].to_numpy(), "Pa", "storage modulus, tension"),
+            "loss": variable(dims, grid["loss_modulus"].to_numpy(), "Pa", "loss modulus, tension"),
             "temperature_spread": variable("temperature", spread, "K", "range of the temperature within a sweep"),
         },
         coords={
@@ -291,6 +259,6 @@ def _tabulated(runs: Sequence[TableRun], trusted: Sequence[Flags], factor: float
             "nu": nu,
             "modulus_factor": factor,
             "excluded_points": excluded,
-            "work": json.dumps({"isotherms": len(runs), "points": total - excluded}),
+            "work": json.dumps({"isotherms": len(runs), "points": len(table) - excluded}),
         },
     )

@@ -47,11 +47,9 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
     result = result.assign(known)
     transitions, no_transition = over_frequency(result)
     result = result.assign(ends(result, float(np.hypot(factor, u_scale)))).merge(transitions)
-    consistency = asdict(made.kramers_kronig)
-    consistency.pop("curves")
     result = result.assign({name: result[name].astype(np.int8) for name in ("extrapolated", "determined")})
     said = {
-        "kramers_kronig": consistency,
+        "kramers_kronig": asdict(made.kramers_kronig),
         "superposition": asdict(made.verdict),
         "laws": {name: _law(law) for name, law in made.laws.items()},
         "law": _law(made.law),

@@ -203,7 +203,6 @@ def _shifts(master_curve: xr.Dataset) -> Section:
         Listed("temperature / °C", T.tolist(), digits=3),
         pages.column(rising, "log10_aT", "log₁₀ a_T"),
         pages.column(rising, "b_T", "b_T"),
-        pages.column(rising, "level", "level"),
         Listed("overlap with the next / decades", [float(overlap[p[0]]) if p.size else None for p in steps], digits=3),
         Listed("step", ["loose" if p.size and not determined[p[0]] else "" for p in steps]),
     ]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-GAS_LN10 = 8.314462618 * np.log(10.0)
+from pipelines.bench.master_curve import FRACTIONAL, MAXWELL
 
 
 @dataclass(frozen=True)
@@ -57,44 +57,14 @@ class Truth:
         )
 
 
-def maxwell_sum(omega):
-    """Twenty terms, 1e-10 to 1e2 s, 8 MPa to 3 GPa, two loss peaks."""
-    rho = np.logspace(-10, 2, 20)
-    x = np.log10(rho)
-    weight = np.exp(-0.5 * ((x + 6.0) / 1.6) ** 2)
-    weight = weight + 0.12 * np.exp(-0.5 * ((x + 0.5) / 1.1) ** 2) + 0.004
-    weight = weight / weight.sum() * (3e9 - 8e6)
-    z = 1j * omega[..., None] * rho
-    return 8e6 + (z / (1 + z)) @ weight
-
-
-def wlf_law(T):
-    return -15.0 * (T - 40.0) / (250.0 + T - 40.0)
-
-
-def fractional_elements(omega):
-    """Two fractional Zener elements: not a sum of exponentials."""
-    total = 12e6 + 0j
-    for strength, time, exponent in ((1.9e9, 3e-5, 0.32), (7e8, 2e-1, 0.55)):
-        z = (1j * omega * time) ** exponent
-        total = total + strength * z / (1 + z)
-    return total
-
-
-def kinked_law(T):
-    """Arrhenius below 30 °C, WLF above."""
-    cold = 150e3 / GAS_LN10 * (1 / (T + 273.15) - 1 / 303.15)
-    return np.where(T < 30, cold, -11.0 * (T - 30) / (130.0 + np.maximum(T, 30) - 30))
-
-
 @pytest.fixture(scope="session")
 def maxwell_truth():
-    return Truth(60.0, maxwell_sum, wlf_law)
+    return Truth(60.0, MAXWELL.modulus, MAXWELL.shift)
 
 
 @pytest.fixture(scope="session")
 def fractional_truth():
-    return Truth(40.0, fractional_elements, kinked_law, lognormal=True)
+    return Truth(40.0, FRACTIONAL.modulus, FRACTIONAL.shift, lognormal=True)
 
 
 @pytest.fixture(scope="session")
@@ -108,8 +78,4 @@ def melt_truth():
         z = 1j * omega[..., None] * rho
         return (z / (1 + z)) @ weight
 
-    return Truth(60.0, modulus, wlf_law)
-
-
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
+    return Truth(60.0, modulus, MAXWELL.shift)

@@ -2,16 +2,13 @@
 
 import json
 import re
-import warnings
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-import xarray as xr
 
-from labpipe.errors import InputError
-from labpipe.materials import CODES, Prony, arrhenius, deck_text, make_deck, master_curve, wlf
+from labpipe.materials import CODES, Prony, arrhenius, deck_text, make_deck, wlf
 
 WINDOW = (1e-3, 1e5)
 OMEGA = 2 * np.pi * np.geomspace(*WINDOW, 60)
@@ -198,23 +195,3 @@ def test_shifts_that_no_law_describes_are_a_remark(code):
     assert "(10, 1.25), (25, 0)" in said
     assert "by factors b_T from 1 to 1.1" in said
     assert not re.search(r"^\*TRS|^TB,SHIFT|^% Thermal", text, re.MULTILINE)
-
-
-def test_a_master_curve_is_written_by_the_end_of_the_name(tmp_path):
-    frequency = np.geomspace(0.1, 100, 13)
-    modulus = [SOLID.complex_modulus(2 * np.pi * frequency * a) for a in (10.0, 1.0, 0.1)]
-    sweeps = xr.Dataset(
-        {
-            "storage": (("temperature", "frequency"), np.real(modulus)),
-            "loss": (("temperature", "frequency"), np.imag(modulus)),
-        },
-        {"temperature": [10.0, 25.0, 40.0], "frequency": frequency},
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        curve = master_curve(sweeps, 25.0, nu=0.4)
-    with pytest.warns(UserWarning, match="modulus, .* is extrapolated"):
-        path = curve.export(tmp_path / "nbr.inp", bulk="constant")
-    assert "*MATERIAL, NAME=NBR" in path.read_text("utf-8")
-    with pytest.raises(InputError, match=r'code ".doc" is unknown; expected one of abaqus, ansys'):
-        curve.export(tmp_path / "nbr.doc")

@@ -33,25 +33,10 @@ def test_shifts_and_spectrum_of_a_known_material(curve, maxwell_truth):
     exact = maxwell_truth.modulus(omega)
     assert rms(curve.curve["storage"].values / exact.real - 1) < 0.02
     assert rms(curve.curve["loss"].values / exact.imag - 1) < 0.03
-    assert (curve.vertical, curve.delay, float(curve.level.max())) == ("none", 0.0, 1.0)
+    assert (curve.vertical, curve.delay) == ("none", 0.0)
     assert curve.kramers_kronig.verdict == "pass"
     assert curve.warnings == ()
     assert curve.noise["storage"] == pytest.approx(0.02, rel=0.25)
-
-
-def test_material_of_few_single_times_gets_a_finer_grid(maxwell_truth):
-    """Times between those of the grid would look like levels and a vertical law."""
-    rho, weight = np.logspace(-8, 1, 8), 3e8
-
-    def modulus(omega):
-        z = 1j * omega[..., None] * rho
-        return 1e7 + weight * np.sum(z / (1 + z), axis=-1)
-
-    known = replace(maxwell_truth, modulus=modulus)
-    found = quiet(known.sweeps(700), T_ref=60.0)
-    assert error(found, known) < 0.034
-    assert np.min(np.diff(np.log10(found.terms["rho"].values))) < 0.2
-    assert (found.vertical, float(np.ptp(found.level.values))) == ("none", 0.0)
 
 
 def test_liquid_has_no_relaxed_modulus(melt_truth):
@@ -71,8 +56,9 @@ def test_law_inside_the_fit_is_sharper_and_returns_its_constants(maxwell_truth):
 
 
 def test_law_that_does_not_hold_is_named(maxwell_truth):
-    with pytest.warns(UserWarning, match="the arrhenius law does not hold"):
-        master_curve(maxwell_truth.sweeps(5), T_ref=60.0, law="arrhenius", vertical="none")
+    found = quiet(maxwell_truth.sweeps(5), T_ref=60.0, law="arrhenius", vertical="none")
+    assert any("the arrhenius law does not hold" in note for note in found.warnings)
+    assert found.verdict.level != "pass"
 
 
 def test_noise_levels_are_estimated_apart(maxwell_truth):
@@ -81,8 +67,6 @@ def test_noise_levels_are_estimated_apart(maxwell_truth):
     assert found.noise["storage"] == pytest.approx(0.01, rel=0.3)
     assert found.noise["loss"] == pytest.approx(0.08, rel=0.3)
     assert error(found, maxwell_truth) < 0.04
-    equal = quiet(sweeps, T_ref=60.0, noise_ratio=1.0)
-    assert equal.noise["storage"] == pytest.approx(equal.noise["loss"])
 
 
 def test_delay_of_the_instrument_is_found_and_taken_out(maxwell_truth):
@@ -91,7 +75,7 @@ def test_delay_of_the_instrument_is_found_and_taken_out(maxwell_truth):
     assert found.delay == pytest.approx(200e-6, abs=4 * found.u_delay)
     assert found.u_delay < 40e-6
     assert error(found, late) < 0.04
-    without = quiet(late.sweeps(4), T_ref=60.0, delay=False, vertical="none", levels=False)
+    without = quiet(late.sweeps(4), T_ref=60.0, delay=False, vertical="none")
     assert without.delay == 0
     assert error(without, late) > error(found, late)
 
@@ -114,15 +98,6 @@ def test_readings_far_off_their_sweep_are_left_out_and_told(maxwell_truth, facto
 def test_moduli_of_no_material_are_refused(maxwell_truth, factor):
     with pytest.raises(InputError, match=r"storage modulus of .* Pa, first at -40 °C.*check the unit of its column"):
         master_curve(maxwell_truth.sweeps(6) * factor, T_ref=60.0)
-
-
-def test_hand_set_shifts_are_refined_or_kept(curve, maxwell_truth):
-    rough = maxwell_truth.log10_aT + 0.3 * np.random.default_rng(2).standard_normal(12)
-    refined = master_curve(maxwell_truth.sweeps(5), T_ref=60.0, shifts=rough + 7.0)
-    np.testing.assert_allclose(refined.log10_aT, curve.log10_aT, atol=0.02)
-    kept = quiet(maxwell_truth.sweeps(5), T_ref=60.0, shifts=rough, refine=False)
-    assert np.ptp(kept.log10_aT.values - rough) < 1e-12
-    assert float(kept.u_log10_aT.max()) < 0.2
 
 
 def test_result_is_one_dataset_with_units(curve, tmp_path):
@@ -198,7 +173,6 @@ def test_sweep_without_a_valid_point_has_no_shift(maxwell_truth):
     with pytest.warns(UserWarning, match="no valid point at -40 °C"):
         found = master_curve(changed(maxwell_truth, blank), T_ref=60.0)
     assert np.isnan(found.log10_aT.values).tolist() == [True] + 11 * [False]
-    assert np.isnan(found.covariance.values[0]).all()
 
 
 def test_storage_that_falls_with_frequency_is_named(maxwell_truth):
@@ -250,9 +224,6 @@ def test_unusable_sweeps_are_refused(maxwell_truth, change, message):
         ({"law": "vogel"}, "law = 'vogel' is unknown"),
         ({"vertical": "free"}, "vertical = 'free' is unknown"),
         ({"delay": 3}, "delay = 3 is unknown"),
-        ({"levels": "yes"}, "levels = 'yes' is unknown"),
-        ({"noise_ratio": -1.0}, "noise_ratio = -1.0"),
-        ({"shifts": [1.0, 2.0]}, "each of the 12 temperatures"),
     ],
 )
 def test_unknown_options_are_refused(maxwell_truth, options, message):

@@ -40,9 +40,6 @@ def test_stated_uncertainty_is_the_scatter_of_refits():
         assert np.median([getattr(fit, stated) for fit in fits]) == pytest.approx(scatter, rel=0.2)
     chi = np.mean([fit.chi_square / fit.freedom for fit in fits])
     assert chi == pytest.approx(1.0, abs=0.15)
-    at_cold = [fit.log10_aT(-40.0) for fit in fits]
-    stated = np.median([fit.u_log10_aT(-40.0) for fit in fits])
-    assert stated == pytest.approx(np.std(at_cold), rel=0.2)
 
 
 def test_equal_temperatures_do_not_break_the_fit():

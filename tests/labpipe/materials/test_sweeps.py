@@ -60,7 +60,7 @@ def test_repr_verdict_and_law_are_those_of_the_report(readings):
 
 def test_a_mode_that_contradicts_the_headings_is_warned_of(readings):
     with pytest.warns(UserWarning, match='mode = "tension", but the readings have a column "Shear Strain"'):
-        lp.master_curve(readings, nu=0.35, mode="tension", vertical="none", delay=False, levels=False)
+        lp.master_curve(readings, nu=0.35, mode="tension", vertical="none", delay=False)
 
 
 def test_other_names_of_the_materials_are_known():

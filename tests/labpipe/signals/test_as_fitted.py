@@ -16,18 +16,15 @@ def simulated() -> xr.Dataset:
     return contact.drop("ptfe", 9.525e-3, 0.505, 7e-3, 0.12, times=times)
 
 
+def fitted(made: xr.Dataset, count: int, lasts: np.ndarray | None = None) -> xr.Dataset:
+    lasts = made["contact_duration"].values if lasts is None else lasts
+    options = {"noise": _NOISE, "gravity": 9.81, "u_gravity": 0.01, "contact": "polymer"}
+    return signals.as_fitted(made["displacement"], made["impact_time"].values[: lasts.size], lasts, count, **options)
+
+
 @pytest.fixture(scope="module")
 def seen(simulated: xr.Dataset) -> xr.Dataset:
-    return signals.as_fitted(
-        simulated["displacement"],
-        simulated["impact_time"].values,
-        simulated["contact_duration"].values,
-        2,
-        noise=_NOISE,
-        gravity=9.81,
-        u_gravity=0.01,
-        contact="polymer",
-    )
+    return fitted(simulated, 2)
 
 
 @pytest.fixture(scope="module")
@@ -56,32 +53,14 @@ def test_records_scatter_about_it_and_not_about_the_truth(
 
 
 def test_an_impact_without_a_lift_off_has_no_values(simulated: xr.Dataset) -> None:
-    short = signals.as_fitted(
-        simulated["displacement"],
-        simulated["impact_time"].values[:2],
-        np.array([simulated["contact_duration"].values[0], np.nan]),
-        2,
-        noise=_NOISE,
-        gravity=9.81,
-        u_gravity=0.01,
-    )
+    short = fitted(simulated, 2, np.array([simulated["contact_duration"].values[0], np.nan]))
     assert np.isfinite(short["penetration"].values).tolist() == [True, False]
 
 
 def test_a_flight_that_ends_in_a_contact_without_lift_off_does_not_spoil_the_impact_before() -> None:
     # The last impacts of a soft sphere from a small height: flights of a few ms, and then it stays.
     made = contact.drop("ptfe", 9.525e-3, 0.505, 1.5e-3, 0.08, times=np.arange(0.0, 0.08, _INTERVAL))
-    count = made.sizes["impact"]
-    seen = signals.as_fitted(
-        made["displacement"],
-        made["impact_time"].values,
-        made["contact_duration"].values,
-        count,
-        noise=_NOISE,
-        gravity=9.81,
-        u_gravity=0.01,
-        contact="polymer",
-    )
+    seen = fitted(made, made.sizes["impact"])
     ratio = seen["contact_duration"].values / made["contact_duration"].values
     assert np.isfinite(ratio[:2]).all()
     assert np.all(np.abs(ratio[np.isfinite(ratio)] - 1.0) < 0.1)

@@ -3,14 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.signals._hum import Stretch
-from labpipe.signals._noise_spectrum import (
-    Colour,
-    coloured_covariance,
-    corner_in_flight,
-    estimate_corner,
-    velocity_factor,
-)
+from labpipe.signals._noise_spectrum import Colour, coloured_covariance, excess_of_rate
+from labpipe.signals._smoothing_spline import evaluate, smooth
 from tests.rounding import rounding
 
 _INTERVAL = 5e-5
@@ -23,21 +17,21 @@ def flicker(rng: np.random.Generator, count: int, sigma: float, corner: float) -
     return sigma * np.fft.irfft(waves, count)
 
 
-@pytest.mark.parametrize("corner", [200.0, 1000.0])
-def test_the_corner_of_flicker_noise_is_found(corner):
-    noise = [flicker(np.random.default_rng(i), 8192, 1.0, corner) for i in range(12)]
-    found = [estimate_corner(one, np.full(8192, 1e-4), _INTERVAL) for one in noise]
-    assert np.median(found) == pytest.approx(corner, rel=0.25)
-    # A spline that follows everything slow leaves nothing to see.
-    assert estimate_corner(noise[0], np.full(8192, 0.9), _INTERVAL) == 0.0
-
-
-def test_white_noise_has_no_colour():
-    found = [
-        estimate_corner(np.random.default_rng(i).standard_normal(8192), np.full(8192, 1e-3), _INTERVAL)
-        for i in range(20)
-    ]
-    assert np.count_nonzero(found) <= 1
+@pytest.mark.parametrize(("corner", "hum"), [(0.0, 0.0), (200.0, 0.0), (1000.0, 0.0), (0.0, 0.5), (200.0, 0.5)])
+def test_rate_of_a_spline_is_uncertain_by_noise_of_any_spectrum(corner, hum):
+    """At rest and in flight; the spline itself takes all noise for white."""
+    time, z = np.arange(4096) * _INTERVAL, []
+    fallen = -4.9e6 * np.maximum(time - 0.1, 0.0) ** 2
+    for seed in range(12):
+        noise = flicker(np.random.default_rng(seed), 4 * time.size, 1.0, corner)[: time.size]
+        values = fallen + noise + hum * np.sin(2 * np.pi * 50.0 * time + seed)
+        level, rate = evaluate(smooth(time, values, 1.0), time, 0, 1)
+        u = np.hypot(rate[1], excess_of_rate(values, 1.0, level, rate))
+        off = (rate[0] + 9.8e6 * np.maximum(time - 0.1, 0.0)) / u
+        z.append(off[np.abs(time - 0.1) > 2e-3])
+    z = np.concatenate(z)
+    assert np.mean(np.abs(z) < 1.96) > 0.92
+    assert np.sqrt(np.mean(z**2)) > 0.6
 
 
 def test_the_normal_matrix_is_that_of_the_noise():
@@ -52,26 +46,3 @@ def test_the_normal_matrix_is_that_of_the_noise():
     # A slope is insensitive to what is slower than the record, the mean of a square is not.
     assert drawn[:, 0].var() == pytest.approx(expected[0], rel=0.25)
     assert drawn[:, 1].var() > 1.5 * np.sum(design[:, 2] ** 2)
-
-
-def test_a_smoother_velocity_suffers_more_from_colour():
-    factor = velocity_factor(np.array([1e-3, 1e-2, 1e-1]), _INTERVAL, 300.0)
-    assert np.all(np.diff(factor) < 0)
-    assert np.all(velocity_factor(np.array([1e-3, 1.0]), _INTERVAL, 0.0) == 1.0)
-
-
-def test_flights_tell_the_corner_that_a_spline_hides():
-    sizes, found = (400, 700, 600, 500), {0.0: [], 250.0: []}
-    time = np.arange(sum(sizes)) * _INTERVAL
-    ends = np.cumsum(sizes).tolist()
-    flights = [Stretch(slice(b - n, b), 2) for n, b in zip(sizes, ends, strict=True)]
-    for corner, each in found.items():
-        for i in range(20):
-            noise = flicker(np.random.default_rng(i), 4 * time.size, 1.0, corner)[: time.size]
-            fallen = -4.9 * time**2 * 1e6
-            each.append(corner_in_flight(time, fallen + noise, 1.0, flights, -1.0))
-    assert np.count_nonzero(found[0.0]) <= 4
-    assert np.median(found[250.0]) == pytest.approx(250.0, rel=0.2)
-    # half as large again at most, where 2200 readings tell it
-    assert np.std(np.log(found[250.0])) < np.log(1.5)
-    assert corner_in_flight(time, time, 1.0, [], 7.0) == 7.0

@@ -76,6 +76,8 @@ def errors(seeds: range) -> dict[str, list[float]]:
         found["velocity in contact"] += z[is_in].tolist()
         found["velocity in flight"] += z[is_flight].tolist()
         found["velocity at rest"] += z[since < -_AFTER_RELEASE].tolist()
+        alone = signals.velocity(record)
+        found["velocity without events"] += ((alone - speed) / alone["u_velocity"]).values.tolist()
     return found
 
 
