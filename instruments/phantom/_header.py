@@ -68,10 +68,7 @@ class Header:
 def read_header(window: Window) -> Header:
     """Read and check everything before the images.
 
-    Raises
-    ------
-    SourceError
-        The file is no .cine, is colour or compressed, or declares more than it holds.
+    SourceError where the file is no .cine, is colour or compressed, or declares more than it holds.
     """
     if window.take(0, 2, "the file type") != b"CI":
         raise SourceError(

@@ -57,23 +57,16 @@ def anton_paar_text() -> bytes:
         )
         for number in (1, 2)
     ]
-    table = anton_paar.assemble(intervals, project="Sweep | PC, 2/27/2020 | 2")
-    return anton_paar.encode(table).decode("utf-16").encode("utf-8")
+    return anton_paar.encode(intervals, "Sweep | PC, 2/27/2020 | 2").decode("utf-16").encode("utf-8")
 
 
 def film_bytes(
-    folder: Path,
-    count: int = 6,
-    rows: int = 4,
-    columns: int = 8,
-    bits: int = 12,
-    time: np.ndarray | None = None,
-    packed: bool = False,
+    folder: Path, count: int = 6, rows: int = 4, columns: int = 8, bits: int = 12, time: np.ndarray | None = None
 ) -> bytes:
     """A film of random pixels at 10,000 frames a second, the trigger at its third frame."""
     images = np.random.default_rng(3).integers(64, 2 ** min(bits, 12), (count, rows, columns))
     kind = np.uint8 if bits == 8 else np.uint16
-    recording = phantom.Recording(10_000, 1e-5, bits=bits, packed=packed, first_image=-2)
+    recording = phantom.Recording(10_000, 1e-5, bits=bits, first_image=-2)
     time = (np.arange(count) - 2) * 1e-4 if time is None else time
     path = folder / "seed.cine"
     phantom.write(path, images.astype(kind), images.shape, time, recording)
