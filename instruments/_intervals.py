@@ -25,11 +25,7 @@ _SAMPLE = ("sample",)
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of one interval.
-
-    ``name`` is canonical, ``header`` and ``unit`` as in the file, ``values`` in SI (numbers) or
-    text. ``si`` is "" for text.
-    """
+    """One column: its canonical name, header and unit as in the file, values in SI or text, of which ``si`` is ""."""
 
     name: str
     header: str
@@ -122,11 +118,7 @@ def assemble(intervals: Sequence[Interval], path: Path | None = None, **attrs: A
 
 
 def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
-    """Replace clipped loss factors by the ratio of the moduli, where the storage modulus is real.
-
-    RheoCompass clips at 20000 and often makes the storage modulus from the clipped value; such a
-    modulus is no reading, so the loss factor stays NaN.
-    """
+    """Replace clipped loss factors by the ratio of the moduli, unless the storage modulus was made from them."""
     if "loss_factor" not in dataset:
         return dataset
     factor = dataset["loss_factor"].values

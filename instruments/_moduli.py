@@ -53,8 +53,10 @@ def _has(columns: Mapping[str, Any], needed: tuple[str, ...]) -> bool:
 def with_moduli(columns: dict[str, Any]) -> dict[str, Any]:
     """Add storage and loss modulus [Pa] to columns in SI by the first way that determines them."""
     arrays = {name: np.asarray(column.values, dtype=float) for name, column in columns.items() if column.si}
-    if not FREQUENCIES.isdisjoint(arrays):
-        arrays["ω"] = arrays.get("angular_frequency", 2.0 * np.pi * arrays.get("frequency", np.float64(np.nan)))
+    if "frequency" in arrays:
+        arrays["ω"] = 2.0 * np.pi * arrays["frequency"]
+    if "angular_frequency" in arrays:
+        arrays["ω"] = arrays["angular_frequency"]
     way = next(((needed, make) for needed, make in _WAYS if _has(columns, needed)), None)
     if way is None:
         return columns

@@ -213,13 +213,7 @@ def quantity(heading: str) -> str | None:
 
 
 def slug(text: str) -> str:
-    """Make a variable name of an unknown heading.
-
-    Examples
-    --------
-    >>> slug("Oscillation torque (µN.m)")
-    'oscillation_torque_un_m'
-    """
+    """Make a variable name of an unknown heading."""
     plain_text = "".join(c for c in unicodedata.normalize("NFKD", text.casefold()) if not unicodedata.combining(c))
     return _NOT_WORD.sub("_", plain_text.replace("\u03bc", "u")).strip("_") or "column"
 

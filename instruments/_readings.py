@@ -279,11 +279,10 @@ def converted(notes: Notes, block: Block, pairs: Sequence[Pair], wanted: set[str
 
 
 def _ordered(columns: dict[str, Column], count: int) -> list[NDArray[np.intp]]:
-    """Return the rows of every set: by a column that names the sets, else by temperature.
+    """Return the rows of every set: by a column that names the sets, else by temperature, whatever their order.
 
-    A grid of temperature and frequency may be sorted by frequency, or not at all. The frequency that occurs most
-    often gives the number of isotherms; the widest gaps between temperatures part them. They are taken so where
-    the rows are not isotherms one after the other already, and no isotherm then holds a frequency twice.
+    The frequency that occurs most often gives the number of isotherms; the widest gaps between temperatures part them,
+    where the rows are not isotherms one after the other already and no isotherm then holds a frequency twice.
     """
     everything = np.arange(count)
     if "set" in columns:

@@ -48,5 +48,5 @@ def open_sheets(notes: Notes, encoding: str | None, *, allow_incomplete: bool) -
     lines, open_line = plain_lines(source.lines()), 0 if source.is_ended else source.n_lines
     if allow_incomplete and lines and lines[-1][0] == open_line:
         notes.add("the last line is cut, it has no line end; it is dropped", open_line)
-        lines.pop()
+        lines = lines[:-1]
     return Sheets([("", lines)], source.encoding, 0 if allow_incomplete else open_line)

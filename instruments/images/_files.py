@@ -248,11 +248,9 @@ def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageF
 
 
 def _numbers(paths: Sequence[Path]) -> list[int]:
-    """Read the places of images from their names: the last of the numbers that counts them.
+    """Read the places of images from their names: the last of the numbers that go up by multiples of one step.
 
-    Names may end in a number that holds for the whole film, such as its frame rate or its bits, and may hold the times
-    of a clock. The numbers of frames are multiples of one step apart; times of a clock are rounded, and do not count.
-    A minus sign counts only where other names have a plus, or where it cannot be a hyphen of words.
+    Times of a clock are rounded and do not count. A minus may be a hyphen of words where no name has a plus.
     """
     has_plus = any(re.search(r"\+\d", path.stem) for path in paths)
     number = _NUMBER if has_plus else re.compile(r"(?:(?<![^\W_])-)?\d+")

@@ -163,10 +163,7 @@ def read(
 
 
 def _open(path: Path, codecs: tuple[str, ...], units: Sequence[str] | None) -> tuple[TextFile, Header, tuple[str, ...]]:
-    """Settle the codec by the first one under which the header makes sense, and return the header with its units.
-
-    cp932 decodes many cp1252 files without an error; but then "µm" is not a unit.
-    """
+    """Settle the codec by the first one under which the header makes sense: "µm" is no unit under another."""
     source = survey(path, declared=codecs)
     try:
         header = parse_header(path, list(islice(source.lines(), _HEADER_LINES)))
@@ -233,10 +230,7 @@ def _rows(source: TextFile, header: Header, allow_incomplete: bool) -> Iterator[
 
 
 class _Form(NamedTuple):
-    """The form of all rows: columns, signs, and the layout of each column whose sampled numbers have one.
-
-    ``is_fixed`` numbers are padded with zeros: one of another layout lost or gained digits.
-    """
+    """Columns, signs, layout of each column that has one; where ``is_fixed``, another layout is a fault."""
 
     n_columns: int
     signs: Separators

@@ -136,13 +136,7 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
 
 
 def variable_name(quantity: str) -> str:
-    """Name the variable of a column.
-
-    Examples
-    --------
-    >>> variable_name("Position (z)"), variable_name("Fz"), variable_name("Tx")
-    ('position_z', 'force_z', 'torque_x')
-    """
+    """Name the variable of a column."""
     axis = re.fullmatch(r"([FT])([xyz])", quantity)
     if axis:
         return f"{'force' if axis[1] == 'F' else 'torque'}_{axis[2]}"

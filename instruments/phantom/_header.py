@@ -184,10 +184,7 @@ def _image(window: Window, bitmap: int) -> tuple[int, int, bool, Packing, int, i
 def _tags(
     window: Window, start: int, end: int, count: int
 ) -> tuple[NDArray[np.uint64] | None, NDArray[np.uint32] | None, int | None]:
-    """Walk the tagged blocks for stamps, exposures, and how many stamps there are.
-
-    A block whose size cannot be right ends the walk.
-    """
+    """Walk the tagged blocks, up to one whose size cannot be right: stamps, exposures, how many stamps there are."""
     stamps: NDArray[np.uint64] | None = None
     exposures: NDArray[np.uint32] | None = None
     stated: int | None = None

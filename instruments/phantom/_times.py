@@ -91,11 +91,7 @@ def _stated_interval(header: Header) -> float | None:
 
 
 def _impossible(ticks: Integers, interval: float) -> Flags:
-    """Mark the stamps that contradict the others.
-
-    The largest number of stamps that follow each other in order is believed, but for a first or last one that is
-    farther from the others than any pause of a recording.
-    """
+    """Mark the stamps outside the longest order, and a first or last one farther away than any pause of a recording."""
     seconds = np.asarray(ticks * _UNIT, np.float64)
     good = np.flatnonzero(longest_order(seconds + np.arange(ticks.size) * max(_TOLERANCE, _SHARE * interval)))
     for inner, end in ((slice(1, None), 0), (slice(None, -1), -1)):

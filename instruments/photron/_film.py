@@ -47,10 +47,7 @@ _KEYS = {
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """Description of the frames: counts, size [px], bits of a pixel, rate [1/s], exposure [s] or None, white level.
-
-    ``trigger`` is the day of the recording, its midnight UTC since 1970 in 2⁻³² s; 0 where it is not known.
-    """
+    """Counts, size [px], bits of a pixel, rate [1/s], exposure [s], white level; day since 1970 as trigger [2⁻³² s]."""
 
     count: int
     start: int

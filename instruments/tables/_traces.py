@@ -13,7 +13,8 @@ import xarray as xr
 from instruments._clock import even_interval
 from instruments._layout import Block
 from instruments._quantities import unit_of
-from instruments._readings import Notes, numbers
+from instruments._readings import numbers
+from instruments._sheets import Notes
 from labpipe.arrays import Floats
 from labpipe.errors import UNSAID, SourceError
 from labpipe.text import Separators

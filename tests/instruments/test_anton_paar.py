@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import openpyxl
 import pytest
-from hypothesis import given, settings, strategies as st
 
 import instruments
 from instruments import anton_paar
-from instruments.anton_paar import assemble, make_column, make_interval
+from instruments.anton_paar import assemble
 from labpipe.errors import SourceError
+from tests.faults import seeds
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/rheocompass"
 
@@ -169,32 +169,13 @@ def test_the_window_definition_is_refused_politely():
         instruments.read(path)
 
 
-NUMBERS = st.floats(1e-9, 1e9).map(lambda x: float(f"{x:.5g}"))
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.lists(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=5), min_size=1, max_size=4))
-def test_a_written_export_is_read(tmp_path_factory, tables):
-    intervals = [
-        make_interval(
-            "test, one",
-            "sweep",
-            number,
-            [
-                make_column("Frequency", "[Hz]", [a for a, _ in table]),
-                make_column("Storage Modulus", "[MPa]", [b for _, b in table]),
-                make_column("Torque", "[µN·m]", [a * 1e-6 for a, _ in table]),
-                make_column("Status", "", ["ME-,taD"] * len(table)),
-            ],
-        )
-        for number, table in enumerate(tables, 1)
-    ]
+def test_a_written_export_is_read(tmp_path):
+    intervals = seeds.anton_paar_intervals()
     made = assemble(intervals)
-    path = tmp_path_factory.mktemp("round") / "x.csv"
-    anton_paar.write(path, intervals, "p | x | 1")
+    anton_paar.write(tmp_path / "x.csv", intervals, "p | x | 1")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = anton_paar.read(path)
+        found = anton_paar.read(tmp_path / "x.csv")
     assert found.attrs["tests"] == made.attrs["tests"]
     assert found.attrs["project"] == "p | x | 1"
     for name in made.variables:

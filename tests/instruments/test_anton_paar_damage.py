@@ -9,34 +9,12 @@ import numpy as np
 import pytest
 
 from instruments import anton_paar
-from instruments.anton_paar import assemble, make_column, make_interval
 from labpipe.errors import LabpipeError, SourceError
+from tests.faults import seeds
 from tests.instruments.test_anton_paar import book_of
 
-
-def recording():
-    frequency = np.array([10.0, 1.0, 0.1])
-    return [
-        make_interval(
-            test,
-            "Frequency sweep 1",
-            number,
-            [
-                make_column("Angular Frequency", "[rad/s]", frequency),
-                make_column("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
-                make_column("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
-                make_column("Loss Factor", "[1]", np.full(3, 0.1)),
-                make_column("Temperature", "[°C]", np.full(3, 20.5 + number)),
-                make_column("Torque", "[mN·m]", 1e-4 * frequency),
-                make_column("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
-            ],
-        )
-        for test, number in (("sample A", 1), ("sample A", 2), ("sample B", 1))
-    ]
-
-
-WHOLE = assemble(recording())
-TEXT = anton_paar.encode(recording(), "Sweep | PC, 2/27/2020 | 2").decode("utf-16")
+WHOLE = anton_paar.assemble(seeds.anton_paar_intervals())
+TEXT = seeds.anton_paar_text().decode()
 
 
 def outcome(folder, data, **options):

@@ -9,6 +9,7 @@ from instruments import mach1
 from labpipe.errors import SourceError
 from tests.faults import seeds
 from tests.instruments.mach1_blocks import split_blocks
+from tests.instruments.test_keyence_damage import as_bytes, once, same
 
 WHOLE = seeds.mach1_text(30).decode("ascii")
 FIRST, SECOND = WHOLE[: WHOLE.index("<INFO>", 40)], WHOLE[WHOLE.index("<INFO>", 40) :]
@@ -23,16 +24,6 @@ def row(block, number):
     """A row of a block without its line end: the ``number``-th that begins with a digit."""
     part = FIRST if block == 0 else SECOND
     return [line for line in part.split("\r\n") if re.match(r"[0-9]", line)][number]
-
-
-def once(old, new):
-    """Replace the first place only, and make sure that there is one."""
-
-    def damage(text):
-        assert old in text
-        return text.replace(old, new, 1)
-
-    return damage
 
 
 def after_last(old, new):
@@ -88,14 +79,6 @@ def test_damage_is_refused_where_it_is(tmp_path, name):
         assert caught.value.line == line
     if col is not None:
         assert caught.value.column == col
-
-
-def as_bytes(change, codec="ascii", errors="strict"):
-    return lambda text: change(text).encode(codec, errors)
-
-
-def same(text):
-    return text
 
 
 # Changes of form that leave every number what it is.
