@@ -97,12 +97,8 @@ def make_recording(
         shown = np.where(status == Status.VALID, shown, np.nan)
         variables |= output_variables(output, unit_text, shown, status, Layout(True, 6 - decimals, decimals))
     time = np.arange(len(next(iter(outputs.values())))) * (interval * storage_factor)
-    attrs: dict[str, Any] = {
-        "instrument": DEVICE,
-        "model": model,
-        **({"serial": serial} if serial else {}),
-        "start": start.isoformat(),
-    }
+    attrs: dict[str, Any] = {"instrument": DEVICE, "model": model, "start": start.isoformat()}
+    attrs |= {"serial": serial} if serial else {}
     attrs |= {"sampling_cycle": interval, "storage_factor": storage_factor, "averaging": averaging, "layout": "assumed"}
     attrs["sampling_interval"] = interval * storage_factor
     return xr.Dataset(variables, {"time": variable("time", time, "s", "time from the first point")}, attrs)

@@ -27,8 +27,6 @@ _HEADER = 100  # lines in which a file states how it is written
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")
 _SIGNS = {"point": ".", "punkt": ".", "comma": ",", "komma": ","}
 
-_Sheets = Sequence[tuple[str, Lines]]
-
 
 def read(
     path: str | os.PathLike[str],
@@ -106,7 +104,7 @@ def read(
     return _sweeps(notes, tables, decimal, open_line, opened.encoding)
 
 
-def _blocks(path: Path, found: _Sheets) -> list[Block]:
+def _blocks(path: Path, found: Sequence[tuple[str, Lines]]) -> list[Block]:
     """Find the tables; sheets and lines without any, such as remarks, are passed over."""
     tables = [replace(block, sheet=title) for title, lines in found for block in blocks(lines)]
     whole = [block for block in tables if block.rows]
@@ -124,7 +122,7 @@ def _blocks(path: Path, found: _Sheets) -> list[Block]:
     return whole
 
 
-def _located(path: Path, found: _Sheets, named: tuple[Chosen, ...]) -> tuple[Block, Lines]:
+def _located(path: Path, found: Sequence[tuple[str, Lines]], named: tuple[Chosen, ...]) -> tuple[Block, Lines]:
     """Find the named columns in the first sheet that has them; return its lines too."""
     first: SourceError | None = None
     for _, lines in found:
