@@ -89,13 +89,7 @@ def known() -> tuple[Instrument, ...]:
 
 
 def by_name(name: str) -> Instrument:
-    """Return one instrument by its name.
-
-    Raises
-    ------
-    UsageError
-        No instrument has that name.
-    """
+    """Return one instrument by its name. UsageError where no instrument has that name."""
     found = next((each for each in OURS if each.name == name), None) or next(
         (each for each in known() if each.name == name), None
     )
@@ -171,7 +165,7 @@ def _unknown(path: Path, head: bytes) -> SourceError:
     if path.suffix.lower() in (".png", ".bmp", ".jpg", ".jpeg"):
         hint = "One image is no film: name the folder of its images, or the camera's own file."
     elif path.suffix.lower() in (".raw", ".mraw", ".cih", ".cihx"):
-        hint = f"{RAW_FRAMES} Phantom's .cine and TIFF are read with their pixels packed or not."
+        hint = RAW_FRAMES
     elif b"\0" in head and not is_workbook(head):
         hint = "It is binary, of no format that is known: export readings as text, films as TIFF or PNG."
     elif named := columns_hint(head, path):

@@ -27,10 +27,7 @@ def moment(text: str) -> datetime | None:
 def even_interval(path: Path, time: Floats, resolution: float, lines: Sequence[int]) -> float:
     """Return the interval [s] of times that lie evenly, each within its last decimal.
 
-    Raises
-    ------
-    SourceError
-        They do not, or one is missing.
+    SourceError where they do not, or one is missing.
     """
     steps = np.diff(time)
     interval = float((time[-1] - time[0]) / steps.size) if steps.size else 0.0

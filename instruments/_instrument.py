@@ -1,4 +1,4 @@
-"""Description of an instrument: one object that recognises, reads and writes its files.
+"""Description of an instrument: one object that recognises and reads its files.
 
 A package (below this one, or of another distribution) defines one. Its ``__init__`` is imported
 whenever a file is to be recognised, so it imports no numerical library: readers are named as
@@ -61,8 +61,6 @@ class Instrument:
         ``"module:function"``; takes the path and the options, returns a Dataset in SI or a film.
     options : TypedDict class
         Names and types of the keyword arguments of the reader.
-    writer : str
-        ``"module:function"``, "" for none.
     unproposed : str
         Why `labpipe init` proposes no experiment from its files, "" where it does.
     """
@@ -73,7 +71,6 @@ class Instrument:
     sniff: Callable[[bytes, Path], bool]
     reader: str
     options: type[Any] = NoOptions
-    writer: str = ""
     unproposed: str = ""
 
     def read(self, path: Path, options: Mapping[str, Any]) -> Any:
@@ -86,15 +83,13 @@ class Instrument:
         """
         for name in options:
             self._require_option(name)
-        return _loaded(self.reader)(path, **options)
+        module, function = self.reader.split(":")
+        return getattr(importlib.import_module(module), function)(path, **options)
 
     def option(self, name: str, text: str) -> Any:
         """Return the value of an option that was typed as text.
 
-        Raises
-        ------
-        UsageError
-            There is no such option, or the text is none of its values.
+        UsageError where there is no such option, or the text is none of its values.
         """
         self._require_option(name)
         kind = self.options.__annotations__[name]
@@ -117,18 +112,6 @@ class Instrument:
         """Return the names of the options, in the order in which they are declared."""
         return tuple(self.options.__annotations__)
 
-    def write(self, path: Path, *given: Any) -> None:
-        """Write a file in the form of this instrument.
-
-        Raises
-        ------
-        UsageError
-            The instrument's files are only read.
-        """
-        if not self.writer:
-            raise UsageError(f"files of {self.name} are read, never written")
-        _loaded(self.writer)(path, *given)
-
 
 _TYPED: dict[Any, Callable[[str], Any]] = {
     bool: {"true": True, "false": False}.__getitem__,
@@ -137,11 +120,6 @@ _TYPED: dict[Any, Callable[[str], Any]] = {
     str: str,
 }
 _WORDS: dict[Any, str] = {bool: "true or false", int: "a whole number", float: "a number"}
-
-
-def _loaded(target: str) -> Callable[..., Any]:
-    module, name = target.split(":")
-    return getattr(importlib.import_module(module), name)
 
 
 def text_of(head: bytes) -> str:

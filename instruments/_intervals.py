@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 
 from instruments._quantities import TEXT, quantity, slug, unit_of
 from labpipe.arrays import Flags, Floats, Integers
-from labpipe.errors import InputError
-from labpipe.variables import described, variable
+from labpipe.errors import warn_of
+from labpipe.variables import variable
 
 DEVICE = "Anton Paar rheometer"
 #: The loss factor that RheoCompass writes when it has none.
@@ -24,18 +25,13 @@ _SAMPLE = ("sample",)
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of one interval.
-
-    ``name`` is canonical, ``header`` and ``unit`` as in the file, ``values`` in SI (numbers) or
-    text. ``si`` is "" for text.
-    """
+    """One column: its canonical name, header and unit as in the file, values in SI or text, of which ``si`` is ""."""
 
     name: str
     header: str
     unit: str
     si: str
     values: Floats | list[str]
-    sub_label: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,37 +52,39 @@ class Interval:
     sheet: str = ""
 
 
-def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
+def assemble(intervals: Sequence[Interval], path: Path | None = None, **attrs: Any) -> xr.Dataset:
     """Join intervals along ``sample``; a column that an interval lacks is NaN there.
 
     Parameters
     ----------
     intervals : sequence of Interval
         In the order of the file.
+    path : path, optional
+        The file that they are from.
     **attrs
         Further attributes of the Dataset.
 
-    Raises
-    ------
-    InputError
-        One name has two SI units.
+    Warns
+    -----
+    UserWarning
+        A column has several units, or is text in one table and numbers in another; it is left out.
     """
     counts = [interval.point.size for interval in intervals]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
+    units: dict[str, list[str]] = {}
+    for column in (column for interval in intervals for column in interval.columns):
+        units.setdefault(column.name, []).append(column.si)
     variables: dict[str, Any] = {}
-    for interval, start in zip(intervals, starts, strict=False):
-        for column in interval.columns:
-            is_text = isinstance(column.values, list)
-            if column.name not in variables:
-                empty: NDArray[Any] = np.full(starts[-1], "", dtype=object) if is_text else np.full(starts[-1], np.nan)
-                variables[column.name] = (_SAMPLE, empty, described("1" if is_text else column.si, column.header))
-            array, known = variables[column.name][1:]
-            if (array.dtype == object) != is_text or (not is_text and known["units"] != column.si):
-                raise InputError(
-                    f'the column "{column.header}" is in "{column.unit or "text"}" here and in "{known["units"]}" in '
-                    "another table; rename one of them"
-                )
-            array[start : start + len(column.values)] = column.values
+    for name, found in units.items():
+        if len(set(found)) > 1:
+            text = " and ".join(sorted({unit or "text" for unit in found}))
+            warn_of(path or "intervals", f"the column {name} is in {text}; it is left out")
+            continue
+        values: NDArray[Any] = np.full(starts[-1], np.nan) if found[0] else np.full(starts[-1], "", dtype=object)
+        own = [(start, c) for i, start in zip(intervals, starts, strict=False) for c in i.columns if c.name == name]
+        for start, column in own:
+            values[start : start + len(column.values)] = column.values
+        variables[name] = variable(_SAMPLE, values, found[0] or "1", own[0][1].header)
     tests: list[int] = []  # counted in the order of the file; a name that returns begins anew
     results: list[int] = []
     for before, interval in zip([None, *intervals], intervals, strict=False):
@@ -94,67 +92,33 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
         is_next = before is not None and (interval.result != before.result or interval.number <= before.number)
         tests.append((tests[-1] + (not is_same)) if tests else 0)
         results.append(results[-1] + is_next if is_same else 0)
+    numbers = [interval.number for interval in intervals]
     coords = {
         name: variable(_SAMPLE, np.repeat(np.asarray(values, dtype=np.int64), counts), "1", text)
         for name, values, text in (
             ("test", tests, "number of the test, from 0"),
             ("result", results, "number of the result in its test, from 0"),
-            ("interval", [i.number for i in intervals], "number of the interval, as in the file"),
+            ("interval", numbers, "number of the interval, as in the file"),
         )
     }
-    coords["point"] = variable(
-        _SAMPLE, np.concatenate([i.point for i in intervals]), "1", "number of the point, 0 where the file gives none"
-    )
+    points = np.concatenate([i.point for i in intervals])
+    coords["point"] = variable(_SAMPLE, points, "1", "number of the point, 0 where the file gives none")
     marks, meaning = np.concatenate([i.is_valid for i in intervals]), "0 where the instrument marked the point invalid"
     variables["is_valid"] = variable(_SAMPLE, marks.astype(np.int8), "1", meaning)
-    described_intervals = [
-        {
-            "test": test,
-            "result": result,
-            "interval": interval.number,
-            "test_name": interval.test,
-            "result_name": interval.result,
-            "declared": interval.declared,
-            "rows": int(interval.point.size),
-            **({"sheet": interval.sheet} if interval.sheet else {}),
-            "columns": [
-                {"name": c.name, "header": c.header, "unit": c.unit}
-                | ({"sub_label": c.sub_label} if c.sub_label else {})
-                for c in interval.columns
-            ],
-        }
-        for interval, test, result in zip(intervals, tests, results, strict=True)
+    entries = [
+        {"test": test, "result": result, "interval": i.number, "test_name": i.test, "result_name": i.result}
+        | {"declared": i.declared, "rows": int(i.point.size), **({"sheet": i.sheet} if i.sheet else {})}
+        for i, test, result in zip(intervals, tests, results, strict=True)
     ]
     dataset = xr.Dataset(variables, coords=coords)
-    dataset.attrs = {
-        "instrument": DEVICE,
-        "layout": "RheoCompass",
-        "tests": json.dumps(described_intervals, ensure_ascii=False),
-        **attrs,
-    }
+    source = {} if path is None else {"source": path.name}
+    described_intervals = {"tests": json.dumps(entries, ensure_ascii=False)}
+    dataset.attrs = {"instrument": DEVICE, "layout": "RheoCompass", **described_intervals, **source, **attrs}
     return _frequencies(_unclipped(dataset))
 
 
-def in_one_unit(intervals: Sequence[Interval]) -> tuple[list[Interval], list[str]]:
-    """Leave columns out whose unit is not the same in all tables, and name them in notes."""
-    units: dict[str, set[str]] = {}
-    for interval in intervals:
-        for column in interval.columns:
-            units.setdefault(column.name, set()).add(column.si)
-    several = {name: found for name, found in units.items() if len(found) > 1}
-    notes = [
-        f"the column {name} is in {' and '.join(sorted(unit or 'text' for unit in found))}; it is left out"
-        for name, found in several.items()
-    ]
-    return [replace(i, columns=tuple(c for c in i.columns if c.name not in several)) for i in intervals], notes
-
-
 def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
-    """Replace clipped loss factors by the ratio of the moduli, where the storage modulus is real.
-
-    RheoCompass clips at 20000 and often makes the storage modulus from the clipped value; such a
-    modulus is no reading, so the loss factor stays NaN.
-    """
+    """Replace clipped loss factors by the ratio of the moduli, unless the storage modulus was made from them."""
     if "loss_factor" not in dataset:
         return dataset
     factor = dataset["loss_factor"].values
@@ -168,9 +132,7 @@ def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
         fresh = np.where(clipped & is_real, ratio, fresh)
     meaning = "1 where the file's loss factor is clipped at 20000"
     marked = variable(_SAMPLE, clipped.astype(np.int8), "1", meaning)
-    dataset = dataset.assign(loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs), is_clipped=marked)
-    dataset.attrs["clipped_loss_factors"] = int(clipped.sum())
-    return dataset
+    return dataset.assign(loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs), is_clipped=marked)
 
 
 def _frequencies(dataset: xr.Dataset) -> xr.Dataset:
@@ -189,14 +151,7 @@ def _frequencies(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def make_column(header: str, unit: str, values: Any) -> Column:
-    """Make a column of numbers in SI (or of text, with an empty unit) under an English heading.
-
-    Examples
-    --------
-    >>> made = make_column("Torque", "[mN·m]", [1e-3])
-    >>> made.name, made.si
-    ('torque', 'N m')
-    """
+    """Make a column of numbers in SI (or of text, with an empty unit) under an English heading."""
     name = quantity(header) or slug(header)
     if name in TEXT:
         return Column(name, header, "", "", [str(v) for v in values])

@@ -5,7 +5,7 @@ compliance D* = D′ − i D″, and the complex viscosity η* = η′ − i η�
 Viscoelastic Properties of Polymers, 3rd ed., ch. 1).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,10 +15,6 @@ from instruments._quantities import FREQUENCIES, RESPONSES, SHIFTS, TEMPERATURES
 from labpipe.arrays import Floats
 
 _Made = tuple[Floats, Floats]
-
-# Natural logarithms of ratios below which columns that were rounded may lie apart.
-_FREQUENCY_ROUNDED = 0.02
-_MODULUS_ROUNDED = 0.1
 
 
 def _inverse(storage: Floats, loss: Floats) -> _Made:
@@ -50,84 +46,31 @@ _WAYS: tuple[tuple[tuple[str, ...], Callable[..., _Made]], ...] = (
 )
 
 
-def _contradictions(columns: Mapping[str, Any], made: Sequence[tuple[tuple[str, ...], _Made]]) -> list[str]:
-    """Describe the quantities that columns give twice and that disagree by more than their rounding."""
-    said = []
-    if {"frequency", "angular_frequency"} <= columns.keys():
-        omega, hertz = columns["angular_frequency"], columns["frequency"]
-        ratio = _median_ratio(_values(omega), 2.0 * np.pi * _values(hertz))
-        if abs(np.log(ratio)) > _FREQUENCY_ROUNDED:
-            said.append(f"{omega.header} is {ratio:.3g} times 2π {hertz.header}")
-    whole = ("storage_modulus", "loss_modulus")
-    if {*whole, "complex_modulus"} <= columns.keys():
-        size = columns["complex_modulus"]
-        ratio = _median_ratio(_values(size), np.hypot(*(_values(columns[name]) for name in whole)))
-        if abs(np.log(ratio)) > _MODULUS_ROUNDED:
-            said.append(f"{size.header} is {ratio:.3g} times the size of {_headers(columns, whole)}")
-    for needed, moduli in made[1:]:
-        for one, other, name in zip(moduli, made[0][1], ("storage", "loss"), strict=True):
-            ratio = _median_ratio(one, other)
-            if abs(np.log(ratio)) > _MODULUS_ROUNDED:
-                text = f"the {name} modulus of {_headers(columns, needed)} is {ratio:.3g} times that of "
-                return [*said, text + _headers(columns, made[0][0])]  # the others follow from it
-    return said
-
-
-def _median_ratio(one: Floats, other: Floats) -> float:
-    """Return the ratio of two columns; 1 where none of their rows can be compared."""
-    is_both = np.isfinite(one) & np.isfinite(other) & (one > 0) & (other > 0)
-    return float(np.median(one[is_both] / other[is_both])) if is_both.any() else 1.0
-
-
 def _has(columns: Mapping[str, Any], needed: tuple[str, ...]) -> bool:
     return all(name in columns or (name == "ω" and not FREQUENCIES.isdisjoint(columns)) for name in needed)
 
 
-def _values(column: Any) -> Floats:
-    return np.asarray(column.values, dtype=float)
-
-
-def _headers(columns: Mapping[str, Any], needed: tuple[str, ...]) -> str:
-    return " and ".join(columns[name].header for name in needed if name != "ω")
-
-
-def with_moduli(columns: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Add storage and loss modulus [Pa] to columns in SI that determine them.
-
-    Returns
-    -------
-    dict of str to Column
-    list of str
-        A sentence on every quantity that is given twice and does not agree: then a unit or a heading is
-        wrong. Rounding to two digits is no contradiction.
-    """
-    arrays = {name: _values(column) for name, column in columns.items() if column.si}
+def with_moduli(columns: dict[str, Any]) -> dict[str, Any]:
+    """Add storage and loss modulus [Pa] to columns in SI by the first way that determines them."""
+    arrays = {name: np.asarray(column.values, dtype=float) for name, column in columns.items() if column.si}
     if "frequency" in arrays:
         arrays["ω"] = 2.0 * np.pi * arrays["frequency"]
     if "angular_frequency" in arrays:
         arrays["ω"] = arrays["angular_frequency"]
+    way = next(((needed, make) for needed, make in _WAYS if _has(columns, needed)), None)
+    if way is None:
+        return columns
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        made = [(needed, way(*(arrays[name] for name in needed))) for needed, way in _WAYS if _has(columns, needed)]
-    said = [f"{text}; check headings and units, one of them is wrong" for text in _contradictions(columns, made)]
-    if not made:
-        return columns, said
-    needed, moduli = made[0]
+        moduli = way[1](*(arrays[name] for name in way[0]))
+    header = f"of {' and '.join(columns[name].header for name in way[0] if name != 'ω')}"
     for name, values in zip(("storage_modulus", "loss_modulus"), moduli, strict=True):
         if name not in columns:
-            unit = {"unit": "Pa", "si": "Pa", "sub_label": ""}
-            header = f"of {_headers(columns, needed)}"
-            columns[name] = replace(columns[needed[0]], name=name, header=header, values=values, **unit)
-    return columns, said
+            columns[name] = replace(columns[way[0][0]], name=name, header=header, unit="Pa", si="Pa", values=values)
+    return columns
 
 
 def needed(names: set[str]) -> set[str]:
-    """Return which of some columns a sweep, a response or a table of shifts is made of; the others are not needed.
-
-    Examples
-    --------
-    >>> sorted(needed({"frequency", "storage_modulus", "loss_modulus", "loss_factor", "torque"}))
-    ['frequency', 'loss_modulus', 'storage_modulus']
-    """
+    """Return which of some columns a sweep, a response or a table of shifts is made of; the others are not needed."""
     way = next((set(way) for way, _ in _WAYS if _has(dict.fromkeys(names), way)), set())
     temperatures, responses = names & {*TEMPERATURES}, names & RESPONSES
     wanted = way | temperatures | FREQUENCIES | responses

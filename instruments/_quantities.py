@@ -213,13 +213,7 @@ def quantity(heading: str) -> str | None:
 
 
 def slug(text: str) -> str:
-    """Make a variable name of an unknown heading.
-
-    Examples
-    --------
-    >>> slug("Oscillation torque (µN.m)")
-    'oscillation_torque_un_m'
-    """
+    """Make a variable name of an unknown heading."""
     plain_text = "".join(c for c in unicodedata.normalize("NFKD", text.casefold()) if not unicodedata.combining(c))
     return _NOT_WORD.sub("_", plain_text.replace("\u03bc", "u")).strip("_") or "column"
 
@@ -236,36 +230,37 @@ def repaired(text: str) -> str:
 
 #: Spellings of units in exports beyond those of :mod:`labpipe.units`, folded to small letters.
 _SPELLINGS = {
-    **dict.fromkeys(("rad/sec", "rads-1", "rad_s", "rad_per_s", "rad per s", "radians/s"), Unit(1.0, "rad/s")),
-    **dict.fromkeys(
-        ("deg c", "degc", "º c", "ºc", "oc", "° c", "°c", "celsius", "cel", "deg_c", "c", "?c", "^circ c", "circ c"),
-        Unit(1.0, "degC"),
-    ),
-    **dict.fromkeys(("k", "kelvin"), Unit(1.0, "K")),
-    **dict.fromkeys(("°f", "degf", "deg f", "fahrenheit", "f"), Unit(1.0, "degF")),
-    **dict.fromkeys(("degree", "degrees", "deg", "deg.", "º"), Unit(0.017453292519943295, "rad")),
-    **dict.fromkeys(("radian", "radians"), Unit(1.0, "rad")),
-    **dict.fromkeys(("percent", "pct"), Unit(1e-2, "1")),
-    **dict.fromkeys(("none", "dimensionless", "/", "--", "#"), Unit(1.0, "1")),
-    **dict.fromkeys(("n/mm2", "mpa", "mpascal"), Unit(1e6, "Pa")),  # a solid's modulus in millipascal does not exist
-    **dict.fromkeys(("pa", "n/m2"), Unit(1.0, "Pa")),
-    **dict.fromkeys(("kpa", "kn/m2"), Unit(1e3, "Pa")),
-    **dict.fromkeys(("gpa", "kn/mm2"), Unit(1e9, "Pa")),
-    **dict.fromkeys(("dyn/cm2", "dyne/cm2"), Unit(0.1, "Pa")),
-    "psi": Unit(6894.757293168361, "Pa"),
-    **dict.fromkeys(("1/pa", "m2/n"), Unit(1.0, "1/Pa")),
-    "1/kpa": Unit(1e-3, "1/Pa"),
-    "1/mpa": Unit(1e-6, "1/Pa"),
-    "1/gpa": Unit(1e-9, "1/Pa"),
-    **dict.fromkeys(("hertz", "hz"), Unit(1.0, "Hz")),
-    **dict.fromkeys(("rpm", "rev/min"), Unit(1.0 / 60.0, "Hz")),
-    **dict.fromkeys(("seconds", "second", "sec", "s"), Unit(1.0, "s")),
-    **dict.fromkeys(("minutes", "minute"), Unit(60.0, "s")),
-    **dict.fromkeys(("hours", "hour", "hr"), Unit(3600.0, "s")),
-    **dict.fromkeys(("meter", "metre", "meters", "metres"), Unit(1.0, "m")),
-    **dict.fromkeys(("volt", "volts", "v"), Unit(1.0, "V")),
-    **dict.fromkeys(("millivolt", "millivolts"), Unit(1e-3, "V")),
-}  # fmt: skip
+    spelling: Unit(factor, si)
+    for factor, si, spellings in (
+        (1.0, "rad/s", "rad/sec, rads-1, rad_s, rad_per_s, rad per s, radians/s"),
+        (1.0, "degC", "deg c, degc, º c, ºc, oc, ° c, °c, celsius, cel, deg_c, c, ?c, ^circ c, circ c"),
+        (1.0, "K", "k, kelvin"),
+        (1.0, "degF", "°f, degf, deg f, fahrenheit, f"),
+        (0.017453292519943295, "rad", "degree, degrees, deg, deg., º"),
+        (1.0, "rad", "radian, radians"),
+        (1e-2, "1", "percent, pct"),
+        (1.0, "1", "none, dimensionless, /, --, #"),
+        (1e6, "Pa", "n/mm2, mpa, mpascal"),  # a solid's modulus in millipascal does not exist
+        (1.0, "Pa", "pa, n/m2"),
+        (1e3, "Pa", "kpa, kn/m2"),
+        (1e9, "Pa", "gpa, kn/mm2"),
+        (0.1, "Pa", "dyn/cm2, dyne/cm2"),
+        (6894.757293168361, "Pa", "psi"),
+        (1.0, "1/Pa", "1/pa, m2/n"),
+        (1e-3, "1/Pa", "1/kpa"),
+        (1e-6, "1/Pa", "1/mpa"),
+        (1e-9, "1/Pa", "1/gpa"),
+        (1.0, "Hz", "hertz, hz"),
+        (1.0 / 60.0, "Hz", "rpm, rev/min"),
+        (1.0, "s", "seconds, second, sec, s"),
+        (60.0, "s", "minutes, minute"),
+        (3600.0, "s", "hours, hour, hr"),
+        (1.0, "m", "meter, metre, meters, metres"),
+        (1.0, "V", "volt, volts, v"),
+        (1e-3, "V", "millivolt, millivolts"),
+    )
+    for spelling in spellings.split(", ")
+}
 _LOST = "\N{REPLACEMENT CHARACTER}"
 
 
@@ -311,10 +306,7 @@ def fits(name: str, stated: str) -> bool:
 def signs_of(path: Path, cells: Sequence[str], decimal: str | None) -> Separators:
     """Decide the decimal and the thousands sign of a file from its cells of numbers, or from a stated decimal sign.
 
-    Raises
-    ------
-    SourceError
-        The cells are ambiguous, or show both signs as the decimal one.
+    SourceError where the cells are ambiguous, or show both signs as the decimal one.
     """
     if decimal is not None:
         other = "." if decimal == "," else ","

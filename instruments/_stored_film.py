@@ -1,7 +1,6 @@
 """Films in files of any kind: the rectangle of their frames that is shown, and pixels without gaps between them."""
 
 import copy
-from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
@@ -29,10 +28,7 @@ class StoredFrames(ShownFrames):
     def roi(self, rows: slice, columns: slice) -> Self:
         """Return a view of a rectangle of this view; rows outside are not read.
 
-        Raises
-        ------
-        InputError
-            The rectangle holds no pixel, or leaves rows or columns out.
+        InputError where the rectangle holds no pixel, or leaves rows or columns out.
         """
         view = copy.copy(self)
         view._rows, view._columns = self._rows[rows], self._columns[columns]
@@ -58,32 +54,11 @@ class MappedFrames(StoredFrames, Generic[_Header]):
 
     def __init__(self, window: Window, header: _Header) -> None:
         super().__init__(header.count, header.height, header.width)
-        self._window, self._header = window, header
-
-    @property
-    def header(self) -> _Header:
-        """Description of the film by the camera."""
-        return self._header
-
-    @property
-    def path(self) -> Path:
-        """The file of the frames."""
-        return self._window.path
+        self._window, self.header, self.path = window, header, window.path
 
 
 def unpacked(stored: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
-    """Unpack pixels of 10 or 12 bits, most significant bits first.
-
-    Parameters
-    ----------
-    stored : array (row, byte)
-        Whole groups: 4 pixels in 5 bytes, or 2 in 3.
-    bits : {10, 12}
-
-    Returns
-    -------
-    array (row, pixel)
-    """
+    """Unpack pixels (row, pixel) of 10 or 12 bits from whole groups of bytes (row, byte), highest bits first."""
     pixels, size = PACKED_GROUPS[bits]
     groups = stored.reshape(len(stored), -1, size).astype(np.uint16)
     starts = [bits * k for k in range(pixels)]

@@ -60,10 +60,7 @@ def sheets(path: Path) -> list[tuple[str, list[list[str]]]]:
 
     Numbers have the decimal sign of those that the workbook holds as text.
 
-    Raises
-    ------
-    SourceError
-        The file is damaged, encrypted, no workbook, or unpacks to too much.
+    SourceError where the file is damaged, encrypted, no workbook, or unpacks to too much.
     """
     try:
         status = path.stat()

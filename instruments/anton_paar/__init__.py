@@ -50,5 +50,4 @@ INSTRUMENT = Instrument(
     sniff=_sniff,
     reader="instruments.anton_paar:read",
     options=Options,
-    writer="instruments.anton_paar:write",
 )

@@ -1,4 +1,4 @@
-"""From rows of cells to tables: the structure that all Anton Paar exports share.
+"""From lines to tables: the structure that all Anton Paar exports share.
 
 RheoCompass::
 
@@ -18,14 +18,15 @@ Structure is asked before words: a label and two whole numbers begin an interval
 import re
 from dataclasses import dataclass, field
 
+from instruments._headings import Heading, is_unit
+from instruments._layout import Block, Lines, cells, is_numeric, trimmed
 from instruments._quantities import TEXT, fold, quantity, repaired, slug
-from instruments.tables import Block, Heading, Notes, is_unit
+from instruments._sheets import Notes
 from labpipe.errors import SourceError
 from labpipe.text import shorten
 
 _BRACKETS = re.compile(r"\s*\[.*\]\s*")
 _WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")
-_NUMBER = re.compile(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?")
 _UNITS_WITHIN = 3  # lines below the header: sub-labels, and a line that a hand has added
 _MOST_COLUMNS = 512
 
@@ -47,116 +48,114 @@ _LABELS = {
 _LABEL_OF = {fold(word): name for name, words in _LABELS.items() for word in words.split(", ")}
 
 
-def label(text: str) -> str | None:
-    """Return the meaning of a label, or None when it is not known."""
-    return _LABEL_OF.get(fold(text))
-
-
 @dataclass(slots=True)
-class Table:
-    """One table as in the file.
+class Table(Block):
+    """A table with its test, result, number and declared points; ``inset`` is 1 where a label has the first column."""
 
-    ``declared`` is the number of points that the file announces (None when it does not); ``sub_labels`` stand below
-    the headings; ``first`` is the cell with which the columns begin.
-    """
-
-    test: str
-    result: str
-    number: int
-    declared: int | None
-    block: Block
+    test: str = ""
+    result: str = ""
+    number: int = 1
+    declared: int | None = None
     sub_labels: list[str] = field(default_factory=list)
-    first: int = 0
 
 
 @dataclass(slots=True)
 class Export:
-    """Everything between the first and the last row; ``cut`` holds line and note of tables that lack points."""
+    """One pass over the lines: the tables, the lines around them, and which part of a table comes next.
 
+    ``cut`` holds line and note of tables that lack points; ``number`` is that of the next interval of RheoPlus,
+    ``dangling`` the line of a label behind the last table.
+    """
+
+    notes: Notes
     tables: list[Table] = field(default_factory=list)
     header: list[str] = field(default_factory=list)
-    projects: int = 0
     cut: list[tuple[int, str]] = field(default_factory=list)
+    projects: int = 0
+    sheet: str = ""
+    test: str = ""
+    result: str = ""
+    number: int | None = None
+    current: Table | None = None
+    expects: str = "labels"
+    is_rheoplus: bool = False
+    header_line: int = 0
+    dangling: int = 0
 
+    def read(self, sheet: str, lines: Lines, delimiter: str) -> None:
+        """Read the lines of a sheet ("" of a text); SourceError for a table without units or a row that does not fit.
 
-class Parser:
-    """One pass over the rows: which labels were seen, and which part of a table comes next."""
-
-    def __init__(self, notes: Notes) -> None:
-        self.notes, self.export = notes, Export()
-        self.sheet, self.test, self.result = "", "", ""
-        self.number: int | None = None  # RheoPlus: stated before the number of points
-        self.current: Table | None = None
-        self.expects = "labels"
-        self.is_rheoplus = False
-        self.header_line = self.dangling = 0  # line of a label after the last table
+        An empty line ends a table that has rows.
+        """
+        self.sheet, self.test, self.result, self.number, before = sheet, "", "", None, 0
+        for number, line in lines:
+            row = cells(line, delimiter)
+            found = trimmed(row)
+            if not found:
+                continue
+            if number > before + 1 and self.current is not None and self.current.rows:
+                self._close()
+            if len(found) > _MOST_COLUMNS:
+                raise self._fail(number, f"found {len(found)} cells, no table has more than {_MOST_COLUMNS}")
+            self._take(number, row, found)
+            before = number
+        self.dangling = self.dangling if self.current is None else 0
+        self._close()
 
     def _fail(self, line: int, message: str, hint: str = "") -> SourceError:
         where = f"sheet {self.sheet}: " if self.sheet else ""
         return SourceError(self.notes.path, where + message, line=line, hint=hint)
 
-    def take(self, line: int, sheet: str, row: list[str]) -> None:
-        """Take one row in, from the sheet of that name ("" in a text).
-
-        Raises
-        ------
-        SourceError
-            A table has no units, or a row does not fit its headings.
-        """
-        if sheet != self.sheet:
-            self._close()
-            self.sheet, self.test, self.result, self.number = sheet, "", "", None
-        cells = row[: max((k + 1 for k, cell in enumerate(row) if cell), default=0)]
-        if not cells:
-            if self.current is not None and self.current.block.rows:
-                self._close()
-            return
-        if len(cells) > _MOST_COLUMNS:
-            raise self._fail(line, f"found {len(cells)} cells, no table has more than {_MOST_COLUMNS}")
-        is_names = self.expects == "header" and len(cells) > 2 and not _WHOLE.fullmatch(cells[1])
-        if not is_names and (cells[0].endswith(":") or label(cells[0]) in ("header", "project")):
-            self._label(line, cells)
-        elif self.current is None and quantity(repaired(cells[0])) == "point" and len(cells) > 2:
-            self._unstated(line, cells)
-        elif self.current is None:
-            numbers = sum(bool(_NUMBER.fullmatch(cell)) for cell in cells)
+    def _take(self, line: int, row: list[str], found: list[str]) -> None:
+        table, meaning = self.current, _LABEL_OF.get(fold(found[0]))
+        is_names = self.expects == "header" and len(found) > 2 and not _WHOLE.fullmatch(found[1])
+        if not is_names and (found[0].endswith(":") or meaning in ("header", "project")):
+            self._label(line, found)
+        elif table is None and quantity(repaired(found[0])) == "point" and len(found) > 2:
+            self._names(self._begin(line, None, None), line, found)
+        elif table is None:
             # Above the first table one number may be a remark; several are a row that lost its table.
-            if numbers > (0 if self.export.tables else 1):
-                text = f"found {shorten(' '.join(cells))} outside a table"
+            if sum(map(is_numeric, found)) > (0 if self.tables else 1):
+                text = f"found {shorten(' '.join(found))} outside a table"
                 raise self._fail(line, text, "An empty line stands inside the table, or its header is lost.")
-            self.export.header.append(" ".join(cells))
+            self.header.append(" ".join(found))
         elif self.expects == "header":
-            self._names(self.current, line, cells)
+            self._names(table, line, found)
         elif self.expects == "units":
-            self._units(self.current, line, cells)
+            self._units(table, line, found)
+        elif table.inset and found[0]:
+            text = f"found {shorten(found[0])} where the first cell of a row of data is empty"
+            raise self._fail(line, text, "A cell was added or moved; compare the row with its neighbours.")
         else:
-            self._data(self.current, line, row, cells)
+            inside = row[table.inset :][: max(len(table.headings), len(found) - table.inset)]
+            table.rows.append((line, inside))
+            table.widths.append(len(table.headings) if self.sheet else len(inside))
 
-    def _label(self, line: int, cells: list[str]) -> None:
-        values = [cell for cell in cells[1:] if cell]
-        text, meaning = repaired(" ".join(values)), label(repaired(cells[0]))
+    def _label(self, line: int, found: list[str]) -> None:
+        values = [cell for cell in found[1:] if cell]
+        text, meaning = repaired(" ".join(values)), _LABEL_OF.get(fold(repaired(found[0])))
         numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
         if meaning is None and self.expects == "header" and self.is_rheoplus:
             # Settings of the interval, which RheoPlus writes between its number of points and its table.
-            self.export.header.append(f"{cells[0]}\t{text}")
+            self.header.append(f"{found[0]}\t{text}")
             return
         self._close()
         self.dangling = line
         if len(values) == 2 and len(numbers) == 2:
-            self._begin(line, numbers[0], numbers[1])
+            self._begin(line, *numbers)
             self.is_rheoplus = False
         elif meaning == "header" and len(values) > 1:
-            self._unstated(line, cells)
+            self._names(self._begin(line, None, None), line, found)
         elif meaning == "interval" and len(values) == 1 and numbers:
             self.number = numbers[0]
         elif meaning == "points" and len(values) == 1 and numbers:
             self._begin(line, self.number, numbers[0])
             self.number, self.is_rheoplus = None, True
         else:
-            self.export.header.append(f"{cells[0]}\t{text}")
+            self.header.append(f"{found[0]}\t{text}")
             if meaning == "project":
-                self.export.projects += 1
-                if self.export.projects == 2:
+                self.projects += 1
+                if self.projects == 2:
                     self.notes.add("a second project begins; exports were joined", line)
             elif meaning == "test":
                 self.test, self.result = text, ""
@@ -164,95 +163,66 @@ class Parser:
                 self.result = text
 
     def _begin(self, line: int, number: int | None, declared: int | None) -> Table:
+        if declared is None:
+            self.notes.add("a table without the line that states its number of points", line)
         place = (self.sheet, self.test, self.result)
-        before = sum((t.block.sheet, t.test, t.result) == place for t in self.export.tables)
-        self.current = Table(self.test, self.result, number or before + 1, declared, Block(line, [], sheet=self.sheet))
+        number = number or sum((t.sheet, t.test, t.result) == place for t in self.tables) + 1
+        names = {"test": self.test, "result": self.result, "number": number, "declared": declared}
+        self.current = Table(line, [], sheet=self.sheet, **names)  # type: ignore[arg-type]  # of several types
         self.expects = "header"
         return self.current
 
-    def _unstated(self, line: int, cells: list[str]) -> None:
-        self.notes.add("a table without the line that states its number of points", line)
-        self._names(self._begin(line, None, None), line, cells)
-
-    def _names(self, current: Table, line: int, cells: list[str]) -> None:
-        names = [repaired(cell) for cell in cells]
-        if self.is_rheoplus and quantity(names[0]) != "point" and not any(map(_NUMBER.fullmatch, cells)):
-            self.export.header.append(" ".join(cells))  # of the measuring profile
+    def _names(self, table: Table, line: int, found: list[str]) -> None:
+        names = [repaired(cell) for cell in found]
+        if self.is_rheoplus and quantity(names[0]) != "point" and not any(map(is_numeric, found)):
+            self.header.append(" ".join(found))  # of the measuring profile
             return
         # RheoCompass keeps the first column for the label, RheoPlus begins with the points.
-        current.first = 0 if quantity(names[0]) == "point" else 1
-        current.block.headings = [Heading(name, "") for name in names[current.first :]]
-        current.block.inset = current.first
-        if len(current.block.headings) < 2 or any(map(_WHOLE.fullmatch, names)):
-            text = f"found {shorten(' '.join(cells))}, expected the names of the columns"
+        table.inset = 0 if quantity(names[0]) == "point" else 1
+        table.headings = [Heading(name, "") for name in names[table.inset :]]
+        if len(table.headings) < 2 or any(map(_WHOLE.fullmatch, names)):
+            text = f"found {shorten(' '.join(found))}, expected the names of the columns"
             raise self._fail(line, text, "The lines of the table were changed; export the file again.")
         self.header_line, self.expects = line, "units"
 
-    def _units(self, current: Table, line: int, cells: list[str]) -> None:
-        inside, headings = [repaired(cell) for cell in cells[current.first :]], current.block.headings
+    def _units(self, table: Table, line: int, found: list[str]) -> None:
+        inside, count = [repaired(cell) for cell in found[table.inset :]], len(table.headings)
         stated = [cell for cell in inside if cell]
-        if stated and not cells[0] and all(map(_BRACKETS.fullmatch, stated)):
-            if len(inside) > len(headings):
-                raise self._fail(line, f"found {len(inside)} units for {len(headings)} columns")
-            inside += [""] * (len(headings) - len(inside))
-            subs = current.sub_labels + [""] * len(headings)
-            current.sub_labels, current.block.unit_line = subs[: len(headings)], line
-            current.block.headings = self._named([h.text for h in headings], inside, current.sub_labels)
-            self.expects = "data"
+        if not (stated and not found[0] and all(map(_BRACKETS.fullmatch, stated))):
+            if line - self.header_line > _UNITS_WITHIN or any(map(is_numeric, stated)):
+                text = "found no row of units such as [Pa] below the names of the columns"
+                raise self._fail(line, text, "Export again with units; they are not guessed.")
+            table.sub_labels = inside
             return
-        if line - self.header_line > _UNITS_WITHIN or any(map(_NUMBER.fullmatch, stated)):
-            text = "found no row of units such as [Pa] below the names of the columns"
-            raise self._fail(line, text, "Export again with units; they are not guessed.")
-        current.sub_labels = inside
-
-    def _named(self, texts: list[str], units: list[str], sub_labels: list[str]) -> list[Heading]:
-        """Name the columns; of those with one heading the further ones by their sub-label or a number."""
+        if len(inside) > count:
+            raise self._fail(line, f"found {len(inside)} units for {count} columns")
+        units, subs = ([*texts, *[""] * count][:count] for texts in (inside, table.sub_labels))
+        table.unit_line, self.expects = line, "data"
         headings: list[Heading] = []
-        for text, unit, sub in zip(texts, units, sub_labels, strict=True):
-            first = quantity(text) or slug(text)
+        for heading, unit, sub in zip(table.headings, units, subs, strict=True):
+            # of several columns with one heading the further ones have their sub-label or a number in their names
+            text, known = heading.text, quantity(heading.text)
+            first = known or slug(text)
             if text.endswith(","):
                 self.notes.add(f'"{text}" is taken as the column {first}: a dot was replaced by a comma')
             others = [name for name in (f"{first}_{slug(sub)}" if sub else "", slug(text)) if name]
-            numbered = [f"{others[-1]}_{serial}" for serial in range(2, len(texts) + 2)]
-            taken = {heading.name for heading in headings}
-            name = next(one for one in (first, *others, *numbered) if one not in taken)
+            numbered = [f"{others[-1]}_{serial}" for serial in range(2, count + 2)]
+            name = next(one for one in (first, *others, *numbered) if one not in {each.name for each in headings})
             # A column of an unknown quantity is converted by its unit all the same.
-            is_known = name == quantity(text) or (bool(unit.strip("[] ")) and is_unit(unit))
+            is_known = name == known or (bool(unit.strip("[] ")) and is_unit(unit))
             headings.append(Heading(text, name, unit, is_known=is_known and name not in ("point", *TEXT)))
-        return headings
-
-    def _data(self, current: Table, line: int, row: list[str], cells: list[str]) -> None:
-        # At least the first cell is empty (RheoCompass) or a point number (RheoPlus).
-        if current.first and cells[0]:
-            text = f"found {shorten(cells[0])} where the first cell of a row of data is empty"
-            raise self._fail(line, text, "A cell was added or moved; compare the row with its neighbours.")
-        inside = row[current.first :][: max(len(current.block.headings), len(cells) - current.first)]
-        current.block.rows.append((line, inside))
-        current.block.widths.append(len(current.block.headings) if self.sheet else len(inside))
+        table.headings = headings
 
     def _close(self) -> None:
         """End the table at hand."""
         found, self.current, self.expects = self.current, None, "labels"
         if found is None:
             return
-        self.dangling, rows = 0, len(found.block.rows)
+        self.dangling, rows = 0, len(found.rows)
         if found.declared is not None and found.declared != rows:
-            sheet = f"{self.sheet}, " if self.sheet else ""
-            text = (
-                f"interval {found.number} of {shorten(found.test)} declares {found.declared} points and holds {rows}: "
-            )
+            sheet, name = f"{self.sheet}, " if self.sheet else "", shorten(found.test)
+            text = f"interval {found.number} of {name} declares {found.declared} points and holds {rows}: "
             text += "the test was stopped, or the file is cut"
-            self.notes.add(text, found.block.line)
-            self.export.cut.append((found.block.line, f"{sheet}line {found.block.line}: {text}"))
-        self.export.tables.append(found)
-
-    def finished(self) -> Export:
-        """Return the export; SourceError for one without a row of data."""
-        last = self.dangling if self.current is None else 0
-        self._close()
-        if last:
-            self.notes.add("the file ends after a label, before its table: it is cut", last)
-        if not any(table.block.rows for table in self.export.tables):
-            hint = "Export the table of the measurement from RheoCompass as CSV or XLSX."
-            raise SourceError(self.notes.path, "found no table with rows of data", hint=hint)
-        return self.export
+            self.notes.add(text, found.line)
+            self.cut.append((found.line, f"{sheet}line {found.line}: {text}"))
+        self.tables.append(found)

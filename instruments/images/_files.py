@@ -1,8 +1,7 @@
 """Images in files: a folder of PNG, TIFF, BMP or JPEG, and the pages of a TIFF.
 
 Headers are read before anything is decoded, as a few bytes can declare an image of any size: by tifffile those of
-TIFF, by Pillow those of the others. Accepted are PNG, TIFF, BMP and JPEG of 8 bits, PNG and TIFF of 16, and grey TIFF
-of 10, 12 or 14 packed bits in files of one image.
+TIFF, by Pillow those of the others. Accepted are PNG, TIFF, BMP and JPEG of 8 bits, PNG and TIFF of 16.
 """
 
 import logging
@@ -75,10 +74,7 @@ class CutOffError(SourceError):
 def one_intensity(image: NDArray[Any], allowed: int, path: Path, name: str, channel: Channel | None) -> NDArray[Any]:
     """Return the intensity of an image: of the channel, or of colours that are equal within so many levels.
 
-    Raises
-    ------
-    SourceError
-        The colours differ and no channel is chosen.
+    SourceError where the colours differ and no channel is chosen.
     """
     if image.ndim == 2:
         return image
@@ -94,12 +90,8 @@ def one_intensity(image: NDArray[Any], allowed: int, path: Path, name: str, chan
 def read_headers(path: Path) -> list[ImageHeader]:
     """Return the header of every image in a PNG, TIFF, BMP or JPEG file.
 
-    Raises
-    ------
-    CutOffError
-        The file ends within its first header, or is none of these.
-    SourceError
-        The file declares more than it holds, or an image that is not read.
+    CutOffError where the file ends within its first header or is none of these, SourceError where it declares more
+    than it holds or an image that is not read.
     """
     try:
         with path.open("rb") as stream:
@@ -126,16 +118,16 @@ def read_headers(path: Path) -> list[ImageHeader]:
     is_whole = int.from_bytes(head[2:6], "little") <= size if kind == "BMP" else _ENDS[kind] in tail
     fault = "" if is_whole else f"the {kind} is cut off: its end is missing"
     header = ImageHeader(rows, columns, head[24] if kind == "PNG" else 8, kind, path, 0, kind == "JPEG", fault)
-    return [_checked(header, (8, 16))]
+    return [_checked(header)]
 
 
-def _checked(header: ImageHeader, known: tuple[int, ...]) -> ImageHeader:
+def _checked(header: ImageHeader) -> ImageHeader:
     if min(header.rows, header.columns) < 1 or header.rows * header.columns > _MOST_PIXELS:
         text = f"declares {header.columns} × {header.rows} px; expected at least one and at most {_MOST_PIXELS}"
         raise SourceError(header.path, text, hint="No camera takes such images: the header is damaged.")
-    if header.bits not in known:
-        text = f"holds {header.bits} bits per pixel; expected {', '.join(map(str, known[:-1]))} or {known[-1]}"
-        raise SourceError(header.path, text, hint="Export the film as grey images of 16 bits.")
+    if header.bits not in (8, 16):
+        text = f"holds {header.bits} bits per pixel; expected 8 or 16"
+        raise SourceError(header.path, text, hint="Export the film as grey TIFF or PNG of 16 bits.")
     return header
 
 
@@ -196,8 +188,9 @@ def _page(
     starts, counts = page.dataoffsets, page.databytecounts
     is_whole = len(starts) == len(counts) > 0 and max(map(sum, zip(starts, counts, strict=True))) <= size
     fault = "" if is_whole else "the TIFF page is cut off"
-    header = ImageHeader(page.imagelength, page.imagewidth, bits, "TIFF", path, number, page.compression != 1, fault)
-    return _checked(header, (8, 16) if is_colour or several else (8, 10, 12, 14, 16))
+    return _checked(
+        ImageHeader(page.imagelength, page.imagewidth, bits, "TIFF", path, number, page.compression != 1, fault)
+    )
 
 
 def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageFiles", Floats]:
@@ -255,23 +248,17 @@ def folder_images(folder: Path, channel: Channel | None = None) -> tuple["ImageF
 
 
 def _numbers(paths: Sequence[Path]) -> list[int]:
-    """Read the places of images from their names: the last of the numbers that counts them.
+    """Read the places of images from their names: the last of the numbers that go up by multiples of one step.
 
-    Names may end in a number that holds for the whole film, such as its frame rate or its bits, and may hold the times
-    of a clock. The numbers of frames are multiples of one step apart; times of a clock are rounded, and do not count.
-    A minus sign counts only where other names have a plus, or where it cannot be a hyphen of words.
+    Times of a clock are rounded and do not count. A minus may be a hyphen of words where no name has a plus.
     """
-    has_plus = any(match.group()[0] == "+" for path in paths for match in _NUMBER.finditer(path.stem))
-    rows: list[list[int]] = []
-    for path in paths:
-        rows.append([])
-        for match in _NUMBER.finditer(path.stem):
-            is_word = not has_plus and match.start() > 0 and path.stem[match.start() - 1].isalnum()
-            rows[-1].append(int(match.group().lstrip("-") if is_word else match.group()))
-        if not rows[-1]:
-            text = "the image has no number in its name, so its place in the film is unknown"
-            hint = "Name images like frame_0001.png; move what is no image of the film out of the folder."
-            raise SourceError(path, text, hint=hint)
+    has_plus = any(re.search(r"\+\d", path.stem) for path in paths)
+    number = _NUMBER if has_plus else re.compile(r"(?:(?<![^\W_])-)?\d+")
+    rows = [[int(text) for text in number.findall(path.stem)] for path in paths]
+    if bare := next((path for path, row in zip(paths, rows, strict=True) if not row), None):
+        text = "the image has no number in its name, so its place in the film is unknown"
+        hint = "Name images like frame_0001.png; move what is no image of the film out of the folder."
+        raise SourceError(bare, text, hint=hint)
     shared = min(map(len, rows))
     wholly = [tuple(values[-shared:]) for values in rows]
     columns = [[values[-k] for values in rows] for k in range(1, shared + 1)]
@@ -385,11 +372,7 @@ class ImageFiles:
         if self._pages is not None:
             return self._pages[header.page]
         data = np.fromfile(header.path, np.uint8)  # names of any letters; imread takes ASCII only
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-        # packed pixels are decoded to the upper bits of 16
-        if image is not None and image.dtype == np.uint16 and header.bits < 16:
-            return np.right_shift(image, 16 - header.bits)
-        return image
+        return cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
 
 
 class _Pages:

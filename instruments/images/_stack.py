@@ -80,26 +80,14 @@ def read(
 
 
 class ExportedFrames(StoredFrames):
-    """Frames of a decoder with times; one is decoded when it is asked for.
-
-    ``time`` (frame,) and ``exposure`` are in s.
-    """
+    """Frames of a decoder with times and exposures [s] (frame,); one is decoded when it is asked for."""
 
     def __init__(self, pictures: ImageFiles | Video, time: Floats, exposure: float | None) -> None:
         super().__init__(len(pictures), *pictures.size)
-        self._pictures, self._time, self._exposure = pictures, time, exposure
+        self._pictures, self.time = pictures, time
+        self.exposure = None if exposure is None else np.full(self._count, exposure)
         # The image that was decoded last, shared by all views: parts of one image are mostly asked for in a row.
         self._last: dict[int, NDArray[np.integer[Any]]] = {}
-
-    @property
-    def time(self) -> Floats:
-        """Time of every frame in s, from the numbers and the frame rate."""
-        return self._time
-
-    @property
-    def exposure(self) -> Floats | None:
-        """Exposure of every frame in s, or None."""
-        return None if self._exposure is None else np.full(self._count, self._exposure)
 
     @property
     def valid(self) -> Flags:

@@ -59,14 +59,10 @@ class Video:
         self._video.set(cv2.CAP_PROP_POS_FRAMES, 0)
         if not self._count:
             raise SourceError(path, "no frame of the video can be decoded", hint=_EXPORT)
+        self.valid: Flags = np.ones(self._count, dtype=bool)  # those that cannot be decoded are not counted
         if self._count < declared:
             text = f"{declared} frames are declared, {self._count} can be read: the copy may have broken off. "
             warn_of(path.name, text + "Copy the film from the camera again", category=IncompleteFilmWarning)
-
-    @property
-    def valid(self) -> Flags:
-        """All true: frames that cannot be decoded are not counted."""
-        return np.ones(self._count, dtype=bool)
 
     def __len__(self) -> int:
         """Return the number of frames."""

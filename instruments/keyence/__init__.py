@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument, text_of
 from labpipe.installation import lazily
-from labpipe.text import Limits
 from labpipe.units import Quantity
 
 if TYPE_CHECKING:
@@ -52,10 +51,8 @@ class Options(TypedDict, total=False):
     units: Sequence[str] | None
     storage_factor: int | None
     encoding: str | None
-    delimiter: str | None
     decimal: str | None
     allow_incomplete: bool
-    limits: Limits | None
 
 
 def _sniff(head: bytes, path: Path) -> bool:
@@ -73,5 +70,4 @@ INSTRUMENT = Instrument(
     sniff=_sniff,
     reader="instruments.keyence:read",
     options=Options,
-    writer="instruments.keyence:write",
 )

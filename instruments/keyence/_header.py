@@ -98,13 +98,10 @@ class Header:
         if len(units) != len(self.outputs):
             text = f"found {len(units)} units for {len(self.outputs)} outputs"
             text = text if units else "the file does not say the unit of its readings"
-            hint = 'Give one for every output, in order: units=["mm"].'
-            raise SourceError(self.path, text, line=line, hint=hint).because(UNSAID)
-        for text in units:
-            if not _is_displayed(text):
-                message = f"found the unit {shorten(text)}, expected a length, volts or a derivative"
-                hint = "Units of Keyence outputs are mm, um, cm, V, mm/s, m/s2, km/s2."
-                raise SourceError(self.path, message, line=line, hint=hint)
+            raise self._fault(text, line, 'Give one for every output, in order: units=["mm"].').because(UNSAID)
+        if wrong := next((text for text in units if not _is_displayed(text)), ""):
+            text = f"found the unit {shorten(wrong)}, expected a length, volts or a derivative"
+            raise self._fault(text, line, "Units of Keyence outputs are mm, um, cm, V, mm/s, m/s2, km/s2.")
         if stated and asked and list(map(unit, asked)) != list(map(unit, stated)):
             raise self._contradiction("units", line, ", ".join(stated), ", ".join(asked))
         return units
@@ -117,15 +114,14 @@ class Header:
         if "cycle" not in self.entries:
             if asked is None:
                 text, hint = "the file does not say its sampling cycle", 'Give it: cycle="50 us".'
-                raise SourceError(self.path, text, hint=hint).because(UNSAID)
+                raise self._fault(text, None, hint).because(UNSAID)
             return asked
         line, _, unit_text = self.entries["cycle"]
         text = f"{self.text('cycle')} {unit_text}".strip()
         stated = _seconds(text)
         if stated is None:
             message = f"found the sampling cycle {shorten(text)}, expected a time with its unit"
-            hint = 'The line should read for example "Sampling cycle,50us".'
-            raise SourceError(self.path, message, line=line, hint=hint)
+            raise self._fault(message, line, 'The line should read for example "Sampling cycle,50us".')
         if asked is not None and abs(asked - stated) > 1e-9 * stated:
             raise self._contradiction("cycle", line, f"{stated:g} s", f"{asked:g} s")
         return stated
@@ -136,7 +132,7 @@ class Header:
             if given is None and not is_cycle_given:
                 text = "the file does not say whether every sample was stored"
                 hint = "Give the factor between samples and stored points: storage_factor=1."
-                raise SourceError(self.path, text, hint=hint).because(UNSAID)
+                raise self._fault(text, None, hint).because(UNSAID)
             return given or 1
         line, _, unit_text = self.entries["storage"]
         text = self.text("storage")
@@ -145,15 +141,17 @@ class Header:
         factor = float(match[1]) if match and not unit_text else (in_time or 0.0) / cycle
         if not 1 <= factor <= 1e9 or abs(factor - round(factor)) > 1e-6 * factor:
             message = f"found the storage cycle {shorten(text)}, expected a whole factor such as x1"
-            hint = 'The line should read for example "Storage cycle,x10".'
-            raise SourceError(self.path, message, line=line, hint=hint)
+            raise self._fault(message, line, 'The line should read for example "Storage cycle,x10".')
         if given is not None and given != round(factor):
             raise self._contradiction("storage_factor", line, round(factor), given)
         return round(factor)
 
     def _contradiction(self, name: str, line: int | None, stated: object, given: object) -> SourceError:
         text = f"the file says {stated}, the option {name} says {given}"
-        return SourceError(self.path, text, line=line, hint=f"Leave the option {name} out, or correct it.")
+        return self._fault(text, line, f"Leave the option {name} out, or correct it.")
+
+    def _fault(self, text: str, line: int | None, hint: str) -> SourceError:
+        return SourceError(self.path, text, line=line, hint=hint)
 
 
 def _seconds(text: str) -> float | None:
@@ -186,13 +184,7 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def column_of(line: str, delimiter: str, index: int) -> int:
-    """Return the place of a cell in its line, counted from 1.
-
-    Examples
-    --------
-    >>> column_of("1,+00.1234", ",", 1)
-    3
-    """
+    """Return the place of a cell in its line, counted from 1."""
     return len(delimiter.join(line.split(delimiter)[:index])) + (2 if index else 1)
 
 
@@ -200,20 +192,19 @@ def _is_reading(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None or marker_status(cell) is not None
 
 
-def parse_header(path: Path, lines: Sequence[str], given: str | None) -> Header:
+def parse_header(path: Path, lines: Sequence[str]) -> Header:
     """Find the first row of readings and understand the lines above it.
 
-    ``lines`` are the beginning of the file; the delimiter is found unless it is given. Raises SourceError without a
-    row of readings, with a line between the names of the columns and the first row, or names that do not fit the
-    columns.
+    ``lines`` are the beginning of the file. SourceError without a row of readings, with a line between the names of the
+    columns and the first row, or names that do not fit the columns.
     """
-    delimiter, start = _first_row(path, lines, given)
+    delimiter, start = _first_row(path, lines)
     split = [split_cells(line, delimiter) for line in lines[: start + 3]]
     row = split[start]
     names_at = _names_at(path, lines[:start], split[:start], len(row))
     names = split[names_at] if names_at is not None else []
     if names and len(names) != len(row):
-        hint = 'If the comma is the decimal sign, the delimiter must be another: delimiter=";".'
+        hint = "If the comma is the decimal sign, export with semicolons or TABs between the columns."
         text = f"the first row has {len(row)} cells, its names are {len(names)}"
         raise SourceError(path, text, line=start + 1, column=1, hint=hint)
     kept: list[int] = []
@@ -248,9 +239,9 @@ def parse_header(path: Path, lines: Sequence[str], given: str | None) -> Header:
     )
 
 
-def _first_row(path: Path, lines: Sequence[str], given: str | None) -> tuple[str, int]:
+def _first_row(path: Path, lines: Sequence[str]) -> tuple[str, int]:
     """Return delimiter and index of the first row: readings, times of day, judgements, and empty cells at the end."""
-    delimiters = (given,) if given else ("\t", ";", ",")
+    delimiters = ("\t", ";", ",")
     for index, line in enumerate(lines):
         for delimiter in delimiters:
             cells = split_cells(line, delimiter)

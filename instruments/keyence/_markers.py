@@ -45,11 +45,8 @@ _ANY = re.compile("|".join(f"(?:{pattern})" for pattern, _ in MARKERS), re.IGNOR
 #: All nines in the five digits of the IL series; over range only where a column has this layout.
 _IL_NINES = re.compile(r"[+-](?:99\.999|999\.99|9999\.9)")
 
-#: Markers that also read as numbers; a row that holds one of them is looked at again as text.
-NUMERIC_MARKERS = (-1048576.0, 100000000.0, 99999999.0, -99999999.0, -99999998.0, -999999.0, -9999.999, -999.9999)
-
-# All nines of up to seven digits before and after the decimal sign.
-NINES = tuple(10.0**whole - 10.0**-part for whole in range(1, 8) for part in range(8))
+#: Markers that also read as numbers, and numbers of all nines; rows that hold one are looked at cell by cell.
+NUMERIC_MARKER = re.compile(r"[+-](?:1048576|100000000|0?9[9.,]*8?)(?![\d.])")
 
 _NUMBER = re.compile(r"([+-]?)([0-9]+)(?:[.,]([0-9]*))?")
 
@@ -63,13 +60,7 @@ class Layout(NamedTuple):
 
 
 def layout(cell: str) -> Layout | None:
-    """Return the layout of a number, None for anything else.
-
-    Examples
-    --------
-    >>> layout("+00.1234")
-    Layout(is_signed=True, whole=2, decimals=4)
-    """
+    """Return the layout of a number, None for anything else."""
     match = _NUMBER.fullmatch(cell.strip())
     return Layout(bool(match[1]), len(match[2]), len(match[3] or "")) if match else None
 

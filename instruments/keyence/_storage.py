@@ -33,13 +33,12 @@ from numpy.typing import NDArray
 
 from instruments._clock import moment
 from instruments.keyence._header import CLOCK, Header, column_of, parse_header, split_cells
-from instruments.keyence._markers import NINES, NUMERIC_MARKERS, Layout, Status, layout, marker_status
+from instruments.keyence._markers import NUMERIC_MARKER, Layout, Status, layout, marker_status
 from instruments.keyence._writer import DEVICE, output_variables
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError, warn_of
 from labpipe.text import (
     DOT,
-    Limits,
     Separators,
     TextFile,
     check_decimal,
@@ -60,7 +59,6 @@ _HEADER_LINES = 400  # above the first row of readings; a header is a few dozen 
 _SATURATION = 10.0  # V, the end of the controller's output; its alarm voltage is not documented
 _BATCH = 1 << 11  # rows: markers come in runs, so a small batch keeps most of the file fast
 _SAMPLE = 200  # rows from which decimal sign and layout of the columns are learnt
-_SUSPICIOUS = np.array(sorted({*NUMERIC_MARKERS, *NINES, *(-nines for nines in NINES)}))
 
 
 def read(
@@ -70,10 +68,8 @@ def read(
     units: Sequence[str] | None = None,
     storage_factor: int | None = None,
     encoding: str | None = None,
-    delimiter: str | None = None,
     decimal: str | None = None,
     allow_incomplete: bool = False,
-    limits: Limits | None = None,
 ) -> xr.Dataset:
     """Read a Keyence storage file.
 
@@ -88,13 +84,11 @@ def read(
         Unit of every output, in order; needed when the file does not say them.
     storage_factor : int, optional
         Samples per stored point; needed when the file says its cycle but not this.
-    encoding, delimiter, decimal : str, optional
+    encoding, decimal : str, optional
         By default decided from the file.
     allow_incomplete : bool
         Read a file that lacks rows: a cut last row is dropped, and where the counter jumps the
         time follows the counter; both give a warning. By default such a file is refused.
-    limits : Limits, optional
-        Size limits.
 
     Returns
     -------
@@ -115,13 +109,11 @@ def read(
     >>> readings = read("drop.csv", cycle="50 us", units=["mm"])  # doctest: +SKIP
     """
     check_decimal(decimal)
-    if delimiter is not None and len(delimiter) != 1:
-        raise InputError(f'delimiter must be one character, found "{delimiter}"')
     if storage_factor is not None and (not isinstance(storage_factor, int) or storage_factor < 1):
         raise InputError(f"storage_factor must be a whole number from 1, found {storage_factor!r}")
     asked = f"{cycle.value!r} {cycle.si}" if isinstance(cycle, Quantity) else cycle
     codecs = (encoding,) if encoding else _CODECS
-    source, header, unit_texts = _open(Path(path), codecs, delimiter, units, limits or Limits())
+    source, header, unit_texts = _open(Path(path), codecs, units)
     if header.times is not None:
         stated = None
         if asked is not None or {"cycle", "storage"} <= header.entries.keys():
@@ -170,21 +162,16 @@ def read(
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 
-def _open(
-    path: Path, codecs: tuple[str, ...], delimiter: str | None, units: Sequence[str] | None, limits: Limits
-) -> tuple[TextFile, Header, tuple[str, ...]]:
-    """Settle the codec by the first one under which the header makes sense, and return the header with its units.
-
-    cp932 decodes many cp1252 files without an error; but then "µm" is not a unit.
-    """
-    source = survey(path, declared=codecs, limits=limits)
+def _open(path: Path, codecs: tuple[str, ...], units: Sequence[str] | None) -> tuple[TextFile, Header, tuple[str, ...]]:
+    """Settle the codec by the first one under which the header makes sense: "µm" is no unit under another."""
+    source = survey(path, declared=codecs)
     try:
-        header = parse_header(path, list(islice(source.lines(), _HEADER_LINES)), delimiter)
+        header = parse_header(path, list(islice(source.lines(), _HEADER_LINES)))
         return source, header, header.settle_units(units)
     except SourceError:
         for codec in codecs[codecs.index(source.encoding) + 1 :] if source.encoding in codecs else ():
             with contextlib.suppress(SourceError):
-                return _open(path, (codec,), delimiter, units, limits)
+                return _open(path, (codec,), units)
         raise
 
 
@@ -243,10 +230,7 @@ def _rows(source: TextFile, header: Header, allow_incomplete: bool) -> Iterator[
 
 
 class _Form(NamedTuple):
-    """The form of all rows: columns, signs, and the layout of each column whose sampled numbers have one.
-
-    ``is_fixed`` numbers are padded with zeros: one of another layout lost or gained digits.
-    """
+    """Columns, signs, layout of each column that has one; where ``is_fixed``, another layout is a fault."""
 
     n_columns: int
     signs: Separators
@@ -257,23 +241,17 @@ class _Form(NamedTuple):
 def _read_rows(header: Header, lines: Iterable[str], decimal: str | None) -> tuple[_Form, Floats, NDArray[np.int8]]:
     """Return the form of the rows, and values and states (row, column), those of the counter among them.
 
-    Raises
-    ------
-    SourceError
-        With line and column of a cell that is neither number nor marker, of a row with another
-        number of cells, of a number that does not have the layout of its column.
+    SourceError with line and column of a cell that is neither number nor marker, of a row with another number of
+    cells, of a number that does not have the layout of its column.
     """
     stream = iter(lines)
     sample = list(islice(stream, _SAMPLE))
     form = _form(header, sample, decimal)
-    parts: list[tuple[Floats, NDArray[np.int8]]] = []
-    number = header.n_lines + 1
-    stream = chain(sample, stream)
+    stream, number = chain(sample, stream), header.n_lines + 1
+    parts = [(np.empty((0, form.n_columns)), np.empty((0, form.n_columns), np.int8))]
     while batch := list(islice(stream, _BATCH)):
         parts.append(_read_batch(header, form, batch, number))
         number += len(batch)
-    if not parts:
-        return form, np.empty((0, form.n_columns)), np.empty((0, form.n_columns), np.int8)
     return form, np.concatenate([values for values, _ in parts]), np.concatenate([states for _, states in parts])
 
 
@@ -304,20 +282,11 @@ def _read_batch(header: Header, form: _Form, lines: list[str], first_line: int) 
         lines = [line.replace('"', "") for line in lines]
     # rows of fixed numbers are equally long, apart from the digits of the counter
     lengths = {len(line) - (line.find(delimiter) if header.has_counter else 0) for line in lines}
-    values = np.empty((0, 0))
-    if not form.is_fixed or len(lengths) == 1:
-        try:
+    if (not form.is_fixed or len(lengths) == 1) and not NUMERIC_MARKER.search("\n".join(lines)):
+        with contextlib.suppress(SourceError):
             values = parse_rows(
                 lines, form.n_columns, delimiter, path=header.path, first_line=first_line, signs=form.signs
             )
-        except SourceError:
-            values = np.empty((0, 0))
-    if len(values):
-        outputs = values[:, int(header.has_counter) :]
-        # a decimal fraction has one nearest double, so the tolerance of a marker is tiny
-        above = np.minimum(np.searchsorted(_SUSPICIOUS, outputs), len(_SUSPICIOUS) - 1)
-        nearest = (np.abs(_SUSPICIOUS[place] - outputs) for place in (above, np.maximum(above - 1, 0)))
-        if not np.any(np.minimum(*nearest) <= 1e-9 * np.abs(outputs)):
             return values, np.zeros(values.shape, dtype=np.int8)
     rows = [_read_row(header, form, line, number) for number, line in enumerate(lines, first_line)]
     return np.array([values for values, _ in rows], float), np.array([states for _, states in rows], np.int8)

@@ -18,6 +18,7 @@ from labpipe.units import quantity, unit
 from labpipe.variables import described, variable
 
 DEVICE = "Keyence laser displacement sensor"
+_WIDTH = 8  # characters of a reading: sign, digits, decimal sign
 
 #: The cell of each state without a reading.
 TOKENS = {
@@ -60,7 +61,7 @@ def make_recording(
     model: str = "LK-G5001",
     serial: str = "",
 ) -> xr.Dataset:
-    """Make the Dataset that :func:`read` would return for these readings.
+    """Make the Dataset that :func:`read` would return for these readings, for :func:`write`.
 
     Parameters
     ----------
@@ -72,19 +73,12 @@ def make_recording(
         Written as the date.
     storage_factor, averaging : int
         As set on the controller.
-    unit_text : str
-        Unit of the display.
-    decimals : int
+    unit_text, decimals : str and int
         Of the display: readings are rounded to it.
     measuring_range : float, optional [SI]
         Readings beyond ± this value are over range.
     model, serial : str
         Of the controller.
-
-    Returns
-    -------
-    Dataset
-        For :func:`write`.
 
     Examples
     --------
@@ -94,55 +88,45 @@ def make_recording(
     [0, 1]
     """
     interval = quantity(cycle).value if isinstance(cycle, str) else float(cycle)
-    known = unit(unit_text)
-    written = Layout(True, 6 - decimals, decimals)
+    factor, limit = unit(unit_text).factor, np.inf if measuring_range is None else measuring_range
     variables: dict[str, Any] = {}
     for output, readings in outputs.items():
-        displayed = np.round(np.asarray(readings, float) / known.factor, decimals)
-        status = np.zeros(displayed.shape, dtype=np.int8)
-        if measuring_range is not None:
-            limit = measuring_range / known.factor
-            status[displayed > limit] = Status.RANGEOVER_P
-            status[displayed < -limit] = Status.RANGEOVER_N
-        displayed = np.where(status == Status.VALID, displayed, np.nan)
-        variables |= output_variables(output, unit_text, displayed, status, written)
-    n_points = len(next(iter(outputs.values())))
-    time = np.arange(n_points) * (interval * storage_factor)
-    attrs = {
-        "instrument": DEVICE,
-        "model": model,
-        **({"serial": serial} if serial else {}),
-        "start": start.isoformat(),
-        "sampling_cycle": interval,
-        "storage_factor": storage_factor,
-        "sampling_interval": interval * storage_factor,
-        "averaging": averaging,
-        "layout": "assumed",
-    }
-    coords = {"time": variable("time", time, "s", "time from the first point")}
-    return xr.Dataset(variables, coords=coords, attrs=attrs)
+        shown = np.round(np.asarray(readings, float) / factor, decimals)
+        status = np.where(shown > limit / factor, Status.RANGEOVER_P, Status.VALID).astype(np.int8)
+        status[shown < -limit / factor] = Status.RANGEOVER_N
+        shown = np.where(status == Status.VALID, shown, np.nan)
+        variables |= output_variables(output, unit_text, shown, status, Layout(True, 6 - decimals, decimals))
+    time = np.arange(len(next(iter(outputs.values())))) * (interval * storage_factor)
+    attrs: dict[str, Any] = {"instrument": DEVICE, "model": model, "start": start.isoformat()}
+    attrs |= {"serial": serial} if serial else {}
+    attrs |= {"sampling_cycle": interval, "storage_factor": storage_factor, "averaging": averaging, "layout": "assumed"}
+    attrs["sampling_interval"] = interval * storage_factor
+    return xr.Dataset(variables, {"time": variable("time", time, "s", "time from the first point")}, attrs)
 
 
 def encode(dataset: xr.Dataset) -> bytes:
     """Turn a Dataset of the form of :func:`read` into the bytes of a storage file (UTF-8 with its mark, commas, CRLF).
 
-    Raises
-    ------
-    InputError
-        A value does not fit the eight characters of a reading, or an output does not state the unit in which it was
-        recorded.
+    InputError where a value does not fit the eight characters of a reading, or an output does not state its unit.
     """
     outputs = sorted(int(name[3:]) for name in map(str, dataset.data_vars) if re.fullmatch(r"out\d+", name))
-    units = []
+    units, columns = [], []
     for output in outputs:
-        unit_text = dataset[f"out{output}"].attrs.get("original_unit")
-        if unit_text is None:  # arithmetic drops attributes in older xarray and keeps them in newer
-            raise InputError(
-                f"out{output} has no attribute original_unit, so its readings cannot be written; "
-                f'state it: dataset["out{output}"].attrs["original_unit"] = "mm"'
-            )
-        units.append(str(unit_text))
-    attrs = dataset.attrs
+        found = dataset[f"out{output}"]
+        if "original_unit" not in found.attrs:  # arithmetic drops attributes in older xarray and keeps them in newer
+            text = f"out{output} has no attribute original_unit, so its readings cannot be written; state it: "
+            raise InputError(f'{text}dataset["out{output}"].attrs["original_unit"] = "mm"')
+        units.append(str(found.attrs["original_unit"]))
+        shown, states = found.values / unit(units[-1]).factor, dataset[f"status{output}"].values
+        cells = [f"{value:+0{_WIDTH}.{int(found.attrs.get('decimals', 4))}f}" for value in shown.tolist()]
+        for index in np.flatnonzero(states != Status.VALID):
+            cells[index] = TOKENS[Status(states[index])]
+        misfit = next((cell for cell in cells if len(cell) > _WIDTH), "")
+        if misfit or "+0000nan" in cells:
+            text = misfit or "NaN with the state VALID"
+            raise InputError(f"OUT{output}: {text} does not fit the {_WIDTH} characters of a reading")
+        columns.append(cells)
+    attrs, count = dataset.attrs, dataset.sizes["time"]
     lines = [
         ("Remark", "assumed layout"),
         *((key.title(), attrs[key]) for key in ("model", "serial", "head") if attrs.get(key)),
@@ -150,42 +134,14 @@ def encode(dataset: xr.Dataset) -> bytes:
         ("Sampling cycle", f"{attrs['sampling_cycle'] * 1e6:.6g}us"),
         ("Storage cycle", f"x{attrs['storage_factor']}"),
         *([("Averaging", str(attrs["averaging"]))] if "averaging" in attrs else []),
-        ("Data count", str(dataset.sizes["time"])),
+        ("Data count", str(count)),
         ("Unit", *units),
         ("No.", *(f"OUT{output}" for output in outputs)),
+        *zip(map(str, range(1, count + 1)), *columns, strict=True),
     ]
-    columns = [_written(dataset, output, name) for output, name in zip(outputs, units, strict=True)]
-    rows = zip(map(str, range(1, dataset.sizes["time"] + 1)), *columns, strict=True)
-    return ("\r\n".join(",".join(line) for line in [*lines, *rows]) + "\r\n").encode("utf-8-sig")
-
-
-_WIDTH = 8  # characters of a reading: sign, digits, decimal sign
-
-
-def _written(dataset: xr.Dataset, output: int, original_unit: str) -> list[str]:
-    variable = dataset[f"out{output}"]
-    values = variable.values / unit(original_unit).factor
-    decimals = int(variable.attrs.get("decimals", 4))
-    states = dataset[f"status{output}"].values
-    cells = [f"{value:+0{_WIDTH}.{decimals}f}" for value in values.tolist()]
-    for index in np.flatnonzero(states != Status.VALID):
-        cells[index] = TOKENS[Status(states[index])]
-    too_long = next((cell for cell in cells if len(cell) > _WIDTH), None)
-    if too_long is not None or "+0000nan" in cells:
-        raise InputError(
-            f"OUT{output}: {too_long or 'NaN with the state VALID'} does not fit the {_WIDTH} characters of a reading"
-        )
-    return cells
+    return ("\r\n".join(map(",".join, lines)) + "\r\n").encode("utf-8-sig")
 
 
 def write(path: str | os.PathLike[str], dataset: xr.Dataset) -> None:
-    """Write a Dataset of the form of :func:`read` as a storage file, as :func:`encode` does by itself.
-
-    Raises
-    ------
-    InputError
-        As :func:`encode`.
-    StorageError
-        The file cannot be written.
-    """
+    """Write a Dataset of the form of :func:`read` as :func:`encode` does; StorageError where it cannot be written."""
     files.write_bytes(path, encode(dataset))

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, TypedDict
 
 from instruments._instrument import Instrument, text_of
 from labpipe.installation import lazily
-from labpipe.text import Limits
 
 if TYPE_CHECKING:
     from instruments.mach1._blocks import Block as Block
@@ -20,8 +19,6 @@ class Options(TypedDict, total=False):
 
     decimal: str | None
     allow_incomplete: bool
-    allow_gaps: bool
-    limits: Limits | None
 
 
 def _sniff(head: bytes, path: Path) -> bool:
@@ -37,5 +34,4 @@ INSTRUMENT = Instrument(
     sniff=_sniff,
     reader="instruments.mach1:read",
     options=Options,
-    writer="instruments.mach1:write",
 )

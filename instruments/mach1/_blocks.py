@@ -62,15 +62,10 @@ DECLARED = {
     "Offset": "declared_offset",
 }
 
-_INFO_NUMBERS = frozenset(
-    {
-        "Load Cell Calibration Factor",
-        "Load Cell Offset",
-        "Load Cell Low-pass filter Order",
-        "Load Cell Low-pass filter Cutoff frequency (Hz)",
-    }
-)
-
+_INFO_NUMBERS = {
+    f"Load Cell {name}"
+    for name in ("Calibration Factor", "Offset", "Low-pass filter Order", "Low-pass filter Cutoff frequency (Hz)")
+}
 # A unit that lost a letter may be another unit ("mm" and "m"), so only those met are taken.
 _UNITS = {
     r"Time": {"s"},
@@ -107,24 +102,10 @@ class Parameter(NamedTuple):
 class Block:
     """One block of a file, as written.
 
-    Attributes
-    ----------
-    function : str
-        The tag without brackets.
-    info_lines, parameter_lines : tuple of str
-        The lines of the header and of the function, unchanged.
-    info : tuple of (str, str)
-        Keys and values of the header.
-    parameters : tuple of Parameter
-        Declared by the function.
-    columns : tuple of Column
-        Empty when the block has no data section.
-    values : array (row, column)
-        In the units of the file.
-    dividers : tuple of int
-        Number of rows before each divider.
-    has_data, is_complete : bool
-        Whether there is a data section, and whether it is ended.
+    ``function`` is its tag without brackets; ``info_lines`` and ``parameter_lines`` are those of the header and of the
+    function, unchanged, ``info`` and ``parameters`` what they hold; ``columns`` are empty without a data section;
+    ``values`` (row, column) are in the units of the file; ``dividers`` count the rows before each divider;
+    ``has_data`` if there is a data section, ``is_complete`` if it is ended.
     """
 
     function: str
@@ -140,14 +121,10 @@ class Block:
 
 
 class Cursor:
-    """The current line of a file with its number; ``None`` after the last.
+    """The current line of a file with its number; ``None`` after the last. The caller may allow departures."""
 
-    The caller may allow departures: a decimal comma, a file cut short, rows missing inside.
-    """
-
-    def __init__(self, source: TextFile, decimal: str, allow_incomplete: bool, allow_gaps: bool) -> None:
-        self.source, self.signs = source, Separators(decimal, "")
-        self.allow_incomplete, self.allow_gaps = allow_incomplete, allow_gaps
+    def __init__(self, source: TextFile, decimal: str, allow_incomplete: bool) -> None:
+        self.source, self.signs, self.allow_incomplete = source, Separators(decimal, ""), allow_incomplete
         self.cut: str | None = None
         self.number = 0
         self.line: str | None = None
@@ -194,13 +171,7 @@ class Cursor:
 
 
 def tag_of(line: str | None) -> str | None:
-    """Return the text between the brackets of a tag, None for any other line.
-
-    Examples
-    --------
-    >>> tag_of("<END DATA>"), tag_of("0.010000")
-    ('END DATA', None)
-    """
+    """Return the text between the brackets of a tag, None for any other line."""
     match = _TAG.fullmatch(line) if line is not None else None
     return match[1] if match else None
 
@@ -224,13 +195,7 @@ def pair_of(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str
 
 
 def parse(cursor: Cursor) -> list[Block]:
-    """Read all blocks of a file.
-
-    Raises
-    ------
-    SourceError
-        With line and column of the first departure from the grammar.
-    """
+    """Read all blocks of a file; SourceError with line and column of the first departure from the grammar."""
     if tag_of(cursor.line) != "Mach-1 File":
         raise cursor.error(
             f"found {shorten(cursor.line or cursor.cut or '')}, expected {TITLE}",
@@ -320,10 +285,10 @@ def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...]) -> B
 def parameter_of(key: str, text: str, value: float | None) -> Parameter:
     """Make a parameter: a number with a unit where the key ends with one that is known, else a text."""
     _, separator, unit_text = key.rpartition(", ")
+    known = None
     with contextlib.suppress(InputError):
-        if value is not None:
-            return Parameter(key, text, value, unit(unit_text if separator else "1"))
-    return Parameter(key, text, value, None)
+        known = None if value is None else unit(unit_text if separator else "1")
+    return Parameter(key, text, value, known)
 
 
 def _read_data(cursor: Cursor, block: Block) -> Block:
@@ -403,7 +368,7 @@ def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]]) -
     steps = np.diff(time)
     wrong = np.flatnonzero(steps <= 0)
     fault = "the time does not go on"
-    if not wrong.size and not cursor.allow_gaps:
+    if not wrong.size:
         interval = float(np.median(steps)) if steps.size else 0.0
         wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
         fault = f"rows are missing or added: the step is not {interval:.6f} s"
@@ -414,6 +379,5 @@ def _check_time(cursor: Cursor, values: Floats, starts: list[tuple[int, int]]) -
     row = int(wrong[0]) + 1
     before, line = max(start for start in starts if start[0] <= row)
     found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
-    hint = "The file was joined, repaired or edited. If rows are missing and their times are right, read it with "
-    hint += "allow_gaps=True; rows that repeat have to be removed by hand."
+    hint = "The file was joined, repaired or edited: copy it from the instrument again."
     raise SourceError(cursor.source.path, f"{fault} ({found})", line=line + row - before, column=1, hint=hint)

@@ -26,7 +26,7 @@ from instruments.mach1._blocks import DECLARED, DIVIDER, END_DATA, TITLE, Block,
 from labpipe import files
 from labpipe.arrays import Floats
 from labpipe.errors import InputError, warn_of
-from labpipe.text import Limits, check_decimal, is_number, shorten, survey
+from labpipe.text import check_decimal, is_number, shorten, survey
 from labpipe.variables import described, variable
 
 DEVICE = "Biomomentum Mach-1"
@@ -38,14 +38,7 @@ _DATE = re.compile(r"(?:[A-Za-z]{3}, )?([A-Za-z]{3}) ([0-9]{1,2}), ([0-9]{4})")
 COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}
 
 
-def read(
-    path: str | os.PathLike[str],
-    *,
-    decimal: str | None = None,
-    allow_incomplete: bool = False,
-    allow_gaps: bool = False,
-    limits: Limits | None = None,
-) -> xr.Dataset:
+def read(path: str | os.PathLike[str], *, decimal: str | None = None, allow_incomplete: bool = False) -> xr.Dataset:
     """Read a Mach-1 Motion text file.
 
     Parameters
@@ -57,10 +50,6 @@ def read(
     allow_incomplete : bool
         Read a file that stops early; its last block is marked, its cut row dropped, and a warning
         given. By default such a file is refused.
-    allow_gaps : bool
-        Read blocks in which rows are missing, by the times they carry. By default refused.
-    limits : Limits, optional
-        Size limits.
 
     Returns
     -------
@@ -84,8 +73,8 @@ def read(
     'N'
     """
     check_decimal(decimal)
-    source = survey(path, declared=("latin-1",), limits=limits or Limits())
-    blocks = parse(Cursor(source, decimal or ".", allow_incomplete, allow_gaps))
+    source = survey(path, declared=("latin-1",))
+    blocks = parse(Cursor(source, decimal or ".", allow_incomplete))
     unknown = [str(number) for number, block in enumerate(blocks) if not start_of(block)]
     if unknown:
         text = f"date and time of block {', '.join(unknown)} are not of the form "
@@ -100,18 +89,8 @@ def read(
 def assemble(blocks: Sequence[Block]) -> xr.Dataset:
     """Join blocks to one Dataset in SI, of the form that :func:`read` returns.
 
-    Parameters
-    ----------
-    blocks : sequence of Block
-        As parsed, or made by :func:`make_block`.
-
-    Raises
-    ------
-    InputError
-        There are none, or one quantity has units of two kinds.
+    The blocks are as parsed, or made by :func:`make_block`. InputError where one quantity has units of two kinds.
     """
-    if not blocks:
-        raise InputError("a Mach-1 file has at least one block, found none")
     counts = [len(block.values) for block in blocks]
     starts = np.concatenate([[0], np.cumsum(counts)])
     columns: dict[str, tuple[Floats, Column]] = {}
@@ -147,10 +126,8 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
         coords={
             "time": variable("sample", time, "s", "time within the block"),
             "block": ("sample", np.repeat(np.arange(len(blocks)), counts), described("1", "block")),
-            "segment": (
-                "sample",
-                np.concatenate(segments).astype(np.int64),
-                described("1", "dividers so far in the block"),
+            "segment": variable(
+                "sample", np.concatenate(segments).astype(np.int64), "1", "dividers so far in the block"
             ),
         },
         attrs=attrs,
@@ -159,13 +136,7 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
 
 
 def variable_name(quantity: str) -> str:
-    """Name the variable of a column.
-
-    Examples
-    --------
-    >>> variable_name("Position (z)"), variable_name("Fz"), variable_name("Tx")
-    ('position_z', 'force_z', 'torque_x')
-    """
+    """Name the variable of a column."""
     axis = re.fullmatch(r"([FT])([xyz])", quantity)
     if axis:
         return f"{'force' if axis[1] == 'F' else 'torque'}_{axis[2]}"
@@ -175,27 +146,27 @@ def variable_name(quantity: str) -> str:
 def _block_variables(blocks: Sequence[Block], described_blocks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Make the variables over blocks: rows, interval, sign, completeness, and the numbers that functions declare."""
     sign = "sign of compression in force_z, 0 when the header does not state it"
-    numbers: dict[str, tuple[list[Any], str, str]] = {
-        "n_rows": ([len(block.values) for block in blocks], "rows of the block", "1"),
-        "sampling_interval": ([each["sampling_interval"] for each in described_blocks], "sampling interval", "s"),
-        "compression_sign": ([each["compression_sign"] for each in described_blocks], sign, "1"),
-        "is_complete": ([int(block.is_complete) for block in blocks], "1 when the block is ended in the file", "1"),
+    found: dict[str, tuple[list[Any], str, str]] = {
+        "n_rows": ([each["rows"] for each in described_blocks], "1", "rows of the block"),
+        "sampling_interval": ([each["sampling_interval"] for each in described_blocks], "s", "sampling interval"),
+        "compression_sign": ([each["compression_sign"] for each in described_blocks], "1", sign),
+        "is_complete": ([int(block.is_complete) for block in blocks], "1", "1 when the block is ended in the file"),
     }
     for name in dict.fromkeys(DECLARED.values()):
-        found = [
-            next((p for p in each["parameters"] if DECLARED.get(re.sub(r", [^,]*$", "", p["key"])) == name), None)
-            for each in described_blocks
+        stated = [
+            next((p for p in block.parameters if DECLARED.get(re.sub(r", [^,]*$", "", p.key)) == name), None)
+            for block in blocks
         ]
-        units = {parameter["units"] for parameter in found if parameter and parameter["units"]}
+        units = {p.unit.si for p in stated if p and p.unit}
         if len(units) == 1:
-            values = [None if parameter is None else parameter["value"] for parameter in found]
-            numbers[name] = (values, name.replace("_", " ") + " (a command, not a measurement)", units.pop())
+            values = [p.number * p.unit.factor if p and p.unit and p.number is not None else None for p in stated]
+            found[name] = values, units.pop(), name.replace("_", " ") + " (a command, not a measurement)"
     made: dict[str, Any] = {
-        name: ("block_index", np.array([math.nan if v is None else v for v in values]), described(units, text))
-        for name, (values, text, units) in numbers.items()
+        name: variable("block_index", np.array([math.nan if v is None else v for v in values]), units, text)
+        for name, (values, units, text) in found.items()
     }
-    for name in ("function", "start"):
-        made["start_time" if name == "start" else name] = ("block_index", np.array([b[name] for b in described_blocks]))
+    for name, key in (("function", "function"), ("start_time", "start")):
+        made[name] = ("block_index", np.array([each[key] for each in described_blocks]))
     return made
 
 
@@ -222,22 +193,12 @@ def _describe(block: Block) -> dict[str, Any]:
         "parameter_lines": block.parameter_lines,
         "info": info,
         "parameters": [
-            {
-                "key": key,
-                "text": text,
-                "value": None if number is None or known is None else number * known.factor,
-                "units": known.si if known else None,
-            }
+            {"key": key, "text": text, "value": known and (number or 0.0) * known.factor, "units": known and known.si}
             for key, text, number, known in block.parameters
         ],
         "columns": [
-            {
-                "header": column.header,
-                "variable": variable_name(column.quantity),
-                "unit": column.unit_text,
-                "factor": column.unit.factor,
-            }
-            for column in block.columns
+            {"header": c.header, "variable": variable_name(c.quantity), "unit": c.unit_text, "factor": c.unit.factor}
+            for c in block.columns
         ],
         "rows": len(block.values),
         "dividers": block.dividers,
@@ -266,13 +227,7 @@ def _filter(info: Mapping[str, str]) -> dict[str, float | int] | None:
 
 
 def encode(dataset: xr.Dataset) -> bytes:
-    """Turn a Dataset of the form of :func:`read` or :func:`assemble` into the bytes of a Mach-1 file.
-
-    Returns
-    -------
-    bytes
-        CRLF, tabs, six decimals; a file that was read comes out byte for byte.
-    """
+    """Turn a Dataset of the form of :func:`read` into a Mach-1 file; one that was read comes out byte for byte."""
     lines = [TITLE]
     starts = np.concatenate([[0], np.cumsum(dataset["n_rows"].values)]).astype(int)
     for index, block in enumerate(json.loads(dataset.attrs["blocks"])):

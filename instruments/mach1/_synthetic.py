@@ -1,7 +1,7 @@
 """Mach-1 blocks as the instrument would record them: for sample data and for tests."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 
 import numpy as np
@@ -19,18 +19,8 @@ _DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
 class LoadCell:
     """A load cell as the header describes it, and the steps in which its columns move.
 
-    Attributes
-    ----------
-    name, kind : str
-        As in the header; ``kind`` is ``Single-axis`` or ``Multiple-axis``.
-    calibration_factor, offset : float
-        As in the header.
-    calibration_date : str
-        ISO date.
-    filter_order, filter_cutoff : int and float
-        The low-pass that is applied before the file is written, cutoff in Hz.
-    steps : mapping
-        Header cell of a column to the step of its values, in the unit of that cell.
+    ``kind`` is ``Single-axis`` or ``Multiple-axis``; ``steps`` map the header cell of a column to the step of its
+    values, in the unit of that cell. Its low-pass is of third order, at 20 Hz.
     """
 
     name: str
@@ -38,28 +28,14 @@ class LoadCell:
     calibration_factor: float = 1.0
     offset: float = 0.0
     calibration_date: str = "2024-01-24"
-    filter_order: int = 3
-    filter_cutoff: float = 20.0
-    steps: Mapping[str, float] | None = None
+    steps: Mapping[str, float] = field(default_factory=dict)
 
 
+_SIX_AXES = {**dict.fromkeys(("Fx, N", "Fy, N"), 6e-4), "Fz, N": 8.5e-4}
+_SIX_AXES |= dict.fromkeys(("Tx, N-mm", "Ty, N-mm", "Tz, N-mm"), 0.006003)
 #: Cells met in public files, with the steps measured there.
 LOAD_CELLS = {
-    "17N": LoadCell(
-        "FT35537-17N",
-        "Multiple-axis",
-        1.000491,
-        2.317150,
-        "2023-07-19",
-        steps={
-            "Fx, N": 0.000600,
-            "Fy, N": 0.000600,
-            "Fz, N": 0.000850,
-            "Tx, N-mm": 0.006003,
-            "Ty, N-mm": 0.006003,
-            "Tz, N-mm": 0.006003,
-        },
-    ),
+    "17N": LoadCell("FT35537-17N", "Multiple-axis", 1.000491, 2.317150, "2023-07-19", _SIX_AXES),
     "25g": LoadCell("25g SN:0000000", "Single-axis", steps={"Fz, gf": 0.00125}),
     "25kg": LoadCell("25kg SN:0000000", "Single-axis", 1.004174, 151.5, steps={"Fz, gf": 1.506261}),
 }
@@ -94,12 +70,12 @@ def make_block(
         ("Load Cell Offset", f"{load_cell.offset:.6f}"),
         ("Load Cell Calibration Date", load_cell.calibration_date),
         ("Load Cell Low-pass filter", "Yes"),
-        ("Load Cell Low-pass filter Order", str(load_cell.filter_order)),
-        ("Load Cell Low-pass filter Cutoff frequency (Hz)", f"{load_cell.filter_cutoff:.2f}"),
+        ("Load Cell Low-pass filter Order", "3"),
+        ("Load Cell Low-pass filter Cutoff frequency (Hz)", "20.00"),
         *([("Captured Images Folder", images_folder)] if images_folder else []),
     ]
     declared = [parameter_of(key, text, plain_number(text)) for key, text in parameters.items()]
-    steps = {**(load_cell.steps or {}), "Position (z)": 1e-6 if function == "Sinusoid" else 1e-4}  # mm, of the stage
+    steps = {**load_cell.steps, "Position (z)": 1e-6 if function == "Sinusoid" else 1e-4}  # mm, of the stage
     known, values = [], []
     for header, si_values in columns.items():
         quantity, _, unit_text = header.rpartition(", ")

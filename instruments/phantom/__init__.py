@@ -8,7 +8,6 @@ from labpipe.installation import lazily
 
 if TYPE_CHECKING:
     from instruments.phantom._film import CineFrames as CineFrames, read as read
-    from instruments.phantom._times import TimeFlag as TimeFlag
     from instruments.phantom._writer import Recording as Recording, write as write
 else:
     __getattr__ = lazily(__name__)
@@ -21,10 +20,5 @@ def _sniff(head: bytes, path: Path) -> bool:
 
 
 INSTRUMENT = Instrument(
-    name="phantom",
-    title="Phantom film",
-    content="film",
-    sniff=_sniff,
-    reader="instruments.phantom:read",
-    writer="instruments.phantom:write",
+    name="phantom", title="Phantom film", content="film", sniff=_sniff, reader="instruments.phantom:read"
 )

@@ -77,20 +77,12 @@ class CineFrames(MappedFrames[Header]):
 
     @cached_property
     def time_axis(self) -> TimeAxis:
-        """Times with a flag per frame, and how many frames are missing between neighbours.
+        """Times, and what is doubtful about them, of which it warns.
 
-        Raises
-        ------
-        SourceError
-            The file holds neither time stamps nor a frame rate.
-
-        Warns
-        -----
-        UserWarning
-            Times had to be replaced, or frames are missing.
+        SourceError where the file holds neither time stamps nor a frame rate.
         """
         try:
-            axis = time_axis(self._header)
+            axis = time_axis(self.header)
         except InputError as error:
             hint = "The header is damaged; export the film again from the camera's software."
             raise SourceError(self.path, str(error), hint=hint) from None
@@ -106,15 +98,15 @@ class CineFrames(MappedFrames[Header]):
     @cached_property
     def exposure(self) -> Floats | None:
         """Exposure of every frame in s, NaN where the file's value is impossible; or None."""
-        return exposure_times(self._header, self.time_axis)
+        return exposure_times(self.header, self.time_axis)
 
     @cached_property
     def levels(self) -> tuple[float, float]:
         """Black and white level in the units of the decoded pixels."""
-        black, white = self._header.black_level, self._header.white_level
+        black, white = self.header.black_level, self.header.white_level
         if black is None or white is None or not 0 <= black < white < 2**16:
-            return 0.0, float(2**self._header.bits - 1)
-        if self._header.packing == "10-packed":
+            return 0.0, float(2**self.header.bits - 1)
+        if self.header.packing == "10-packed":
             table = linear_from_companded()
             return float(table[min(black, 1023)]), float(table[min(white, 1023)])
         return float(black), float(white)
@@ -127,16 +119,8 @@ class CineFrames(MappedFrames[Header]):
         return sound
 
     def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
-        """Decode one frame, first row on top.
-
-        Raises
-        ------
-        IndexError
-            There is no such frame.
-        SourceError
-            The file does not hold this frame completely.
-        """
-        index, header = self._place(index), self._header
+        """Decode one frame, first row on top; SourceError where the file does not hold it completely."""
+        index, header = self._place(index), self.header
         start = int(header.offsets[index])
         if fault := self._fault(index):
             hint = "Use the frames marked in `.valid`; copy the film again to get the others."
@@ -165,14 +149,14 @@ class CineFrames(MappedFrames[Header]):
     @cached_property
     def _ordered(self) -> Integers:
         """The frames whose places in the file go on from each to the next; a damaged offset breaks the order."""
-        shortest = self._header.image_bytes + _LEAST_ANNOTATION
-        apart: Floats = self._header.offsets.astype(np.float64) - np.arange(self._count) * shortest
+        shortest = self.header.image_bytes + _LEAST_ANNOTATION
+        apart: Floats = self.header.offsets.astype(np.float64) - np.arange(self._count) * shortest
         either = [np.flatnonzero(longest_order(apart)), np.flatnonzero(longest_order(-apart[::-1])[::-1])]
         return max(either, key=lambda kept: np.count_nonzero(np.diff(apart[kept]) == 0))  # frames have no gaps
 
     def _fault(self, index: int) -> str:
         """Describe the fault of a frame's place in the file, "" for none."""
-        start, size = int(self._header.offsets[index]), self._window.size
+        start, size = int(self.header.offsets[index]), self._window.size
         self._window.note_use(_FAULT_AROUND)
         if not 0 <= start <= size - 8:
             return f"its offset {start} lies outside the file of {size} bytes"
@@ -180,8 +164,8 @@ class CineFrames(MappedFrames[Header]):
         if not _LEAST_ANNOTATION <= annotation <= size - start:
             return f"its annotation claims {annotation} bytes"
         stored = self._window.integer("I", start + annotation - 4, "ImageSize")
-        if stored != self._header.image_bytes:
-            return f"its stored size is {stored} bytes, expected {self._header.image_bytes}"
+        if stored != self.header.image_bytes:
+            return f"its stored size is {stored} bytes, expected {self.header.image_bytes}"
         end = start + annotation + stored
         if end > size:
             return f"it ends {end - size} bytes after the file does"
@@ -189,6 +173,6 @@ class CineFrames(MappedFrames[Header]):
         if rank == self._ordered.size or self._ordered[rank] != index:
             return f"its offset {start} is out of the order of the other frames"
         behind = self._ordered[rank + 1 : rank + 2]
-        if behind.size and end > self._header.offsets[behind[0]]:
+        if behind.size and end > self.header.offsets[behind[0]]:
             return f"it runs into frame {behind[0]}"
         return ""

@@ -68,10 +68,7 @@ class Header:
 def read_header(window: Window) -> Header:
     """Read and check everything before the images.
 
-    Raises
-    ------
-    SourceError
-        The file is no .cine, is colour or compressed, or declares more than it holds.
+    SourceError where the file is no .cine, is colour or compressed, or declares more than it holds.
     """
     if window.take(0, 2, "the file type") != b"CI":
         raise SourceError(
@@ -187,10 +184,7 @@ def _image(window: Window, bitmap: int) -> tuple[int, int, bool, Packing, int, i
 def _tags(
     window: Window, start: int, end: int, count: int
 ) -> tuple[NDArray[np.uint64] | None, NDArray[np.uint32] | None, int | None]:
-    """Walk the tagged blocks for stamps, exposures, and how many stamps there are.
-
-    A block whose size cannot be right ends the walk.
-    """
+    """Walk the tagged blocks, up to one whose size cannot be right: stamps, exposures, how many stamps there are."""
     stamps: NDArray[np.uint64] | None = None
     exposures: NDArray[np.uint32] | None = None
     stated: int | None = None

@@ -9,7 +9,6 @@ camera that records in bursts pauses between them: stamps that go on after a pau
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from enum import IntFlag
 
 import numpy as np
 
@@ -25,115 +24,64 @@ _PAUSE = 1.0  # s; a longer step between frames is a pause of the recording, not
 _LONE = 10  # lengths of the film; a single frame that far from all others has a corrupt stamp
 
 
-class TimeFlag(IntFlag):
-    """Doubts about the time of a frame."""
-
-    OK = 0
-    RECONSTRUCTED = 1
-    """The stamp was impossible; the time continues the median interval."""
-    CLOCK_UNSET = 2
-    """Stamps and trigger come from different clocks; time 0 is the frame numbered 0."""
-    NO_STAMPS = 4
-    """The file has no stamps; times come from frame numbers and the frame rate."""
-    AFTER_GAP = 8
-    """Frames are missing before this one."""
-
-
 @dataclass(frozen=True, slots=True)
 class TimeAxis:
     """Times of the frames and the doubts about them.
 
-    ``time`` (frame,) [s]: time since the trigger; ``flag`` (frame,): sum of :class:`TimeFlag` values;
-    ``missing_before`` (frame,): how many frames were dropped before each frame; ``interval`` [s]: median time between
-    frames.
+    ``time`` (frame,) [s]: time since the trigger; ``interval`` [s]: median time between frames; ``is_replaced``
+    (frame,): the stamp was impossible, and the time continues the median interval; ``missing_before`` (frame,): how
+    many frames were dropped before each; ``warnings``: sentences for the user.
     """
 
     time: Floats
-    flag: Integers
-    missing_before: Integers
     interval: float
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences for the user."""
-        found = []
-        flags = int(np.bitwise_or.reduce(self.flag)) if self.flag.size else 0
-        if flags & TimeFlag.RECONSTRUCTED:
-            where = np.flatnonzero(self.flag & TimeFlag.RECONSTRUCTED)
-            n = where.size
-            found.append(
-                f"{n} time stamp{' is' if n == 1 else 's are'} impossible (first at frame {where[0]}); "
-                f"{'its time continues' if n == 1 else 'their times continue'} the median interval"
-            )
-        if flags & TimeFlag.CLOCK_UNSET:
-            found.append("the camera's clock was not set: time 0 is the frame numbered 0")
-        if flags & TimeFlag.NO_STAMPS:
-            found.append("the film has no time stamps: times follow the stated frame rate")
-        pauses = np.flatnonzero(np.diff(self.time) > _PAUSE + self.interval) + 1
-        dropped = int(np.delete(self.missing_before, pauses).sum())
-        if pauses.size:
-            longest = float(np.diff(self.time)[pauses - 1].max())
-            found.append(
-                f"the recording pauses {pauses.size} time{'s' * (pauses.size != 1)} (first before frame {pauses[0]}), "
-                f"the longest for {longest:.4g} s"
-            )
-        if dropped:
-            found.append(
-                f"{dropped} frame{' was' if dropped == 1 else 's were'} dropped by the camera, or it recorded in bursts"
-            )
-        return tuple(found)
+    is_replaced: Flags
+    missing_before: Integers
+    warnings: tuple[str, ...] = ()
 
 
 def time_axis(header: Header) -> TimeAxis:
     """Return the times of all frames, each stamp checked against the others.
 
-    Raises
-    ------
-    InputError
-        There are no time stamps to be used, and no frame rate either.
+    InputError where there are no time stamps to be used, and no frame rate either.
     """
     number = header.first_image + np.arange(header.count, dtype=np.int64)
-    if header.stamps is None:
-        return _from_frame_rate(header, number)
+    none, no = np.zeros(header.count, np.int64), np.zeros(header.count, bool)
     # modular subtraction of unsigned counts, read as signed: exact for any pair of stamps
-    ticks = (header.stamps - np.uint64(header.trigger & (2**64 - 1))).view(np.int64)
-    if header.count == 1 and abs(ticks[0] * _UNIT) <= _CLOCK_LIMIT:
-        none = np.zeros(1, np.int64)
-        only = np.asarray(ticks * _UNIT, np.float64)
-        return TimeAxis(only, none, none, _stated_interval(header) or 0.0)
-    interval = (float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0) * _UNIT
-    flag = np.zeros(header.count, dtype=np.int64)
-    if interval <= 0:
-        return _from_frame_rate(header, number)
-    bad = _impossible(ticks, interval)
-    flag[bad] |= TimeFlag.RECONSTRUCTED
+    stamps = number.astype(np.uint64) if header.stamps is None else header.stamps
+    ticks = (stamps - np.uint64(header.trigger & (2**64 - 1))).view(np.int64)
+    interval, stated = (float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0) * _UNIT, _stated_interval(header)
+    if header.stamps is not None and header.count == 1 and abs(ticks[0] * _UNIT) <= _CLOCK_LIMIT:
+        return TimeAxis(np.asarray(ticks * _UNIT, np.float64), stated or 0.0, no, none)
+    if header.stamps is None or interval <= 0:
+        if stated is None:
+            text = f"the frame rate is {header.frame_rate} with a decimation of {header.decimation}"
+            raise InputError(f"no frame has a time: there are no usable time stamps, and {text}")
+        said = "the film has no time stamps: times follow the stated frame rate"
+        return TimeAxis(np.asarray(number * stated, np.float64), stated, no, none, (said,))
+    bad, found = _impossible(ticks, interval), []
     time: Floats = (ticks * _UNIT).astype(np.float64)
     good = np.flatnonzero(~bad)
+    if n := np.count_nonzero(bad):
+        stamps_are, go_on = ("stamp is", "its time continues") if n == 1 else ("stamps are", "their times continue")
+        found.append(f"{n} time {stamps_are} impossible (first at frame {np.argmax(bad)}); {go_on} the median interval")
     if abs(time[good[0]]) > _CLOCK_LIMIT:
         # keep the spacing of the stamps, give up their origin
-        anchor = good[0]
-        time = (ticks - ticks[anchor]) * _UNIT + number[anchor] * interval
-        flag |= TimeFlag.CLOCK_UNSET
+        time = (ticks - ticks[good[0]]) * _UNIT + number[good[0]] * interval
+        found.append("the camera's clock was not set: time 0 is the frame numbered 0")
     nearest = good[np.clip(np.searchsorted(good, np.arange(header.count)) - 1, 0, None)]
-    steps = np.arange(header.count) - nearest
-    time = np.where(bad, time[nearest] + steps * interval, time)
-    missing, step = np.zeros(time.size, dtype=np.int64), np.diff(time)
+    time = np.where(bad, time[nearest] + (np.arange(header.count) - nearest) * interval, time)
+    step = np.diff(time)
     late = step > interval + max(_TOLERANCE, _SHARE * interval)
-    missing[1:][late] = np.maximum(np.rint(step[late] / interval).astype(np.int64) - 1, 0)
-    flag[missing > 0] |= TimeFlag.AFTER_GAP
-    return TimeAxis(time, flag, missing, interval)
-
-
-def _from_frame_rate(header: Header, number: Integers) -> TimeAxis:
-    interval = _stated_interval(header)
-    if interval is None:
-        raise InputError(
-            f"no frame has a time: there are no usable time stamps, and the frame rate is "
-            f"{header.frame_rate} with a decimation of {header.decimation}"
-        )
-    flag = np.full(header.count, TimeFlag.NO_STAMPS, dtype=np.int64)
-    time = np.asarray(number * interval, np.float64)
-    return TimeAxis(time, flag, np.zeros(header.count, np.int64), interval)
+    none[1:][late] = np.maximum(np.rint(step[late] / interval).astype(np.int64) - 1, 0)
+    pauses = np.flatnonzero(step > _PAUSE + interval) + 1
+    if pauses.size:
+        times = f"{pauses.size} time{'s' * (pauses.size != 1)} (first before frame {pauses[0]})"
+        found.append(f"the recording pauses {times}, the longest for {step[pauses - 1].max():.4g} s")
+    if dropped := int(np.delete(none, pauses).sum()):
+        verb = "frame was" if dropped == 1 else "frames were"
+        found.append(f"{dropped} {verb} dropped by the camera, or it recorded in bursts")
+    return TimeAxis(time, interval, bad, none, tuple(found))
 
 
 def _stated_interval(header: Header) -> float | None:
@@ -143,11 +91,7 @@ def _stated_interval(header: Header) -> float | None:
 
 
 def _impossible(ticks: Integers, interval: float) -> Flags:
-    """Mark the stamps that contradict the others.
-
-    The largest number of stamps that follow each other in order is believed, but for a first or last one that is
-    farther from the others than any pause of a recording.
-    """
+    """Mark the stamps outside the longest order, and a first or last one farther away than any pause of a recording."""
     seconds = np.asarray(ticks * _UNIT, np.float64)
     good = np.flatnonzero(longest_order(seconds + np.arange(ticks.size) * max(_TOLERANCE, _SHARE * interval)))
     for inner, end in ((slice(1, None), 0), (slice(None, -1), -1)):

@@ -47,10 +47,7 @@ _KEYS = {
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """Description of the frames: counts, size [px], bits of a pixel, rate [1/s], exposure [s] or None, white level.
-
-    ``trigger`` is the day of the recording, its midnight UTC since 1970 in 2⁻³² s; 0 where it is not known.
-    """
+    """Counts, size [px], bits of a pixel, rate [1/s], exposure [s], white level; day since 1970 as trigger [2⁻³² s]."""
 
     count: int
     start: int
@@ -189,36 +186,19 @@ def _exposure(nanoseconds: str, seconds: str, rate: float) -> float | None:
 
 
 class MrawFrames(MappedFrames[Header]):
-    """The frames of a .mraw, of which the first ``whole`` are there completely."""
+    """The frames of a .mraw, of which the first ``whole`` are valid; times and exposures (frame,) are in s."""
 
     def __init__(self, window: Window, header: Header, whole: int) -> None:
         super().__init__(window, header)
-        self._whole = whole
-
-    @property
-    def time(self) -> Floats:
-        """Time of every frame in s, the trigger being 0; shape (frame,)."""
-        return (self._header.start + np.arange(self._count)) / self._header.rate
-
-    @property
-    def exposure(self) -> Floats | None:
-        """Exposure of every frame in s, or None."""
-        return None if self._header.exposure is None else np.full(self._count, self._header.exposure)
-
-    @property
-    def valid(self) -> Flags:
-        """False for frames beyond the end of the file; shape (frame,)."""
-        return np.arange(self._count) < self._whole
-
-    @property
-    def levels(self) -> tuple[float, float]:
-        """Black and white level."""
-        return 0.0, self._header.white
+        self.time: Floats = (header.start + np.arange(self._count)) / header.rate
+        self.exposure = None if header.exposure is None else np.full(self._count, header.exposure)
+        self.valid: Flags = np.arange(self._count) < whole
+        self.levels = (0.0, header.white)
 
     def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
         """Decode one frame, first row on top; SourceError where the file does not hold it."""
-        index, header = self._place(index), self._header
-        if index >= self._whole:
+        index, header = self._place(index), self.header
+        if not self.valid[index]:
             raise SourceError(self.path, f"frame {index} is beyond the end of the file", hint="Copy the film again.")
         first, last = self._rows.start * header.width, self._rows.stop * header.width  # pixels
         inset = first % 2 if header.bits == 12 else 0

@@ -11,16 +11,7 @@ from labpipe.installation import lazily
 from labpipe.units import Quantity
 
 if TYPE_CHECKING:
-    from instruments.tables._headings import Heading as Heading, is_unit as is_unit
-    from instruments.tables._layout import Block as Block, is_numeric as is_numeric
-    from instruments.tables._mapping import chosen as chosen
-    from instruments.tables._readings import (
-        Notes as Notes,
-        converted as converted,
-        numbers as numbers,
-        settled_units as settled_units,
-        short_rows as short_rows,
-    )
+    from instruments._mapping import chosen as chosen
     from instruments.tables._table import read as read
 else:
     __getattr__ = lazily(__name__)
@@ -41,10 +32,11 @@ class Options(TypedDict, total=False):
 
 def _sniff(head: bytes, path: Path) -> bool:
     """Recognise a table of sweeps, responses or shift factors by the quantities in its headings."""
-    from instruments.tables._layout import columns_below, headings_of, plain_lines
+    from instruments._layout import SIGNAL, TAB, headings_of, plain_lines
 
     lines = [line for _, line in plain_lines(_beginning(head, path).splitlines())]
-    return any(headings_of(line) is not None for line in columns_below(lines))
+    of_signals = TAB.join(match[1] for line in lines if (match := SIGNAL.fullmatch(line)) is not None)
+    return any(headings_of(line) is not None for line in (*lines, of_signals))
 
 
 def _beginning(head: bytes, path: Path) -> str:
@@ -66,8 +58,8 @@ def _beginning(head: bytes, path: Path) -> str:
 
 def columns_hint(head: bytes, path: Path) -> str:
     """Return how the columns of an unknown table can be named, "" of a file without rows of numbers."""
-    from instruments.tables._layout import plain_lines
-    from instruments.tables._mapping import suggestion
+    from instruments._layout import plain_lines
+    from instruments._mapping import suggestion
 
     found = suggestion(plain_lines(_beginning(head, path).splitlines()))
     return found and f"Name its columns, in session.toml or with --columns: {found}"

@@ -7,31 +7,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
-from instruments._intervals import Interval, assemble, in_one_unit
+from instruments._headings import stated_in_title
+from instruments._intervals import Interval, assemble
+from instruments._layout import COMMA, Block, Lines, blocks
+from instruments._mapping import Chosen, Columns, chosen, line_to_copy, located, suggestion, time_step
 from instruments._moduli import missing
 from instruments._quantities import SHIFTS, signs_of
-from instruments._workbook import is_workbook, sheets
-from instruments.tables._headings import stated_in_title
-from instruments.tables._layout import COMMA, TAB, Block, blocks, plain_lines
-from instruments.tables._mapping import Chosen, Columns, chosen, line_to_copy, located, suggestion, time_step
-from instruments.tables._readings import Notes, intervals
+from instruments._readings import intervals
+from instruments._sheets import Notes, open_sheets
 from instruments.tables._traces import trace
 from labpipe.errors import SourceError
-from labpipe.text import DOT, Limits, check_decimal, first_bytes, survey
+from labpipe.text import DOT, check_decimal
 from labpipe.units import Measure
 
 DEVICE = "plain table of a dynamic mechanical analysis"
-CODECS = ("cp1252", "cp932")
 _HEADER = 100  # lines in which a file states how it is written
-_LIMITS = Limits(max_bytes=128 << 20)
 _DECIMAL = re.compile(r"#DE[CZ]IMAL:\s*(\w+)")
 _SIGNS = {"point": ".", "punkt": ".", "comma": ",", "komma": ","}
-
-Lines = Sequence[tuple[int, str]]
-_Sheets = Sequence[tuple[str, Lines]]
 
 
 def read(
@@ -90,19 +84,10 @@ def read(
     >>> fall = read("run.csv", columns={"time": "Time (s)", "displacement": "Position (m)"})  # doctest: +SKIP
     """
     check_decimal(decimal)
-    path, named = Path(path), None if columns is None else chosen(columns)
-    notes, open_line, found_encoding = Notes(path), 0, path.suffix.lstrip(".").lower() or "xlsx"
-    if is_workbook(first_bytes(path)):
-        found = [(title, plain_lines(map(TAB.join, rows))) for title, rows in sheets(path)]
-        found = [(title, [(1, title), *own] if own and stated_in_title(title) else own) for title, own in found]
-    else:
-        source = survey(path, declared=(encoding,) if encoding else CODECS, limits=_LIMITS)
-        lines, found_encoding = plain_lines(source.lines()), source.encoding
-        open_line = 0 if source.is_ended else source.n_lines
-        if allow_incomplete and lines and lines[-1][0] == open_line:
-            notes.add("the last line is cut, it has no line end; it is dropped", open_line)
-            lines.pop()
-        found = [("", lines)]
+    notes, named = Notes(Path(path)), None if columns is None else chosen(columns)
+    path, opened = notes.path, open_sheets(notes, encoding, allow_incomplete=allow_incomplete)
+    found = [(title, [(1, title), *own] if own and stated_in_title(title) else own) for title, own in opened.sheets]
+    open_line = opened.open_line
     stated = (_DECIMAL.match(line) for _, lines in found for _, line in lines[:_HEADER])
     decimal = decimal or next((_SIGNS.get(word[1].casefold()) for word in stated if word), None)
     tables = _blocks(path, found) if named is None else []
@@ -115,11 +100,11 @@ def read(
             cells = [cell for _, row in block.rows for cell in row]
             signs = DOT if block.separator == COMMA else signs_of(path, cells, decimal)
             made = trace(notes, block, signs, cycle, time_step(own, block.line))
-            return made.assign_attrs(source=path.name, encoding=found_encoding, decimal=signs.decimal)
-    return _sweeps(notes, tables, decimal, open_line, found_encoding)
+            return made.assign_attrs(source=path.name, encoding=opened.encoding, decimal=signs.decimal)
+    return _sweeps(notes, tables, decimal, open_line, opened.encoding)
 
 
-def _blocks(path: Path, found: _Sheets) -> list[Block]:
+def _blocks(path: Path, found: Sequence[tuple[str, Lines]]) -> list[Block]:
     """Find the tables; sheets and lines without any, such as remarks, are passed over."""
     tables = [replace(block, sheet=title) for title, lines in found for block in blocks(lines)]
     whole = [block for block in tables if block.rows]
@@ -137,7 +122,7 @@ def _blocks(path: Path, found: _Sheets) -> list[Block]:
     return whole
 
 
-def _located(path: Path, found: _Sheets, named: tuple[Chosen, ...]) -> tuple[Block, Lines]:
+def _located(path: Path, found: Sequence[tuple[str, Lines]], named: tuple[Chosen, ...]) -> tuple[Block, Lines]:
     """Find the named columns in the first sheet that has them; return its lines too."""
     first: SourceError | None = None
     for _, lines in found:
@@ -187,22 +172,17 @@ def _sweeps(notes: Notes, tables: list[Block], decimal: str | None, open_line: i
     made: list[Interval] = []
     for block in whole:
         made += intervals(notes, block, signs, len(made) + 1)
-    made, several = in_one_unit(made)
     sizes = [interval.point.size for interval in made]
     is_cut = len(sizes) > 2 and len(set(sizes[:-1])) == 1 and sizes[-1] < sizes[0]
     if is_cut:
-        several.append(f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
-    for note in several:
-        notes.add(note)
-    empty = sum(np.isnan(np.asarray(c.values, dtype=float)).sum() for interval in made for c in interval.columns)
+        notes.add(f"the last set holds {sizes[-1]} rows, all others {sizes[0]}; the file may be cut")
     return assemble(
         made,
+        path,
         instrument=DEVICE,
         layout="plain table",
-        source=path.name,
         encoding=encoding,
         header="",
-        empty_cells=int(empty),
         work=json.dumps({"bytes_read": path.stat().st_size, "rows_read": sum(sizes), "intervals_read": len(made)}),
         delimiter=whole[0].separator,
         decimal=signs.decimal,

@@ -11,9 +11,10 @@ import numpy as np
 import xarray as xr
 
 from instruments._clock import even_interval
+from instruments._layout import Block
 from instruments._quantities import unit_of
-from instruments.tables._layout import Block
-from instruments.tables._readings import Notes, numbers
+from instruments._readings import numbers
+from instruments._sheets import Notes
 from labpipe.arrays import Floats
 from labpipe.errors import UNSAID, SourceError
 from labpipe.text import Separators
@@ -30,10 +31,8 @@ def trace(notes: Notes, block: Block, signs: Separators, cycle: Measure | None, 
 
     ``step`` [s] between the rows is that of the file's header, where it states one.
 
-    Raises
-    ------
-    SourceError
-        A cell is no number, the times are missing, go back or do not lie evenly, or contradict the cycle.
+    SourceError where a cell is no number, the times are missing, go back or do not lie evenly, or contradict the
+    cycle.
     """
     names = [heading.name for heading in block.headings]
     factors = [unit_of(heading.unit).factor for heading in block.headings]

@@ -87,8 +87,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
     table = columns(30.0 * np.arange(1.0, T.size + 1.0), np.full(T.size, protocol.ramp_frequency), T)
     intervals.append(anton_paar.make_interval(f"{name} ramp (synthetic)", "Temperature sweep 1", 1, table))
     project = f"{name}, SYNTHETIC, layout assumed | the virtual rig, 5/14/2024 | 1"
-    export = anton_paar.assemble(intervals, project=project)
-    anton_paar.write(folder / f"dma/{name}.csv", export, digits=_DIGITS)
+    anton_paar.write(folder / f"dma/{name}.csv", intervals, project, _DIGITS)
     text = json.dumps(_truth(solid, protocol) | {"scale": scale}, indent=1) + "\n"
     files.write_text(folder / f"truth/{name}.json", text)
     return f"dma/{name}.csv"

@@ -16,17 +16,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-_CHANGES = {
-    "os.rename",
-    "os.remove",
-    "os.mkdir",
-    "os.rmdir",
-    "os.truncate",
-    "os.link",
-    "os.symlink",
-    "shutil.move",
-    "shutil.rmtree",
-}
+_CHANGES = {f"os.{name}" for name in ("rename", "remove", "mkdir", "rmdir", "truncate", "link", "symlink")}
+_CHANGES |= {"shutil.move", "shutil.rmtree"}
 
 
 class _Counter:

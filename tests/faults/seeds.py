@@ -2,6 +2,7 @@
 
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,41 +40,41 @@ def keyence_text(rows: int = 12) -> bytes:
     return keyence.encode(recording).removeprefix(b"\xef\xbb\xbf")
 
 
-def anton_paar_text() -> bytes:
-    """Two intervals of a rheometer, UTF-8."""
-    frequency = np.array([10.0, 1.0, 0.1])
-    intervals = [
+def anton_paar_intervals() -> list[Any]:
+    """Three intervals of a rheometer, of two tests."""
+    make, frequency = anton_paar.make_column, np.array([10.0, 1.0, 0.1])
+    return [
         anton_paar.make_interval(
-            "sample A",
+            test,
             "Frequency sweep 1",
             number,
             [
-                anton_paar.make_column("Angular Frequency", "[rad/s]", frequency),
-                anton_paar.make_column("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
-                anton_paar.make_column("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
-                anton_paar.make_column("Temperature", "[°C]", np.full(3, 20.5 + number)),
-                anton_paar.make_column("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
+                make("Angular Frequency", "[rad/s]", frequency),
+                make("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
+                make("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
+                make("Loss Factor", "[1]", np.full(3, 0.1)),
+                make("Temperature", "[°C]", np.full(3, 20.5 + number)),
+                make("Torque", "[mN·m]", 1e-4 * frequency),
+                make("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
             ],
         )
-        for number in (1, 2)
+        for test, number in (("sample A", 1), ("sample A", 2), ("sample B", 1))
     ]
-    table = anton_paar.assemble(intervals, project="Sweep | PC, 2/27/2020 | 2")
-    return anton_paar.encode(table).decode("utf-16").encode("utf-8")
+
+
+def anton_paar_text() -> bytes:
+    """Their export, UTF-8."""
+    made = anton_paar.encode(anton_paar_intervals(), "Sweep | PC, 2/27/2020 | 2")
+    return made.decode("utf-16").encode("utf-8")
 
 
 def film_bytes(
-    folder: Path,
-    count: int = 6,
-    rows: int = 4,
-    columns: int = 8,
-    bits: int = 12,
-    time: np.ndarray | None = None,
-    packed: bool = False,
+    folder: Path, count: int = 6, rows: int = 4, columns: int = 8, bits: int = 12, time: np.ndarray | None = None
 ) -> bytes:
     """A film of random pixels at 10,000 frames a second, the trigger at its third frame."""
     images = np.random.default_rng(3).integers(64, 2 ** min(bits, 12), (count, rows, columns))
     kind = np.uint8 if bits == 8 else np.uint16
-    recording = phantom.Recording(10_000, 1e-5, bits=bits, packed=packed, first_image=-2)
+    recording = phantom.Recording(10_000, 1e-5, bits=bits, first_image=-2)
     time = (np.arange(count) - 2) * 1e-4 if time is None else time
     path = folder / "seed.cine"
     phantom.write(path, images.astype(kind), images.shape, time, recording)

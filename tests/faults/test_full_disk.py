@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 import instruments
-from instruments.keyence import Setup, Status, record, recover
-from instruments.keyence._connection import Reading
+from instruments.keyence import Setup, record, recover
 from labpipe.errors import StorageError
 from labpipe.workflow import provenance, runner
 from tests.faults.crashes import moments
 from tests.faults.mounts import resize, small_disk
+from tests.instruments.keyence_emulator import Counting
 from tests.labpipe.workflow import toy_laboratory as toy
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -60,25 +60,11 @@ def test_a_disk_of_any_size_is_named_as_too_small_or_large_enough(tmp_path: Path
     assert 0 < refused < len(sizes)
 
 
-class _Counting:
-    """A connection that counts up."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def read(self) -> Reading:
-        self.count += 1
-        return Reading((self.count,), (Status.VALID,))
-
-    def close(self) -> None:
-        return
-
-
 def test_a_disk_that_fills_up_while_a_sensor_is_recorded_keeps_the_readings(tmp_path: Path) -> None:
     setup = Setup((1,), (4,), ("mm",), 2e-4)
     with small_disk(tmp_path / "disk", 16384) as disk:
         with pytest.raises(StorageError, match="no space left"):
-            record(disk / "a.csv", setup, _Counting, 20.0)  # type: ignore[arg-type]
+            record(disk / "a.csv", setup, Counting, 20.0)  # type: ignore[arg-type]
         resize(disk, ROOMY)
         recover(disk / "a.csv")
         assert instruments.read(disk / "a.csv").sizes["time"] > 50

@@ -13,12 +13,12 @@ import pytest
 
 import instruments
 from instruments import keyence
-from instruments.keyence import Setup, Status, record
-from instruments.keyence._connection import Reading
+from instruments.keyence import Setup, record
 from pipelines.figures import make
 from pipelines.session import init, process
 from tests.faults.crashes import killed_after, moments, operations
 from tests.faults.test_failed_inputs import session
+from tests.instruments.keyence_emulator import Counting
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
@@ -98,19 +98,6 @@ def test_killed_before_any_operation_the_next_run_ends_as_an_undisturbed_one(
     assert killed
 
 
-class _Counting:
-    """A connection that counts up."""
-
-    count = 0
-
-    def read(self) -> Reading:
-        _Counting.count += 1
-        return Reading((_Counting.count,), (Status.VALID,))
-
-    def close(self) -> None:
-        return
-
-
 def test_a_recording_killed_at_any_time_is_readable_but_for_the_last_rows(tmp_path: Path, amount: Amount) -> None:
     rng = random.Random(9)
     found = 0
@@ -120,7 +107,7 @@ def test_a_recording_killed_at_any_time_is_readable_but_for_the_last_rows(tmp_pa
         begun = time.monotonic()
         assert killed_after(
             seconds,
-            lambda target=target: record(target, SETUP, _Counting, 60.0),  # type: ignore[arg-type]
+            lambda target=target: record(target, SETUP, Counting, 60.0),  # type: ignore[arg-type]
         )
         assert time.monotonic() - begun >= seconds
         if not target.exists():

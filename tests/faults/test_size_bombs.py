@@ -41,15 +41,9 @@ def tiff(entries: list[tuple[int, int, int, int]], more: bytes = b"", following:
     return b"II*\0" + struct.pack("<I", 8) + count + fields + struct.pack("<I", following) + more
 
 
-GREY = [
-    (256, 4, 1, 80),
-    (257, 4, 1, 64),
-    (258, 3, 1, 8),
-    (262, 3, 1, 1),
-    (273, 4, 1, 8),
-    (277, 3, 1, 1),
-    (279, 4, 1, 5120),
-]
+LONG, SHORT = 4, 3
+GREY = [(tag, LONG, 1, value) for tag, value in ((256, 80), (257, 64), (273, 8), (279, 5120))]
+GREY = sorted([*GREY, *((tag, SHORT, 1, value) for tag, value in ((258, 8), (262, 1), (277, 1)))])
 
 
 def grey(**changes: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:

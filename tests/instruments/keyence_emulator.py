@@ -7,6 +7,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
+from instruments.keyence import Status
+from instruments.keyence._connection import Reading
+
 LK_REQUEST = bytes([7, 0, 7, 0x14, 0, 0, 0])
 
 
@@ -98,3 +101,16 @@ def emulator(*arguments, **options) -> Iterator[Emulator]:
         yield made
     finally:
         made.close()
+
+
+class Counting:
+    """A connection that counts up."""
+
+    count = 0
+
+    def read(self) -> Reading:
+        self.count += 1
+        return Reading((self.count,), (Status.VALID,))
+
+    def close(self) -> None:
+        return

@@ -7,24 +7,14 @@ import xarray as xr
 
 
 def split_blocks(dataset: xr.Dataset) -> list[xr.Dataset]:
-    """Return one Dataset per block, over its own ``time``, with only the variables that it has."""
-    described = json.loads(dataset.attrs["blocks"])
-    starts = np.concatenate([[0], np.cumsum(dataset["n_rows"].values)]).astype(int)
-    blocks = []
-    for index, block in enumerate(described):
-        part = dataset.isel(block_index=index, sample=slice(starts[index], starts[index + 1]))
-        present = {column["variable"] for column in block["columns"]}
-        absent = [
-            name for name, variable in part.data_vars.items() if "sample" in variable.dims and name not in present
-        ]
-        part = part.drop_vars([*absent, "block"]).swap_dims(sample="time")
-        kept = {k: v for k, v in dataset.attrs.items() if k not in ("blocks", "header", "work")}
-        part.attrs = kept | {
-            "block": json.dumps(block, ensure_ascii=False),
-            "block_number": index,
-            "function": block["function"],
+    """Return one Dataset per block, over its own ``time``."""
+    stops, blocks = np.cumsum([0, *dataset["n_rows"].values]).astype(int), []
+    for index, block in enumerate(json.loads(dataset.attrs["blocks"])):
+        part = dataset.isel(block_index=index, sample=slice(stops[index], stops[index + 1]))
+        part = part.drop_vars("block").swap_dims(sample="time")
+        part.attrs = {
+            "block": json.dumps(block),
             "start": block["start"],
-            "incomplete": int(block["incomplete"]),
             "compression_sign": block["compression_sign"],
         }
         blocks.append(part)

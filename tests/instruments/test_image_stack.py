@@ -1,12 +1,15 @@
 """Exported films: order, gaps, times, damage and bombs."""
 
+import random
 import struct
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 import instruments
@@ -38,14 +41,6 @@ def test_images_are_sorted_by_number_not_by_name(tmp_path: Path) -> None:
     write_folder(tmp_path / "g", ["f10.png", "f20.png", "f30.png"])
     with pytest.warns(UserWarning, match="go up by 10, so its times do by 10 / frame rate"):
         np.testing.assert_allclose(instruments.read(tmp_path / "g", fps=1000.0).time, [0, 1e-2, 2e-2])
-
-
-def test_pages_of_a_tiff_are_frames(tmp_path: Path) -> None:
-    film = images(4, np.uint16)
-    assert cv2.imwritemulti(str(tmp_path / "f.tif"), list(film))
-    found = instruments.read(tmp_path / "f.tif", fps=100.0)
-    np.testing.assert_array_equal(np.stack(list(found)), film)
-    assert found.valid.all()
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "bmp"])
@@ -103,38 +98,9 @@ def test_the_white_level_of_fewer_bits_than_sixteen(tmp_path: Path, bits: int) -
         assert found.roi(slice(2, 4), slice(0, 3)).levels == (0.0, white)
 
 
-def packed_tiff(pages: np.ndarray, bits: int, order: str) -> bytes:
-    """Write pages as an uncompressed TIFF whose pixels of so many bits follow each other without a gap."""
-    rows, columns = pages.shape[1:]
-    data = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(order + "I", 8)
-    for number, page in enumerate(pages):
-        set_bits = (page[..., None] >> np.arange(bits)[::-1]) & 1
-        stored = np.packbits(set_bits.astype(np.uint8).reshape(rows, -1), axis=1).tobytes()
-        stored += b"\0" * (len(stored) % 2)
-        begin = len(data) + 2 + 9 * 12 + 4
-        shorts = {258: bits, 259: 1, 262: 1, 277: 1}
-        longs = {256: columns, 257: rows, 273: begin, 278: rows, 279: len(stored)}
-        data += struct.pack(order + "H", 9)
-        for tag in sorted(shorts | longs):
-            layout, kind = ("HHIHH", 3) if tag in shorts else ("HHII", 4)
-            data += struct.pack(order + layout, tag, kind, 1, *((shorts[tag], 0) if tag in shorts else (longs[tag],)))
-        data += struct.pack(order + "I", 0 if number == len(pages) - 1 else begin + len(stored)) + stored
-    return data
-
-
-@pytest.mark.parametrize(("order", "bits"), [("<", 10), (">", 12), ("<", 14)])
-def test_packed_pixels_of_a_tiff_are_the_cameras(tmp_path: Path, bits: int, order: str) -> None:
-    film = np.random.default_rng(bits).integers(0, 2**bits, (3, 12, 21)).astype(np.uint16)
-    for number in range(3):
-        (tmp_path / f"f{number}.tif").write_bytes(packed_tiff(film[number : number + 1], bits, order))
-    found = instruments.read(tmp_path, fps=1.0)
-    np.testing.assert_array_equal(np.stack(list(found)), film)
-    assert found.levels == (0.0, 2.0**bits - 1.0)
-
-
 def test_other_bits_and_bare_pixels_are_refused_with_what_to_do(tmp_path: Path) -> None:
-    (tmp_path / "f.tif").write_bytes(packed_tiff(np.zeros((1, 8, 8), np.uint16), 9, "<"))
-    with pytest.raises(SourceError, match=r"9 bits per pixel; expected 8, 10, 12, 14 or 16[^$]*of 16 bits"):
+    tifffile.imwrite(tmp_path / "f.tif", np.zeros((8, 8), np.uint32))
+    with pytest.raises(SourceError, match=r"32 bits per pixel; expected 8 or 16[^$]*of 16 bits"):
         instruments.read(tmp_path / "f.tif", fps=1.0)
     (tmp_path / "f.mraw").write_bytes(np.random.default_rng(0).bytes(999))
     with pytest.raises(SourceError, match=r"\.cihx\) of a \.mraw in its folder, or export the film as TIFF"):
@@ -266,3 +232,109 @@ def test_a_note_of_the_cameras_orientation_turns_no_image(tmp_path: Path) -> Non
     Image.fromarray(levels).save(tmp_path / "turned.tif", tiffinfo={274: 6})
     with pytest.raises(SourceError, match="turned by a note of orientation"):
         instruments.read(tmp_path / "turned.tif", fps=1000.0)
+
+
+def png(image: np.ndarray) -> bytes:
+    return cv2.imencode(".png", image)[1].tobytes()
+
+
+@pytest.mark.filterwarnings("ignore:.*1 of 3 images is:UserWarning")
+def test_any_wrong_bit_of_a_png_spoils_this_image_alone(tmp_path: Path, amount: Callable[[int, int], int]) -> None:
+    whole = images(3)
+    for i, image in enumerate(whole):
+        (tmp_path / f"f{i}.png").write_bytes(png(image))
+    data, rng, head = png(whole[1]), random.Random(8), 33
+    for _ in range(amount(100, 3_000)):
+        damaged = bytearray(data)
+        damaged[rng.randrange(head, len(data))] ^= 1 << rng.randrange(8)
+        (tmp_path / "f1.png").write_bytes(damaged)
+        film = instruments.read(tmp_path, fps=100.0)
+        assert film.valid.tolist() == [True, False, True]
+        view = film.roi(slice(2, 8), slice(0, 4))
+        assert view.valid.tolist() == [True, False, True]
+        with pytest.raises(SourceError, match=r"f1\.png"):
+            film[1]
+    assert np.array_equal(film[-1], whole[2])
+
+
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        (["first.png"], "has no number in its name"),
+        (["a1.png", "b1.png"], "number 1 occurs twice"),
+        (["notes.txt"], "holds no image"),
+    ],
+)
+def test_a_folder_that_is_no_film_is_refused(tmp_path: Path, names: list[str], says: str) -> None:
+    for name in names:
+        (tmp_path / name).write_bytes(png(images(1)[0]))
+    with pytest.raises(SourceError, match=says):
+        instruments.read(tmp_path, fps=100.0, instrument="image_stack")
+
+
+@pytest.mark.parametrize("fps", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_frame_rate_that_is_none_is_refused(tmp_path: Path, fps: float) -> None:
+    write_folder(tmp_path / "f", ["f0.png"])
+    with pytest.raises(InputError, match="frame rate must be positive"):
+        instruments.read(tmp_path / "f", fps=fps)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"II*\0\xff\xff\xff\x7f",  # an offset outside of the file
+        b"II*\0\0\0\0\0",  # no page
+        b"MM\0+" + bytes(4) + b"\xff" * 8,
+    ],
+)
+def test_a_tiff_that_contradicts_itself_is_refused(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "a.tif").write_bytes(data)
+    with pytest.raises(SourceError, match="the TIFF is cut off or damaged"):
+        instruments.read(tmp_path / "a.tif", fps=100.0)
+
+
+def test_a_film_in_files_of_several_pages_each_is_refused(tmp_path: Path) -> None:
+    assert cv2.imwritemulti(str(tmp_path / "f0.tif"), list(images(3)))
+    with pytest.raises(SourceError, match="holds 3 images, expected one per file"):
+        instruments.read(tmp_path, fps=100.0)
+    film = instruments.read(tmp_path / "f0.tif", fps=100.0)
+    assert all(np.array_equal(film[i], images(3)[i]) for i in (-1, 0, 1))
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    path = tmp_path / "a.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (32, 24), False)
+    for level in (0, 60, 120):
+        writer.write(np.full((24, 32), level, np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.mark.filterwarnings("ignore:a.avi")
+def test_a_video_is_a_film_in_any_order(video: Path) -> None:
+    film = instruments.read(video, fps=1000.0, exposure=1e-4)
+    assert film.shape == (3, 24, 32)
+    assert film.valid.all()
+    assert film.levels == (0.0, 255.0)
+    assert film.exposure.tolist() == [1e-4] * 3
+    np.testing.assert_allclose(film.time, [0, 1e-3, 2e-3])
+    for i in (2, 0, 1, -1):
+        assert abs(float(film[i].mean()) - 60 * (i % 3)) < 3
+    view = film.roi(slice(4, 8), slice(0, 16))
+    assert [frame.shape for frame in view] == [(4, 16)] * 3
+    with pytest.raises(IndexError, match="frame 3 of 3"):
+        film[3]
+    with pytest.raises(InputError, match="region of interest"):
+        film.roi(slice(99, 120), slice(0, 4))
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("kept", [40, 2000, -40])
+def test_a_cut_video_gives_the_frames_that_there_are_or_none(video: Path, kept: int) -> None:
+    video.write_bytes(video.read_bytes()[:kept])
+    try:
+        film = instruments.read(video, fps=1000.0)
+        assert [frame.shape for frame in film] == [(24, 32)] * len(film)
+    except SourceError as error:
+        assert "a.avi" in str(error)  # noqa: PT017

@@ -7,26 +7,36 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instruments.phantom import read
+from instruments.phantom import CineFrames, read
 from instruments.phantom._film import linear_from_companded
-from instruments.phantom._times import TimeFlag
-from instruments.phantom._writer import Recording, companded_from_linear, write
+from instruments.phantom._writer import Recording, write
 from labpipe.errors import InputError, LabpipeError, SourceError
 from labpipe.frames import FrameSource
+from tests.faults import seeds
 
+COUNT, ROWS, COLUMNS, SETUP = 6, 4, 8, 84  # of the film of the seeds
+STAMPS = SETUP + 10412 + 8
+FRAME = 8 + 2 * ROWS * COLUMNS
+TABLE = STAMPS + 8 * COUNT + 8 + 4 * COUNT
+FIRST = TABLE + 8 * COUNT
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/cine"
 FORMATS = [(8, False), (10, False), (12, False), (14, False), (16, False), (10, True), (12, True)]
 
 
 def film(path: Path, bits: int = 12, packed: bool = False, count: int = 6) -> np.ndarray:
-    generator = np.random.default_rng(bits)
-    top = 2 ** (12 if (bits, packed) == (10, True) else bits)
-    images = generator.integers(0, top, (count, 12, 32)).astype(np.uint8 if bits == 8 else "u2")
-    if (bits, packed) == (10, True):  # only levels that the companded scale can hold
-        images = linear_from_companded()[companded_from_linear()[images]]
-    recording = Recording(10_000, 5e-6, bits=bits, packed=packed, first_image=-2)
-    write(path, images, images.shape, (np.arange(count) - 2) * 1e-4, recording)
-    return images
+    """Write random pixels; packed ones as bytes, under a header that is changed afterwards."""
+    images = np.random.default_rng(bits).integers(0, 2**bits, (count, 12, 32)).astype(np.uint8 if bits == 8 else "u2")
+    stored = images
+    if packed:
+        one_by_one = images[..., None] >> np.arange(bits, dtype=np.uint16)[::-1] & 1
+        stored = np.packbits(one_by_one.astype(np.uint8).reshape(count, 12, -1), axis=2)[:, ::-1]
+    recording = Recording(10_000, 5e-6, bits=8 if packed else bits, first_image=-2)
+    write(path, stored, stored.shape, (np.arange(count) - 2) * 1e-4, recording)
+    if packed:
+        patched(path, 44 + 4, "i", 32)
+        patched(path, 44 + 14, "HI", 16, {10: 256, 12: 1024}[bits])
+        patched(path, 84 + 1588, "I", 32)
+    return linear_from_companded()[images] if packed and bits == 10 else images
 
 
 @pytest.mark.parametrize(("bits", "packed"), FORMATS)
@@ -59,29 +69,12 @@ def patched(path: Path, offset: int, layout: str, *values: float) -> Path:
     return path
 
 
-STAMPS_AT = 84 + 10412 + 8
-FRAME = 8 + 12 * 32 * 2
-FIRST = 84 + 10412 + 8 + 48 + 8 + 24 + 48
-
-
 def test_an_unset_clock_falls_back_to_frame_numbers_with_a_flag(tmp_path: Path) -> None:
     film(tmp_path / "f.cine")
     frames = read(patched(tmp_path / "f.cine", 40, "I", 1_400_000_000))
     with pytest.warns(UserWarning, match="clock was not set"):
         assert frames.time.shape == (6,)
     np.testing.assert_allclose(frames.time, (np.arange(6) - 2) * 1e-4, atol=1e-8)
-    assert all(frames.time_axis.flag & TimeFlag.CLOCK_UNSET)
-
-
-def test_dropped_frames_are_counted_where_they_are_missing(tmp_path: Path) -> None:
-    images = np.zeros((6, 4, 16), np.uint8)
-    time = np.array([0, 1, 2, 5, 6, 7]) * 1e-4
-    write(tmp_path / "f.cine", images, images.shape, time, Recording(10_000, 1e-6, bits=8))
-    with pytest.warns(UserWarning, match="2 frame"):
-        axis = read(tmp_path / "f.cine").time_axis
-    assert list(axis.missing_before) == [0, 0, 0, 2, 0, 0]
-    np.testing.assert_allclose(axis.time, time, atol=1e-9)
-    assert "2 frames were dropped" in axis.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -109,26 +102,16 @@ def test_a_refusal_names_what_was_found(tmp_path: Path, offset: int, layout: str
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_damaged_headers_are_errors_that_name_the_file_or_frames_of_the_declared_size(tmp_path: Path) -> None:
     """Three hundred damages of the headers, the settings that are read, the tags, the table and the frames."""
-    film(tmp_path / "f.cine")
-    data, generator = (tmp_path / "f.cine").read_bytes(), np.random.default_rng(1)
+    data, generator = seeds.film_bytes(tmp_path), np.random.default_rng(1)
     settings = [84 + at for at in (140, 142, 768, 772, 808, 896, 1568, 1588, 1592, 5732, 5736, 10388)]
-    places = [*range(0, 84, 2), *settings, *range(STAMPS_AT - 8, FIRST, 4), FIRST, FIRST + 4]
+    places = [*range(0, 84, 2), *settings, *range(STAMPS - 8, FIRST, 4), FIRST, FIRST + 4]
     tracemalloc.start()
     for _ in range(300):
         damaged = bytearray(data)
         at, size = int(generator.choice(places)), int(generator.choice([1, 2, 4, 8]))
-        old = int.from_bytes(damaged[at : at + size], "little")
-        values = (
-            0,
-            1,
-            2 ** (8 * size) - 1,
-            2 ** (8 * size - 1) - 1,
-            old + 1,
-            old ^ 1 << int(generator.integers(8 * size)),
-        )
-        damaged[at : at + size] = (int(generator.choice(6)) and values[int(generator.choice(6))]).to_bytes(
-            size + 1, "little"
-        )[:size]
+        old, bits = int.from_bytes(damaged[at : at + size], "little"), 8 * size
+        values = (0, 1, 2**bits - 1, 2 ** (bits - 1) - 1, old + 1, old ^ 1 << int(generator.integers(bits)))
+        damaged[at : at + size] = (values[int(generator.choice(6))] % 2**bits).to_bytes(size, "little")
         (tmp_path / "g.cine").write_bytes(bytes(damaged))
         try:
             frames = read(tmp_path / "g.cine")
@@ -141,23 +124,18 @@ def test_damaged_headers_are_errors_that_name_the_file_or_frames_of_the_declared
     tracemalloc.stop()
 
 
-def test_a_truncated_film_keeps_its_complete_frames_at_every_cut(tmp_path: Path) -> None:
-    images = film(tmp_path / "f.cine")
-    data = (tmp_path / "f.cine").read_bytes()
-    for cut in range(FIRST, len(data), 97):
+def test_a_truncated_film_keeps_its_complete_frames_at_every_cut(tmp_path: Path, images: list[np.ndarray]) -> None:
+    data = seeds.film_bytes(tmp_path)
+    for cut in range(FIRST, len(data), 17):
         (tmp_path / "g.cine").write_bytes(data[:cut])
         complete = (cut - FIRST) // FRAME
         with pytest.warns(UserWarning, match=rf"g\.cine: {6 - complete} of 6 frames lies? beyond the end of the file"):
             frames = read(tmp_path / "g.cine")
-        assert frames.valid.sum() == complete
-        if complete:
-            assert np.array_equal(frames[complete - 1], images[complete - 1])
+        assert sound_frames(frames, images) == list(range(complete))
 
 
 def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path: Path) -> None:
     images = np.zeros((2, 4, 10), np.uint16)
-    with pytest.raises(InputError, match="multiple of 4"):
-        write(tmp_path / "f", images, images.shape, np.zeros(2), Recording(1, 0.5, bits=10, packed=True))
     with pytest.raises(InputError, match="no format"):
         write(tmp_path / "f", images, images.shape, np.zeros(2), Recording(1, 0.5, bits=11))
     with pytest.raises(InputError, match="2 were announced"):
@@ -165,6 +143,122 @@ def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exposure"):
         write(tmp_path / "f", images, images.shape, np.zeros(2), Recording(1, 1.5))
     assert not list(tmp_path.iterdir())
+
+
+def changed(folder: Path, *changes: tuple[int, str, int], time: np.ndarray | None = None) -> Path:
+    """Write the film of the seeds, with numbers changed at places."""
+    data = bytearray(seeds.film_bytes(folder, COUNT if time is None else len(time), time=time))
+    for offset, layout, value in changes:
+        struct.pack_into("<" + layout, data, offset, value)
+    path = folder / "a.cine"
+    path.write_bytes(data)
+    return path
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> list[np.ndarray]:
+    return list(read(changed(tmp_path)))
+
+
+def sound_frames(frames: CineFrames, images: list[np.ndarray]) -> list[int]:
+    """Frames marked valid, after comparing each with its image; the others must not be given."""
+    for i, is_valid in enumerate(frames.valid):
+        if is_valid:
+            assert np.array_equal(frames[i], images[i])
+        else:
+            with pytest.raises(SourceError, match=f"frame {i}"):
+                frames[i]
+    return np.flatnonzero(frames.valid).tolist()
+
+
+WRONG_PLACES = [
+    *((frame, FIRST + frame * FRAME, "I", 8 + FRAME) for frame in (0, 4)),  # an annotation that ends in the next frame
+    *((frame, TABLE + 8 * frame, "q", FIRST) for frame in (1, 5)),  # two frames at one place
+    *((f, TABLE + 8 * f, "q", v) for f in (0, 3, 5) for v in (-(2**63), 2**63 - 1, FIRST + 4, FIRST + FRAME - 4)),
+]
+
+
+@pytest.mark.filterwarnings("ignore:.*lies? beyond the end of the file:UserWarning")
+@pytest.mark.parametrize(("frame", "at", "layout", "value"), WRONG_PLACES)
+def test_a_wrong_place_spoils_no_other_frame(
+    tmp_path: Path, images: list[np.ndarray], frame: int, at: int, layout: str, value: int
+) -> None:
+    assert sound_frames(read(changed(tmp_path, (at, layout, value))), images) == [i for i in range(6) if i != frame]
+
+
+@pytest.mark.parametrize("stated", [1, 3, 5, 7])
+def test_a_count_that_the_stamps_and_the_offsets_contradict_is_refused(tmp_path: Path, stated: int) -> None:
+    with pytest.raises(SourceError, match=rf"ImageCount is {stated}, .* of {COUNT} images"):
+        read(changed(tmp_path, (20, "I", stated)))
+
+
+@pytest.mark.parametrize(("black", "white"), [(-5, 4064), (64, 2**20), (64, 64), (4064, 64)])
+def test_levels_that_cannot_be_are_the_range_of_the_type(tmp_path: Path, black: int, white: int) -> None:
+    path = changed(tmp_path, (SETUP + 5732, "i", black), (SETUP + 5736, "i", white))
+    assert read(path).levels == (0.0, 4095.0)
+
+
+def bursts(pause: float, length: int = 5, number: int = 3) -> np.ndarray:
+    starts = np.arange(number) * (pause + length * 1e-4)
+    return (starts[:, None] + np.arange(length) * 1e-4).ravel()
+
+
+@pytest.mark.parametrize("pause", [0.01, 2.0, 86400.0])
+def test_stamps_of_bursts_are_kept(tmp_path: Path, pause: float) -> None:
+    time = bursts(pause)
+    with pytest.warns(UserWarning, match=r"pauses 2 time|dropped"):
+        axis = read(changed(tmp_path, time=time)).time_axis
+    np.testing.assert_allclose(axis.time, time, atol=2e-9)
+    assert not axis.is_replaced.any()
+    assert np.flatnonzero(axis.missing_before).tolist() == [5, 10]
+    assert axis.interval == pytest.approx(1e-4, rel=1e-4)
+
+
+SECONDS = STAMPS + 4  # of the first stamp; the fractions stand before them
+
+
+@pytest.mark.parametrize("frame", [0, 2, 5, 9, 14])
+@pytest.mark.parametrize("shift", [-1_000_000, 2_000_000_000])
+def test_one_damaged_stamp_is_replaced_within_its_burst(tmp_path: Path, frame: int, shift: int) -> None:
+    time = bursts(60.0)
+    start = struct.unpack_from("<I", changed(tmp_path, time=time).read_bytes(), SECONDS)[0]
+    stamp = start + int(time[frame]) + shift
+    with pytest.warns(UserWarning, match=".") as caught:
+        axis = read(changed(tmp_path, (SECONDS + 8 * frame, "I", stamp), time=time)).time_axis
+    assert str(caught[0].message).startswith("1 time stamp")
+    assert np.flatnonzero(axis.is_replaced).tolist() == [frame]
+    others = np.arange(15) != frame
+    np.testing.assert_allclose(axis.time[others], time[others], atol=2e-9)
+    assert (np.diff(axis.time) > 0).all()
+
+
+@pytest.mark.parametrize("damaged", [(1, 2), (6, 7, 8), (0, 5, 10)])
+def test_some_damaged_stamps_do_not_outvote_the_others(tmp_path: Path, damaged: tuple[int, ...]) -> None:
+    time = np.arange(15) * 1e-4
+    changes = [(SECONDS + 8 * i, "I", 1_700_000_900 - i) for i in damaged]
+    with pytest.warns(UserWarning, match=f"{len(damaged)} time stamp"):
+        axis = read(changed(tmp_path, *changes, time=time)).time_axis
+    np.testing.assert_allclose(axis.time, time, atol=2e-8)
+
+
+def test_one_frame_has_the_time_of_its_stamp(tmp_path: Path) -> None:
+    axis = read(changed(tmp_path, time=np.array([0.25]))).time_axis
+    assert axis.time == pytest.approx([0.25], abs=1e-9)
+    assert axis.warnings == ()
+
+
+@pytest.mark.parametrize(("rate", "decimation"), [(0, 1.0), (10_000, -1.0), (10_000, float("inf")), (0, float("nan"))])
+def test_without_stamps_and_rate_no_time_is_invented(tmp_path: Path, rate: int, decimation: float) -> None:
+    path = changed(
+        tmp_path,
+        (STAMPS - 4, "H", 999),  # a block of an unknown kind instead of the stamps
+        (SETUP + 768, "I", rate),
+        (SETUP + 10388, "f", decimation),  # type: ignore[arg-type]
+    )
+    frames = read(path)
+    assert frames.valid.all()
+    with pytest.raises(SourceError, match="no frame has a time"):
+        _ = frames.time
 
 
 needs_samples = pytest.mark.skipif(not SAMPLES.is_dir(), reason="the public sample films are not beside the checkout")

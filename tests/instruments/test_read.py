@@ -97,7 +97,6 @@ def test_the_face_of_a_room_keeps_what_it_promises(each):
     assert all(getattr(room, name) is not None for name in room.__all__)
     with pytest.raises(AttributeError, match="has no attribute 'tarot'"):
         room.tarot  # noqa: B018
-    assert bool(each.writer) == ("write" in room.__all__)
 
 
 def test_an_option_of_another_instrument_names_those_that_there_are(tester, laser):

@@ -61,11 +61,9 @@ LAYOUTS = {
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_every_layout_gives_the_truth(tmp_path, name):
     assert_is_the_truth(read(tmp_path, LAYOUTS[name]))
-
-
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
-def test_encodings_are_found(tmp_path, encoding):
-    assert_is_the_truth(read(tmp_path, LAYOUTS["units in brackets"], encoding))
+    if name == "units in brackets":
+        for encoding in ("utf-8-sig", "utf-16", "cp1252"):
+            assert_is_the_truth(read(tmp_path, LAYOUTS[name], encoding))
 
 
 @pytest.mark.parametrize(
@@ -162,17 +160,9 @@ def test_columns_that_agree_are_no_contradiction(tmp_path):
     assert_is_the_truth(read(tmp_path, table(head, *ALL, SIZE / 1e3, SIZE / 1e6, SIZE / 1e8)))
 
 
-@pytest.mark.parametrize(
-    ("head", "columns", "message"),
-    [
-        ("f (Hz),E' (MPa),E'' (MPa),T (°C),tan δ", (*ALL, 1.5 * TAN), "loss modulus of E' .* and tan δ is 1.5 times"),
-        ("f (Hz),E' (MPa),E'' (MPa),T (°C),ω (rad/s)", (*ALL, F), "ω .rad/s. is 0.159 times 2π f "),
-        ("f (Hz),E' (mPa),E'' (mPa),T (°C)", ALL, "moduli are in mPa, which is read as MPa"),
-    ],
-)  # fmt: skip
-def test_doubts_are_noted(tmp_path, head, columns, message):
-    with pytest.warns(UserWarning, match=message):
-        assert_is_the_truth(read(tmp_path, table(head, *columns)))
+def test_a_unit_of_millipascal_is_noted(tmp_path):
+    with pytest.warns(UserWarning, match="moduli are in mPa, which is read as MPa"):
+        assert_is_the_truth(read(tmp_path, table("f (Hz),E' (mPa),E'' (mPa),T (°C)", *ALL)))
 
 
 @pytest.mark.parametrize("line", ["x,y,z", "Time,Temperature", "T,E", "Time, s\tPosition (z), mm\tFz, N"])

@@ -152,7 +152,7 @@ def test_what_a_file_leaves_unsaid_is_asked_for_as_it_is_typed(
     [
         (["--option", "rows"], '--option reads NAME=VALUE, found "rows"'),
         (["--option", "storage_factor=x"], 'the option storage_factor of keyence cannot be "x"; expected a whole nu'),
-        (["--option", "limits=3"], "it can be given from Python only"),
+        (["--option", "units=mm"], "it can be given from Python only"),
         (["--option", "colour=3"], 'keyence has no option "colour"; it has cycle, units, stor'),
         (["--instrument", "tarot"], 'no instrument "tarot"; known are mach1, phantom,'),
     ],

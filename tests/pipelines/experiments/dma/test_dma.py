@@ -79,24 +79,26 @@ def test_the_master_curve_lies_on_the_truth(ptfe, curve):
     assert np.sqrt(np.mean(loss**2)) < 0.03
 
 
+def tables(intervals):
+    return [
+        anton_paar.make_interval(
+            "test",
+            "sweep",
+            number,
+            [
+                anton_paar.make_column("Frequency", "[Hz]", frequency),
+                anton_paar.make_column("Temperature", "[°C]", temperature),
+                anton_paar.make_column("Storage Modulus", "[Pa]", np.full(len(frequency), 1e9)),
+                anton_paar.make_column("Loss Modulus", "[Pa]", np.full(len(frequency), 1e8)),
+                anton_paar.make_column("Status", "", status),
+            ],
+        )
+        for number, (frequency, temperature, status) in enumerate(intervals, 1)
+    ]
+
+
 def make(intervals):
-    return anton_paar.assemble(
-        [
-            anton_paar.make_interval(
-                "test",
-                "sweep",
-                number,
-                [
-                    anton_paar.make_column("Frequency", "[Hz]", frequency),
-                    anton_paar.make_column("Temperature", "[°C]", temperature),
-                    anton_paar.make_column("Storage Modulus", "[Pa]", np.full(len(frequency), 1e9)),
-                    anton_paar.make_column("Loss Modulus", "[Pa]", np.full(len(frequency), 1e8)),
-                    anton_paar.make_column("Status", "", status),
-                ],
-            )
-            for number, (frequency, temperature, status) in enumerate(intervals, 1)
-        ]
-    )
+    return anton_paar.assemble(tables(intervals))
 
 
 def test_ragged_frequencies_are_padded_and_temperatures_sorted():
@@ -290,7 +292,7 @@ def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
 
 
 def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
-    made = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
+    made = tables([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
     text = anton_paar.encode(made).decode("utf-16").replace("Temperature", "Some Other")
     (session / "dma/ptfe.csv").write_bytes(text.encode("utf-16"))
     assert {f.task.stage for f in process(session, jobs=0).failures} == {"sweeps", "temperature_sweep"}

@@ -19,9 +19,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from instruments._quantities import SI_OF, TIMES, TRACES, fits, quantity, slug, unit_of
-from instruments.tables._headings import Heading, facts, is_begin, is_unit, parsed
-from instruments.tables._layout import (
+from instruments._headings import Heading, facts, is_begin, is_unit, parsed
+from instruments._layout import (
     ABSENT,
     BLANKS,
     COMMA,
@@ -29,11 +28,13 @@ from instruments.tables._layout import (
     SEMICOLON,
     TAB,
     Block,
+    Lines,
     cells,
     fill,
     is_numeric,
     is_row,
 )
+from instruments._quantities import SI_OF, TIMES, TRACES, fits, quantity, slug, unit_of
 from labpipe.errors import UNSAID, InputError, SourceError
 from labpipe.text import not_a_number, shorten
 
@@ -60,27 +61,21 @@ class Chosen:
 def chosen(columns: Columns) -> tuple[Chosen, ...]:
     """Read the columns that a user names.
 
-    Raises
-    ------
-    InputError
-        They are no columns of a trace, a sweep, a response or a table of shifts.
+    InputError where they are no columns of a trace, a sweep, a response or a table of shifts.
     """
-    if isinstance(columns, str) and "=" not in columns:
-        texts = columns.split(";" if ";" in columns else ",")
-        given = [(parsed(text), number) for number, text in enumerate(texts, 1)]
-        found = tuple(Chosen(h.name, number, h.unit) for h, number in given if h.is_known)
-    elif isinstance(columns, str):
+    if isinstance(columns, str) and "=" in columns:
         text = columns.strip().removeprefix("columns").lstrip(" =").strip()
         try:
-            table = tomllib.loads(f"columns = {text if text.startswith('{') else '{' + text + '}'}")["columns"]
+            columns = tomllib.loads(f"columns = {text if text.startswith('{') else '{' + text + '}'}")["columns"]
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"columns cannot be read ({error}); write {_EXAMPLE}") from None
-        found = tuple(_one(name, value) for name, value in table.items())
+    if isinstance(columns, str):
+        given = enumerate(map(parsed, columns.split(";" if ";" in columns else ",")), 1)
+        found = tuple(Chosen(h.name, number, h.unit) for number, h in given if h.is_known)
     else:
         found = tuple(_one(name, value) for name, value in columns.items())
     names = [each.name for each in found]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+    if twice := next((name for name in names if names.count(name) > 1), ""):
         raise InputError(f"columns: {twice} is named twice")
     is_trace = "displacement" in names or {"position", "force"} <= set(names)
     if not is_trace and not is_begin(set(names)):
@@ -108,23 +103,19 @@ def _one(name: str, value: Any) -> Chosen:
     return Chosen(str(known), column, unit)  # type: ignore[arg-type]  # it is a text or a number
 
 
-def located(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, ...]) -> Block:
+def located(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> Block:
     """Find the named columns among the lines of a file; the table that is returned holds them alone.
 
-    Raises
-    ------
-    SourceError
-        There is no such heading, a unit is missing or contradicts the file, or a cell is no number.
+    SourceError where there is no such heading, a unit is missing or contradicts the file, or a cell is no number.
     """
     start, separator, texts, line = _headings(path, lines, wanted)
     places = [c.column - 1 if isinstance(c.column, int) else _at(texts, c.column) or 0 for c in wanted]
     headings = [Heading(text, slug(text)) for text in texts]
     for each, place in zip(wanted, places, strict=True):
         # in brackets or, of a quantity that is known by its heading, behind a slash or a comma
-        unit = next((m for m in _BRACKET.findall(texts[place]) if m.strip() and is_unit(m)), "")
         head = parsed(texts[place])
         is_fitting = head.is_known and fits(head.name, head.unit) and (head.name == each.name or each.name in TIMES)
-        unit = unit or (head.unit if is_fitting else "")
+        unit = _in_brackets(texts[place]) or (head.unit if is_fitting else "")
         headings[place] = Heading(texts[place], each.name, unit, is_known=True)
     block = Block(line, headings)
     for _, text in lines[:start]:
@@ -153,9 +144,7 @@ def located(path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, 
     return block
 
 
-def _headings(
-    path: Path, lines: Sequence[tuple[int, str]], wanted: tuple[Chosen, ...]
-) -> tuple[int, str, list[str], int]:
+def _headings(path: Path, lines: Lines, wanted: tuple[Chosen, ...]) -> tuple[int, str, list[str], int]:
     """Find the line that holds all named headings.
 
     Returns the index of the line behind it, the sign between its cells, the headings, and its number (0 without it).
@@ -197,6 +186,10 @@ def _at(parts: Sequence[str], text: str) -> int | None:
     return None
 
 
+def _in_brackets(text: str) -> str:
+    return next((m for m in _BRACKET.findall(text) if m.strip() and is_unit(m)), "")
+
+
 def _plain(text: str) -> str:
     return " ".join(unicodedata.normalize("NFKC", text).casefold().split())
 
@@ -224,7 +217,7 @@ def _with_unit(path: Path, each: Chosen, heading: Heading, line: int, in_header:
     return replace(heading, name=each.name, unit=unit, is_known=True)
 
 
-def _in_header(lines: Sequence[tuple[int, str]], is_time: bool, place: int, way: str) -> str:
+def _in_header(lines: Lines, is_time: bool, place: int, way: str) -> str:
     """Return the unit that a line such as ``Y_Unit_Label  Volts`` or ``Vertical Units,V`` states for a column."""
     for _, line in lines:
         label, *stated = [part.strip() for part in cells(line, way)]
@@ -234,7 +227,7 @@ def _in_header(lines: Sequence[tuple[int, str]], is_time: bool, place: int, way:
     return ""
 
 
-def time_step(lines: Sequence[tuple[int, str]], line: int) -> float | None:
+def time_step(lines: Lines, line: int) -> float | None:
     """Return the time between rows [s] that a header of LabVIEW states, ``Delta_X  5.0E-4``; None without one."""
     for number, text in lines:
         label, *stated = text.split(TAB)
@@ -247,7 +240,8 @@ def time_step(lines: Sequence[tuple[int, str]], line: int) -> float | None:
 _USUAL = {"m": "mm", "degC": "degC", "Pa": "MPa"}
 
 
-#: SI units of traces, by the first word of a heading that states none.
+#: Quantity and usual unit of a trace, by the SI unit of its column; that unit by the first word of other headings.
+_TRACES = {"m": ("displacement", "mm"), "V": ("displacement", "V"), "N": ("force", "N"), "s": ("time", "s")}
 _TRACE_WORDS = {
     **dict.fromkeys(("displacement", "position", "distance", "height", "weg", "abstand", "laser"), "m"),
     **dict.fromkeys(("voltage", "spannung", "channel", "ch1", "ai0"), "V"),
@@ -283,15 +277,13 @@ def line_to_copy(headings: Sequence[Heading], *, by_number: bool = False) -> str
 
 def _of_trace(heading: Heading) -> tuple[str, str]:
     """Propose the quantity of a trace for the line to copy, and its usual unit, by unit and first word of a heading."""
-    unit = next((m for m in _BRACKET.findall(heading.text) if m.strip() and is_unit(m)), heading.unit)
-    word = slug(_BRACKET.sub("", heading.text)).split("_")[0]
+    unit, word = _in_brackets(heading.text) or heading.unit, slug(_BRACKET.sub("", heading.text)).split("_")[0]
     if quantity(word) in TIMES or heading.text.strip() == "X_Value":  # of LabVIEW
-        return "time", "s"
-    si = unit_of(unit).si if unit and is_unit(unit) else _TRACE_WORDS.get(word, "")
-    return {"m": "displacement", "V": "displacement", "N": "force", "s": "time"}.get(si, ""), _USUAL.get(si, si)
+        return _TRACES["s"]
+    return _TRACES.get(unit_of(unit).si if unit and is_unit(unit) else _TRACE_WORDS.get(word, ""), ("", ""))
 
 
-def suggestion(lines: Sequence[tuple[int, str]]) -> str:
+def suggestion(lines: Lines) -> str:
     """Return the line to copy for an unknown table, "" where the lines hold no rows of numbers."""
     longest, way, first = max((_run(lines, way) for way in _WAYS), key=lambda run: run[0])
     if longest < _ROWS:
@@ -309,7 +301,7 @@ def suggestion(lines: Sequence[tuple[int, str]]) -> str:
     return line_to_copy(headings)
 
 
-def _run(lines: Sequence[tuple[int, str]], way: str) -> tuple[int, str, int]:
+def _run(lines: Lines, way: str) -> tuple[int, str, int]:
     """Return the length of the longest run of rows of numbers, the sign between their cells, and where it begins."""
     best, length = (0, way, 0), 0
     for k, (_, line) in enumerate(lines):

@@ -7,12 +7,12 @@ below it; TABs separate its columns where there are any, else the sign that name
 
 import csv
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from instruments._headings import Heading, facts, is_begin, parsed, stated_in_title
 from instruments._quantities import OTHERS, fits
-from instruments.tables._headings import Heading, facts, is_begin, parsed, stated_in_title
 
 #: Ways to part a line, in the order in which they are tried.
 TAB, SEMICOLON, COMMA, GAPS, BLANKS = "\t", ";", ",", "two blanks", "blanks"
@@ -21,9 +21,8 @@ _OF_ROWS = (TAB, SEMICOLON, COMMA, BLANKS)
 #: Marks of a cell without a reading.
 ABSENT = (
     "", "-", "--", "---", "nan", "n/a", "na", "n.a.", "null", "none", "invalid", "error", "#n/a", "#num!", "#div/0!",
-    "#value!", "#ref!", "*", "**", "***", "****", "?", "inf", "-inf", "infinity", "∞", "1.#inf", "-1.#ind", "over",
-    "under", "overload", "n.d.", "k.a.",
-    "-∞", *("#" * count for count in range(2, 16)),
+    "#value!", "#ref!", "*", "**", "***", "****", "?", "inf", "-inf", "infinity", "∞", "-∞", "1.#inf", "-1.#ind",
+    "over", "under", "overload", "n.d.", "k.a.", *("#" * count for count in range(2, 16)),
     "+fffffff", "-fffffff", "fffffff", "-------", "--------", "alarm",  # of Keyence sensors
 )  # fmt: skip
 _NUMERIC = re.compile(r"[+-]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][+-]?\d+)?")
@@ -32,9 +31,10 @@ _CLOCK = re.compile(
 )
 _MARK = re.compile(r"^\s*(?:#+|%+|//|!)\s*")
 _MINUS = re.compile(r"\u2212|(?<![\w.,])\u2013(?=\d)")  # as papers and word processors write it
-_SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
+SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
 _DATA = re.compile(r"\s*StartOfData\s*", re.IGNORECASE)
 _STEP = re.compile(r"^\s*\[step\]\s*$", re.IGNORECASE)
+Lines = Sequence[tuple[int, str]]
 _LONGEST = 20_000  # characters of a line of headings; a longer one is a row of something else
 _BETWEEN = 6  # lines of units and remarks between headings and rows at most
 
@@ -84,9 +84,7 @@ def cells(line: str, separator: str) -> list[str]:
 
 def trimmed(found: list[str]) -> list[str]:
     """Drop the padding of a spreadsheet at the end of a line."""
-    while found and not found[-1]:
-        found = found[:-1]
-    return found
+    return found[: next((k for k in range(len(found), 0, -1) if found[k - 1]), 0)]
 
 
 def is_numeric(cell: str) -> bool:
@@ -95,17 +93,11 @@ def is_numeric(cell: str) -> bool:
 
 
 def is_clock(cell: str) -> bool:
-    """Recognise a time of day, a date, or both, which are no number.
-
-    Examples
-    --------
-    >>> is_clock("14:02:11,5"), is_clock("2/17/2020 10:27:02 AM"), is_clock("14.02")
-    (True, True, False)
-    """
+    """Recognise a time of day, a date, or both, which are no number."""
     return _CLOCK.fullmatch(cell) is not None
 
 
-def plain_lines(lines: Iterable[str]) -> list[tuple[int, str]]:
+def plain_lines(lines: Iterable[str]) -> Lines:
     """Return the lines that are not empty with their numbers, with plain minus signs."""
     return [(number, _MINUS.sub("-", line)) for number, line in enumerate(lines, 1) if line.strip("\t;,| \ufeff")]
 
@@ -132,7 +124,7 @@ def headings_of(line: str) -> tuple[list[Heading], str] | None:
     return None if best is None else (best[1], best[2])
 
 
-def blocks(lines: Sequence[tuple[int, str]]) -> list[Block]:
+def blocks(lines: Lines) -> list[Block]:
     """Find the tables of a text: its lines that are not empty, with their numbers.
 
     Headings without a row of numbers below them, as prose that names quantities, are passed over where there are
@@ -147,7 +139,7 @@ def blocks(lines: Sequence[tuple[int, str]]) -> list[Block]:
         above = lines[k - 1][1] if k else ""
         last = found[-1] if found and found[-1].rows else None
         block, sign = None, ""
-        if signal := _SIGNAL.fullmatch(line):
+        if signal := SIGNAL.fullmatch(line):
             signals.append(parsed(signal[1]))
         elif signals and _DATA.fullmatch(line):
             block, sign = Block(number, signals), TAB if TAB in lines[min(k + 1, len(lines) - 1)][1] else BLANKS
@@ -175,13 +167,7 @@ def blocks(lines: Sequence[tuple[int, str]]) -> list[Block]:
     return [block for block in found if block.rows] or found
 
 
-def columns_below(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the lines, and those of Universal Analysis, ``Sig1  Time (min)``, joined to one line of headings."""
-    yield from lines
-    yield TAB.join(match[1] for line in lines if (match := _SIGNAL.fullmatch(line)) is not None)
-
-
-def fill(block: Block, lines: Sequence[tuple[int, str]], k: int, separator: str) -> int:
+def fill(block: Block, lines: Lines, k: int, separator: str) -> int:
     """Read units and rows of a table; return the index of the first line behind it."""
     near = range(k, min(k + _BETWEEN, len(lines)))
     first = next((i for i in near if any(is_row(lines[i][1], block, way) for way in (separator, BLANKS))), None)

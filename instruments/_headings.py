@@ -189,13 +189,7 @@ def facts(line: str) -> dict[str, tuple[float, str]]:
 
 
 def is_begin(names: "set[str]") -> bool:
-    """Return whether a line with these quantities begins a table, complete or not.
-
-    Examples
-    --------
-    >>> is_begin({"frequency", "storage_modulus"}), is_begin({"time", "temperature"})
-    (True, False)
-    """
+    """Return whether a line with these quantities begins a table, complete or not."""
     axes, moduli = names & (FREQUENCIES | {*TEMPERATURES}), names & MODULI
     if (names & {*TEMPERATURES} and names & SHIFTS) or (names & TIMES and names & RESPONSES):
         return True

@@ -6,21 +6,21 @@ headings and exports of rheometers are converted alike.
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments._headings import Heading, is_of_parameters, is_unit
 from instruments._intervals import Column, Interval
+from instruments._layout import ABSENT, Block, is_clock, is_numeric
+from instruments._mapping import line_to_copy
 from instruments._moduli import needed, with_moduli
 from instruments._quantities import FREQUENCIES, MODULI, RESPONSES, SI_OF, TEMPERATURES, TIMES, fits, slug, unit_of
-from instruments.tables._headings import Heading, is_of_parameters, is_unit
-from instruments.tables._layout import ABSENT, Block, is_clock, is_numeric
-from instruments.tables._mapping import line_to_copy
+from instruments._sheets import Notes
 from labpipe.arrays import Flags, Floats
-from labpipe.errors import SourceError, warn_of
+from labpipe.errors import SourceError
 from labpipe.text import Separators, listed, not_a_number, plain_number, shorten
 from labpipe.units import ZERO_CELSIUS
 
@@ -31,28 +31,11 @@ _SPECIMEN = re.compile(r"(?:sample|specimen|material|probe|probenname|echantillo
 _OWN = ("point", "test", "result", "interval", "is_valid", "sample")  # names of the Dataset itself
 
 
-@dataclass(frozen=True, slots=True)
-class Notes:
-    """Warnings over a file, each given once however many of its tables show it."""
-
-    path: Path
-    texts: list[str] = field(default_factory=list)
-
-    def add(self, text: str, line: int | None = None, key: str = "") -> None:
-        """Warn, unless that was said before under the same key."""
-        if (key or text) not in self.texts:
-            self.texts.append(key or text)
-            warn_of(self.path, text, line=line)
-
-
 def intervals(notes: Notes, block: Block, signs: Separators, first: int) -> list[Interval]:
     """Convert one table; every set or isotherm of it is an interval, numbered from ``first``.
 
-    Raises
-    ------
-    SourceError
-        A cell of a column that is needed is no number, its unit is none of its quantity, or columns of several
-        specimens stand side by side.
+    SourceError where a cell of a column that is needed is no number, its unit is none of its quantity, or columns
+    of several specimens stand side by side.
     """
     path = block.place(notes.path)
     _settle_headings(block)
@@ -283,9 +266,7 @@ def converted(notes: Notes, block: Block, pairs: Sequence[Pair], wanted: set[str
             found[name] = Column(name, heading.text, stated, stated.strip("[] ") or "1", values)
     if "temperature" not in found and "temperature_set" in found:
         found["temperature"] = replace(found["temperature_set"], name="temperature")
-    found, contradictions = with_moduli(found)
-    for said in contradictions:
-        notes.add(said, block.line, key=said.partition(" is ")[0])
+    found = with_moduli(found)
     for name in ("a_T", "ln_aT"):
         if name in found and "log10_aT" not in found:
             shifts = found.pop(name)
@@ -298,11 +279,10 @@ def converted(notes: Notes, block: Block, pairs: Sequence[Pair], wanted: set[str
 
 
 def _ordered(columns: dict[str, Column], count: int) -> list[NDArray[np.intp]]:
-    """Return the rows of every set: by a column that names the sets, else by temperature.
+    """Return the rows of every set: by a column that names the sets, else by temperature, whatever their order.
 
-    A grid of temperature and frequency may be sorted by frequency, or not at all. The frequency that occurs most
-    often gives the number of isotherms; the widest gaps between temperatures part them. They are taken so where
-    the rows are not isotherms one after the other already, and no isotherm then holds a frequency twice.
+    The frequency that occurs most often gives the number of isotherms; the widest gaps between temperatures part them,
+    where the rows are not isotherms one after the other already and no isotherm then holds a frequency twice.
     """
     everything = np.arange(count)
     if "set" in columns:

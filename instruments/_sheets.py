@@ -1,0 +1,52 @@
+"""Sheets of lines, a workbook by its sheets, a text as a single one without a name; and notes over a file."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from instruments._layout import TAB, Lines, plain_lines
+from instruments._workbook import is_workbook, sheets
+from labpipe.errors import warn_of
+from labpipe.text import Limits, first_bytes, survey
+
+CODECS = ("cp1252", "cp932")
+_LIMITS = Limits(max_bytes=128 << 20)  # real exports have below 1 MB; all lines are kept
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """Warnings over a file, each given once however many of its tables show it."""
+
+    path: Path
+    texts: list[str] = field(default_factory=list)
+
+    def add(self, text: str, line: int | None = None, key: str = "") -> None:
+        """Warn, unless that was said before under the same key."""
+        if (key or text) not in self.texts:
+            self.texts.append(key or text)
+            warn_of(self.path, text, line=line)
+
+
+class Sheets(NamedTuple):
+    """Titles with the lines that are not empty; cells of a workbook stand between TABs.
+
+    ``open_line`` is the number of a last line that has no line end, 0 where there is none.
+    """
+
+    sheets: list[tuple[str, Lines]]
+    encoding: str
+    open_line: int
+
+
+def open_sheets(notes: Notes, encoding: str | None, *, allow_incomplete: bool) -> Sheets:
+    """Read all lines of a file; a last one without line end is dropped where ``allow_incomplete``, with a warning."""
+    path = notes.path
+    if is_workbook(first_bytes(path)):
+        found = [(title, plain_lines(map(TAB.join, rows))) for title, rows in sheets(path)]
+        return Sheets(found, path.suffix.lstrip(".").lower() or "xlsx", 0)
+    source = survey(path, declared=(encoding,) if encoding else CODECS, limits=_LIMITS)
+    lines, open_line = plain_lines(source.lines()), 0 if source.is_ended else source.n_lines
+    if allow_incomplete and lines and lines[-1][0] == open_line:
+        notes.add("the last line is cut, it has no line end; it is dropped", open_line)
+        lines = lines[:-1]
+    return Sheets([("", lines)], source.encoding, 0 if allow_incomplete else open_line)
