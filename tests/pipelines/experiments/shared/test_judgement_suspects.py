@@ -70,8 +70,10 @@ def test_of_inputs_that_look_the_same_the_one_known_worst_is_named_and_no_part_o
         )
         for size in (10.0, 20.0, 30.0)
     ]
-    (said,) = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
-    assert said.startswith("DMA, specimen (or length of a tip) stated 5 % too large")
+    first, second = json.loads(judgement(Scene((), rows=rows, inputs=known)).attrs["suspects"])
+    assert first.startswith("DMA, specimen stated 5 % too large")
+    assert second.startswith("length of a tip")
+    assert "times its stated uncertainty" in second
 
 
 def test_a_wrong_count_is_named_by_the_right_one() -> None:
