@@ -203,25 +203,25 @@ class Kind:
 _ROOMS = "pipelines.experiments."
 
 
-def stage(
-    function: str, inputs: tuple[str, ...], parameters: tuple[str, ...] = (), *, name: str = "", **more: Any
-) -> Stage:
+def stage(function: str, inputs: str, parameters: str = "", summary: str = "", *, name: str = "", **more: Any) -> Stage:
     """Return a stage of the built-in kinds, called as its function unless it has another name.
 
-    ``function`` is that below ``pipelines.experiments``, such as ``"ball_drop.measured:bounces"``; its
-    other attributes are given by name.
+    ``function`` is that below ``pipelines.experiments``, such as ``"ball_drop.measured:bounces"``; inputs, parameters
+    and what it may lack or import are separated by spaces; other attributes are given by name.
     """
-    return Stage(name or function.rpartition(":")[2], f"{_ROOMS}{function}", inputs, parameters, **more)
+    lists = {key: tuple(more.pop(key, "").split()) for key in ("may_lack", "imports")}
+    name, function = name or function.rpartition(":")[2], f"{_ROOMS}{function}"
+    return Stage(name, function, tuple(inputs.split()), tuple(parameters.split()), summary=summary, **lists, **more)
 
 
-def solid_of(body: str) -> tuple[str, str]:
+def solid_of(body: str) -> str:
     """Return the inputs that define the solid of a body, the table of the settings that names a material."""
-    return f"{FILE}{body}.material_file", f"{OTHER}{body}.material_from/master_curve"
+    return f"{FILE}{body}.material_file {OTHER}{body}.material_from/master_curve"
 
 
-def derived(function: str, *inputs: str) -> Derived:
+def derived(function: str, inputs: str) -> Derived:
     """Return a function of results that is no stage, named as :func:`stage` names it."""
-    return Derived(f"{_ROOMS}{function}", inputs)
+    return Derived(f"{_ROOMS}{function}", tuple(inputs.split()))
 
 
 def proposal(content: str, function: str, records: str = "", **more: Any) -> Proposal:
@@ -230,27 +230,21 @@ def proposal(content: str, function: str, records: str = "", **more: Any) -> Pro
 
 
 def judged(
-    room: str,
-    inputs: tuple[str, ...],
-    asked: str = "is it believable, does the model agree?",
-    *,
-    rests_on: tuple[str, ...] = (),
+    room: str, inputs: str, asked: str = "is it believable, does the model agree?", *, rests_on: str = ""
 ) -> Stage:
     """Return the stage that judges an experiment, as every kind has it in its room.
 
     ``rests_on`` are the settings that name experiments whose results it uses: their judgements
     follow the other inputs.
     """
-    inputs += tuple(f"{OTHER}{field}/{JUDGEMENT}" for field in rests_on)
-    return stage(f"{room}.checks:{JUDGEMENT}", inputs, ("*",), context=True, tolerant=True, summary=asked)
+    inputs = " ".join([inputs, *(f"{OTHER}{field}/{JUDGEMENT}" for field in rests_on.split())])
+    return stage(f"{room}.checks:{JUDGEMENT}", inputs, "*", asked, context=True, tolerant=True)
 
 
-def reported(room: str, inputs: tuple[str, ...]) -> Stage:
+def reported(room: str, inputs: str) -> Stage:
     """Return the stage that writes the page, of the judgement and other results."""
-    shown = (JUDGEMENT, *inputs)
-    return stage(
-        f"{room}.page:page", shown, ("*",), name="report", output="page", context=True, summary="write the page"
-    )
+    shown = f"{JUDGEMENT} {inputs}"
+    return stage(f"{room}.page:page", shown, "*", "write the page", name="report", output="page", context=True)
 
 
 def function(text: str) -> Callable[..., Any]:
