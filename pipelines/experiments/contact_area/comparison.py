@@ -7,6 +7,7 @@ from math import sqrt
 import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
 
 from labpipe.arrays import Floats
 from labpipe.judging import Agreement, along_curve
@@ -25,7 +26,6 @@ FRAMES = "radius in all frames alike"
 _MOST_SHIFT = 2.0
 """Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
 _MOST_LONGER = 0.3  # by which a contact may last longer than in the model and still have its form
-_STEPS = 8  # of Gauss and Newton, from the model's own size and time
 _FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
 
 
@@ -165,23 +165,26 @@ def _fit(time: Floats, radius: Floats, random: Floats, shared: Floats, form: For
     """
     if time.size < _FEWEST:
         return (np.nan,) * 4
-    since = time - float(np.mean(time))
-    size, shift, longer = 1.0, 0.0, 0.0
-    for _ in range(_STEPS):
-        at = time + shift - longer * since
-        theirs, rate = form(at), size * form.rate(at)
-        rows = np.column_stack([theirs, rate, -rate * since]) / random[:, None]
-        if not np.isfinite(rows).all():  # a size that runs away
-            return (np.nan,) * 4
-        rest = (radius - size * theirs) / random
-        normal = np.linalg.pinv(rows.T @ rows, hermitian=True)
-        size, shift, longer = np.array([size, shift, longer]) + normal @ rows.T @ rest
-    if abs(shift) > _MOST_SHIFT * float(np.median(np.diff(time))) or abs(longer) > _MOST_LONGER:
+    step, since = float(np.median(np.diff(time))), time - float(np.mean(time))
+
+    def rest(values: Floats) -> Floats:
+        size, shift, longer = values
+        return np.asarray((radius - size * form(time + shift * step - longer * since)) / random)
+
+    def slopes(values: Floats) -> Floats:
+        size, shift, longer = values
+        at = time + shift * step - longer * since
+        return np.column_stack([-form(at), *(-size * form.rate(at) * by for by in (step, -since))]) / random[:, None]
+
+    found = least_squares(rest, [1.0, 0.0, 0.0], slopes, method="lm")
+    size, shift, longer = found.x
+    if abs(shift) > _MOST_SHIFT or abs(longer) > _MOST_LONGER:
         return (np.nan,) * 4
-    scatter = max(float(rest @ rest) / (time.size - rows.shape[1]), 1.0)
+    scatter = max(2.0 * float(found.cost) / (time.size - found.x.size), 1.0)
+    normal = np.linalg.pinv(found.jac.T @ found.jac, hermitian=True)
     common = float(np.mean(shared / np.maximum(radius, 1e-12)))
     u_size, u_shift = np.sqrt(scatter * np.diagonal(normal)[:2])
-    return float(size), float(np.hypot(u_size, size * common)), float(shift), float(u_shift)
+    return float(size), float(np.hypot(u_size, size * common)), float(shift * step), float(u_shift * step)
 
 
 def rows(comparison: xr.Dataset, model: xr.Dataset) -> Iterator[Row]:

@@ -207,7 +207,7 @@ def _at_rest(time: Floats, a: Floats, u: Floats, runs: list[NDArray[np.int64]], 
 # 0.03 % low (worst 0.16, 0.10), seven and degree 4 0.01 % high (worst 0.09); noise of 1 µm scatters
 # all of them by 0.07 to 0.08 %.
 _FITS = ((3, 4), (2, 3), (1, 2))
-_PARABOLA = 0.1  # of the steps between three frames beside a missing one, what their parabola leaves open
+_CHANCE = 0.1  # of the steps between the frames at the largest, what a single fit leaves open
 _REAL = 1e-9  # imaginary part of a root that is real
 
 
@@ -231,31 +231,21 @@ def peak_of(time: Floats, a: Floats, u: Floats) -> Peak:
     """
     is_known = np.isfinite(a)
     time, a, u = time[is_known], a[is_known], u[is_known]
-    top = int(np.argmax(a))
-    windows = [(top - beside, top + beside + 1, degree) for beside, degree in _FITS]
+    top, n = int(np.argmax(a)), len(a)
+    # where frames beside the largest are missing, the nearest, wherever they are
+    windows = [(max(0, min(top - by, n - 2 * by - 1)), 2 * by + 1, degree) for by, degree in _FITS if n > 2 * by]
     found = [p for window in windows if (p := _fitted(time, a, u, top, *window))]
-    alone = Peak(float(time[top]), float(a[top]), float(u[top]))
-    if found:
-        best, lower, *_ = *found, alone
-        return best._replace(sampling=abs(best.radius - lower.radius) / np.sqrt(3.0))
-    # a frame beside the largest could not be read: the three nearest, wherever they are
-    steps = float(np.ptp(a[max(0, top - 1) : top + 2])) / np.sqrt(12.0)
-    first = max(0, min(top - 1, len(a) - 3))
-    three = _fitted(time, a, u, top, first, first + 3, 2)
-    if three is None:
-        return alone._replace(sampling=steps)
-    # the parabola may cross the largest frame by chance
-    sampling = max(abs(three.radius - alone.radius) / np.sqrt(3.0), _PARABOLA * steps)
-    return three._replace(sampling=sampling)
+    best, lower, *_ = *found, *[Peak(float(time[top]), float(a[top]), float(u[top]))] * 2
+    # of a single frame the steps to its neighbours; a fit may cross the next one by chance
+    least = (1.0, _CHANCE, 0.0)[min(len(found), 2)] * float(np.ptp(a[max(0, top - 1) : top + 2])) / np.sqrt(12.0)
+    return best._replace(sampling=max(abs(best.radius - lower.radius) / np.sqrt(3.0), least))
 
 
-def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, high: int, degree: int) -> Peak | None:
-    """Fit the frames from low to before high; nothing where they are too few or have no maximum."""
-    if low < 0 or high > len(a):
-        return None
-    x, near = time[low:high] - time[top], a[low:high]
+def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, count: int, degree: int) -> Peak | None:
+    """Fit so many frames from low on; nothing where they have no maximum."""
+    x, near, own = (values[low : low + count] for values in (time - time[top], a, u))
     scale = float(np.max(np.abs(x)))
-    weights = 1 / np.maximum(2 * near * u[low:high], 1e-18)
+    weights = 1 / np.maximum(2 * near * own, 1e-18)
     fit = np.polyfit(x / scale, near**2, degree, w=weights)
     slope = np.polyder(fit)
     roots = [float(root.real) for root in np.roots(slope) if abs(root.imag) < _REAL and abs(root.real) <= 1.0]
@@ -264,7 +254,7 @@ def _fitted(time: Floats, a: Floats, u: Floats, top: int, low: int, high: int, d
         return None
     place = min(tops, key=abs)
     rest = near - np.sqrt(np.maximum(np.polyval(fit, x / scale), 0))
-    scatter = float(np.sqrt(np.sum(rest**2) / max(high - low - degree - 1, 1)))
+    scatter = float(np.sqrt(np.sum(rest**2) / max(count - degree - 1, 1)))
     value = float(np.sqrt(np.polyval(fit, place)))
     return Peak(float(time[top] + place * scale), value, max(float(u[top]), scatter))
 
