@@ -12,10 +12,17 @@ from labpipe.variables import with_u
 from pipelines.experiments.ball_drop.measured import NOISE
 from pipelines.experiments.ball_drop.model import FOLLOWED, path_by_input
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row
+from pipelines.experiments.shared.comparison_rows import (
+    IMPACTS,
+    Row,
+    curve_table,
+    flights,
+    moved_by_scatter,
+    of_curve,
+    row,
+)
+from pipelines.experiments.shared.counter_body import floor_under
 from pipelines.experiments.shared.drop_model import slopes_of
-from pipelines.experiments.shared.flights import flights, moved_by_scatter
-from pipelines.experiments.shared.plate_under_drop import floor_under
 
 RESTITUTION, DURATION = "restitution, impact ", "contact duration, impact "
 SCALE = "scale of length (gain and inclination)"

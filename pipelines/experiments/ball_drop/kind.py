@@ -39,7 +39,7 @@ _STAGES = (
     _each(
         "ball_drop.measured:velocity",
         "displacement bounces",
-        "analysis.velocity analysis.window",
+        "",
         "differentiate, without smoothing the impacts",
         schema="velocity",
     ),

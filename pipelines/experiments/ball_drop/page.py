@@ -17,7 +17,7 @@ from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.comparison_rows import IMPACTS
 from pipelines.experiments.shared.counter_body import described_flat, flat_rows
-from pipelines.experiments.shared.linear_range import linear_range_rows
+from pipelines.experiments.shared.drop_model import linear_range_rows
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _RIGID_FLOOR = (
@@ -219,12 +219,10 @@ def _methods(
     if moved := pages.present(displacement):
         shown = pages.told(moved[0], "inclination")
         text += f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
-    method = "a quintic smoothing spline with the noise level estimated from the record"
-    if settings.analysis.velocity != "spline":
-        method = "central differences and a moving average"
     text += (
-        f"Velocity was obtained by {method}; contacts were located by fitting ballistic arcs and a contact pulse to "
-        "each impact, and the recordings were aligned at first contact. "
+        "Velocity was obtained by a quintic smoothing spline with the noise level estimated from the record; contacts "
+        "were located by fitting ballistic arcs and a contact pulse to each impact, and the recordings were aligned at "
+        "first contact. "
     )
     if model is not None:
         text += (

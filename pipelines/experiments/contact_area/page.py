@@ -15,8 +15,8 @@ from pipelines.experiments.contact_area.measured import OPEN_GAP
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.counter_body import flat_rows
+from pipelines.experiments.shared.drop_model import linear_range_rows
 from pipelines.experiments.shared.film_frames import drawing_of, strip
-from pipelines.experiments.shared.linear_range import linear_range_rows
 from pipelines.experiments.shared.reports import Report, budgets, summary
 
 _CIRCLE = (60, 120, 255)  # BGR, orange

@@ -10,8 +10,16 @@ from labpipe import signals
 from labpipe.judging import Agreement, along_curve, stretch_means, stretches
 from labpipe.variables import described, variable, with_u
 from pipelines.experiments.dic_validation.settings import DicValidation
-from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, curve_table, of_curve, row, with_its_u
-from pipelines.experiments.shared.flights import flights, moved_by_scatter
+from pipelines.experiments.shared.comparison_rows import (
+    IMPACTS,
+    Row,
+    curve_table,
+    flights,
+    moved_by_scatter,
+    of_curve,
+    row,
+    with_its_u,
+)
 
 RATIO = "displacement_ratio"
 """Displacement of the film over that of the laser; its uncertainty is without that of the scales."""
@@ -41,7 +49,6 @@ def comparison(
         ("limit_high", agreed.high, agreed.u_limit, "upper 95 % limit of agreement"),
     ):
         made = made.assign(with_u(name, (), value, u, "m", text))
-    made["difference_sd"] = variable((), agreed.sd, "m", "standard deviation of film minus laser")
     made["concordance"] = variable((), agreed.concordance, "1", "Lin's concordance coefficient")
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
     made["scale_uncertainty"] = variable((), expected, "1", text)

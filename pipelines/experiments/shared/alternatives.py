@@ -17,10 +17,9 @@ from labpipe.errors import InputError, LabpipeError
 from labpipe.judging import IMPOSSIBLE, agreement
 from labpipe.materials import Prony
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row
-from pipelines.experiments.shared.counter_body import counter_body_of
+from pipelines.experiments.shared.counter_body import counter_body_of, resolve_plate
 from pipelines.experiments.shared.given import Given
 from pipelines.experiments.shared.material_choice import fitted_at, resolve
-from pipelines.experiments.shared.plate_under_drop import resolve_plate
 from pipelines.experiments.shared.proposals import POLYMERS
 
 _REACH, _NODES = 40.0, 9

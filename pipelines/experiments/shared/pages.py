@@ -63,14 +63,18 @@ def told(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
     return value_with_uncertainty(value, u, str(dataset[name].attrs["units"]))
 
 
-def column(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:
-    """List a variable of a result, with its standard uncertainty where it has one.
+def column(
+    dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, has_u: bool = True, digits: int = 4
+) -> Listed:
+    """List a variable of a result, with its standard uncertainty where it has one and it is wanted.
 
     With a factor other than 1 the numbers are no longer in SI, and the title names their unit.
     """
     u = f"u_{name}"
     values, units = (dataset[name].values * factor).tolist(), str(dataset[name].attrs["units"]) if factor == 1.0 else ""
-    return Listed(title, values, units, (dataset[u].values * factor).tolist() if u in dataset else None, digits)
+    return Listed(
+        title, values, units, (dataset[u].values * factor).tolist() if has_u and u in dataset else None, digits
+    )
 
 
 def model_curves(x: ArrayLike, y: ArrayLike, u: ArrayLike, *, label: str = "model") -> tuple[Series, Band]:
@@ -79,9 +83,8 @@ def model_curves(x: ArrayLike, y: ArrayLike, u: ArrayLike, *, label: str = "mode
     return Series(label, x, y, role="model"), Band(f"{label} ± 2 u", x, y - wide, y + wide, role="model")
 
 
-def plain(dataset: xr.Dataset, name: str, title: str, factor: float = 1.0, *, digits: int = 4) -> Listed:
-    """List a variable of a result without its uncertainty; else as :func:`column`."""
-    return replace(column(dataset, name, title, factor, digits=digits), u=None)
+plain = partial(column, has_u=False)
+"""List a variable of a result without its uncertainty; else as :func:`column`."""
 
 
 def of_each(results: Sequence[xr.Dataset], name: str, title: str, *, has_u: bool = True, digits: int = 4) -> Listed:
@@ -254,24 +257,15 @@ def camera_calibration(record: str, budget: str, rows: Sequence[tuple[str, str, 
     return folded("Calibration and its uncertainty", "Record and what follows from it", blocks)
 
 
-def raw_header(dataset: xr.Dataset | None) -> Details | None:
-    """Show the instrument's own header, folded away."""
-    if dataset is None:
-        return None
-    header = str(dataset.attrs.get("header", "")).strip()
-    if not header:
-        return None
-    return Details(f"Raw header of {dataset.attrs.get('source', 'the file')}", text=header)
-
-
 def present(results: Sequence[xr.Dataset | None] | None) -> list[xr.Dataset]:
     """Return the results of the recordings that gave one; a step that failed left None."""
     return [result for result in results or () if result is not None]
 
 
-def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
-    """Show the headers of several files, folded into one."""
-    headers = tuple(h for dataset in datasets if (h := raw_header(dataset)) is not None)
+def raw_headers(datasets: Iterable[xr.Dataset]) -> tuple[Details, ...]:
+    """Show the instruments' own headers of files, each folded away, and several folded into one."""
+    texts = ((one.attrs.get("source", "the file"), str(one.attrs.get("header", "")).strip()) for one in datasets)
+    headers = tuple(Details(f"Raw header of {source}", text=text) for source, text in texts if text)
     if len(headers) < 2:
         return headers
     return (Details(f"Raw headers of {len(headers)} files", blocks=headers),)
