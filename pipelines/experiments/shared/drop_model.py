@@ -4,24 +4,23 @@ A drop that the laser sees and one that is filmed through the disc are one model
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from labpipe import contact, materials
 from labpipe.arrays import Floats
-from labpipe.materials import Prony
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
 from labpipe.variables import variable
 from pipelines.experiments.shared.counter_body import OF_PLATE, counter_body_of, modulus_of, plate_inputs, resolve_plate
-from pipelines.experiments.shared.material_choice import IMPACT_TIMES, resolve, variations
+from pipelines.experiments.shared.material_choice import IMPACT_TIMES, Variation, resolve, variations
 from pipelines.experiments.shared.model_inputs import table_of
 from pipelines.experiments.shared.proposals import material_word
 from pipelines.experiments.shared.settings import Sphere
@@ -42,17 +41,6 @@ _MEAN_STRAIN = 0.2  # of a contact over a/R (the same, section 6.2)
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
 _STIFFER = 0.01  # the same of the modulus
-
-
-class _Trial(NamedTuple):
-    """A simulation with one input changed by a step: a solid, other numbers of the body or plate, or a rigid flat."""
-
-    name: str
-    given: Quantity
-    step: float
-    solid: Prony
-    change: Mapping[str, float] = {}
-    is_on_rigid: bool = False
 
 
 def simulated_drop(
@@ -99,37 +87,35 @@ def simulated_drop(
         full=full,
     )
     count = min(made.sizes["impact"], followed)
-    trials = [_Trial("", settings.height, 1.0, solid)]
-    for key, given in inputs.items():  # one without an uncertainty may be stated wrongly as well
-        step = max(given.u, _LEAST_CHANGE * given.value)
-        trials.append(_Trial(key, given, step, solid, {key: given.value + step}))
-    for key, (given, step, other) in variations(sphere, material_file, fitted, IMPACT_TIMES).items():
-        trials.append(_Trial(key, given, step, other))
-    # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
-    trials += [
-        _Trial(name, E, E.value, solid, is_on_rigid=True) for name, E in modulus_of(settings.counter_body).items()
-    ]
-    trials.append(_Trial("modulus", Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER)))
-    found = {name: np.zeros((len(trials), 0)) for name in _UNCERTAIN}
+    # of each input another value, one without an uncertainty too, as it may be stated wrongly as well
+    steps = {name: max(given.u, _LEAST_CHANGE * given.value) for name, given in inputs.items()}
+    solids, flats = dict.fromkeys(inputs, solid), dict.fromkeys(inputs, flat)
+    changes = variations(sphere, material_file, fitted, IMPACT_TIMES)
+    changes |= {name: Variation(E, E.value, solid) for name, E in modulus_of(settings.counter_body).items()}
+    changes["modulus"] = Variation(Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER))
+    for name, (_, steps[name], solids[name]) in changes.items():
+        # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
+        flats[name] = None if name in modulus_of(settings.counter_body) else flat
+    given = inputs | {name: change.given for name, change in changes.items()}
+    found = {name: np.zeros((1 + len(given), 0)) for name in _UNCERTAIN}
     if count:
-        values = [{name: given.value for name, given in inputs.items()} | dict(trial.change) for trial in trials]
+        stated = {name: one.value for name, one in inputs.items()}
+        values = [stated, *(stated | {n: stated[n] + steps[n]} if n in inputs else stated for n in given)]
         moved = [{name: one[f"{OF_PLATE}{name}"] for name in floor} for one in values]
         train = contact.impacts(
-            [trial.solid for trial in trials],
-            [one["radius"] for one in values],
-            [one["mass"] for one in values],
-            [one["height"] for one in values],
+            [solid, *solids.values()],
+            *([one[name] for one in values] for name in ("radius", "mass", "height")),
             duration,
             count,
             chosen.profile,
             max(chosen.rtol, _COARSE),
             gravity=gravity,
             plate=[None if under is None else replace(under, **one) for one in moved],
-            substrate=[None if trial.is_on_rigid else flat for trial in trials],
+            substrate=[flat, *flats.values()],
         )
         found = {name: train[name].values for name in _UNCERTAIN}
         found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]  # compared from first contact
-    made = _with_slopes(made, trials[1:], found, of_budget)
+    made = _with_slopes(made, given, steps, found, of_budget)
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     limits = linear_range(made, sphere, settings.height.value, material_file, fitted)
@@ -137,25 +123,31 @@ def simulated_drop(
     return made.assign_attrs({name: json.dumps(value) for name, value in known.items()})
 
 
-def _with_slopes(made: xr.Dataset, trials: Sequence[_Trial], found: Mapping[str, Floats], of_budget: str) -> xr.Dataset:
+def _with_slopes(
+    made: xr.Dataset,
+    given: Mapping[str, Quantity],
+    steps: Mapping[str, float],
+    found: Mapping[str, Floats],
+    of_budget: str,
+) -> xr.Dataset:
     """Add sensitivities, and the effect of the inputs' uncertainties on the first impacts.
 
-    ``found`` are results (1 + trial, impact) without a change and with that of each trial.
+    ``found`` are results (1 + input, impact) as stated and with a step of each input.
     """
-    count, names = made.sizes["impact"], [trial.name for trial in trials]
-    steps, u = (np.array(column)[:, None] for column in zip(*((t.step, t.given.u) for t in trials), strict=True))
-    slopes = {name: (values[1:] - values[0]) / steps for name, values in found.items()}
-    made = made.merge(table_of({trial.name: trial.given for trial in trials}))
+    count, u = made.sizes["impact"], np.array([one.u for one in given.values()])[:, None]
+    by = np.array([steps[name] for name in given])[:, None]
+    slopes = {name: (values[1:] - values[0]) / by for name, values in found.items()}
+    made = made.merge(table_of(given))
     for name, slope in slopes.items():
-        units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(names)}: {name}"
+        units, text = made[name].attrs["units"], f"standard uncertainty from {', '.join(given)}: {name}"
         whole = np.sqrt(np.sum(np.square(np.nan_to_num(slope) * u), axis=0))
         made[f"u_{name}"] = variable("impact", padded(whole, count), units, text)
         text = f"change per SI unit of input: {name}"
         made[f"slope_{name}"] = variable(("uncertain", "impact"), padded(slope.T, count).T, units, text)
     sources = [
-        Source.of(trial.name, trial.given, float(np.nan_to_num(slope[0])))
-        for trial, slope in zip(trials, slopes[of_budget], strict=True)
-        if count and trial.given.u > 0.0
+        Source.of(name, one, float(np.nan_to_num(slope[0])))
+        for (name, one), slope in zip(given.items(), slopes[of_budget], strict=True)
+        if count and one.u > 0.0
     ]
     return made.assign_attrs(budget=json.dumps(budget_rows(sources)))
 
