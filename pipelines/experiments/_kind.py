@@ -10,6 +10,7 @@ recordings for one that runs per recording), ``"file:sphere.material_file"``,
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,15 +53,14 @@ class KeyNumber:
 
     def within(self, result: "xr.Dataset") -> tuple[float, float | None] | None:
         """Return the number that a result holds, and its standard uncertainty if it holds that too."""
-        import numpy as np
-
-        if self.variable not in result:
+        values, us = (
+            [] if name not in result else result[name].values.ravel().tolist()
+            for name in (self.variable, f"u_{self.variable}")
+        )
+        at = next((i for i, value in enumerate(values) if isfinite(value)), None)
+        if at is None:
             return None
-        values = np.ravel(np.asarray(result[self.variable].values, float))
-        u = np.ravel(result[f"u_{self.variable}"].values) if f"u_{self.variable}" in result else values * np.nan
-        for i in np.flatnonzero(np.isfinite(values))[:1]:
-            return float(values[i]), float(u[i]) if u.size == values.size and np.isfinite(u[i]) else None
-        return None
+        return float(values[at]), float(us[at]) if len(us) == len(values) and isfinite(us[at]) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,30 +151,21 @@ class Kind:
     ----------
     name, title, summary : str
         As session.toml writes it; a heading; one line.
-    settings : type
-        Its table in session.toml.
-    stages : tuple of Stage
-        From the files to the report.
-    schemas : tuple of Schema
-        Shapes of results that the stages name.
-    key_numbers : tuple of KeyNumber
-    picture : Picture, optional
+    settings, body : type, str
+        Its table in session.toml, and the table therein that names a material, such as ``"sphere"``.
+    stages, schemas : tuple of Stage, of Schema
+        From the files to the report, and the shapes of results that they name.
+    key_numbers, picture : tuple of KeyNumber, Picture
+        Of the session's page.
     error : str
         The variable of the stage ``comparison`` that speaks for the whole comparison.
-    rows : Derived, optional
-        Yields :class:`pipelines.experiments.shared.comparison_rows.Row` for ``compare``.
-    budget : Derived, optional
-        Yields :class:`pipelines.experiments.shared.budget_quantity.Quantity` for ``sensitivity``.
-    body : str
-        The table of the settings that names a material, such as ``"sphere"``.
-    evidence : Derived, optional
-        Evidence of ``identify`` on the material; may take ``name`` (the experiment's) and
-        ``impacts`` (how many bounces count), and returns a
-        :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that
-        says why there is none.
-    prior : Derived, optional
-        Knowledge of a material before ``identify``; may take ``name`` and ``temperature``
-        (degC or None), and returns a ``MaterialEvidence``.
+    rows, budget : Derived, optional
+        Yield :class:`pipelines.experiments.shared.comparison_rows.Row` for ``compare``, and
+        :class:`pipelines.experiments.shared.budget_quantity.Quantity` for ``sensitivity``.
+    evidence, prior : Derived, optional
+        Evidence of ``identify`` on the material, and knowledge before it. Both may take ``name`` (the experiment's),
+        one ``impacts`` (how many bounces count), the other ``temperature`` (degC or None), and return a
+        :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that says why there is none.
     material : Derived, optional
         The material as input of simulation codes; may take ``name`` and ``bulk`` (None for the
         usual), and returns a :class:`labpipe.materials.Deck`.
