@@ -122,11 +122,9 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
     n_answers = next((i for i, block in enumerate(first.blocks) if not isinstance(block, Notice)), len(first.blocks))
     answer, behind = first.blocks[:n_answers], first.blocks[n_answers:]
     if answer and rest:  # a verdict, and the key numbers after it
-        opening = Section(first.title, (*answer, *head, *shown), first.anchor)
-        basis = (Section("What the verdict rests on", behind),) if behind else ()
-        rest = [*rest[:1], *basis, *rest[1:]]
-    else:
-        opening = Section(first.title, (*answer, *head, *behind, *shown), first.anchor)
+        basis = [Section("What the verdict rests on", behind)] if behind else []
+        rest, behind = [*rest[:1], *basis, *rest[1:]], ()
+    opening = Section(first.title, (*answer, *head, *behind, *shown), first.anchor)
     return Document(
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
@@ -138,13 +136,11 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
 
 def _without_first_chart(sections: Sequence[Section]) -> tuple[list[Section], tuple[Block, ...]]:
     """Take the first chart out of its section; a section of which nothing is left goes with it."""
-    for place, section in enumerate(sections):
-        for i, block in enumerate(section.blocks):
-            if isinstance(block, LineChart | ScatterChart):
-                left = replace(section, blocks=(*section.blocks[:i], *section.blocks[i + 1 :]))
-                others = [left] if left.blocks else []
-                return [*sections[:place], *others, *sections[place + 1 :]], (block,)
-    return list(sections), ()
+    charts = (block for section in sections for block in section.blocks if isinstance(block, LineChart | ScatterChart))
+    if (first := next(charts, None)) is None:
+        return list(sections), ()
+    parts = (replace(section, blocks=tuple(b for b in section.blocks if b is not first)) for section in sections)
+    return [left for left, whole in zip(parts, sections, strict=True) if left.blocks or not whole.blocks], (first,)
 
 
 def folded(title: str, summary: str, blocks: Iterable[Block]) -> Section:
@@ -206,11 +202,10 @@ def kept_notice(context: Context) -> tuple[Block, ...]:
 def failed_notice(context: Context) -> tuple[Notice, ...]:
     """Name which steps gave no result, so that a missing section is explained."""
     own = [f for f in context.failures if not f.is_consequence]
-    missing = dict.fromkeys(f.stage for f in context.failures if f.is_consequence)
+    missing = ", ".join(dict.fromkeys(f.stage for f in context.failures if f.is_consequence))
     told = [Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in own]
-    if missing:
-        told.append(Notice("info" if own else "error", f"Not made without what failed before: {', '.join(missing)}."))
-    return tuple(told)
+    more = [Notice("info" if own else "error", f"Not made without what failed before: {missing}.")] if missing else []
+    return (*told, *more)
 
 
 def problems(context: Context) -> Section:
@@ -234,18 +229,10 @@ def calibration_rows(text: str) -> KeyValues:
     """Show the calibration record and its checks."""
     checked = json.loads(text)
     shown = {
-        "id": "record",
-        "instrument": "instrument",
-        "serial": "serial number",
-        "view": "view",
-        "how": "method",
-        "who": "calibrated by",
-        "when": "on",
-        "valid_from": "valid from",
-        "valid_until": "valid until",
-        "sensor_check": "sensor",
-        "validity_check": "validity",
-    }
+        "id": "record", "instrument": "instrument", "serial": "serial number", "view": "view", "how": "method",
+        "who": "calibrated by", "when": "on", "valid_from": "valid from", "valid_until": "valid until",
+        "sensor_check": "sensor", "validity_check": "validity",
+    }  # fmt: skip
     rows = [(title, str(checked[key]), "") for key, title in shown.items() if checked.get(key)]
     return KeyValues(rows, caption="Calibration record")
 
@@ -310,29 +297,25 @@ def laser_recordings(
 
 def ledger(context: Context) -> Section:
     """Show the work done and skipped for this page."""
-    is_of_others = len({row.experiment for row in context.ledger}) > 1  # such as the DMA behind a drop
-    left = 0 if is_of_others else 1
+    left = (
+        len({row.experiment for row in context.ledger}) < 2
+    )  # otherwise also of others, such as the DMA behind a drop
     rows = [
         (row.experiment, row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)[left:]
         for row in context.ledger
     ]
-    columns = (Column("experiment"), Column("step"), Column("work"), Column("done"), Column("skipped"))
-    caption = "Counts of work; the same for the same inputs on every machine."
-    table = Table(columns[not is_of_others :], rows, caption=caption)
+    columns = tuple(map(Column, ("experiment", "step", "work", "done", "skipped")))[left:]
+    table = Table(columns, rows, caption="Counts of work; the same for the same inputs on every machine.")
     return folded("Processing steps", counted(len(rows), "count"), (table,))
 
 
 def provenance(context: Context) -> Section:
     """Show inputs with their digests, versions, and the settings."""
-    found = dict(context.provenance)
-    files = Table(
-        (Column("file"), Column("bytes", digits=12), Column("SHA-256")),
-        [(f.name, f.size, f.sha256) for f in context.inputs],
-        caption="Raw files used for this page; none was changed.",
-    )
-    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
-    blocks = (files, Details("Versions, parameters and stages (JSON)", text=text))
-    return Section("Provenance", blocks)
+    columns = (Column("file"), Column("bytes", digits=12), Column("SHA-256"))
+    rows = [(f.name, f.size, f.sha256) for f in context.inputs]
+    files = Table(columns, rows, caption="Raw files used for this page; none was changed.")
+    text = json.dumps(dict(context.provenance), indent=2, ensure_ascii=False, sort_keys=True, default=str)
+    return Section("Provenance", (files, Details("Versions, parameters and stages (JSON)", text=text)))
 
 
 def limits_of(model: xr.Dataset) -> tuple[Block, ...]:
