@@ -48,10 +48,9 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
     transitions, no_transition = over_frequency(result)
     result = result.assign(ends(result, float(np.hypot(factor, u_scale)))).merge(transitions)
     consistency = asdict(made.kramers_kronig)
-    consistency.pop("curves")
     result = result.assign({name: result[name].astype(np.int8) for name in ("extrapolated", "determined")})
     said = {
-        "kramers_kronig": consistency,
+        "kramers_kronig": {name: value for name, value in consistency.items() if name != "curves"},
         "superposition": asdict(made.verdict),
         "laws": {name: _law(law) for name, law in made.laws.items()},
         "law": _law(made.law),
@@ -59,11 +58,8 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         "notes": made.warnings,
         "no_transition": no_transition,
     }
-    kept = {
-        name: sweeps.attrs[name]
-        for name in ("u_modulus_factor", "modulus_factor", "u_scale", "strain")
-        if name in sweeps.attrs
-    }
+    names = sweeps.attrs.keys() & {"u_modulus_factor", "modulus_factor", "u_scale", "strain"}
+    kept = {name: sweeps.attrs[name] for name in sorted(names)}
     return result.assign_attrs({n: json.dumps(v, ensure_ascii=False) for n, v in said.items()} | kept)
 
 
