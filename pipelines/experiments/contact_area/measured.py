@@ -6,7 +6,7 @@ Each impact is counted from its largest radius (t_p = 0), as in the thesis.
 import json
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -100,8 +100,7 @@ def _region(shape: tuple[int, ...], settings: ContactArea) -> tuple[slice, slice
 
 def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Find the first three impacts with their largest radius, and the radius at rest."""
-    time, a = radius["time"].values, radius["radius"].values
-    u = radius["u_radius"].values
+    time, a, u = (radius[name].values for name in ("time", "radius", "u_radius"))
     seen = radius["in_contact"].values.astype(bool)
     unknown = ~radius["valid"].values.astype(bool) if "valid" in radius else np.zeros(len(time), bool)
     unknown[[i for i, b in brightness(radius).items() if b < DARK]] = True
@@ -109,22 +108,26 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     if not any(np.isfinite(a[run]).any() for run in runs):
         raise InputError(f"{radius.attrs['note']}; check the view under the disc, its scale and the wavelength")
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]
-    peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
     shared = radius["radius_systematic"].values / a
     relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
-    largest, when, own, sampling = (
-        np.array([getattr(peak, name) for peak in peaks]) for name in ("radius", "time", "u", "sampling")
-    )
+    peaks = [(*peak_of(time[run], a[run], u[run]), time[run[0]], time[run[-1]]) for run in brief]
+    when, largest, own, sampling, first, last = np.array(peaks).reshape(-1, 6).T
     u_largest = np.hypot(np.hypot(own, sampling), relative * largest)
     table = with_u("peak_radius", "impact", largest, u_largest, "m", "largest contact radius, Hertz-equivalent")
     for name, values, units, text in (
         ("peak_time", when, "s", "time of the largest radius"),
         ("peak_sampling", sampling, "m", "part of that uncertainty from interpolation between the frames"),
-        ("first_seen", np.array([time[run[0]] for run in brief]), "s", "first frame with contact"),
-        ("last_seen", np.array([time[run[-1]] for run in brief]), "s", "last frame with contact"),
+        ("first_seen", first, "s", "first frame with contact"),
+        ("last_seen", last, "s", "last frame with contact"),
     ):
         table[name] = variable("impact", values, units, text)
-    table |= _at_rest(time, a, u, runs, relative)
+    # the radius in the last half of the last contact, when that is rest
+    rest, value, u_value = runs[-1], np.nan, np.nan
+    if time[rest[-1]] - time[rest[0]] >= STILL:
+        half = rest[time[rest] >= 0.5 * (time[rest[0]] + time[rest[-1]])]
+        value = float(np.median(a[half]))
+        u_value = float(np.hypot(max(np.std(a[half]), np.median(u[half])), relative * value))
+    table |= with_u("static_radius", (), value, u_value, "m", "contact radius at rest")
     return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
 
 
@@ -190,16 +193,6 @@ def _brief_contacts(time: Floats, a: Floats, runs: list[NDArray[np.int64]]) -> l
         return between >= _BRIEF * longest and not (len(run) == 1 and most >= _RESOLVED)
 
     return [run for run in brief if is_impact(run)]
-
-
-def _at_rest(time: Floats, a: Floats, u: Floats, runs: list[NDArray[np.int64]], relative: float) -> dict[str, Any]:
-    """Radius in the last half of the last contact when that is rest; NaN otherwise."""
-    last, value, own = runs[-1], np.nan, np.nan
-    if time[last[-1]] - time[last[0]] >= STILL:
-        half = last[time[last] >= 0.5 * (time[last[0]] + time[last[-1]])]
-        value = float(np.median(a[half]))
-        own = float(np.hypot(max(np.std(a[half]), np.median(u[half])), relative * value))
-    return with_u("static_radius", (), value, own, "m", "contact radius at rest")
 
 
 # Frames on either side of the largest and degree of the polynomial through them, the best first. In
