@@ -144,10 +144,10 @@ class CheckSummary(NamedTuple):
         made = [e for e in self.evaluations if e.is_made]
         if not made:
             return self.level or "not made"
-        failed, has_recordings = [e for e in made if WEIGHT[e.level] > 1], any(e.recording for e in made)
-        noun = "recordings" if has_recordings else "evaluations"
-        wrong, count = (len({e.recording or i for i, e in enumerate(some)}) for some in (failed, made))
-        text = self.level if failed else "passed"
+        failed = [e for e in made if WEIGHT[e.level] > 1]
+        text, noun, wrong, count = self.level if failed else "passed", "evaluations", len(failed), len(made)
+        if places := {e.recording for e in made if e.recording}:
+            noun, wrong, count = "recordings", len({e.recording for e in failed}), len(places)
         if count > 1:
             text = f"{text} in {wrong if failed else count} of {count} {noun}"
         margins = [abs(e.margin) for e in made if isfinite(e.margin)]
