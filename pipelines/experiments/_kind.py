@@ -200,9 +200,9 @@ def stage(function: str, inputs: str, parameters: str = "", summary: str = "", *
     ``function`` is that below ``pipelines.experiments``, such as ``"ball_drop.measured:bounces"``; inputs, parameters
     and what it may lack or import are separated by spaces; other attributes are given by name.
     """
-    lists = {key: tuple(more.pop(key, "").split()) for key in ("may_lack", "imports")}
+    more |= {key: tuple(more[key].split()) for key in more.keys() & {"may_lack", "imports"}}
     name, function = name or function.rpartition(":")[2], f"{_ROOMS}{function}"
-    return Stage(name, function, tuple(inputs.split()), tuple(parameters.split()), summary=summary, **lists, **more)
+    return Stage(name, function, tuple(inputs.split()), tuple(parameters.split()), summary=summary, **more)
 
 
 def solid_of(body: str) -> str:

@@ -1,6 +1,7 @@
 """Comparison of a ball drop with the model: displacement, free fall, and the first impacts."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -132,7 +133,11 @@ def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, sett
     if "fall_acceleration" in repeats:
         seen, u, gravity = repeats["fall_acceleration"], float(repeats["u_fall_acceleration"]), settings.model.gravity
         gap, title = float(seen) - gravity.value, "acceleration of the free fall"
-        pairs = {"measured": (seen, u), "model": gravity[:2], "difference": (gap, np.hypot(u, gravity.u))}
+        pairs: dict[str, Any] = {
+            "measured": (seen, u),
+            "model": gravity[:2],
+            "difference": (gap, np.hypot(u, gravity.u)),
+        }
         yield row(title, "m/s2", n, slopes={SCALE: float(seen)}, **pairs)
     yield from _of_impacts(comparison, repeats, model)
 

@@ -160,9 +160,10 @@ def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
     return stated(name, message, level, cause=cause, file=settings.film)
 
 
-def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str, **more: bool) -> Check:
+def _like(name: str, message: str, ratio: float, allowed: float, u: float, file: str, is_law: bool = True) -> Check:
     """Hold a ratio against one within a factor, so that causes follow from it."""
-    found = bounded(name, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file, **more)
+    most = log(allowed)
+    found = bounded(name, message, log(ratio), u, at_least=-most, at_most=most, is_law=is_law, file=file)
     return replace(found, log_ratio=log(ratio), u_log_ratio=u)
 
 
@@ -236,7 +237,7 @@ def _flight(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea, mode
     shown = 0.5 * settings.height.u / settings.height.value
     # a model's change of restitution makes nothing impossible: the material may be another
     is_law = (allowed, rough) == _LOSSES
-    return _like(FLIGHT, message, first / expected, allowed, hypot(rough, shown), settings.film, is_law=is_law)
+    return _like(FLIGHT, message, first / expected, allowed, hypot(rough, shown), settings.film, is_law)
 
 
 def _seen_lasting(radius: xr.Dataset, impacts: xr.Dataset, i: int) -> tuple[float, float]:

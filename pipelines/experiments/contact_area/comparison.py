@@ -118,7 +118,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
     apart = "largest radius, film minus model"
     return xr.Dataset(
         {name: variable("sample", values, units, text) for (name, units, text), values in columns}
-        | {name: variable("impact", *each) for name, *each in of_impacts}
+        | {name: variable("impact", values, units, text) for name, values, units, text in of_impacts}
         | with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film")
         | with_u("peak_radius_difference", "impact", ours - theirs, u, "m", apart)
         | with_u("time_shift", "impact", shift, u_shift, "s", "shift of the model to earlier times")

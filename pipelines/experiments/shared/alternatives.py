@@ -57,7 +57,7 @@ def of_drop(rows: Sequence[Row], covariance: Floats, given: Given, settings: Any
     temperature = None if sphere.temperature is None else sphere.temperature.value
     known = {name: _solid(sphere, None, None, name, temperature) for name in POLYMERS if name != source}
     others = {name: solid for name, solid in known.items() if solid is not None}
-    nodes = [] if temperature is None else temperature + np.linspace(-_REACH, _REACH, _NODES)
+    nodes = np.empty(0) if temperature is None else temperature + np.linspace(-_REACH, _REACH, _NODES)
     at_nodes = {float(T): _solid(sphere, material_file, fitted, "", float(T)) for T in nodes}
     warmer = {T: solid for T, solid in at_nodes.items() if solid is not None}
     solids = [resolve(sphere, material_file, fitted), *others.values(), *warmer.values()]
@@ -104,10 +104,9 @@ def _solid(
     sphere: Sphere, file: Path | None, fitted: xr.Dataset | None, name: str, temperature: float | None
 ) -> Prony | None:
     """Return the stated solid, or a named one of the library, at a temperature; None where its shifts end before."""
-    if fitted is not None and not fitted["temperature"].min() <= temperature <= fitted["temperature"].max():
-        return None
-    if fitted is not None:
-        return fitted_at(fitted, temperature)
+    if fitted is not None and temperature is not None:
+        measured = fitted["temperature"].values
+        return fitted_at(fitted, temperature) if measured.min() <= temperature <= measured.max() else None
     try:
         return materials.load(name or file or sphere.source, temperature)
     except LabpipeError:
