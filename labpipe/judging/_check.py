@@ -145,7 +145,8 @@ class CheckSummary(NamedTuple):
         if not made:
             return self.level or "not made"
         failed = [e for e in made if WEIGHT[e.level] > 1]
-        text, noun, wrong, count = self.level if failed else "passed", "evaluations", len(failed), len(made)
+        noun, wrong, count = "evaluations", len(failed), len(made)
+        text = f"{self.level}" if failed else "passed"
         if places := {e.recording for e in made if e.recording}:
             noun, wrong, count = "recordings", len({e.recording for e in failed}), len(places)
         if count > 1:
