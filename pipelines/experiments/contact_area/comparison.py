@@ -83,14 +83,14 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         begin, end = float(impacts["first_seen"][i]), float(impacts["last_seen"][i])
         inside = seen & (np.abs(since) < WINDOW) & (time >= begin) & (time <= end)
         ours, own, common, moments = a[inside], random[inside], shared[inside], since[inside] + form.peak
-        size, u_size, shift, u_shift = _fit(moments, ours, own, common, form)
-        moments = moments + np.nan_to_num(shift)
+        fit = _fit(moments, ours, own, common, form)
+        moments = moments + np.nan_to_num(fit[2])
         theirs = form(moments)
         relative = float(model["u_peak_contact_radius"][i] / model["peak_contact_radius"][i])
         points.append(np.stack([np.full(ours.size, i + 1.0), since[inside], ours, np.hypot(own, common), theirs]))
         agreed.append(_along(moments, ours - theirs, own, common, form, relative))
         nrmse = float(np.sqrt(np.mean((ours - theirs) ** 2))) / max(float(np.max(theirs)), 1e-12)
-        of_impact[i] = form.peak, size, u_size, np.nan_to_num(shift), u_shift, nrmse
+        of_impact[i] = form.peak, *fit, nrmse
     peak, size, u_size, shift, u_shift, nrmse = of_impact.T
     theirs = model["peak_contact_radius"].values[:count]
     # where the frames of a whole contact are too few, its largest radius alone
@@ -121,7 +121,7 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         | {name: variable("impact", values, units, text) for name, values, units, text in of_impacts}
         | with_u("peak_radius_film", "impact", ours, u_ours, "m", "largest radius, film")
         | with_u("peak_radius_difference", "impact", ours - theirs, u, "m", apart)
-        | with_u("time_shift", "impact", shift, u_shift, "s", "shift of the model to earlier times")
+        | with_u("time_shift", "impact", np.nan_to_num(shift), u_shift, "s", "shift of the model to earlier times")
         | curve_table("impact", agreed),
         coords={"impact": np.arange(1, count + 1)},
     )

@@ -89,13 +89,13 @@ def simulated_drop(
     count = min(made.sizes["impact"], followed)
     # of each input another value, one without an uncertainty too, as it may be stated wrongly as well
     steps = {name: max(given.u, _LEAST_CHANGE * given.value) for name, given in inputs.items()}
-    solids, flats = dict.fromkeys(inputs, solid), dict.fromkeys(inputs, flat)
+    solids, flats = dict.fromkeys(inputs, solid), [flat, *(flat for _ in inputs)]
     changes = variations(sphere, material_file, fitted, IMPACT_TIMES)
     changes |= {name: Variation(E, E.value, solid) for name, E in modulus_of(settings.counter_body).items()}
     changes["modulus"] = Variation(Quantity(1.0, 0.0, "1"), _STIFFER, solid.scaled(1.0 + _STIFFER))
     for name, (_, steps[name], solids[name]) in changes.items():
         # compliances add up and go as 1/E: on a rigid flat a result differs by its slope times E
-        flats[name] = None if name in modulus_of(settings.counter_body) else flat
+        flats.append(None if name in modulus_of(settings.counter_body) else flat)
     given = inputs | {name: change.given for name, change in changes.items()}
     found = {name: np.zeros((1 + len(given), 0)) for name in _UNCERTAIN}
     if count:
@@ -104,14 +104,16 @@ def simulated_drop(
         moved = [{name: one[f"{OF_PLATE}{name}"] for name in floor} for one in values]
         train = contact.impacts(
             [solid, *solids.values()],
-            *([one[name] for one in values] for name in ("radius", "mass", "height")),
+            [one["radius"] for one in values],
+            [one["mass"] for one in values],
+            [one["height"] for one in values],
             duration,
             count,
             chosen.profile,
             max(chosen.rtol, _COARSE),
             gravity=gravity,
             plate=[None if under is None else replace(under, **one) for one in moved],
-            substrate=[flat, *flats.values()],
+            substrate=flats,
         )
         found = {name: train[name].values for name in _UNCERTAIN}
         found["impact_time"] = found["impact_time"] - found["impact_time"][:, :1]  # compared from first contact
