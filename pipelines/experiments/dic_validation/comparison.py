@@ -45,13 +45,15 @@ def comparison(
     text = "standard uncertainty of the ratio of both scales, from both calibrations"
     level = "over the height of first contact"
     made = signals.compare(film, seen).assign(
-        with_u("bias", (), agreed.bias, agreed.u_bias, "m", "mean of film minus laser")
+        {
+            "concordance": variable((), agreed.concordance, "1", "Lin's concordance coefficient"),
+            "scale_uncertainty": variable((), expected, "1", text),
+            "film": variable("time", film.values, "m", f"film, {level}"),
+            "laser": variable("time", seen.values, "m", f"mean of the laser's repeats, {level}"),
+        }
+        | with_u("bias", (), agreed.bias, agreed.u_bias, "m", "mean of film minus laser")
         | with_u("limit_low", (), agreed.low, agreed.u_limit, "m", "lower 95 % limit of agreement")
-        | with_u("limit_high", (), agreed.high, agreed.u_limit, "m", "upper 95 % limit of agreement"),
-        concordance=variable((), agreed.concordance, "1", "Lin's concordance coefficient"),
-        scale_uncertainty=variable((), expected, "1", text),
-        film=variable("time", film.values, "m", f"film, {level}"),
-        laser=variable("time", seen.values, "m", f"mean of the laser's repeats, {level}"),
+        | with_u("limit_high", (), agreed.high, agreed.u_limit, "m", "upper 95 % limit of agreement")
     )
     agreement, ratio, u_ratio = _along(made, bounces, laser, expected)
     pair = with_u(RATIO, (), ratio, u_ratio, "1", "displacement, film over laser; u without that of the scales")
